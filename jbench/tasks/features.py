@@ -1,0 +1,326 @@
+"""What the five tasks observe and reward: pure functions over any number of robots at a time.
+
+Everything here takes arrays with any leading axes (none, robots, time x robots, ...), of numpy or
+of torch, and gives arrays of the same kind: the dm_control task, the Gymnasium environments, the
+simulation of many robots and the reader of datasets all call these functions and no others.
+
+Units are SI (m, s, rad). Quaternions are (w, x, y, z) of unit length. The formulas are those of
+the paper's tasks (section 4.2) in dm_control's reward conventions (arXiv:1801.00690, section 2).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from array_api_compat import array_namespace
+
+Array = Any
+"""An array of numpy or of torch."""
+
+TARGET_HEIGHT = 0.035
+"""Height of every target, that of the torso's frame at rest (m)."""
+
+# A Gaussian that falls to 0.1 at the margin: exp(-(GAUSSIAN_SCALE * distance / margin)^2 / 2).
+_GAUSSIAN_SCALE = math.sqrt(-2 * math.log(0.1))
+_UPRIGHT_MARGIN = 0.5  # of the cosine of the torso's tilt
+_NEAR_MARGIN = 0.05  # m
+_FULL_SPEED = 0.1  # m/s
+
+# Minimum and maximum of each feature, mapped linearly to [-1, 1] in an observation.
+_POSITION_RANGE = (
+    (-2.0, -2.0, 0.0, -1.0, -1.0, -1.0, -1.0),
+    (2.0, 2.0, 0.1, 1.0, 1.0, 1.0, 1.0),
+)
+_VELOCITY_RANGE = (
+    (-1.0, -1.0, -1.0, -35.0, -35.0, -35.0),
+    (1.0, 1.0, 1.0, 35.0, 35.0, 35.0),
+)
+_ANGLE_RANGE = ((-math.pi,), (math.pi,))
+RANGES: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "position": _POSITION_RANGE,
+    "velocity": _VELOCITY_RANGE,
+    "motor_position": _ANGLE_RANGE,
+    "motor_velocity": ((-180.0,), (180.0,)),
+    "angle_to_target": _ANGLE_RANGE,
+    "speed_in_target_frame": ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)),
+    "target_in_jitterbug_frame": ((-3.0, -3.0, -0.1), (3.0, 3.0, 0.1)),
+}
+"""Minimum and maximum of each feature, in SI units, one value per dimension."""
+
+FEATURE_SIZES = {name: len(low) for name, (low, _) in RANGES.items()}
+"""Number of dimensions of each feature."""
+
+_STATE = ("position", "velocity", "motor_position", "motor_velocity")
+
+
+class State(NamedTuple):
+    """What the tasks need to know of a robot, for any leading axes `...`.
+
+    Attributes:
+        position: (..., 7) torso x, y, z in the world (m), then its quaternion.
+        velocity: (..., 6) linear velocity of the torso's frame in the world (m/s), then angular
+            velocity in the torso's frame (rad/s); as MuJoCo's qvel of a free joint.
+        motor_position: (...) motor angle in (-pi, pi], 0 with the mass pointing forward (rad).
+        motor_velocity: (...) rad/s.
+        torso_velocity: (..., 3) velocity of the torso's centre of mass in the world (m/s).
+    """
+
+    position: Array
+    velocity: Array
+    motor_position: Array
+    motor_velocity: Array
+    torso_velocity: Array
+
+
+class Target(NamedTuple):
+    """Where to go and where to look, for any leading axes `...`.
+
+    Attributes:
+        position: (..., 3) in the world (m).
+        yaw: (...) direction of the target's x axis (rad).
+    """
+
+    position: Array
+    yaw: Array
+
+
+@dataclass(frozen=True)
+class TaskSpec:
+    """One of the five tasks as data (paper, section 4.2).
+
+    Attributes:
+        features: names of the observed features, in the order of the observation.
+        rewards: names of the terms whose product is the reward.
+        draws_position: whether the target lies at a random place, or else at the origin.
+        draws_yaw: whether the target looks in a random direction, or else along x.
+    """
+
+    features: tuple[str, ...]
+    rewards: tuple[str, ...]
+    draws_position: bool = False
+    draws_yaw: bool = False
+
+    @property
+    def observation_size(self) -> int:
+        """Number of dimensions of the flat observation, the paper's dim(O)."""
+        return sum(FEATURE_SIZES[name] for name in self.features)
+
+
+TASK_SPECS = {
+    # "away" is what is left of 1 by "near", the target being at the origin.
+    "move_from_origin": TaskSpec(_STATE, ("away", "upright")),
+    "face_direction": TaskSpec(
+        (*_STATE, "angle_to_target"), ("heading", "upright"), draws_yaw=True
+    ),
+    "move_in_direction": TaskSpec(
+        (*_STATE, "angle_to_target", "speed_in_target_frame"),
+        ("speed", "upright"),
+        draws_yaw=True,
+    ),
+    "move_to_position": TaskSpec(
+        (*_STATE, "target_in_jitterbug_frame"), ("near", "upright"), draws_position=True
+    ),
+    "move_to_pose": TaskSpec(
+        (*_STATE, "target_in_jitterbug_frame", "angle_to_target"),
+        ("near", "heading", "upright"),
+        draws_position=True,
+        draws_yaw=True,
+    ),
+}
+"""The five tasks, in the paper's order of rising difficulty."""
+
+
+def wrap_angle(angle: Array) -> Array:
+    """Returns the same angle in (-pi, pi]; angles already there are returned exactly."""
+    xp = array_namespace(angle)
+    return angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Returns the (..., 3, 3) rotation matrices of (..., 4) unit quaternions (w, x, y, z)."""
+    xp = array_namespace(quaternion)
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return xp.stack([xp.stack(row, -1) for row in rows], -2)
+
+
+def motor_angle(joint_angle: Array) -> Array:
+    """Returns the motor angle in (-pi, pi], 0 forward, of the motor joint's position (rad)."""
+    return wrap_angle(joint_angle + math.pi / 2)
+
+
+def center_of_mass_velocity(position: Array, velocity: Array, offset: Array) -> Array:
+    """Returns the (..., 3) world velocity of a point that moves with the torso (m/s).
+
+    Args:
+        position: (..., 7) as in `State`.
+        velocity: (..., 6) as in `State`.
+        offset: (..., 3) the point in the torso's frame (m): its centre of mass.
+    """
+    x, y, z = (offset[..., i] for i in range(3))
+    wx, wy, wz = (velocity[..., 3 + i] for i in range(3))
+    xp = array_namespace(position, velocity, offset)
+    swing = xp.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], -1)
+    return velocity[..., :3] + _rotate(rotation_matrix(position[..., 3:7]), swing)
+
+
+def heading(state: State) -> Array:
+    """Returns the direction in which the robot faces, (...), in radians: it faces -y."""
+    xp = array_namespace(state.position)
+    w, x, y, z = (state.position[..., 3 + i] for i in range(4))
+    return xp.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)) - math.pi / 2
+
+
+def angle_to_target(state: State, target: Target) -> Array:
+    """Returns the yaw (...), in (-pi, pi], by which the robot must turn to look with its target."""
+    return wrap_angle(target.yaw - heading(state))
+
+
+def target_in_jitterbug_frame(state: State, target: Target) -> Array:
+    """Returns the (..., 3) position of the target in the torso's frame (m)."""
+    xp = array_namespace(state.position)
+    to_target = target.position - state.position[..., :3]
+    return _rotate(xp.matrix_transpose(rotation_matrix(state.position[..., 3:7])), to_target)
+
+
+def speed_in_target_frame(state: State, target: Target) -> Array:
+    """Returns the (..., 3) velocity of the torso's centre of mass in the target's frame (m/s)."""
+    xp = array_namespace(state.torso_velocity)
+    x, y, z = (state.torso_velocity[..., i] for i in range(3))
+    cosine, sine = xp.cos(target.yaw), xp.sin(target.yaw)
+    return xp.stack([cosine * x + sine * y, cosine * y - sine * x, z], -1)
+
+
+def upright_reward(state: State) -> Array:
+    """Returns 1 for an upright torso, falling like a Gaussian with the cosine of its tilt."""
+    x, y = state.position[..., 4], state.position[..., 5]
+    return _gaussian(2 * (x * x + y * y), _UPRIGHT_MARGIN)
+
+
+def near_reward(state: State, target: Target) -> Array:
+    """Returns 1 at the target, falling like a Gaussian to 0.1 at 5 cm (distance in 3D)."""
+    xp = array_namespace(state.position)
+    to_target = target.position - state.position[..., :3]
+    return _gaussian(xp.sqrt(xp.sum(to_target * to_target, axis=-1)), _NEAR_MARGIN)
+
+
+def heading_reward(state: State, target: Target) -> Array:
+    """Returns (1 + cos 2a) / 2 for an angle a to the target below a right angle, else 0."""
+    xp = array_namespace(state.position)
+    angle = angle_to_target(state, target)
+    return xp.where(xp.abs(angle) < math.pi / 2, (1 + xp.cos(2 * angle)) / 2, 0 * angle)
+
+
+def speed_reward(state: State, target: Target) -> Array:
+    """Returns the speed along the target's x axis as a share of 0.1 m/s, within [0, 1]."""
+    xp = array_namespace(state.torso_velocity)
+    return xp.clip(speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED, 0, 1)
+
+
+_REWARDS = {
+    "away": lambda state, target: 1 - near_reward(state, target),
+    "upright": lambda state, _: upright_reward(state),
+    "near": near_reward,
+    "heading": heading_reward,
+    "speed": speed_reward,
+}
+
+
+def reward(task: str, state: State, target: Target) -> Array:
+    """Returns the reward (...) of a task, in [0, 1], read at the end of a control step.
+
+    Args:
+        task: one of `TASK_SPECS`.
+        state: of the robots.
+        target: of the robots, with axes that broadcast against the state's.
+    """
+    terms = [_REWARDS[name](state, target) for name in TASK_SPECS[task].rewards]
+    return math.prod(terms)
+
+
+def features(task: str, state: State, target: Target) -> dict[str, Array]:
+    """Returns what a task observes, by name and in its order, each (..., size) in SI units."""
+    values = {
+        "position": lambda: state.position,
+        "velocity": lambda: state.velocity,
+        "motor_position": lambda: state.motor_position[..., None],
+        "motor_velocity": lambda: state.motor_velocity[..., None],
+        "angle_to_target": lambda: angle_to_target(state, target)[..., None],
+        "speed_in_target_frame": lambda: speed_in_target_frame(state, target),
+        "target_in_jitterbug_frame": lambda: target_in_jitterbug_frame(state, target),
+    }
+    return {name: values[name]() for name in TASK_SPECS[task].features}
+
+
+def observation(task: str, state: State, target: Target) -> Array:
+    """Returns the (..., dim(O)) observation of a task, each feature's range mapped to [-1, 1].
+
+    Nothing is clipped: a robot outside a feature's range is observed outside [-1, 1].
+
+    Args:
+        task: one of `TASK_SPECS`.
+        state: of the robots.
+        target: of the robots, with the state's leading axes.
+    """
+    xp = array_namespace(state.position)
+    physical = xp.concat(list(features(task, state, target).values()), -1)
+    return normalize(task, physical)
+
+
+def normalize(task: str, physical: Array) -> Array:
+    """Maps (..., dim(O)) features in SI units to the [-1, 1] of an observation."""
+    low, high = _feature_range(task, physical)
+    return 2 * (physical - low) / (high - low) - 1
+
+
+def denormalize(task: str, observed: Array) -> Array:
+    """Maps a (..., dim(O)) observation back to its features in SI units."""
+    low, high = _feature_range(task, observed)
+    return low + (observed + 1) * (high - low) / 2
+
+
+def feature_labels(task: str) -> list[str]:
+    """Returns a name for each of the dim(O) dimensions of a task's observation."""
+    axes = {
+        "position": ("x", "y", "z", "qw", "qx", "qy", "qz"),
+        "velocity": ("x", "y", "z", "angular_x", "angular_y", "angular_z"),
+        "speed_in_target_frame": ("x", "y", "z"),
+        "target_in_jitterbug_frame": ("x", "y", "z"),
+    }
+    return [
+        f"{name}_{axis}" if axis else name
+        for name in TASK_SPECS[task].features
+        for axis in axes.get(name, ("",))
+    ]
+
+
+def _feature_range(task: str, like: Array) -> tuple[Array, Array]:
+    """Returns minimum and maximum of each dimension, as arrays of the same kind as `like`."""
+    key = (task, array_namespace(like).__name__, like.dtype, getattr(like, "device", None))
+    if key not in _range_cache:
+        xp = array_namespace(like)
+        options: dict[str, Any] = {"dtype": like.dtype, "device": getattr(like, "device", None)}
+        names = TASK_SPECS[task].features
+        low, high = ([v for n in names for v in RANGES[n][end]] for end in (0, 1))
+        _range_cache[key] = (xp.asarray(low, **options), xp.asarray(high, **options))
+    return _range_cache[key]
+
+
+# Ranges as arrays, made once for each kind of array: this is called at every control step.
+_range_cache: dict[tuple[Any, ...], tuple[Array, Array]] = {}
+
+
+def _rotate(matrix: Array, vector: Array) -> Array:
+    """Returns the (..., 3) products of (..., 3, 3) matrices with (..., 3) vectors."""
+    return (matrix @ vector[..., None])[..., 0]
+
+
+def _gaussian(distance: Array, margin: float) -> Array:
+    """Returns dm_control's Gaussian tolerance: 1 at distance 0, 0.1 at the margin."""
+    xp = array_namespace(distance)
+    scaled = distance * (_GAUSSIAN_SCALE / margin)
+    return xp.exp(-0.5 * scaled * scaled)

@@ -1,0 +1,144 @@
+"""The five tasks as Gymnasium environments.
+
+    gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0")
+"""
+
+from typing import Any, ClassVar
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.envs.registration import register, registry
+from numpy.typing import NDArray
+
+from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS, PHYSICS_STEPS, TASKS
+from jbench.tasks import features, model, resets
+
+CAMERAS = ("overhead", "tracking", "ego", "spectator")
+"""The cameras of the model: the paper's three (section 4.1) and a fixed view from the side."""
+
+
+def environment_id(task: str) -> str:
+    """Returns the Gymnasium id of a task: `Jitterbug/FaceDirection-v0` for `face_direction`."""
+    return f"Jitterbug/{task.title().replace('_', '')}-v0"
+
+
+def register_environments() -> None:
+    """Makes the five tasks known to Gymnasium."""
+    for task in TASKS:
+        if environment_id(task) not in registry:
+            register(
+                environment_id(task),
+                entry_point="jbench.tasks.gym:JitterbugEnv",
+                kwargs={"task": task},
+                max_episode_steps=EPISODE_STEPS,
+            )
+
+
+class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """One task of the Jitterbug problem (paper, section 4.2).
+
+    Observations are the task's features, each mapped from its range to [-1, 1] and not clipped;
+    the action is the motor's command, clipped to [-1, 1]. The environment itself never ends:
+    `gymnasium.make` truncates an episode at 1000 steps.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": round(1 / CONTROL_TIMESTEP),
+    }
+
+    def __init__(
+        self,
+        task: str,
+        render_mode: str | None = None,
+        camera: str = "tracking",
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        """Initialises the environment.
+
+        Args:
+            task: one of `jbench.names.TASKS`.
+            render_mode: "rgb_array", "human", or None for no pictures.
+            camera: one of `CAMERAS`.
+            width: of a picture, in pixels.
+            height: of a picture, in pixels.
+
+        Raises:
+            ValueError: if there is no such task, camera or render mode.
+        """
+        for value, known in (
+            (task, TASKS),
+            (camera, CAMERAS),
+            (render_mode, (None, *self.metadata["render_modes"])),
+        ):
+            if value not in known:
+                raise ValueError(f"{value!r} is not one of {', '.join(map(str, known))}")
+        self.task = task
+        self.render_mode = render_mode
+        size = features.TASK_SPECS[task].observation_size
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+        self._picture = {"camera_name": camera, "width": width, "height": height}
+        self._renderer: Any = None
+        self._model = model.load()
+        self._data = mujoco.MjData(self._model)
+        self._torso_offset = model.torso_offset(self._model)
+        self._target = resets.draw_target(task, np.random.default_rng(0))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Starts an episode: the robot at the origin in a random pose, a random target."""
+        super().reset(seed=seed)
+        model.place(self._data, resets.draw_quaternion(self.np_random))
+        self._target = resets.draw_target(self.task, self.np_random)
+        self._show_target()
+        self._render_human()
+        return self._observation(self._state()), {}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Holds the action (1,) for one control step of 0.01 s."""
+        self._data.ctrl[:] = np.clip(action, -1, 1)
+        mujoco.mj_step(self._model, self._data, nstep=PHYSICS_STEPS)
+        state = self._state()
+        reward = float(features.reward(self.task, state, self._target))
+        self._render_human()
+        return self._observation(state), reward, False, False, {}
+
+    def render(self) -> Any:
+        """Returns a picture (height, width, 3) in mode "rgb_array"; else None."""
+        if self.render_mode is None:
+            return None
+        if self._renderer is None:
+            # Imported only here: it loads a window system.
+            from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
+
+            self._renderer = MujocoRenderer(self._model, self._data, **self._picture)
+        # Places of bodies and cameras are computed at the beginning of a physics step.
+        mujoco.mj_forward(self._model, self._data)
+        return self._renderer.render(self.render_mode)
+
+    def close(self) -> None:
+        """Closes windows and frees what drew the pictures."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _state(self) -> features.State:
+        return model.state_of(self._data.qpos, self._data.qvel, self._torso_offset)
+
+    def _observation(self, state: features.State) -> NDArray[np.float32]:
+        return features.observation(self.task, state, self._target).astype(np.float32)
+
+    def _show_target(self) -> None:
+        half = self._target.yaw / 2
+        self._model.body("target").pos = self._target.position
+        self._model.body("target").quat = [np.cos(half), 0, 0, np.sin(half)]
+
+    def _render_human(self) -> None:
+        if self.render_mode == "human":
+            self.render()

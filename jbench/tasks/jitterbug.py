@@ -1,0 +1,162 @@
+"""The Jitterbug domain of the dm_control suite."""
+
+from collections import OrderedDict
+from typing import Any, TypedDict, Unpack
+
+import numpy as np
+from dm_control import mujoco
+from dm_control.rl import control
+from dm_control.suite import base
+from dm_control.utils import containers
+
+from jbench.names import CONTROL_TIMESTEP
+from jbench.tasks import features, model, resets
+
+# How long an episode lasts, in seconds (paper, section 4.1).
+_DEFAULT_TIME_LIMIT = 10
+
+# The orientation of the robot's rest pose, facing -y.
+_REST_QUATERNION = np.array([1.0, 0.0, 0.0, 0.0])
+
+SUITE = containers.TaggedTasks()
+
+
+class TaskSettings(TypedDict, total=False):
+    """What every task of the domain takes.
+
+    Attributes:
+        time_limit: simulated seconds in an episode (default 10).
+        control_timestep: simulated seconds for which an action is held (default 0.01).
+        random_pose: whether an episode starts in a random orientation (default), or in the
+            rest pose.
+        random: source of every random draw, or the seed of one; None for an arbitrary one.
+        environment_kwargs: further arguments of dm_control's `Environment`.
+    """
+
+    time_limit: float
+    control_timestep: float
+    random_pose: bool
+    random: np.random.RandomState | int | None
+    environment_kwargs: dict[str, Any] | None
+
+
+def get_model_and_assets() -> tuple[str, dict[str, bytes]]:
+    """Returns a tuple containing the model XML string and a dict of assets."""
+    return model.xml(), {}
+
+
+@SUITE.add("benchmarking", "easy")
+def move_from_origin(**settings: Unpack[TaskSettings]) -> control.Environment:
+    """Returns the task of moving away from the origin, in any direction."""
+    return _environment("move_from_origin", **settings)
+
+
+@SUITE.add("benchmarking", "easy")
+def face_direction(**settings: Unpack[TaskSettings]) -> control.Environment:
+    """Returns the task of turning to face in a random direction."""
+    return _environment("face_direction", **settings)
+
+
+@SUITE.add("benchmarking")
+def move_in_direction(**settings: Unpack[TaskSettings]) -> control.Environment:
+    """Returns the task of moving in a random direction."""
+    return _environment("move_in_direction", **settings)
+
+
+@SUITE.add("benchmarking", "hard")
+def move_to_position(**settings: Unpack[TaskSettings]) -> control.Environment:
+    """Returns the task of moving to a random position."""
+    return _environment("move_to_position", **settings)
+
+
+@SUITE.add("benchmarking", "hard")
+def move_to_pose(**settings: Unpack[TaskSettings]) -> control.Environment:
+    """Returns the task of moving to a random position and facing in a random direction."""
+    return _environment("move_to_pose", **settings)
+
+
+def _environment(
+    task: str,
+    time_limit: float = _DEFAULT_TIME_LIMIT,
+    control_timestep: float = CONTROL_TIMESTEP,
+    random_pose: bool = True,
+    random: np.random.RandomState | int | None = None,
+    environment_kwargs: dict[str, Any] | None = None,
+) -> control.Environment:
+    """Returns the environment of a task; the settings are those of `TaskSettings`."""
+    settings = {"control_timestep": control_timestep, **(environment_kwargs or {})}
+    physics = Physics.from_xml_string(*get_model_and_assets())
+    return control.Environment(
+        physics,
+        Jitterbug(task, random_pose=random_pose, random=random),
+        time_limit=time_limit,
+        **settings,
+    )
+
+
+class Physics(mujoco.Physics):  # type: ignore[misc]
+    """Physics of the Jitterbug with the quantities that its tasks observe and reward."""
+
+    def robot_state(self) -> features.State:
+        """Returns what the tasks need to know of the robot."""
+        named = self.named.data
+        return features.State(
+            position=named.qpos["root"].copy(),
+            velocity=named.qvel["root"].copy(),
+            motor_position=features.motor_angle(named.qpos["motor"][0]),
+            motor_velocity=named.qvel["motor"][0],
+            torso_velocity=named.sensordata["torso_velocity"].copy(),
+        )
+
+    def target(self) -> features.Target:
+        """Returns where the target is and in which direction it looks."""
+        matrix = self.named.data.xmat["target"]
+        return features.Target(
+            position=self.named.data.xpos["target"].copy(),
+            yaw=np.arctan2(matrix[3], matrix[0]),
+        )
+
+    def set_target(self, target: features.Target) -> None:
+        """Moves the target."""
+        half = target.yaw / 2
+        self.named.model.body_pos["target"] = target.position
+        self.named.model.body_quat["target"] = [np.cos(half), 0, 0, np.sin(half)]
+
+
+class Jitterbug(base.Task):  # type: ignore[misc]
+    """One of the five tasks of the Jitterbug problem (paper, section 4.2)."""
+
+    def __init__(
+        self,
+        task: str,
+        random_pose: bool = True,
+        random: np.random.RandomState | int | None = None,
+    ) -> None:
+        """Initialises the task.
+
+        Args:
+            task: one of `jbench.names.TASKS`.
+            random_pose: whether an episode starts in a random orientation, or in the rest pose.
+            random: source of every random draw, or the seed of one, or None for an arbitrary one.
+        """
+        self._task = task
+        self._random_pose = random_pose
+        super().__init__(random=random)
+
+    def initialize_episode(self, physics: Physics) -> None:
+        """Puts the robot at the origin and the target where the task wants it."""
+        turned = resets.draw_quaternion(self.random) if self._random_pose else _REST_QUATERNION
+        physics.named.data.qpos["root"] = [0, 0, model.REST_HEIGHT, *turned]
+        physics.set_target(resets.draw_target(self._task, self.random))
+        super().initialize_episode(physics)
+
+    def get_observation(self, physics: Physics) -> OrderedDict[str, np.ndarray]:
+        """Returns the task's features, each mapped from its range to [-1, 1], by name."""
+        observation = features.observation(self._task, physics.robot_state(), physics.target())
+        names = features.TASK_SPECS[self._task].features
+        sizes = [features.FEATURE_SIZES[name] for name in names]
+        return OrderedDict(zip(names, np.split(observation, np.cumsum(sizes)[:-1]), strict=True))
+
+    def get_reward(self, physics: Physics) -> float:
+        """Returns the task's reward, in [0, 1]."""
+        return float(features.reward(self._task, physics.robot_state(), physics.target()))

@@ -1,0 +1,65 @@
+"""The robot's MuJoCo model and the way from its state to the features of the tasks."""
+
+from functools import cache
+from importlib import resources
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench.tasks.features import State, center_of_mass_velocity, motor_angle
+
+REST_HEIGHT = 0.035
+"""Height of the torso's frame at the start of an episode (m)."""
+
+MOTOR = -1
+"""Index of the motor joint in qpos and in qvel."""
+
+
+@cache
+def xml() -> str:
+    """Returns the robot's MJCF."""
+    return resources.files("jbench.tasks").joinpath("jitterbug.xml").read_text(encoding="utf-8")
+
+
+def load() -> mujoco.MjModel:
+    """Returns a new MuJoCo model of the robot."""
+    return mujoco.MjModel.from_xml_string(xml())
+
+
+def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:
+    """Returns the (3,) centre of mass of the torso in its own frame (m)."""
+    return np.array(model.body("jitterbug").ipos)
+
+
+def state_of(
+    qpos: NDArray[np.float64], qvel: NDArray[np.float64], offset: NDArray[np.float64]
+) -> State:
+    """Returns the state of the tasks for MuJoCo's state of any number of robots.
+
+    Args:
+        qpos: (..., 16) joint positions.
+        qvel: (..., 15) joint velocities.
+        offset: (3,) the torso's centre of mass, from `torso_offset`.
+
+    Returns:
+        Arrays of their own: nothing is shared with the simulator's memory.
+    """
+    position, velocity = qpos[..., :7].copy(), qvel[..., :6].copy()
+    return State(
+        position=position,
+        velocity=velocity,
+        motor_position=motor_angle(qpos[..., MOTOR]),
+        motor_velocity=qvel[..., MOTOR].copy(),
+        torso_velocity=center_of_mass_velocity(position, velocity, offset),
+    )
+
+
+def place(data: mujoco.MjData, quaternion: NDArray[np.float64]) -> None:
+    """Puts the robot at the origin, at rest, in an orientation (4,).
+
+    Only the state is set: `mj_step` computes the rest from it.
+    """
+    mujoco.mj_resetData(data.model, data)
+    data.qpos[2] = REST_HEIGHT
+    data.qpos[3:7] = quaternion

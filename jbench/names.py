@@ -1,4 +1,6 @@
-"""The names that users type, without any import, so that help and completion stay instant."""
+"""The names that users type, without heavy imports, so that help and completion stay instant."""
+
+from typing import Literal, get_args
 
 TASKS = (
     "move_from_origin",
@@ -12,8 +14,17 @@ TASKS = (
 ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
 
-TIME_LIMITS = ("bootstrap", "terminal")
-"""What an agent may learn from an episode's last step: see `docs/agents.md`."""
+TimeLimit = Literal["bootstrap", "terminal"]
+TIME_LIMITS: tuple[TimeLimit, ...] = get_args(TimeLimit)
+"""Whether the value of an episode's last state is bootstrapped, or nothing as after an end."""
+
+Base = Literal["published", "sb3"]
+BASES: tuple[Base, ...] = get_args(Base)
+"""Whose defaults apply where Table 1 is silent: the paper's library, or stable-baselines3."""
+
+Order = Literal["quantile-first", "smooth-first"]
+ORDERS: tuple[Order, ...] = get_args(Order)
+"""Whether quantiles across seeds come before the moving average (Figure 9) or after (Figure 8)."""
 
 FULL = "full"
 """The representation of an agent that sees the whole observation, without an encoder."""

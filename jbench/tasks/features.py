@@ -9,6 +9,7 @@ the paper's tasks (section 4.2) in dm_control's reward conventions (arXiv:1801.0
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -133,7 +134,10 @@ TASK_SPECS = {
 def wrap_angle(angle: Array) -> Array:
     """Returns the same angle in (-pi, pi]; angles already there are returned exactly."""
     xp = array_namespace(angle)
-    return angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
+    turned = angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
+    # Rounding may leave what was turned a hair outside.
+    inside = xp.clip(turned, math.nextafter(-math.pi, 0), math.pi)
+    return xp.where(xp.abs(angle) < math.pi, angle, inside)
 
 
 def rotation_matrix(quaternion: Array) -> Array:
@@ -145,7 +149,7 @@ def rotation_matrix(quaternion: Array) -> Array:
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    return xp.stack([xp.stack(row, -1) for row in rows], -2)
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def motor_angle(joint_angle: Array) -> Array:
@@ -164,7 +168,7 @@ def center_of_mass_velocity(position: Array, velocity: Array, offset: Array) -> 
     x, y, z = (offset[..., i] for i in range(3))
     wx, wy, wz = (velocity[..., 3 + i] for i in range(3))
     xp = array_namespace(position, velocity, offset)
-    swing = xp.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], -1)
+    swing = xp.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=-1)
     return velocity[..., :3] + _rotate(rotation_matrix(position[..., 3:7]), swing)
 
 
@@ -192,7 +196,8 @@ def speed_in_target_frame(state: State, target: Target) -> Array:
     xp = array_namespace(state.torso_velocity)
     x, y, z = (state.torso_velocity[..., i] for i in range(3))
     cosine, sine = xp.cos(target.yaw), xp.sin(target.yaw)
-    return xp.stack([cosine * x + sine * y, cosine * y - sine * x, z], -1)
+    along, across = cosine * x + sine * y, cosine * y - sine * x
+    return xp.stack([along, across, xp.broadcast_to(z, along.shape)], axis=-1)
 
 
 def upright_reward(state: State) -> Array:
@@ -221,7 +226,7 @@ def speed_reward(state: State, target: Target) -> Array:
     return xp.clip(speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED, 0, 1)
 
 
-_REWARDS = {
+_REWARDS: dict[str, Callable[[State, Target], Array]] = {
     "away": lambda state, target: 1 - near_reward(state, target),
     "upright": lambda state, _: upright_reward(state),
     "near": near_reward,
@@ -244,7 +249,7 @@ def reward(task: str, state: State, target: Target) -> Array:
 
 def features(task: str, state: State, target: Target) -> dict[str, Array]:
     """Returns what a task observes, by name and in its order, each (..., size) in SI units."""
-    values = {
+    values: dict[str, Callable[[], Array]] = {
         "position": lambda: state.position,
         "velocity": lambda: state.velocity,
         "motor_position": lambda: state.motor_position[..., None],
@@ -267,7 +272,7 @@ def observation(task: str, state: State, target: Target) -> Array:
         target: of the robots, with the state's leading axes.
     """
     xp = array_namespace(state.position)
-    physical = xp.concat(list(features(task, state, target).values()), -1)
+    physical = xp.concat(list(features(task, state, target).values()), axis=-1)
     return normalize(task, physical)
 
 

@@ -1,9 +1,9 @@
 """The five tasks as Gymnasium environments.
 
-    gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0")
+gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0")
 """
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -43,7 +43,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     `gymnasium.make` truncates an episode at 1000 steps.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
         "render_modes": ["rgb_array", "human"],
         "render_fps": round(1 / CONTROL_TIMESTEP),
     }
@@ -80,7 +80,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         size = features.TASK_SPECS[task].observation_size
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
-        self._picture = {"camera_name": camera, "width": width, "height": height}
+        self._picture: dict[str, Any] = {"camera_name": camera, "width": width, "height": height}
         self._renderer: Any = None
         self._model = model.load()
         self._data = mujoco.MjData(self._model)
@@ -120,6 +120,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._renderer = MujocoRenderer(self._model, self._data, **self._picture)
         # Places of bodies and cameras are computed at the beginning of a physics step.
         mujoco.mj_forward(self._model, self._data)
+        # Another environment may have drawn, or closed, since: its context is not ours.
+        self._renderer._get_viewer(self.render_mode).make_context_current()
         return self._renderer.render(self.render_mode)
 
     def close(self) -> None:
@@ -132,7 +134,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return model.state_of(self._data.qpos, self._data.qvel, self._torso_offset)
 
     def _observation(self, state: features.State) -> NDArray[np.float32]:
-        return features.observation(self.task, state, self._target).astype(np.float32)
+        return np.asarray(features.observation(self.task, state, self._target), np.float32)
 
     def _show_target(self) -> None:
         half = self._target.yaw / 2

@@ -57,7 +57,7 @@ def face_direction(**settings: Unpack[TaskSettings]) -> control.Environment:
     return _environment("face_direction", **settings)
 
 
-@SUITE.add("benchmarking")
+@SUITE.add("benchmarking", "easy")
 def move_in_direction(**settings: Unpack[TaskSettings]) -> control.Environment:
     """Returns the task of moving in a random direction."""
     return _environment("move_in_direction", **settings)
@@ -94,7 +94,7 @@ def _environment(
     )
 
 
-class Physics(mujoco.Physics):  # type: ignore[misc]
+class Physics(mujoco.Physics):
     """Physics of the Jitterbug with the quantities that its tasks observe and reward."""
 
     def robot_state(self) -> features.State:
@@ -123,7 +123,7 @@ class Physics(mujoco.Physics):  # type: ignore[misc]
         self.named.model.body_quat["target"] = [np.cos(half), 0, 0, np.sin(half)]
 
 
-class Jitterbug(base.Task):  # type: ignore[misc]
+class Jitterbug(base.Task):
     """One of the five tasks of the Jitterbug problem (paper, section 4.2)."""
 
     def __init__(
@@ -148,6 +148,8 @@ class Jitterbug(base.Task):  # type: ignore[misc]
         turned = resets.draw_quaternion(self.random) if self._random_pose else _REST_QUATERNION
         physics.named.data.qpos["root"] = [0, 0, model.REST_HEIGHT, *turned]
         physics.set_target(resets.draw_target(self._task, self.random))
+        # The robot may be coloured by its reward now, which needs the places just set.
+        physics.forward()
         super().initialize_episode(physics)
 
     def get_observation(self, physics: Physics) -> OrderedDict[str, np.ndarray]:

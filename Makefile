@@ -1,0 +1,30 @@
+# Both commands set up what they need; nothing has to be there before but Python >= 3.11.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO := demo-results
+PIP := $(BIN)/pip --disable-pip-version-check --quiet
+
+.PHONY: demo test lint install clean
+
+install: $(VENV)/.installed
+
+# torch first and by itself, so that a machine without a GPU gets its CPU build where the index
+# has one; TORCH="torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu" asks for it.
+TORCH ?= torch==2.13.0
+$(VENV)/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install $(TORCH)
+	$(PIP) install --constraint constraints.txt --editable '.[dev,render]'
+	touch $@
+
+test: install
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) $(DEMO)

@@ -1,0 +1,1 @@
+"""The algorithms, and the paper's settings for them."""

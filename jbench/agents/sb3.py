@@ -1,0 +1,115 @@
+"""The four algorithms from stable-baselines3, built from our settings."""
+
+from typing import Any
+
+import numpy as np
+from stable_baselines3 import DDPG, PPO, SAC, TD3
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.noise import (
+    ActionNoise,
+    NormalActionNoise,
+    OrnsteinUhlenbeckActionNoise,
+)
+from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
+
+from jbench.agents.policy import Policy
+from jbench.agents.settings import AlgorithmSettings, OffPolicySettings
+
+CLASSES: dict[str, type[BaseAlgorithm]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
+"""The class of each algorithm."""
+
+# Settings of ours that are not arguments of the classes under the same name.
+_OURS = {
+    "hidden_layers",
+    "n_envs",
+    "uniform_warmup",
+    "action_noise",
+    "noise_mean",
+    "noise_sigma",
+    "noise_theta",
+    "noise_dt",
+}
+
+_LOSSES = {
+    "actor_loss": "train/actor_loss",
+    "critic_loss": "train/critic_loss",
+    "entropy_coefficient": "train/ent_coef",
+    "policy_loss": "train/policy_gradient_loss",
+    "value_loss": "train/value_loss",
+    "entropy_loss": "train/entropy_loss",
+}
+
+
+class _DDPGActingByItsPolicy(DDPG):
+    """DDPG whose actions before learning starts come from its policy, not from a uniform draw."""
+
+    def _sample_action(
+        self, learning_starts: int, action_noise: ActionNoise | None = None, n_envs: int = 1
+    ) -> tuple[np.ndarray, np.ndarray]:
+        return super()._sample_action(0, action_noise, n_envs)
+
+
+def build(algo: str, settings: AlgorithmSettings, env: VecEnv, seed: int) -> BaseAlgorithm:
+    """Returns an untrained agent on the CPU.
+
+    Args:
+        algo: one of `jbench.names.ALGORITHMS`.
+        settings: of that algorithm.
+        env: what it learns in.
+        seed: of weights, noise, minibatches and environments, in [0, 2^32).
+    """
+    layers = list(settings.hidden_layers)
+    critic = "vf" if algo == "ppo" else "qf"
+    arguments: dict[str, Any] = settings.model_dump(exclude=_OURS)
+    kind = CLASSES[algo]
+    if isinstance(settings, OffPolicySettings):
+        arguments["action_noise"] = _noise(settings)
+        if algo == "ddpg" and not settings.uniform_warmup:
+            kind = _DDPGActingByItsPolicy
+    agent = kind(
+        "MlpPolicy",
+        env,
+        policy_kwargs={"net_arch": {"pi": layers, critic: layers}, "activation_fn": nn.ReLU},
+        seed=seed,
+        device="cpu",
+        **arguments,
+    )
+    # Nothing of its own on the terminal; the losses are read from the logger.
+    agent.set_logger(Logger(folder=None, output_formats=[]))
+    return agent
+
+
+def losses(agent: BaseAlgorithm) -> dict[str, float]:
+    """Returns the last losses of an agent by the names of the database; none before any update."""
+    values = agent.logger.name_to_value
+    return {name: float(values[key]) for name, key in _LOSSES.items() if key in values}
+
+
+def policy(agent: BaseAlgorithm) -> Policy:
+    """Returns a copy of the agent's deterministic policy that needs no library."""
+    if isinstance(agent, TD3):
+        modules, squash = list(agent.actor.mu), "tanh"
+    elif isinstance(agent, SAC):
+        modules, squash = [*agent.actor.latent_pi, agent.actor.mu], "tanh"
+    else:
+        net: Any = agent.policy
+        modules, squash = [*net.mlp_extractor.policy_net, net.action_net], "clip"
+    linear = [module for module in modules if isinstance(module, nn.Linear)]
+    return Policy(
+        weights=[layer.weight.detach().numpy().copy() for layer in linear],
+        biases=[layer.bias.detach().numpy().copy() for layer in linear],
+        squash=squash,
+    )
+
+
+def _noise(settings: OffPolicySettings) -> ActionNoise | None:
+    mean, sigma = np.array([settings.noise_mean]), np.array([settings.noise_sigma])
+    if settings.action_noise == "normal":
+        return NormalActionNoise(mean, sigma)
+    if settings.action_noise == "ornstein-uhlenbeck":
+        return OrnsteinUhlenbeckActionNoise(
+            mean, sigma, theta=settings.noise_theta, dt=settings.noise_dt
+        )
+    return None

@@ -1,0 +1,202 @@
+"""The settings of the four algorithms: the paper's, and how a user changes one.
+
+"Table 1" is the paper's; where it is silent, the paper used the defaults of stable-baselines 2
+(section 5, Table 1), which are not those of stable-baselines3. Names are stable-baselines3's.
+"""
+
+import inspect
+import json
+from typing import Any, ClassVar, Literal
+
+from pydantic import BaseModel, Field, NonNegativeInt, PositiveInt
+
+from jbench import validation
+from jbench.errors import RequestError
+from jbench.names import Base
+
+
+class AlgorithmSettings(BaseModel):
+    """What all four algorithms share."""
+
+    model_config = validation.SETTINGS
+
+    # Names that Table 1 and section 4.2 fix, whatever the library's own defaults are.
+    from_paper: ClassVar[frozenset[str]] = frozenset(
+        {"learning_rate", "batch_size", "gamma", "hidden_layers"}
+    )
+
+    learning_rate: float = Field(default=1e-4, gt=0, description="of Adam; Table 1")
+    batch_size: PositiveInt = Field(default=256, description="transitions; Table 1")
+    gamma: float = Field(default=0.99, ge=0, le=1, description="discount; section 4.2")
+    hidden_layers: tuple[PositiveInt, ...] = Field(
+        default=(350, 250),
+        strict=False,  # a list, as JSON has it, will do
+        description="units, ReLU, actor and critic apart; Table 1",
+    )
+
+
+class OffPolicySettings(AlgorithmSettings):
+    """What DDPG, TD3 and SAC share: a replay buffer and noise on the actions."""
+
+    from_paper: ClassVar[frozenset[str]] = AlgorithmSettings.from_paper | {
+        "buffer_size",
+        "action_noise",
+        "noise_mean",
+        "noise_sigma",
+        "noise_theta",
+        "noise_dt",
+    }
+
+    buffer_size: PositiveInt = Field(default=1_000_000, description="transitions; Table 1")
+    learning_starts: NonNegativeInt = Field(description="control steps before the first update")
+    uniform_warmup: bool = Field(
+        default=True, description="whether actions before learning_starts are uniform"
+    )
+    train_freq: PositiveInt = Field(description="control steps between updates")
+    gradient_steps: PositiveInt = Field(description="updates at a time")
+    tau: float = Field(gt=0, le=1, description="step of the target networks")
+    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = Field(description="Table 1")
+    noise_mean: float = Field(default=0.0, description="of the action noise; Table 1")
+    noise_sigma: float = Field(default=0.2, ge=0, description="of the action noise; Table 1")
+    noise_theta: float = Field(default=0.15, ge=0, description="Ornstein-Uhlenbeck; Table 1")
+    noise_dt: float = Field(default=0.01, gt=0, description="s; stable-baselines 2")
+
+
+class DDPGSettings(OffPolicySettings):
+    """DDPG (Lillicrap et al., 2015)."""
+
+    # Learning starts as soon as a batch can be drawn, and the policy acts from the first step.
+    learning_starts: NonNegativeInt = Field(default=256, description="stable-baselines 2")
+    uniform_warmup: bool = Field(default=False, description="stable-baselines 2")
+    train_freq: PositiveInt = Field(default=100, description="stable-baselines 2")
+    gradient_steps: PositiveInt = Field(default=50, description="stable-baselines 2")
+    tau: float = Field(default=0.001, gt=0, le=1, description="stable-baselines 2")
+    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "ornstein-uhlenbeck"
+    noise_mean: float = 0.3
+    noise_sigma: float = Field(default=0.3, ge=0)
+
+
+class TD3Settings(OffPolicySettings):
+    """TD3 (Fujimoto et al., 2018)."""
+
+    from_paper: ClassVar[frozenset[str]] = OffPolicySettings.from_paper | {
+        "learning_starts",
+        "train_freq",
+        "gradient_steps",
+    }
+
+    learning_starts: NonNegativeInt = Field(default=10_000, description="Table 1")
+    train_freq: PositiveInt = Field(default=1000, description="Table 1")
+    gradient_steps: PositiveInt = Field(default=1000, description="Table 1")
+    tau: float = Field(default=0.005, gt=0, le=1, description="stable-baselines 2")
+    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
+    policy_delay: PositiveInt = Field(default=2, description="stable-baselines 2")
+    target_policy_noise: float = Field(default=0.2, ge=0, description="stable-baselines 2")
+    target_noise_clip: float = Field(default=0.5, ge=0, description="stable-baselines 2")
+
+
+class SACSettings(OffPolicySettings):
+    """SAC with a learned entropy coefficient (Haarnoja et al., 2018)."""
+
+    learning_starts: NonNegativeInt = Field(default=100, description="stable-baselines 2")
+    train_freq: PositiveInt = Field(default=1, description="stable-baselines 2")
+    gradient_steps: PositiveInt = Field(default=1, description="stable-baselines 2")
+    tau: float = Field(default=0.005, gt=0, le=1, description="stable-baselines 2")
+    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
+    ent_coef: float | Literal["auto"] = Field(default="auto", description="stable-baselines 2")
+    target_entropy: float | Literal["auto"] = Field(
+        default=-1.0, description="minus the number of actions; stable-baselines 2"
+    )
+    target_update_interval: PositiveInt = Field(default=1, description="stable-baselines 2")
+
+
+class PPOSettings(AlgorithmSettings):
+    """PPO with a clipped objective (Schulman et al., 2017)."""
+
+    from_paper: ClassVar[frozenset[str]] = AlgorithmSettings.from_paper | {
+        "n_envs",
+        "n_steps",
+        "ent_coef",
+    }
+
+    n_envs: PositiveInt = Field(default=8, description="environments at a time; authors' script")
+    n_steps: PositiveInt = Field(default=256, description="per environment and update; Table 1")
+    # stable-baselines 2 has no batch size for PPO but 4 minibatches: 8 * 256 / 4 transitions.
+    batch_size: PositiveInt = Field(default=512, description="stable-baselines 2")
+    n_epochs: PositiveInt = Field(default=4, description="stable-baselines 2")
+    gae_lambda: float = Field(default=0.95, ge=0, le=1, description="stable-baselines 2")
+    clip_range: float = Field(default=0.2, gt=0, description="stable-baselines 2 (script: 0.1)")
+    # stable-baselines 2 clips the value function like the policy unless told not to.
+    clip_range_vf: float | None = Field(default=0.2, gt=0, description="stable-baselines 2")
+    normalize_advantage: bool = Field(default=True, description="stable-baselines 2")
+    ent_coef: float = Field(default=0.01, ge=0, description="Table 1")
+    vf_coef: float = Field(default=0.5, ge=0, description="stable-baselines 2")
+    max_grad_norm: float = Field(default=0.5, gt=0, description="stable-baselines 2")
+
+
+SETTINGS: dict[str, type[AlgorithmSettings]] = {
+    "ddpg": DDPGSettings,
+    "ppo": PPOSettings,
+    "sac": SACSettings,
+    "td3": TD3Settings,
+}
+"""The settings of each algorithm."""
+
+
+def algorithm_settings(
+    algo: str, base: Base = "published", overrides: dict[str, Any] | None = None
+) -> AlgorithmSettings:
+    """Returns the settings of an algorithm.
+
+    Args:
+        algo: one of `jbench.names.ALGORITHMS`.
+        base: "published" for Table 1 and the defaults of stable-baselines 2; "sb3" for Table 1
+            and stable-baselines3's own defaults.
+        overrides: values by name that replace those.
+
+    Raises:
+        RequestError: if the algorithm has no such setting, or not with that value.
+    """
+    kind = SETTINGS[algo]
+    values = _library_defaults(algo) if base == "sb3" else {}
+    unknown = set(overrides or {}) - set(kind.model_fields)
+    if unknown:
+        raise RequestError(
+            f"{algo} has no setting {', '.join(sorted(unknown))}; "
+            f"it has {', '.join(sorted(kind.model_fields))}."
+        )
+    return validation.validated(kind, algo, **(values | (overrides or {})))
+
+
+def parse_overrides(assignments: list[str]) -> dict[str, Any]:
+    """Returns the values by name of texts like `tau=0.005`, `hidden_layers=[64,64]`.
+
+    Raises:
+        RequestError: if one is not of the form NAME=VALUE, or a name comes twice.
+    """
+    overrides: dict[str, Any] = {}
+    for assignment in assignments:
+        name, equals, text = assignment.partition("=")
+        if not equals or not name or name in overrides:
+            raise RequestError(
+                f"--set {assignment}: type each setting once, as NAME=VALUE, like --set tau=0.005."
+            )
+        try:
+            overrides[name] = json.loads(text)
+        except json.JSONDecodeError:
+            overrides[name] = text
+    return overrides
+
+
+def _library_defaults(algo: str) -> dict[str, Any]:
+    """Returns stable-baselines3's own defaults of what the paper does not fix."""
+    from jbench.agents.sb3 import CLASSES
+
+    parameters = inspect.signature(CLASSES[algo]).parameters
+    free = set(SETTINGS[algo].model_fields) - SETTINGS[algo].from_paper
+    defaults = {name: parameters[name].default for name in free if name in parameters}
+    if algo == "ppo":
+        defaults["batch_size"] = AlgorithmSettings.model_fields["batch_size"].default
+    else:
+        defaults["uniform_warmup"] = True
+    return defaults

@@ -1,0 +1,116 @@
+"""Collecting a random-policy dataset: one simulation that serves all five tasks."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, Field, field_validator
+
+from jbench import validation
+from jbench.datasets import layout
+from jbench.names import EPISODE_STEPS, TASKS
+from jbench.simulation import simulate
+from jbench.store import Record, Results, settings_hash
+from jbench.tasks import model as robot
+from jbench.tasks import resets
+
+# Episodes in one file: what is committed at a time, and what is in memory.
+_PART_EPISODES = 50
+
+
+class DatasetSettings(BaseModel):
+    """What a dataset is made of; the id is made from it."""
+
+    model_config = validation.SETTINGS
+
+    policy: str = "random"
+    robot: str = "jitterbug"
+    seed: int = Field(default=0, ge=0)
+    steps: int = Field(
+        default=5_000_000, gt=0, description="control steps (paper, section 5.2: 5 million)"
+    )
+
+    @field_validator("steps")
+    @classmethod
+    def _whole_episodes(cls, steps: int) -> int:
+        if steps % EPISODE_STEPS:
+            up = (steps // EPISODE_STEPS + 1) * EPISODE_STEPS
+            raise ValueError(f"episodes last {EPISODE_STEPS} control steps: type --steps {up}")
+        return steps
+
+    @property
+    def id(self) -> str:
+        """The dataset's id, such as random/s00-1f9a2c4e."""
+        return f"{self.policy}/s{self.seed:02d}-{settings_hash(self.model_dump())}"
+
+
+def collect(
+    settings: DatasetSettings,
+    results: Results,
+    threads: int,
+    progress: Callable[[int], None] = lambda steps: None,
+) -> Record:
+    """Collects a dataset, or continues one, or finds it finished.
+
+    The actions are uniform in [-1, 1] (paper, section 5.2). Every episode draws from a generator
+    of its own, so that neither threads nor interruptions change a byte of the dataset.
+
+    Args:
+        settings: of the dataset.
+        results: where it goes.
+        threads: how many episodes are simulated at a time.
+        progress: called with the number of control steps done so far.
+
+    Raises:
+        WorkError: if another process collects it, or the disk is full.
+    """
+    record = Record(results, "dataset", settings.id)
+    with record.lock():
+        found = results.find("dataset", settings.id)
+        if found is not None and found.status == "finished":
+            return found
+        record = found or results.create("dataset", settings.id, settings.model_dump())
+        record.clean()
+        _collect_rest(settings, record, threads, progress)
+        record.finish({}, compact=False)
+    return record
+
+
+def _collect_rest(
+    settings: DatasetSettings, record: Record, threads: int, progress: Callable[[int], None]
+) -> None:
+    """Simulates and commits what is missing, part by part, writing one while the next is made."""
+    total = settings.steps // EPISODE_STEPS
+    firsts = range(record.rows("dataset_episodes"), total, _PART_EPISODES)
+    progress(firsts.start * EPISODE_STEPS)
+    model = robot.load()
+    with ThreadPoolExecutor(threads) as simulators, ThreadPoolExecutor(1) as writer:
+        writing = None
+        for first in firsts:
+            last = min(first + _PART_EPISODES, total)
+            tables = _part(model, settings.seed, range(first, last), simulators)
+            if writing is not None:
+                writing.result()
+                progress(first * EPISODE_STEPS)
+            writing = writer.submit(record.append, tables)
+        if writing is not None:
+            writing.result()
+    progress(settings.steps)
+
+
+def _part(model: Any, seed: int, episodes: range, simulators: ThreadPoolExecutor) -> dict[str, Any]:
+    """Simulates some episodes and returns their rows."""
+    quaternions, targets, actions = [], [], []
+    for episode in episodes:
+        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(episode,)))
+        quaternions.append(resets.draw_quaternion(random))
+        targets.append({task: resets.draw_target(task, random) for task in TASKS})
+        actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
+    held = np.stack(actions)
+    trajectories = simulate(model, np.stack(quaternions), held, simulators)
+    state = robot.state_of(*trajectories, robot.torso_offset(model))
+    return {
+        "steps": layout.steps_table(episodes.start, state, held),
+        "dataset_episodes": layout.episodes_table(episodes.start, targets),
+    }

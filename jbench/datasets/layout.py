@@ -1,0 +1,113 @@
+"""The columns of a dataset: states and actions once, and every task's target for each episode."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from jbench.names import TASKS
+from jbench.tasks.features import TARGET_HEIGHT, State, Target
+
+# Parts of a state and the names of their columns, in SI units as in `State`.
+_STATE_COLUMNS: dict[str, tuple[str, ...]] = {
+    "position": (
+        "position_x",
+        "position_y",
+        "position_z",
+        "quaternion_w",
+        "quaternion_x",
+        "quaternion_y",
+        "quaternion_z",
+    ),
+    "velocity": (
+        "velocity_x",
+        "velocity_y",
+        "velocity_z",
+        "angular_velocity_x",
+        "angular_velocity_y",
+        "angular_velocity_z",
+    ),
+    "motor_position": ("motor_position",),
+    "motor_velocity": ("motor_velocity",),
+    "torso_velocity": ("torso_velocity_x", "torso_velocity_y", "torso_velocity_z"),
+}
+
+STEPS = pa.schema(
+    [
+        pa.field("episode", pa.int32()),
+        pa.field("step", pa.int16()),
+        *(pa.field(c, pa.float32()) for columns in _STATE_COLUMNS.values() for c in columns),
+        pa.field("action", pa.float32()),
+    ]
+)
+"""A row for each state: `step` 0 to 1000, the action taken in it, null in an episode's last."""
+
+EPISODES = pa.schema(
+    [
+        pa.field("episode", pa.int32()),
+        *(
+            pa.field(f"{task}_target_{part}", pa.float64())
+            for task in TASKS
+            for part in ("x", "y", "yaw")
+        ),
+    ]
+)
+"""A row for each episode: the target that each task drew (m, m, rad)."""
+
+
+def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) -> pa.Table:
+    """Returns the rows of consecutive episodes.
+
+    Args:
+        first_episode: number of the first of them.
+        state: arrays of leading axes (episodes, steps + 1).
+        actions: (episodes, steps).
+    """
+    episodes, steps = actions.shape
+    columns: dict[str, Any] = {
+        "episode": np.repeat(np.arange(first_episode, first_episode + episodes), steps + 1),
+        "step": np.tile(np.arange(steps + 1), episodes),
+    }
+    for part, names in _STATE_COLUMNS.items():
+        values = getattr(state, part).astype(np.float32).reshape(-1, len(names))
+        columns |= {name: values[:, i] for i, name in enumerate(names)}
+    padded = np.concatenate([actions, np.zeros((episodes, 1), np.float32)], axis=1)
+    last = columns["step"] == steps
+    columns["action"] = pa.array(padded.reshape(-1), pa.float32(), mask=last)
+    return pa.table(columns, schema=STEPS)
+
+
+def episodes_table(first_episode: int, targets: Sequence[Mapping[str, Target]]) -> pa.Table:
+    """Returns a row for each episode from its targets by task."""
+    rows = []
+    for episode, drawn in enumerate(targets, first_episode):
+        row: dict[str, Any] = {"episode": episode}
+        for task, target in drawn.items():
+            x, y, _ = target.position
+            row |= {f"{task}_target_x": x, f"{task}_target_y": y, f"{task}_target_yaw": target.yaw}
+        rows.append(row)
+    return pa.Table.from_pylist(rows, EPISODES)
+
+
+def state_of(rows: pa.Table, episode_steps: int) -> State:
+    """Returns the states (episodes, steps + 1) of rows of whole episodes, in float32."""
+    parts = {
+        part: np.stack([rows[name].to_numpy() for name in names], -1).reshape(
+            -1, episode_steps + 1, len(names)
+        )
+        for part, names in _STATE_COLUMNS.items()
+    }
+    for scalar in ("motor_position", "motor_velocity"):
+        parts[scalar] = parts[scalar][..., 0]
+    return State(**parts)
+
+
+def target_of(task: str, rows: pa.Table) -> Target:
+    """Returns the targets (episodes, 1) of a task, in float32, to go with `state_of`."""
+    x, y, yaw = (
+        rows[f"{task}_target_{part}"].to_numpy().astype(np.float32)[:, None]
+        for part in ("x", "y", "yaw")
+    )
+    return Target(np.stack([x, y, np.full_like(x, TARGET_HEIGHT)], -1), yaw)

@@ -1,0 +1,148 @@
+"""What the verbs show of their work while it goes on, and when it is done."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from jbench.errors import WorkError
+from jbench.experiments.settings import RunSettings
+from jbench.output import Output, duration
+from jbench.store import Record, Results, schema
+
+
+def described(record: Record, **more: Any) -> dict[str, Any]:
+    """Returns what the JSON document of a verb says of a record."""
+    return {
+        "id": record.id,
+        "path": str(record.path),
+        "settings": record.settings,
+        "summary": record.manifest.summary,
+        **more,
+    }
+
+
+def show_encoder(record: Record, output: Output) -> None:
+    """Prints the errors of a trained encoder: by epoch, and by feature at the end."""
+    epochs = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
+    shown = sorted({*range(0, len(epochs), max(1, len(epochs) // 8)), len(epochs) - 1})
+    output.table(
+        f"{record.id}: mean squared error by epoch (scaled features)",
+        ("epoch", "train, corrupted", "test, clean", "test, corrupted"),
+        [
+            (e["epoch"], *(f"{e[m]:.5f}" for m in ("train_mse", "test_mse", "test_denoising_mse")))
+            for e in (epochs[i] for i in shown)
+        ],
+    )
+    output.table(
+        "Error of each feature on held-out episodes (scaled features)",
+        ("feature", "error", "variance", "explained"),
+        [
+            (
+                row["feature"],
+                f"{row['test_mse']:.5f}",
+                f"{row['test_variance']:.5f}",
+                f"{1 - row['test_mse'] / max(row['test_variance'], 1e-12):.3f}",
+            )
+            for row in record.read("encoder_features", schema.ENCODER_FEATURES).to_pylist()
+        ],
+    )
+
+
+def train_with_progress(
+    runs: Sequence[RunSettings], results: Results, jobs: int, output: Output
+) -> dict[str, str]:
+    """Does runs side by side and shows how far they are; returns what failed and why."""
+    from jbench.experiments.train import train
+
+    jobs = min(jobs, len(runs))
+    first = runs[0]
+    done = dict.fromkeys((run.id for run in runs), 0)
+    told = False
+    label = f"{first.algo} {first.task} {first.representation}"
+    with output.progress(label, sum(run.steps for run in runs), "control steps") as progress:
+
+        def on_message(run: RunSettings, message: dict[str, Any]) -> None:
+            nonlocal told
+            if "seconds_per_step" in message and not told:
+                told = True
+                _say_how_long(runs, jobs, message["seconds_per_step"], output)
+            if "control_steps" in message:
+                done[run.id] = min(message["control_steps"], run.steps)
+                note = f"seed {run.seed}: last return {message['episode_return']:.0f}"
+                progress.update(sum(done.values()), note)
+            if "finished" in message:
+                done[run.id] = run.steps
+                progress.update(sum(done.values()), f"seed {run.seed} finished")
+
+        return train(list(runs), results, jobs, on_message)
+
+
+def _say_how_long(
+    runs: Sequence[RunSettings], jobs: int, seconds_per_step: float, output: Output
+) -> None:
+    rounds = -(-len(runs) // jobs)
+    seconds = rounds * runs[0].steps * seconds_per_step
+    less = ""
+    if seconds > 600:
+        less = " For less: fewer --steps (such as 300000), or fewer --seeds (such as 0-2)."
+    output.say(
+        f"{len(runs)} runs of {runs[0].steps:,} control steps at about "
+        f"{1 / seconds_per_step:.0f} steps/s each, evaluations included, {jobs} at a time: about "
+        f"{duration(seconds)}.{less}"
+    )
+
+
+def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> None:
+    """Prints what came out of each run that the results hold."""
+    rows = []
+    for run in runs:
+        try:
+            record = results.find("run", run.id)
+            if record is not None:
+                rows.append(_run_row(record))
+        except WorkError as error:
+            output.warn(str(error))
+    header = ("run", "status", "episodes", "mean return, last quarter", "last evaluation")
+    output.table("Runs", header, rows)
+
+
+def show_final_returns(table: pd.DataFrame, output: Output) -> None:
+    """Prints the report's table, a row for each cell; the files hold all its columns."""
+    rows = []
+    for cell in table.to_dict("records"):
+        fewest, most = cell["episodes_min"], cell["episodes_max"]
+        published = cell["published_median"]
+        rows.append(
+            (
+                cell["task"],
+                cell["algo"],
+                " ".join(filter(None, (cell["representation"], cell["settings"]))),
+                cell["seeds"],
+                fewest if fewest == most else f"{fewest} to {most}",
+                _median_and_band(cell),
+                "" if published is None else f"{published:.0f} ({cell['published_figure']})",
+            )
+        )
+    header = ("task", "algo", "representation", "seeds", "episodes")
+    more = ("final return: median [10th, 90th]", "published median there")
+    output.table("Final returns across seeds", (*header, *more), rows)
+
+
+def _median_and_band(cell: Mapping[Any, Any]) -> str:
+    values = [cell[f"final_return_{name}"] for name in ("median", "q10", "q90")]
+    if None in values:
+        return ""
+    median, low, high = values
+    return f"{median:.0f} [{low:.0f}, {high:.0f}]"
+
+
+def _run_row(record: Record) -> tuple[object, ...]:
+    returns = record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
+    evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    last = [
+        e["episode_return"] for e in evaluations if e["evaluation"] == evaluations[-1]["evaluation"]
+    ]
+    tail = returns[-max(1, len(returns) // 4) :]
+    means = (f"{sum(values) / len(values):.0f}" if values else "" for values in (tail, last))
+    return record.id, record.status, len(returns), *means

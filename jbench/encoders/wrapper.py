@@ -1,0 +1,27 @@
+"""Encoders wrap observations: an agent can't tell an encoded one from a plain one."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench.encoders.encoder import Encoder
+
+
+class EncodedObservation(
+    gymnasium.ObservationWrapper[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
+):
+    """An environment whose observation is the latent of an encoder (paper, Figure 2)."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any], encoder: Encoder) -> None:
+        """Wraps an environment; its observations become (latent_size,) float32."""
+        super().__init__(env)
+        self._encoder = encoder
+        self.observation_space = gymnasium.spaces.Box(
+            -np.inf, np.inf, (encoder.latent_size,), np.float32
+        )
+
+    def observation(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns the latents of an observation."""
+        return np.asarray(self._encoder.encode(observation), np.float32)

@@ -1,0 +1,1 @@
+"""Runs from their settings to their results, and the published experiments as data."""

@@ -1,0 +1,70 @@
+"""From what a user asks for to the settings of the runs."""
+
+from typing import Any
+
+from jbench.agents.settings import algorithm_settings, parse_overrides
+from jbench.encoders import find_encoder, load_encoder
+from jbench.errors import RequestError
+from jbench.experiments.settings import RunSettings
+from jbench.names import EPISODE_STEPS, FULL, Base, TimeLimit
+from jbench.store import Results
+from jbench.validation import validated
+
+
+def request_runs(
+    results: Results,
+    *,
+    algo: str,
+    task: str,
+    encoder: str,
+    seeds: list[int],
+    steps: int,
+    base: Base,
+    overrides: list[str],
+    time_limit: TimeLimit,
+    evaluate_every: int,
+    evaluate_episodes: int,
+) -> list[RunSettings]:
+    """Returns the settings of one run for each seed.
+
+    Args:
+        results: where the encoder is.
+        algo: one of `jbench.names.ALGORITHMS`.
+        task: one of `jbench.names.TASKS`.
+        encoder: "none", a number of latents, or an encoder's id.
+        seeds: one for each run.
+        steps: control steps of a run, over all its environments.
+        base: "published" or "sb3"; see `algorithm_settings`.
+        overrides: texts NAME=VALUE that replace single settings.
+        time_limit: one of `jbench.names.TIME_LIMITS`.
+        evaluate_every: control steps between evaluations.
+        evaluate_episodes: episodes in an evaluation.
+
+    Raises:
+        RequestError: if there is no such encoder or setting, or no episode could end.
+    """
+    algorithm = algorithm_settings(algo, base, parse_overrides(overrides))
+    representation, encoder_id = FULL, None
+    if encoder != "none":
+        encoder_id = find_encoder(results, encoder, task)
+        _, description = load_encoder(results, encoder_id)
+        representation = f"{description['kind']}{description['latents']}"
+    shared: dict[str, Any] = {
+        "task": task,
+        "algo": algo,
+        "representation": representation,
+        "encoder": encoder_id,
+        "steps": steps,
+        "time_limit": time_limit,
+        "evaluate_every": evaluate_every,
+        "evaluate_episodes": evaluate_episodes,
+        "hyperparameters": algorithm.model_dump(mode="json"),
+    }
+    runs = [validated(RunSettings, "the run", seed=seed, **shared) for seed in seeds]
+    least = EPISODE_STEPS * runs[0].environments
+    if steps < least:
+        raise RequestError(
+            f"--steps {steps}: no episode would end, since {runs[0].environments} environments of "
+            f"{EPISODE_STEPS} control steps go on at a time; type --steps {least} or more."
+        )
+    return runs

@@ -1,0 +1,222 @@
+"""One run, from its settings to its committed rows and its trained policy."""
+
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pyarrow as pa
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from jbench.agents import sb3
+from jbench.encoders import Encoder, load_encoder
+from jbench.encoders.wrapper import EncodedObservation
+from jbench.errors import WorkError
+from jbench.experiments.settings import RunSettings
+from jbench.store import Record, Results, schema
+from jbench.tasks.gym import environment_id
+
+_COMMIT_EVERY = 15.0  # s: what a kill can cost at most, beside the episode under way
+
+
+def run(
+    settings: RunSettings,
+    results: Results,
+    progress: Callable[[int, float | None], None] = lambda steps, episode_return: None,
+) -> Record:
+    """Trains and evaluates one agent, and keeps what came out.
+
+    A finished run is returned as it is; any other starts over.
+
+    Args:
+        settings: of the run.
+        results: where it goes, and where its encoder is.
+        progress: called after each training episode with the control steps so far and its return.
+
+    Raises:
+        WorkError: if another process does this run, or its results can't be written.
+    """
+    record = Record(results, "run", settings.id)
+    with record.lock():
+        found = results.find("run", settings.id)
+        if found is not None and found.status == "finished":
+            return found
+        record = results.create("run", settings.id, settings.model_dump(mode="json"))
+        try:
+            _train(settings, record, load_encoder_of(settings, results), progress)
+        except Exception as error:
+            with contextlib.suppress(WorkError):
+                record.fail(f"{type(error).__name__}: {error}")
+            raise
+    return record
+
+
+def _train(
+    settings: RunSettings,
+    record: Record,
+    encoder: Encoder | None,
+    progress: Callable[[int, float | None], None],
+) -> None:
+    """Trains the agent of a run from its first step to its last evaluation."""
+    log = RunLog(record)
+    agent_seed, evaluation_seed = np.random.SeedSequence(settings.seed).generate_state(2)
+    env = DummyVecEnv([lambda: make_env(settings, encoder)] * settings.environments)
+    agent = sb3.build(settings.algo, settings.algorithm, env, int(agent_seed))
+    evaluator = Evaluator(settings, encoder, int(evaluation_seed))
+    agent.learn(settings.steps, _Recorder(log, evaluator, progress), log_interval=None)  # type: ignore[arg-type]
+    if evaluator.last_steps < agent.num_timesteps:
+        log.evaluation(agent.num_timesteps, evaluator(sb3.policy(agent).act))
+    log.commit()
+    summary = {"wall_time": log.wall_time(), "steps_done": agent.num_timesteps}
+    record.finish(summary, sb3.policy(agent).to_files())
+
+
+def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
+    """Returns the encoder of a run, or None for the full observation."""
+    return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
+
+
+def make_env(settings: RunSettings, encoder: Encoder | None) -> gymnasium.Env[Any, Any]:
+    """Returns one environment as the agent of a run sees it."""
+    env: gymnasium.Env[Any, Any] = gymnasium.make(
+        environment_id(settings.task), disable_env_checker=True
+    )
+    env = gymnasium.wrappers.RecordEpisodeStatistics(env, buffer_length=1)
+    if settings.time_limit == "terminal":
+        env = TerminalTimeLimit(env)
+    return env if encoder is None else EncodedObservation(env, encoder)
+
+
+class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Calls an episode's last step terminal, so that no value is bootstrapped from it.
+
+    So did stable-baselines 2, and with it the paper's agents.
+    """
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Steps the environment; a truncation becomes a termination."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, terminated or truncated, False, info
+
+
+class RunLog:
+    """The rows of a run, committed to its record now and then."""
+
+    def __init__(self, record: Record) -> None:
+        """Starts the run's clock."""
+        self._record = record
+        self._rows: dict[str, list[dict[str, Any]]] = {"episodes": [], "evaluations": []}
+        self._began = self._committed = time.perf_counter()
+        self._episodes = self._evaluations = 0
+
+    def wall_time(self) -> float:
+        """Returns the seconds since the run began."""
+        return time.perf_counter() - self._began
+
+    def episode(
+        self, control_steps: int, episode_return: float, length: int, losses: dict[str, float]
+    ) -> None:
+        """Adds a training episode that has just ended."""
+        row = {"episode": self._episodes, **losses}
+        self._add("episodes", control_steps, episode_return, length, row)
+        self._episodes += 1
+        if time.perf_counter() - self._committed > _COMMIT_EVERY:
+            self.commit()
+
+    def evaluation(self, control_steps: int, returns_and_lengths: list[tuple[float, int]]) -> None:
+        """Adds the episodes of one evaluation."""
+        for episode, (episode_return, length) in enumerate(returns_and_lengths):
+            row = {"evaluation": self._evaluations, "episode": episode}
+            self._add("evaluations", control_steps, episode_return, length, row)
+        self._evaluations += 1
+
+    def commit(self) -> None:
+        """Commits all rows added so far, all or none."""
+        self._record.append(
+            {
+                name: pa.Table.from_pylist(rows, getattr(schema, name.upper()))
+                for name, rows in self._rows.items()
+            }
+        )
+        self._rows = {name: [] for name in self._rows}
+        self._committed = time.perf_counter()
+
+    def _add(
+        self,
+        table: str,
+        control_steps: int,
+        episode_return: float,
+        length: int,
+        row: dict[str, Any],
+    ) -> None:
+        self._rows[table].append(
+            {
+                "run": self._record.id,
+                "control_steps": control_steps,
+                "episode_return": episode_return,
+                "length": length,
+                "wall_time": self.wall_time(),
+                **row,
+            }
+        )
+
+
+class Evaluator:
+    """Episodes of a deterministic policy in a seeded environment of its own."""
+
+    def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
+        """Makes the environment; every evaluation goes through episodes of its own."""
+        self._episodes, self._every = settings.evaluate_episodes, settings.evaluate_every
+        self._env = make_env(settings, encoder)
+        self._env.reset(seed=seed)
+        self.last_steps = 0
+
+    def due(self, control_steps: int) -> bool:
+        """Returns whether `evaluate_every` control steps have passed; then they count anew."""
+        if control_steps // self._every == self.last_steps // self._every:
+            return False
+        self.last_steps = control_steps
+        return True
+
+    def __call__(self, act: Callable[[Any], Any]) -> list[tuple[float, int]]:
+        """Returns return and length of each episode."""
+        outcome = []
+        for _ in range(self._episodes):
+            observation, _ = self._env.reset()
+            ended, total, length = False, 0.0, 0
+            while not ended:
+                observation, reward, terminated, truncated, _ = self._env.step(act(observation))
+                total, length, ended = total + float(reward), length + 1, terminated or truncated
+            outcome.append((total, length))
+        return outcome
+
+
+class _Recorder(BaseCallback):
+    """Writes down each episode as it ends, and evaluates when it is time."""
+
+    def __init__(
+        self,
+        log: RunLog,
+        evaluator: Evaluator,
+        progress: Callable[[int, float | None], None],
+    ) -> None:
+        super().__init__()
+        self._log, self._evaluator, self._progress = log, evaluator, progress
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if "episode" in info:
+                statistics = info["episode"]
+                episode_return, length = float(statistics["r"]), int(statistics["l"])
+                if not np.isfinite(episode_return):
+                    raise WorkError(f"An episode's return is {episode_return}.")
+                self._log.episode(
+                    self.num_timesteps, episode_return, length, sb3.losses(self.model)
+                )
+                self._progress(self.num_timesteps, episode_return)
+        if self._evaluator.due(self.num_timesteps):
+            self._log.evaluation(self.num_timesteps, self._evaluator(sb3.policy(self.model).act))
+        return True

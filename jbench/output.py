@@ -1,0 +1,145 @@
+"""What the verbs print: text and tables, progress, and one JSON document on request."""
+
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+_PLAIN_EVERY = 10.0  # s between plain lines of progress, where there is no terminal
+
+
+class Output:
+    """Standard output for people, or for a program with everything else on standard error."""
+
+    def __init__(self, as_json: bool = False) -> None:
+        """Chooses who reads standard output."""
+        self.as_json = as_json
+
+    def say(self, text: str) -> None:
+        """Prints a line for people."""
+        print(text, file=sys.stderr if self.as_json else sys.stdout, flush=True)
+
+    def warn(self, text: str) -> None:
+        """Prints a line about something wrong that does not end the work."""
+        print(f"Warning: {text}", file=sys.stderr, flush=True)
+
+    def table(self, title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+        """Prints a table for people; numbers are aligned to the right."""
+        from rich.console import Console
+        from rich.table import Table
+        from rich.text import Text
+
+        stream = sys.stderr if self.as_json else sys.stdout
+        table = Table(header_style="bold")
+        numeric = [all(_is_number(row[i]) for row in rows) for i in range(len(header))]
+        for name, right in zip(header, numeric, strict=True):
+            table.add_column(Text(name), justify="right" if right else "left", overflow="fold")
+        for row in rows:
+            table.add_row(*(Text(str(cell)) for cell in row))
+        # Where the output is not a terminal there is no width to keep to.
+        width = None if stream.isatty() else 200
+        console = Console(file=stream, width=width)
+        console.print(Text(title, style="bold"))
+        console.print(table)
+
+    def document(self, content: dict[str, Any]) -> None:
+        """Prints the JSON document, if one was asked for."""
+        if self.as_json:
+            print(json.dumps(content, indent=1, allow_nan=False))
+
+    @contextmanager
+    def progress(self, what: str, total: int, unit: str) -> Iterator["Progress"]:
+        """Gives something that shows progress on standard error while the block lasts."""
+        if sys.stderr.isatty():
+            with _bar(what, total, unit) as progress:
+                yield progress
+        else:
+            yield _Lines(what, total, unit)
+
+
+class Progress:
+    """Shows how far a piece of work is."""
+
+    def update(self, done: int, note: str = "") -> None:
+        """Shows that so much of the total is done, and a word beside it."""
+        raise NotImplementedError
+
+
+class _Lines(Progress):
+    """A plain line now and then."""
+
+    def __init__(self, what: str, total: int, unit: str) -> None:
+        self._what, self._total, self._unit = what, total, unit
+        self._first: tuple[float, int] | None = None
+        self._printed, self._ended = time.monotonic(), False
+
+    def update(self, done: int, note: str = "") -> None:
+        now = time.monotonic()
+        if self._first is None:
+            self._first = (now, done)
+        ended = done >= self._total and not self._ended
+        if now - self._printed < _PLAIN_EVERY and not ended:
+            return
+        self._printed, self._ended = now, done >= self._total
+        began, already = self._first
+        rate = (done - already) / (now - began) if now > began else 0.0
+        parts = [f"{done:,} of {self._total:,} {self._unit} ({done / self._total:.0%})"]
+        if rate > 0 and done < self._total:
+            parts += [f"{rate:,.3g}/s", f"{duration((self._total - done) / rate)} left"]
+        print(f"{self._what}: {', '.join([*parts, *filter(None, [note])])}", file=sys.stderr)
+
+
+@contextmanager
+def _bar(what: str, total: int, unit: str) -> Iterator[Progress]:
+    """A bar on a terminal."""
+    from rich import progress as rich
+
+    columns = (
+        rich.TextColumn("{task.description}", markup=False),
+        rich.BarColumn(),
+        rich.MofNCompleteColumn(),
+        rich.TextColumn(unit),
+        rich.TimeElapsedColumn(),
+        rich.TextColumn("left"),
+        rich.TimeRemainingColumn(elapsed_when_finished=False),
+        rich.TextColumn("{task.fields[note]}", markup=False),
+    )
+    from rich.console import Console
+
+    with rich.Progress(*columns, console=Console(stderr=True), speed_estimate_period=120) as bars:
+        task = bars.add_task(what, total=total, note="")
+
+        class _Bar(Progress):
+            def update(self, done: int, note: str = "") -> None:
+                bars.update(task, completed=done, note=note)
+
+        yield _Bar()
+
+
+def duration(seconds: float) -> str:
+    """Returns a length of time in the two units that say enough: `3 d 4 h`, `12 min 5 s`."""
+    for size, unit, part, smaller in (
+        (86400, "d", 3600, "h"),
+        (3600, "h", 60, "min"),
+        (60, "min", 1, "s"),
+    ):
+        if seconds >= size:
+            return f"{seconds // size:.0f} {unit} {seconds % size // part:.0f} {smaller}"
+    return f"{seconds:.0f} s"
+
+
+def short(cell: object) -> str:
+    """Returns a cell of a table as text: what is missing as nothing, numbers in six digits."""
+    if cell is None:
+        return ""
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+
+
+def _is_number(cell: object) -> bool:
+    try:
+        float(str(cell).replace(",", "") or "0")
+    except ValueError:
+        return False
+    return True

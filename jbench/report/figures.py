@@ -1,0 +1,200 @@
+"""The report's figures: a grid of tasks as in Figure 9, comparisons as in Figures 7 and 8."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jbench.names import ALGORITHMS, FULL, TASKS, Order
+from jbench.report import drawing, panels
+from jbench.report.cells import in_order
+from jbench.report.drawing import LearnedCurve, percentiles
+from jbench.report.published import PPO_ENVIRONMENTS, PublishedCurve
+
+# Okabe and Ito's palette, which colour-blind readers can tell apart too.
+ALGORITHM_COLORS = {"ddpg": "#0072B2", "ppo": "#E69F00", "sac": "#009E73", "td3": "#CC79A7"}
+_FURTHER_COLORS = ("#56B4E9", "#000000", "#F0E442", "#D55E00")
+
+# Orange and green as in Figures 7 and 8.
+FULL_COLOR = "#E69F00"
+ENCODED_COLORS = ("#009E73", "#0072B2", "#CC79A7", "#56B4E9", "#000000")
+
+_PPO_NOTE = (
+    f"Published PPO curves: their steps are probably per environment, of which there were "
+    f"{PPO_ENVIRONMENTS}; ours count the steps of all environments."
+)
+_CUT_NOTE = "Published curves are shown up to the last step of ours."
+
+
+def grid_figure(
+    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], order: Order, window: int
+) -> Figure:
+    """Draws a panel for each task and a curve for each algorithm, as the paper's Figure 9.
+
+    Encoded observations are in the comparisons; here they stand in where an algorithm has no runs
+    with the full observation.
+
+    Args:
+        learned: our curves, in the order of the paper.
+        published: the paper's curves.
+        order: of quantiles and smoothing in ours.
+        window: episodes that were to be averaged.
+    """
+    present = in_order({cell.task for cell, _ in learned}, TASKS)
+    tasks = present if len(present) == 1 else in_order({*present, *TASKS}, TASKS)
+    colors = algorithm_colors([cell.algo for cell, _ in learned])
+    figure, axes, key = panels.new_figure(len(tasks))
+    for panel, task in zip(axes, tasks, strict=True):
+        _draw_task(panel, task, _shown_in_grid(learned, task), published, colors)
+    drawing.draw_key(key, [(10, 90)], ["Figure 9"])
+    footer = [
+        f"{_order_text(order, window)} {_band_text([(10, 90)])}",
+        f"Published: Figure 9, full observation, 10 seeds, quantile-first, 100 episodes. "
+        f"{_CUT_NOTE}",
+    ]
+    if any(cell.algo == "ppo" for cell, _ in learned):
+        footer.append(_PPO_NOTE)
+    panels.arrange(figure, axes, key, "Episode return while learning the Jitterbug tasks", footer)
+    return figure
+
+
+def comparison_figures(
+    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], order: Order, window: int
+) -> dict[tuple[str, str], Figure]:
+    """Draws full against encoded observations, as the paper's Figures 7 and 8.
+
+    Args:
+        learned: our curves, in the order of the paper.
+        published: the paper's curves.
+        order: of quantiles and smoothing in ours.
+        window: episodes that were to be averaged.
+
+    Returns:
+        Figures by task and algorithm: of those with several representations, or with one and a
+        figure in the paper to set it beside.
+    """
+    figures = {}
+    for task, algo in dict.fromkeys((cell.task, cell.algo) for cell, _ in learned):
+        ours = [item for item in learned if (item.cell.task, item.cell.algo) == (task, algo)]
+        theirs = [
+            curve
+            for curve in published
+            if (curve.task, curve.algo) == (task, algo) and curve.figure in ("fig7", "fig8")
+        ]
+        if theirs or len({item.cell.representation for item in ours}) > 1:
+            figures[task, algo] = _comparison_figure(ours, theirs, order, window)
+    return figures
+
+
+def algorithm_colors(algorithms: Sequence[str]) -> dict[str, str]:
+    """Returns the paper's algorithms in their fixed colours, and any others in what is left."""
+    others = in_order(set(algorithms) - set(ALGORITHMS), ())
+    further = {name: _FURTHER_COLORS[i % len(_FURTHER_COLORS)] for i, name in enumerate(others)}
+    return ALGORITHM_COLORS | further
+
+
+def display_name(algo: str) -> str:
+    """Returns an algorithm's name as the paper writes it, or as its author does."""
+    return algo.upper() if algo in ALGORITHMS else algo
+
+
+def _shown_in_grid(learned: Sequence[LearnedCurve], task: str) -> list[LearnedCurve]:
+    ours = [item for item in learned if item.cell.task == task]
+    with_full = {item.cell.algo for item in ours if item.cell.representation == FULL}
+    return [
+        item for item in ours if item.cell.representation == FULL or item.cell.algo not in with_full
+    ]
+
+
+def _draw_task(
+    axes: Axes,
+    task: str,
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    colors: dict[str, str],
+) -> None:
+    panels.style_panel(axes, task, _end(learned))
+    drawing.draw_solved(axes)
+    if not learned:
+        axes.set_xticks([])
+        axes.set_xlabel("")
+        axes.text(0.5, 0.5, "no runs yet", transform=axes.transAxes, ha="center", color="0.4")
+        return
+    for algo in dict.fromkeys(item.cell.algo for item in learned):
+        same = [item for item in learned if item.cell.algo == algo]
+        for style, item in enumerate(same):
+            representation = item.cell.representation
+            name = display_name(algo)
+            if representation != FULL:
+                name += f" on {representation}"
+            drawing.draw_learned(axes, item, drawing.Look(colors[algo], style), ((10, 90),), name)
+        for curve in published:
+            if (curve.figure, curve.task, curve.algo) == ("fig9", task, algo):
+                drawing.draw_published(axes, curve, colors[algo], (10, 90), "")
+
+
+def _comparison_figure(
+    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], order: Order, window: int
+) -> Figure:
+    task, algo = learned[0].cell.task, learned[0].cell.algo
+    names = {item.cell.representation for item in learned}
+    names |= {curve.representation for curve in published}
+    encoded = in_order(names - {FULL}, ("dae12",))
+    colors = {FULL: FULL_COLOR} | {
+        name: ENCODED_COLORS[i % len(ENCODED_COLORS)] for i, name in enumerate(encoded)
+    }
+    figure, (axes,), key = panels.new_figure(1)
+    panels.style_panel(axes, f"{task}, {display_name(algo)}", _end(learned))
+    drawing.draw_solved(axes)
+    for representation in dict.fromkeys(item.cell.representation for item in learned):
+        same = [item for item in learned if item.cell.representation == representation]
+        for style, item in enumerate(same):
+            look = drawing.Look(colors[representation], style)
+            drawing.draw_learned(axes, item, look, ((10, 90), (25, 75)), representation)
+    for curve in sorted(published, key=lambda curve: curve.representation != FULL):
+        seeds = "1 seed" if curve.figure == "fig7" else "10 seeds"
+        label = f"published: {curve.representation} ({curve.figure_name}, {seeds})"
+        drawing.draw_published(axes, curve, colors[curve.representation], (25, 75), label)
+    figure_names = sorted({curve.figure_name for curve in published})
+    drawing.draw_key(key, [(25, 75), (10, 90)], figure_names)
+    footer = [
+        f"{_order_text(order, window)} {_band_text([(25, 75), (10, 90)])}",
+        *_published_text(published),
+    ]
+    panels.arrange(figure, [axes], key, "Full against encoded observations", footer)
+    return figure
+
+
+def _order_text(order: Order, window: int) -> str:
+    first = (
+        "quantiles across seeds per episode, then a moving average"
+        if order == "quantile-first"
+        else "a moving average per seed, then quantiles across seeds"
+    )
+    return (
+        f"Order: {order}, {first}. Window: {window} episodes, or a quarter of the longest run "
+        "where that is less."
+    )
+
+
+def _band_text(bands: Sequence[tuple[int, int]]) -> str:
+    names = " and, lighter, ".join(percentiles(band) for band in bands)
+    return (
+        f"Bands: {names} across seeds: spread, not a confidence interval; drawn from "
+        f"{drawing.BAND_SEEDS} seeds up."
+    )
+
+
+def _published_text(published: Sequence[PublishedCurve]) -> list[str]:
+    texts = {
+        "fig7": "Published Figure 7: one seed each, so no spread; how it was smoothed is not said.",
+        "fig8": "Published Figure 8: 10 seeds, smooth-first, 100 episodes; that order gives "
+        "narrower bands than quantile-first.",
+    }
+    return [f"{texts[figure]} {_CUT_NOTE}" for figure in sorted({c.figure for c in published})]
+
+
+def _end(learned: Sequence[LearnedCurve]) -> float:
+    ends = [float(np.nanmax(item.cell.control_steps)) for item in learned]
+    return max(ends, default=1.0)

@@ -1,0 +1,81 @@
+"""The manifest of a record: what it is, and which files belong to it."""
+
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from jbench.errors import WorkError
+
+SCHEMA_VERSION = 1
+"""Of manifests and of the tables that they list; raised when either changes its meaning."""
+
+MANIFEST = "manifest.json"
+
+Kind = Literal["dataset", "encoder", "run"]
+Status = Literal["unfinished", "finished", "failed"]
+
+_FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+
+def _plain_name(name: str) -> str:
+    """A listed file lies in its record's own directory and nowhere else."""
+    if not _FILE_NAME.fullmatch(name) or name == MANIFEST:
+        raise ValueError("a file is named outside its own directory")
+    return name
+
+
+class FileEntry(BaseModel):
+    """One committed file of a record."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Annotated[str, AfterValidator(_plain_name)]
+    table: str | None = Field(default=None, description="table that its rows belong to")
+    rows: int = Field(default=0, ge=0)
+    bytes: int = Field(ge=0)
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class Manifest(BaseModel):
+    """The state of a record at its last commit."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    schema_version: int = SCHEMA_VERSION
+    kind: Kind
+    id: str
+    status: Status = "unfinished"
+    settings: dict[str, Any] = Field(description="what produced it; hashed into its id")
+    summary: dict[str, Any] = Field(default_factory=dict, description="what came out, in short")
+    provenance: dict[str, Any] = Field(default_factory=dict, description="where and by what")
+    created: str = Field(description="UTC, ISO 8601")
+    updated: str = Field(description="UTC, ISO 8601")
+    files: tuple[FileEntry, ...] = ()
+
+    def to_bytes(self) -> bytes:
+        """Returns the manifest as indented JSON."""
+        return (self.model_dump_json(indent=1) + "\n").encode()
+
+    @classmethod
+    def from_bytes(cls, content: bytes, where: str) -> "Manifest":
+        """Reads a manifest.
+
+        Args:
+            content: of the manifest's file.
+            where: names the file in an error.
+
+        Raises:
+            WorkError: if it is damaged or of a newer version of jbench.
+        """
+        try:
+            manifest = cls.model_validate_json(content)
+        except ValidationError as error:
+            reason = error.errors()[0]["msg"]
+            raise WorkError(f"{where} is not a manifest that can be read ({reason}).") from None
+        if manifest.schema_version > SCHEMA_VERSION:
+            raise WorkError(
+                f"{where} is of schema version {manifest.schema_version}, and this jbench reads "
+                f"up to {SCHEMA_VERSION}; install a newer jbench."
+            )
+        return manifest

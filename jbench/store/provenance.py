@@ -1,0 +1,71 @@
+"""Where and by what a record was made: kept beside its settings, never in its id."""
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+_PACKAGES = (
+    "dm-control",
+    "gymnasium",
+    "mujoco",
+    "numpy",
+    "pyarrow",
+    "stable-baselines3",
+    "torch",
+)
+
+
+def provenance() -> dict[str, Any]:
+    """Returns versions, processor, threads, git revision and the command, as JSON values."""
+    return {
+        "jbench": importlib.metadata.version("jbench"),
+        "python": platform.python_version(),
+        "packages": {name: importlib.metadata.version(name) for name in _PACKAGES},
+        "system": platform.platform(),
+        "processor": processor(),
+        "cores": cores(),
+        "threads": os.environ.get("OMP_NUM_THREADS"),
+        "git_revision": git_revision(),
+        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+    }
+
+
+def cores() -> int:
+    """Returns how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def processor() -> str:
+    """Returns the name of the processor, as the system gives it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+@cache
+def git_revision() -> str | None:
+    """Returns the revision of the checkout that jbench runs from, or None where it is installed."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return None
+    try:
+        answer = subprocess.run(
+            ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answer.stdout.strip()

@@ -1,0 +1,33 @@
+"""Settings that are what they say, and sentences for the one who asked for others."""
+
+from typing import TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from jbench.errors import RequestError
+
+SETTINGS = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+"""Of every settings class: what is hashed into an id must not change, nor be something else."""
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def validated(kind: type[_Model], whose: str, **values: object) -> _Model:
+    """Returns a settings object.
+
+    Args:
+        kind: of settings.
+        whose: what the settings belong to, for the error.
+        values: of the settings by name.
+
+    Raises:
+        RequestError: if a value can't be; one sentence that names it.
+    """
+    try:
+        return kind(**values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        message = first["msg"].removeprefix("Value error, ")
+        name = ".".join(str(part) for part in first["loc"])
+        subject = f"{name} of {whose} can't be {first['input']!r}: " if name else ""
+        raise RequestError(f"{subject}{message}.") from None

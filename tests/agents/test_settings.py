@@ -1,0 +1,139 @@
+"""The published settings, field by field, against the reference: Table 1 and the old defaults."""
+
+import inspect
+
+import pytest
+
+from jbench.agents.sb3 import CLASSES
+from jbench.agents.settings import SETTINGS, algorithm_settings, parse_overrides
+from jbench.errors import RequestError
+from jbench.names import ALGORITHMS
+
+SHARED = {"learning_rate": 1e-4, "gamma": 0.99, "hidden_layers": (350, 250)}
+OFF_POLICY = {**SHARED, "batch_size": 256, "buffer_size": 1_000_000, "noise_dt": 0.01}
+NORMAL_NOISE = {"action_noise": "normal", "noise_mean": 0.0, "noise_sigma": 0.2}
+PUBLISHED = {
+    "ddpg": {
+        **OFF_POLICY,
+        "action_noise": "ornstein-uhlenbeck",
+        "noise_mean": 0.3,
+        "noise_sigma": 0.3,
+        "noise_theta": 0.15,
+        "train_freq": 100,
+        "gradient_steps": 50,
+        "tau": 0.001,
+        "learning_starts": 256,  # a batch can be drawn
+        "uniform_warmup": False,
+    },
+    "td3": {
+        **OFF_POLICY,
+        **NORMAL_NOISE,
+        "noise_theta": 0.15,
+        "learning_starts": 10_000,
+        "gradient_steps": 1000,
+        "train_freq": 1000,
+        "tau": 0.005,
+        "policy_delay": 2,
+        "target_policy_noise": 0.2,
+        "target_noise_clip": 0.5,
+        "uniform_warmup": True,
+    },
+    "sac": {
+        **OFF_POLICY,
+        **NORMAL_NOISE,
+        "noise_theta": 0.15,
+        "ent_coef": "auto",
+        "target_entropy": -1.0,
+        "target_update_interval": 1,
+        "learning_starts": 100,
+        "train_freq": 1,
+        "gradient_steps": 1,
+        "tau": 0.005,
+        "uniform_warmup": True,
+    },
+    "ppo": {
+        **SHARED,
+        "n_envs": 8,
+        "n_steps": 256,
+        "batch_size": 8 * 256 // 4,  # 4 minibatches
+        "n_epochs": 4,
+        "ent_coef": 0.01,
+        "gae_lambda": 0.95,
+        "vf_coef": 0.5,
+        "max_grad_norm": 0.5,
+        "clip_range": 0.2,
+        "clip_range_vf": 0.2,  # stable-baselines 2 clips it like the policy
+        "normalize_advantage": True,
+    },
+}
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_the_defaults_are_the_published_settings_and_nothing_else(algo):
+    assert algorithm_settings(algo).model_dump() == PUBLISHED[algo]
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_every_setting_says_what_it_is_or_where_it_comes_from(algo):
+    fields = SETTINGS[algo].model_fields
+    silent = [name for name, field in fields.items() if not field.description]
+    # The noise of DDPG changes values whose meaning the shared class states.
+    assert set(silent) <= {"action_noise", "noise_mean", "noise_sigma"}
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_sb3_settings_keep_the_paper_and_take_the_library_for_the_rest(algo):
+    kind, settings = SETTINGS[algo], algorithm_settings(algo, "sb3").model_dump()
+    parameters = inspect.signature(CLASSES[algo]).parameters
+    published = {**PUBLISHED[algo], "batch_size": 256}  # Table 1
+    for name, value in settings.items():
+        if name in kind.from_paper:
+            assert value == published[name], name
+        elif name in parameters:
+            default = parameters[name].default
+            assert value == default, name
+
+
+def test_sb3_settings_differ_where_the_two_libraries_do():
+    assert algorithm_settings("ddpg", "sb3").tau == 0.005
+    assert algorithm_settings("ddpg", "sb3").train_freq == 1
+    assert algorithm_settings("ppo", "sb3").n_epochs == 10
+    assert algorithm_settings("ppo", "sb3").clip_range_vf is None
+    assert algorithm_settings("td3", "sb3").learning_starts == 10_000  # Table 1 fixes it
+
+
+def test_overrides_replace_single_settings():
+    overrides = parse_overrides(["tau=0.01", "hidden_layers=[64,32]", "action_noise=none"])
+    settings = algorithm_settings("td3", overrides=overrides)
+    changed = {"tau": 0.01, "hidden_layers": (64, 32), "action_noise": "none"}
+    assert settings.model_dump() == {**PUBLISHED["td3"], **changed}
+
+
+@pytest.mark.parametrize(
+    ("assignment", "says"),
+    [
+        ("policy_delay=2", "ddpg has no setting policy_delay; it has .*tau"),
+        ("tau=fast", "tau of ddpg can't be 'fast'"),
+        ("tau=0", "tau of ddpg can't be 0"),
+        ("batch_size=2.5", "batch_size of ddpg can't be 2.5"),
+        ("action_noise=pink", "action_noise of ddpg can't be 'pink'"),
+        ("hidden_layers=64", "hidden_layers of ddpg can't be 64"),
+        ("learning_rate=-1", "learning_rate of ddpg can't be -1"),
+        ("learning_rate=NaN", "learning_rate of ddpg can't be nan"),
+        ("buffer_size=true", "buffer_size of ddpg can't be True"),
+    ],
+)
+def test_a_wrong_override_is_refused_by_name(assignment, says):
+    with pytest.raises(RequestError, match=says):
+        algorithm_settings("ddpg", overrides=parse_overrides([assignment]))
+
+
+@pytest.mark.parametrize("assignment", ["tau", "=0.1", "tau 0.1"])
+def test_an_override_of_another_form_is_refused(assignment):
+    with pytest.raises(RequestError, match="NAME=VALUE"):
+        parse_overrides([assignment])
+
+
+def test_the_same_override_twice_is_refused():
+    with pytest.raises(RequestError, match="each setting once"):
+        parse_overrides(["tau=0.1", "tau=0.2"])

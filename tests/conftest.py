@@ -1,0 +1,24 @@
+"""What all tests share: the choice of a renderer and the settings of hypothesis."""
+
+import ctypes.util
+import os
+
+import pytest
+from hypothesis import settings
+
+_NO_RENDERER = ("disable", "disabled", "off", "false", "0")
+
+# dm_control and MuJoCo read this once, when they are first imported.
+if not os.environ.get("MUJOCO_GL"):
+    os.environ["MUJOCO_GL"] = "osmesa" if ctypes.util.find_library("OSMesa") else "disable"
+
+# No deadline: a busy machine fails no test. The same examples for everyone, in every run.
+settings.register_profile("jbench", deadline=None, derandomize=True)
+settings.load_profile("jbench")
+
+
+@pytest.fixture
+def rendering():
+    """Skips the test on a machine that cannot draw pictures off the screen."""
+    if os.environ["MUJOCO_GL"].lower() in _NO_RENDERER:
+        pytest.skip("no off-screen renderer: install libosmesa6")

@@ -1,0 +1,34 @@
+"""Six episodes of random actions, collected once, in files of two."""
+
+import importlib
+
+import pytest
+
+from jbench.datasets import Dataset, DatasetSettings, collect
+from jbench.store import Results
+
+# By its name, for the package has a function of the same name.
+collecting = importlib.import_module("jbench.datasets.collect")
+
+
+@pytest.fixture(scope="session")
+def collect_in_files_of():
+    """Collects with so many episodes in a file."""
+
+    def collect_in_files(episodes, path, steps, **options):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(collecting, "_PART_EPISODES", episodes)
+            settings = DatasetSettings(seed=3, steps=steps)
+            return collect(settings, Results(path), **{"threads": 2, **options})
+
+    return collect_in_files
+
+
+@pytest.fixture(scope="session")
+def six_episodes(tmp_path_factory, collect_in_files_of):
+    return collect_in_files_of(2, tmp_path_factory.mktemp("six") / "results", 6000)
+
+
+@pytest.fixture
+def dataset(six_episodes):
+    return Dataset(six_episodes)

@@ -1,0 +1,137 @@
+"""What a dataset holds: random actions, the states that follow from them, every task's target."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from scipy import stats
+
+from jbench.datasets import layout
+from jbench.names import TASKS
+from jbench.tasks import model as robot
+from jbench.tasks.features import Target
+from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.resets import draw_quaternion
+
+SIZES = dict(zip(TASKS, (15, 16, 19, 18, 19), strict=True))
+EVERY_TASK = pytest.mark.parametrize("task", TASKS)
+
+
+@pytest.fixture(scope="module")
+def steps(six_episodes):
+    """All states and actions, (episodes, steps + 1) by column."""
+    rows = six_episodes.read("steps", layout.STEPS)
+    columns = {name: rows[name].to_numpy(zero_copy_only=False) for name in rows.column_names}
+    return {name: column.reshape(6, 1001) for name, column in columns.items()}
+
+
+@pytest.fixture(scope="module")
+def targets(six_episodes):
+    """Position and yaw of every task's targets, (episodes, 3)."""
+    rows = six_episodes.read("dataset_episodes", layout.EPISODES)
+    assert rows["episode"].to_pylist() == list(range(6))
+    parts = ("x", "y", "yaw")
+    return {t: np.stack([rows[f"{t}_target_{p}"].to_numpy() for p in parts], 1) for t in TASKS}
+
+
+def placed(model, episode):
+    """The robot at the beginning of an episode: drawn again, for the dataset has only float32."""
+    random = np.random.default_rng(np.random.SeedSequence(3, spawn_key=(episode,)))
+    data = mujoco.MjData(model)
+    robot.place(data, draw_quaternion(random))
+    return data
+
+
+def test_rows_are_whole_episodes_in_order(steps):
+    np.testing.assert_array_equal(steps["episode"], np.repeat(np.arange(6), 1001).reshape(6, 1001))
+    np.testing.assert_array_equal(steps["step"], [np.arange(1001)] * 6)
+
+
+def test_last_state_of_an_episode_has_no_action_and_every_other_has_one(six_episodes):
+    rows = six_episodes.read("steps", layout.STEPS)
+    missing = rows["action"].is_null().to_numpy(zero_copy_only=False)
+    np.testing.assert_array_equal(missing, rows["step"].to_numpy() == 1000)
+    others = [name for name in rows.column_names if name != "action"]
+    assert all(rows[name].null_count == 0 for name in others)
+
+
+def test_actions_are_uniform_and_independent(steps):
+    actions = steps["action"][:, :-1].astype(float)
+    assert -1 <= actions.min() < -0.99
+    assert 0.99 < actions.max() <= 1
+    assert stats.kstest(actions.ravel(), stats.uniform(-1, 2).cdf).pvalue > 0.01
+    # The correlation of 6000 independent pairs has a standard deviation of 0.013.
+    assert abs(np.corrcoef(actions[:, 1:].ravel(), actions[:, :-1].ravel())[0, 1]) < 0.04
+    assert np.abs(np.corrcoef(actions) - np.eye(6)).max() < 0.13  # 4 deviations of 1000 pairs
+
+
+def test_recorded_actions_lead_to_the_recorded_states(steps):
+    model = robot.load()
+    data, seen = placed(model, 5), []
+    for action in [*steps["action"][5, :-1], None]:
+        seen.append([*data.qpos[:7], *data.qvel[:6], data.qpos[15], data.qvel[14]])
+        if action is not None:
+            data.ctrl[0] = action
+            mujoco.mj_step(model, data, nstep=50)
+    columns = [name for name in layout.STEPS.names[2:-1] if not name.startswith("torso_")]
+    wanted = np.array(seen)
+    wanted[:, -2] = np.angle(np.exp(1j * (wanted[:, -2] + math.pi / 2)))  # 0 is forward
+    for index, name in enumerate(columns):
+        found = steps[name][5]
+        np.testing.assert_allclose(found, wanted[:, index], rtol=2e-7, atol=1e-9, err_msg=name)
+
+
+@EVERY_TASK
+def test_every_task_reads_what_its_environment_shows(task, dataset, steps, targets):
+    wanted = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
+    episode = np.argmax(np.ptp(wanted[2], axis=1))  # with most to compare in its rewards
+    env = JitterbugEnv(task)
+    env._data = placed(env._model, episode)
+    x, y, yaw = targets[task][episode]
+    env._target = Target(np.array([x, y, 0.035]), yaw)
+    observations, rewards = [env._observation(env._state())], []
+    for action in steps["action"][episode, :-1]:
+        observation, reward, *_ = env.step(np.array([action]))
+        observations.append(observation)
+        rewards.append(reward)
+    found = observations, steps["action"][episode, :-1], rewards
+    for ours, theirs in zip(wanted, found, strict=True):
+        np.testing.assert_allclose(ours[episode], theirs, rtol=0, atol=1e-5)
+    assert np.ptp(rewards) > 1e-3
+
+
+@EVERY_TASK
+def test_observations_are_those_before_each_action(task, dataset):
+    observations = dataset.observations(task)
+    assert (observations.shape, observations.dtype) == ((6, 1000, SIZES[task]), np.float32)
+    blocks = np.concatenate([block.observations for block in dataset.blocks(task)])
+    assert blocks.shape == (6, 1001, SIZES[task])
+    np.testing.assert_array_equal(observations, blocks[:, :-1])
+
+
+@EVERY_TASK
+def test_targets_lie_where_the_task_draws_them(task, targets):
+    x, y, yaw = targets[task].T
+    radius = np.hypot(x, y)
+    if task in ("move_to_position", "move_to_pose"):
+        assert np.all((radius >= 0.05 - 1e-12) & (radius <= 0.2))
+        assert len(np.unique(np.arctan2(y, x))) == len(np.unique(radius)) == 6
+    else:
+        assert not radius.any()
+    if task in ("face_direction", "move_in_direction", "move_to_pose"):
+        assert np.all((yaw >= 0) & (yaw < 2 * math.pi))
+        assert len(np.unique(yaw)) == 6
+    else:
+        assert not yaw.any()
+
+
+def test_episodes_begin_differently(steps):
+    heights = [steps[name][:, 0] for name in ("position_x", "position_y", "position_z")]
+    np.testing.assert_array_equal(heights, np.float32([[0] * 6, [0] * 6, [0.035] * 6]))
+    assert len(np.unique(steps["quaternion_w"][:, 0])) == 6
+
+
+def test_size_on_the_disk_is_below_twice_what_the_numbers_need(six_episodes):
+    numbers = 6 * 1001 * 19 * 4  # 18 of the state and the action, float32
+    assert sum(entry.bytes for entry in six_episodes.manifest.files) < 2 * numbers

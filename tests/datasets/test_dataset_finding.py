@@ -1,0 +1,127 @@
+"""The dataset that is meant is found, or the sentence says what to type."""
+
+import json
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from jbench.datasets import Dataset, find_dataset, layout
+from jbench.errors import RequestError, WorkError
+from jbench.store import Results
+from jbench.tasks.features import State
+
+
+def add(results, id, updated="2020", finished=True):
+    """An empty dataset that was last written then."""
+    record = results.create("dataset", id, {})
+    if finished:
+        record.finish({}, compact=False)
+    path = record.path / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "updated": updated}))
+
+
+@pytest.fixture
+def results(tmp_path):
+    return Results(tmp_path)
+
+
+@pytest.fixture
+def copied(tmp_path, six_episodes):
+    """The six episodes, to be damaged."""
+    shutil.copytree(six_episodes.path.parents[2], tmp_path, dirs_exist_ok=True)
+    return find_dataset(Results(tmp_path))
+
+
+def refusal(results, id=None):
+    with pytest.raises(RequestError) as error:
+        find_dataset(results, id)
+    return str(error.value)
+
+
+def test_newest_finished_dataset_is_the_default(results):
+    add(results, "random/a", "2021")
+    add(results, "random/c", "2023")
+    add(results, "random/b", "2022")
+    add(results, "random/d", "2024", finished=False)
+    assert find_dataset(results).id == "random/c"
+    assert find_dataset(results, "random/a").id == "random/a"
+
+
+def test_without_any_the_sentence_says_how_to_collect_one(results):
+    for id in (None, "random/a"):
+        assert "run jbench collect first" in refusal(results, id)
+    assert str(results.path) in refusal(results)
+    assert "--steps 100000 makes a small one" in refusal(results)
+
+
+def test_unfinished_alone_is_as_none(results):
+    add(results, "random/a", finished=False)
+    assert refusal(results).startswith("No finished dataset")
+
+
+def test_unknown_id_is_answered_with_the_known_ones(results):
+    add(results, "random/a")
+    add(results, "random/b")
+    assert refusal(results, "random/c") == (
+        f"No dataset random/c in {results.path}; there are random/a, random/b."
+    )
+
+
+def test_unfinished_dataset_is_to_be_continued(results):
+    add(results, "random/a", finished=False)
+    assert refusal(results, "random/a") == (
+        "The dataset random/a is unfinished; type the jbench collect command that began it "
+        "again and it continues."
+    )
+
+
+def test_damaged_manifest_is_named_where_it_is_the_only_one(results):
+    add(results, "random/a")
+    path = results.path / "datasets" / "random" / "a" / "manifest.json"
+    path.write_text("{")
+    assert f"({path} is not a manifest" in refusal(results)
+
+
+def test_what_is_no_id_is_refused(results):
+    assert "is not an id" in refusal(results, "../a")
+
+
+@pytest.mark.parametrize("table", ["steps", "dataset_episodes"])
+def test_flipped_byte_is_named(copied, table):
+    entry = copied.record.parts(table)[1]
+    path = copied.record.path / entry.name
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    for read in (copied.observations, lambda task: list(copied.blocks(task))):
+        with pytest.raises(WorkError, match=f"{entry.name} of the dataset {copied.id} is damaged"):
+            read("face_direction")
+
+
+def test_damage_is_told_only_when_it_is_reached(copied):
+    (copied.record.path / copied.record.parts("steps")[1].name).unlink()
+    blocks = copied.blocks("move_to_pose")
+    assert next(blocks).rewards.shape == (2, 1000)
+    with pytest.raises(WorkError, match="No such file"):
+        next(blocks)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+def test_dataset_with_what_is_no_number_is_refused(results, number):
+    position = np.zeros((1, 1001, 7))
+    position[0, 500, 2] = number
+    zeros = np.zeros((1, 1001))
+    state = State(position, np.zeros((1, 1001, 6)), zeros, zeros, np.zeros((1, 1001, 3)))
+    record = results.create("dataset", "random/a", {})
+    targets = [{f"{name}": 0.0 for name in layout.EPISODES.names}]
+    record.append(
+        {
+            "steps": layout.steps_table(0, state, np.zeros((1, 1000), np.float32)),
+            "dataset_episodes": pa.Table.from_pylist(targets).cast(layout.EPISODES),
+        }
+    )
+    record.finish({}, compact=False)
+    with pytest.raises(WorkError, match="random/a holds NaN or infinite values; collect it anew"):
+        Dataset(record).observations("move_from_origin")

@@ -1,0 +1,177 @@
+"""Which runs belong together, and what is said about them."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from jbench.report.cells import build_cells, file_name, in_order, usable_runs, variant_labels
+from jbench.store import query
+
+
+def test_a_cell_has_the_seeds_of_one_setting(fabric):
+    fabric.run([1, 2, 3], seed=4)
+    fabric.run([5, 6, 7], seed=2)
+    (cell,), notes = fabric.cells()
+    assert (cell.task, cell.algo, cell.representation) == ("face_direction", "td3", "full")
+    assert cell.seeds.tolist() == [2, 4]
+    assert cell.returns.tolist() == [[5, 6, 7], [1, 2, 3]]
+    assert cell.control_steps.tolist() == [[1000, 2000, 3000]] * 2
+    assert cell.label == ""
+    assert notes == []
+
+
+def test_cells_are_in_the_papers_order_full_first(fabric):
+    for task, algo, representation in (
+        ("move_to_pose", "sac", "full"),
+        ("my_task", "ddpg", "full"),
+        ("face_direction", "td3", "full"),
+        ("face_direction", "mine", "full"),
+        ("face_direction", "ddpg", "dae12"),
+        ("face_direction", "ddpg", "full"),
+    ):
+        fabric.run([1], task=task, algo=algo, representation=representation)
+    assert [(c.task, c.algo, c.representation) for c in fabric.cells()[0]] == [
+        ("face_direction", "ddpg", "full"),
+        ("face_direction", "ddpg", "dae12"),
+        ("face_direction", "td3", "full"),
+        ("face_direction", "mine", "full"),
+        ("move_to_pose", "sac", "full"),
+        ("my_task", "ddpg", "full"),
+    ]
+
+
+def test_of_the_same_seed_the_longest_run_is_used_and_said(fabric):
+    fabric.run([1] * 3, seed=0, steps=3000)
+    fabric.run([2] * 5, seed=0, steps=5000)
+    fabric.run([3] * 5, seed=1, steps=5000)
+    # Asked for more than any, and stopped early: what counts is what there is.
+    fabric.run([4], seed=1, steps=9000, status="unfinished")
+    (cell,), _ = fabric.cells()
+    assert cell.returns.tolist() == [[2] * 5, [3] * 5]
+    notes = [note for note in cell.notes if "longest" in note]
+    assert notes == [
+        "seed 0 has 2 runs: the longest is used, of 5 episodes, not that of 3",
+        "seed 1 has 2 runs: the longest is used, of 5 episodes, not that of 1",
+    ]
+    assert not any("unfinished" in note for note in cell.notes)
+
+
+def test_failed_and_unfinished_runs_give_what_they_have_and_are_noted(fabric):
+    fabric.run([1] * 4, seed=0)
+    fabric.run([2] * 2, seed=1, status="failed", steps=4000)
+    fabric.run([3] * 3, seed=2, status="unfinished", steps=4000)
+    (cell,), _ = fabric.cells()
+    assert cell.lengths.tolist() == [4, 2, 3]
+    np.testing.assert_equal(cell.returns[1], [2, 2, np.nan, np.nan])
+    np.testing.assert_equal(cell.control_steps[2], [1000, 2000, 3000, np.nan])
+    assert cell.notes == (
+        "seed 1 failed after 2 episodes",
+        "seed 2 unfinished after 3 episodes",
+        "seeds of unequal length, 2 to 4 episodes",
+    )
+
+
+@pytest.mark.parametrize(("seeds", "said"), [(1, "only 1 seed"), (2, "only 2 seeds"), (3, None)])
+def test_few_seeds_are_noted(fabric, seeds, said):
+    for seed in range(seeds):
+        fabric.run([1.0], seed=seed)
+    (cell,), _ = fabric.cells()
+    assert [note.split(":")[0] for note in cell.notes] == ([said] if said else [])
+
+
+def test_returns_that_are_no_numbers_are_noted(fabric):
+    for seed, returns in enumerate(([1, np.nan, 2], [np.inf, -np.inf, 3], [4])):
+        fabric.run(returns, seed=seed)
+    (cell,), _ = fabric.cells()
+    np.testing.assert_equal(cell.returns[:2], [[1, np.nan, 2], [np.nan, np.nan, 3]])
+    assert [note for note in cell.notes if "not numbers" in note] == [
+        "seed 0 has 1 returns that are not numbers and are left out",
+        "seed 1 has 2 returns that are not numbers and are left out",
+    ]
+
+
+def test_a_run_without_episodes_is_in_no_cell_but_is_noted(fabric):
+    fabric.run([], status="unfinished", steps=1000)
+    cells, notes = fabric.cells()
+    assert cells == []
+    assert notes == ["The run face_direction/r0001 (unfinished) has no episodes yet."]
+
+
+def test_a_run_that_says_no_task_is_a_problem(fabric):
+    fabric.run([1], task=None)
+    fabric.run([1])
+    runs, problems = usable_runs(query.load(fabric.results).tables["runs"])
+    assert runs["run"].tolist() == ["face_direction/r0002"]
+    assert len(problems) == 1
+    assert "face_direction/r0001" in problems[0]
+
+
+def test_episodes_are_aligned_by_their_index_whatever_the_order_of_rows(fabric):
+    fabric.run([1, 2, 3], seed=0)
+    fabric.run([4, 5], seed=1)
+    tables = query.load(fabric.results).tables
+    shuffled = tables["episodes"].take(pa.array([4, 1, 2, 3, 0]))
+    (cell,), _ = fabric.cells()
+    (again,), _ = build_cells(usable_runs(tables["runs"])[0], shuffled)
+    np.testing.assert_equal(again.returns, cell.returns)
+    np.testing.assert_equal(again.returns, [[1, 2, 3], [4, 5, np.nan]])
+
+
+class TestVariants:
+    def test_each_is_a_cell_of_its_own_and_named_by_what_differs(self, fabric):
+        for rate in (1e-3, 1e-4, 1e-5):
+            fabric.run([1], hyperparameters={"learning_rate": rate, "batch_size": 256})
+        cells, _ = fabric.cells()
+        assert [cell.label for cell in cells] == [
+            "learning_rate=1e-05",
+            "learning_rate=0.0001",
+            "learning_rate=0.001",
+        ]
+        assert len({cell.variant for cell in cells}) == 3
+
+    def test_a_setting_of_other_tasks_and_representations_is_not_named(self, fabric):
+        fabric.run([1], task="face_direction", engine="cpu")
+        fabric.run([1], task="move_to_pose", engine="gpu")
+        fabric.run([1], task="move_to_pose", engine="cpu", representation="dae12")
+        assert [cell.label for cell in fabric.cells()[0]] == ["", "", ""]
+
+    def test_what_is_missing_in_one_is_said(self):
+        labels = variant_labels({"a": '{"noise": {"sigma": 0.1}}', "b": "{}"})
+        assert labels == {"a": "sigma=0.1", "b": "sigma=(not set)"}
+
+    def test_names_that_would_be_the_same_are_written_in_full(self):
+        settings = {
+            "a": {"actor": {"lr": 1}, "critic": {"lr": 1}},
+            "b": {"actor": {"lr": 2}, "critic": {"lr": 3}},
+        }
+        labels = variant_labels({name: json.dumps(value) for name, value in settings.items()})
+        assert labels == {"a": "actor.lr=1, critic.lr=1", "b": "actor.lr=2, critic.lr=3"}
+
+    def test_seed_and_steps_are_no_difference(self):
+        assert variant_labels({"a": '{"seed": 1, "steps": 2}', "b": '{"seed": 3, "x": 1}'}) == {
+            "a": "x=(not set)",
+            "b": "x=1",
+        }
+
+    def test_labels_stay_apart_when_there_is_no_room_for_all_that_differs(self):
+        many = {c: json.dumps(dict.fromkeys("pqrst", c)) for c in "ab"}
+        assert variant_labels(many) == {
+            "a": "p=a, q=a, r=a, s=a, … (a)",
+            "b": "p=b, q=b, r=b, s=b, … (b)",
+        }
+        long = {c: json.dumps({"x": "-" * 50 + c + "-" * 50}) for c in "ab"}
+        assert len(set(variant_labels(long).values())) == 2
+
+
+def test_names_come_in_the_known_order_then_in_the_alphabets():
+    assert in_order(["z", "b", "a", "y", "b"], ("y", "z")) == ["y", "z", "a", "b"]
+
+
+def test_a_file_name_stays_in_its_directory_and_stays_apart():
+    assert file_name("comparison", "face_direction", "ddpg") == "comparison-face_direction-ddpg"
+    names = [("x", "../../a"), ("x", "__/../a"), ("x", "a-b", "c"), ("x", "a", "b-c"), ("x" * 999,)]
+    written = [file_name(*parts) for parts in names]
+    assert len(set(written)) == len(names)
+    assert not any("/" in name or len(name) > 200 for name in written)

@@ -1,0 +1,163 @@
+"""Aggregation across seeds, against numbers worked out by hand."""
+
+import numpy as np
+import pytest
+
+from jbench.report.curves import (
+    QUANTILES,
+    final_returns,
+    fitting_window,
+    learning_curve,
+    moving_average,
+    quantiles_across_seeds,
+)
+
+NAN = np.nan
+
+
+def cell(*runs, environments=1):
+    """Returns runs of any lengths as the arrays of a cell."""
+    lengths = np.array([len(run) for run in runs])
+    returns = np.full((len(runs), lengths.max()), NAN)
+    control_steps = returns.copy()
+    for row, run in enumerate(runs):
+        returns[row, : len(run)] = run
+        index = np.arange(len(run))
+        control_steps[row, : len(run)] = (index // environments + 1) * environments * 1000
+    return returns, control_steps, lengths
+
+
+# Two seeds that take turns and one that is steady: single episodes differ, averages hardly do.
+TURNS = cell([0, 10] * 4, [10, 0] * 4, [4] * 8)
+
+
+def test_quantile_first_keeps_the_spread_of_single_episodes():
+    curve = learning_curve(*TURNS, "quantile-first", 2)
+    # Each episode has the returns 0, 4 and 10: positions 0.2, 0.5, 1, 1.5 and 1.8 among them.
+    expected = np.array([0.8, 2.0, 4.0, 7.0, 8.8])
+    np.testing.assert_allclose(curve.quantiles, np.tile(expected[:, None], 7))
+
+
+def test_smooth_first_loses_it():
+    curve = learning_curve(*TURNS, "smooth-first", 2)
+    # Each window has the means 4, 5 and 5.
+    expected = np.array([4.2, 4.5, 5.0, 5.0, 5.0])
+    np.testing.assert_allclose(curve.quantiles, np.tile(expected[:, None], 7))
+
+
+@pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
+def test_points_stand_at_the_centres_of_full_windows(order):
+    curve = learning_curve(*TURNS, order, 2)
+    assert curve.control_steps.tolist() == [1500, 2500, 3500, 4500, 5500, 6500, 7500]
+    assert curve.seeds.tolist() == [3] * 7
+    assert (curve.order, curve.window) == (order, 2)
+
+
+def test_several_environments_end_their_episodes_together():
+    curve = learning_curve(*cell(range(16), environments=8), "quantile-first", 4)
+    assert curve.control_steps[0] == 8000
+    assert curve.control_steps[4:8].tolist() == [8000, 10000, 12000, 14000]
+    assert curve.control_steps[-1] == 16000
+
+
+def test_one_seed_is_its_own_every_quantile_in_both_orders():
+    run = [1.0, 5.0, 3.0, NAN, 9.0, 2.0, 2.0, 8.0]
+    expected = [3.0, 4.0, 3.0, 9.0, 5.5, 2.0, 5.0]
+    for order in ("quantile-first", "smooth-first"):
+        curve = learning_curve(*cell(run), order, 2)
+        np.testing.assert_allclose(curve.quantiles, [expected] * 5)
+        assert curve.seeds.tolist() == [1] * 7
+
+
+class TestUnequalLengths:
+    RUNS = cell([0] * 8, [10] * 12, [20] * 12)
+
+    def test_quantile_first_takes_the_seeds_that_reached_each_episode(self):
+        curve = learning_curve(*self.RUNS, "quantile-first", 2)
+        # Median 10 of three seeds in 8 episodes, then 15 of two; the window between has both.
+        assert curve.quantile(50).tolist() == [10.0] * 7 + [12.5] + [15.0] * 3
+        assert curve.quantile(10).tolist() == pytest.approx([2.0] * 7 + [6.5] + [11.0] * 3)
+
+    def test_smooth_first_takes_the_seeds_with_a_full_window(self):
+        curve = learning_curve(*self.RUNS, "smooth-first", 2)
+        assert curve.quantile(50).tolist() == [10.0] * 7 + [15.0] * 4
+
+    @pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
+    def test_each_point_says_how_many_seeds_it_has(self, order):
+        curve = learning_curve(*self.RUNS, order, 2)
+        assert curve.seeds.tolist() == [3] * 7 + [2] * 4
+        assert curve.control_steps.tolist() == [1500 + 1000 * i for i in range(11)]
+
+
+def test_nan_is_left_out_of_quantiles_and_a_seed_with_nothing_else_is_not_counted():
+    runs = cell([1] * 8, [3] * 4 + [NAN] * 4)
+    for order in ("quantile-first", "smooth-first"):
+        curve = learning_curve(*runs, order, 2)
+        assert curve.seeds.tolist() == [2] * 4 + [1] * 3
+    quantile_first = learning_curve(*runs, "quantile-first", 2).quantile(50)
+    assert quantile_first.tolist() == [2.0, 2.0, 2.0, 1.5, 1.0, 1.0, 1.0]
+    smooth_first = learning_curve(*runs, "smooth-first", 2).quantile(50)
+    assert smooth_first.tolist() == [2.0, 2.0, 2.0, 2.0, 1.0, 1.0, 1.0]
+
+
+def test_a_window_without_any_return_has_no_quantiles():
+    curve = learning_curve(*cell([1, 1, 1, NAN, NAN, 1, 1, 1]), "quantile-first", 2)
+    assert np.isnan(curve.quantiles[:, 3]).all()
+    assert curve.seeds.tolist() == [1, 1, 1, 0, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("lengths", "window", "expected"),
+    [
+        ([400, 5000], 100, 100),
+        ([3, 5000], 100, 100),
+        ([3, 399], 100, 99),
+        ([40], 100, 10),
+        ([7], 100, 1),
+        ([1], 100, 1),
+        ([5000], 1, 1),
+    ],
+)
+def test_short_runs_get_a_quarter_of_the_longest(lengths, window, expected):
+    assert fitting_window(np.array(lengths), window) == expected
+
+
+@pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
+def test_a_window_longer_than_the_run_shrinks_and_the_curve_says_so(order):
+    curve = learning_curve(*cell(range(10), range(10)), order, 100)
+    assert curve.window == 2
+    assert curve.quantile(50).tolist() == [0.5 + i for i in range(9)]
+
+
+def test_a_run_of_one_episode_is_one_point():
+    curve = learning_curve(*cell([7.0]))
+    assert (curve.window, curve.control_steps.tolist()) == (1, [1000])
+    assert curve.quantiles.tolist() == [[7.0]] * 5
+
+
+def test_moving_average_leaves_no_rounding_behind():
+    values = np.array([[1e6 / 3] * 5 + [0.0] * 5])
+    assert moving_average(values, 3)[0, -3:].tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_quantiles_are_numpys_linear_ones(seed):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(7, 40))
+    values[rng.random(values.shape) < 0.3] = NAN
+    values[0] = 1.0  # so that no column is empty, of which numpy would warn
+    expected = np.nanquantile(values, np.array(QUANTILES) / 100, axis=0)
+    np.testing.assert_allclose(quantiles_across_seeds(values), expected, rtol=1e-13)
+
+
+def test_final_return_is_the_mean_of_the_last_quarter_but_of_no_more_than_100():
+    runs = cell([0] * 900 + [5] * 100, [0] * 9 + [1, 2, 6], [9, 9, 1])
+    returns, control_steps = final_returns(*runs)
+    assert returns.tolist() == [5.0, 3.0, 1.0]
+    assert control_steps.tolist() == [950_500, 11_000, 3_000]
+
+
+def test_final_return_leaves_nan_out_and_is_nan_without_any_return():
+    returns, _ = final_returns(*cell([0] * 6 + [NAN, 4], [0] * 6 + [NAN, NAN]))
+    assert returns[0] == 4.0
+    assert np.isnan(returns[1])

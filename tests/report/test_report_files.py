@@ -1,0 +1,288 @@
+"""A report from a results directory to its files."""
+
+import csv
+import html
+import math
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jbench.errors import RequestError, WorkError
+from jbench.report import write_report
+from jbench.report.curves import QUANTILES
+
+KEY = ["task", "algo", "representation", "variant"]
+FLAT = np.full(400, 500.0)
+
+
+def test_all_files_are_written_and_named(fabric, out):
+    for seed in range(3):
+        fabric.run(FLAT, seed=seed, algo="ddpg")
+        fabric.run(FLAT, seed=seed, algo="ddpg", representation="dae12")
+    report = write_report(fabric.results, out)
+    figures = ["figure9", "comparison-face_direction-ddpg"]
+    assert [path.name for path in report.figures] == [
+        f"{name}.{kind}" for name in figures for kind in ("png", "svg")
+    ]
+    assert sorted(report.files) == sorted(out.iterdir())
+    assert {path.name for path in report.files} - {path.name for path in report.figures} == {
+        "aggregate.parquet",
+        "aggregate.csv",
+        "table.csv",
+        "index.html",
+    }
+    assert (report.problems, report.notes) == ([], [])
+
+
+def test_the_same_results_give_the_same_bytes(fabric, tmp_path):
+    for seed in range(3):
+        fabric.run(FLAT + seed, seed=seed)
+    first = write_report(fabric.results, tmp_path / "a")
+    second = write_report(fabric.results, tmp_path / "b")
+    for one, other in zip(first.files, second.files, strict=True):
+        assert one.read_bytes() == other.read_bytes(), one.name
+
+
+class TestAggregate:
+    def test_a_row_for_each_point_sorted_by_names(self, fabric, out):
+        for task, algo in (("move_to_pose", "ddpg"), ("face_direction", "td3")):
+            for representation in ("full", "dae12"):
+                for seed in range(2):
+                    fabric.run(FLAT, seed=seed, task=task, algo=algo, representation=representation)
+        frame = write_report(fabric.results, out, window=50).aggregate
+        assert list(frame) == [
+            *KEY, "order", "window", "control_steps", "seeds", *[f"q{q}" for q in QUANTILES]
+        ]  # fmt: skip
+        assert len(frame) == 4 * (400 - 50 + 1)
+        assert frame.equals(frame.sort_values([*KEY, "control_steps"], ignore_index=True))
+        assert set(frame["window"]) == {50}
+
+    def test_the_files_hold_the_same_numbers(self, fabric, out):
+        rng = np.random.default_rng(0)
+        for seed in range(3):
+            fabric.run(rng.uniform(0, 1000, 400 - 50 * seed), seed=seed)
+        report = write_report(fabric.results, out, window=10)
+        parquet = pd.read_parquet(out / "aggregate.parquet")
+        pd.testing.assert_frame_equal(parquet, report.aggregate)
+        text = pd.read_csv(out / "aggregate.csv")
+        pd.testing.assert_frame_equal(text, report.aggregate, check_dtype=False, rtol=1e-12)
+        assert set(report.aggregate["seeds"]) == {1, 2, 3}
+
+    def test_the_order_is_the_one_asked_for(self, fabric, out):
+        turns = np.tile([0.0, 10.0], 4)
+        for seed, returns in enumerate((turns, 10 - turns, np.full(8, 4.0))):
+            fabric.run(returns, seed=seed)
+        for order, median in (("quantile-first", 4), ("smooth-first", 5)):
+            frame = write_report(fabric.results, out, order=order, window=2).aggregate
+            assert set(frame["order"]) == {order}
+            assert frame["q50"].tolist() == [median] * 7
+
+    def test_window_larger_than_the_run(self, fabric, out):
+        fabric.run(np.arange(12.0))
+        report = write_report(fabric.results, out, window=1000)
+        assert set(report.aggregate["window"]) == {3}
+        assert any("window of 3 instead of 1000 episodes" in note for note in report.notes)
+
+
+class TestTable:
+    def test_a_row_of_numbers_beside_the_papers(self, fabric, out):
+        for seed, end in enumerate((900.0, 950.0, 1000.0)):
+            fabric.run(np.r_[np.zeros(4900), np.full(100, end)], seed=seed)
+        row = write_report(fabric.results, out).table.iloc[0]
+        assert row[KEY[:3]].tolist() == ["face_direction", "td3", "full"]
+        assert (row["seeds"], row["episodes_min"], row["episodes_max"]) == (3, 5000, 5000)
+        assert row["final_return_median"] == 950
+        assert (row["final_return_q10"], row["final_return_q90"]) == pytest.approx((910, 990))
+        assert row["control_steps"] == 4_950_500
+        assert (round(row["published_median"]), row["published_figure"]) == (963, "fig9")
+        with (out / "table.csv").open() as file:
+            (written,) = csv.DictReader(file)
+        assert float(written["final_return_median"]) == 950
+
+    def test_the_paper_is_left_blank_where_it_does_not_reach(self, fabric, out):
+        fabric.run(np.zeros(20))
+        fabric.run(np.zeros(400), algo="sac", representation="dae12")
+        table = write_report(fabric.results, out).table
+        assert table["published_median"].isna().all()
+        assert table["published_figure"].isna().all()
+        with (out / "table.csv").open() as file:
+            assert {row["published_median"] for row in csv.DictReader(file)} == {""}
+
+    def test_ppo_says_what_the_papers_steps_probably_are(self, fabric, out):
+        fabric.run(FLAT, algo="ppo", environments=8)
+        fabric.run(FLAT, algo="sac")
+        notes = write_report(fabric.results, out).table.set_index("algo")["notes"]
+        assert "probably those of one of 8 environments" in notes["ppo"]
+        assert "environments" not in notes["sac"]
+
+    def test_unequal_failed_and_repeated_runs_are_in_the_notes(self, fabric, out):
+        fabric.run(FLAT, seed=0)
+        fabric.run(FLAT[:200], seed=0)
+        fabric.run(FLAT[:300], seed=1, status="failed")
+        fabric.run(np.r_[FLAT[:399], math.nan], seed=2, status="unfinished")
+        report = write_report(fabric.results, out, window=10)
+        (row,) = report.table.to_dict("records")
+        assert (row["seeds"], row["episodes_min"], row["episodes_max"]) == (3, 300, 400)
+        assert row["final_return_median"] == 500
+        for part in (
+            "seed 0 has 2 runs: the longest is used, of 400 episodes, not that of 200",
+            "seed 1 failed after 300 episodes",
+            "seed 2 unfinished after 400 episodes",
+            "seeds of unequal length, 300 to 400 episodes",
+            "seed 2 has 1 returns that are not numbers",
+        ):
+            assert part in row["notes"]
+            assert any(part in note and "face_direction td3 full" in note for note in report.notes)
+        page = (out / "index.html").read_text()
+        assert "seed 1 failed after 300 episodes" in page
+
+
+class TestDamage:
+    def test_a_damaged_run_is_named_and_the_others_are_reported(self, fabric, out):
+        damaged = fabric.run(FLAT, seed=0)
+        fabric.run(FLAT, seed=1)
+        (file,) = damaged.path.glob("*.parquet")
+        content = bytearray(file.read_bytes())
+        content[len(content) // 2] ^= 255
+        file.write_bytes(content)
+        report = write_report(fabric.results, out)
+        assert len(report.problems) == 1
+        assert file.name in report.problems[0]
+        assert damaged.id in report.problems[0]
+        assert report.table["seeds"].tolist() == [1]
+        assert html.escape(report.problems[0]) in (out / "index.html").read_text()
+
+    def test_nothing_but_damaged_runs(self, fabric, out):
+        damaged = fabric.run(FLAT)
+        (damaged.path / "manifest.json").write_text("{")
+        with pytest.raises(WorkError, match=r"can be reported.*manifest\.json"):
+            write_report(fabric.results, out)
+        assert not out.exists()
+
+
+class TestRequests:
+    def test_an_empty_database(self, fabric, out):
+        command = "`jbench train --task face_direction --steps 100000 --seeds 0-1`"
+        with pytest.raises(RequestError, match=command):
+            write_report(fabric.results, out)
+        assert not out.exists()
+
+    def test_runs_without_an_episode(self, fabric, out):
+        fabric.run([], status="unfinished", steps=1000)
+        with pytest.raises(RequestError, match=r"No run has an episode yet.*r0001"):
+            write_report(fabric.results, out)
+
+    @pytest.mark.parametrize(
+        ("filters", "asked"),
+        [
+            ({"task": "dance"}, "task 'dance'"),
+            ({"algo": "dqn"}, "algo 'dqn'"),
+            ({"task": "face_direction", "algo": "ddpg"}, "task 'face_direction' and algo 'ddpg'"),
+            ({"task": ""}, "task ''"),
+        ],
+    )
+    def test_a_filter_that_nothing_matches_names_what_there_is(self, fabric, out, filters, asked):
+        fabric.run(FLAT, algo="td3")
+        fabric.run(FLAT, algo="sac")
+        fabric.run(FLAT, task="move_to_pose", algo="ddpg")
+        with pytest.raises(RequestError) as error:
+            write_report(fabric.results, out, **filters)
+        assert asked in str(error.value)
+        assert "face_direction with sac, td3; move_to_pose with ddpg" in str(error.value)
+
+    def test_a_filter_leaves_the_rest_out(self, fabric, out):
+        fabric.run(FLAT, algo="td3")
+        fabric.run(FLAT, algo="ddpg")
+        fabric.run(FLAT, task="move_to_pose", algo="ddpg")
+        report = write_report(fabric.results, out, task="face_direction", algo="ddpg")
+        assert report.table[["task", "algo"]].to_numpy().tolist() == [["face_direction", "ddpg"]]
+        assert set(report.aggregate["algo"]) == {"ddpg"}
+
+    @pytest.mark.parametrize(
+        ("wrong", "said"),
+        [
+            ({"window": 0}, "window of 0"),
+            ({"window": -5}, "window of -5"),
+            ({"order": "random"}, "quantile-first or smooth-first"),
+        ],
+    )
+    def test_a_wrong_window_or_order(self, fabric, out, wrong, said):
+        fabric.run(FLAT)
+        with pytest.raises(RequestError, match=said):
+            write_report(fabric.results, out, **wrong)
+
+    def test_a_file_stands_where_the_report_should_go(self, fabric, out):
+        fabric.run(FLAT)
+        out.write_text("mine")
+        with pytest.raises(RequestError, match="is a file"):
+            write_report(fabric.results, out)
+        assert out.read_text() == "mine"
+
+
+class Page(HTMLParser):
+    """Collects the tags, their attributes and the text of a page, and checks that tags close."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.attributes, self.text, self.open = [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+class TestPage:
+    HOSTILE = '<script>alert("1")</script>&amp;<img src=x onerror=alert(1)>'
+
+    def test_hostile_settings_are_text_and_nothing_else(self, fabric, out):
+        for name in (self.HOSTILE, "../../../etc/passwd"):
+            for representation in ("full", self.HOSTILE):
+                for rate in (1, self.HOSTILE):
+                    fabric.run(
+                        FLAT[:4],
+                        task=name,
+                        algo=name,
+                        representation=representation,
+                        hyperparameters={"learning_rate": rate},
+                    )
+        report = write_report(fabric.results, out)
+        page = Page((out / "index.html").read_text())
+        assert page.open == []
+        assert "script" not in page.tags
+        assert page.tags.count("img") == 3
+        assert not [name for name, _ in page.attributes if name.startswith("on")]
+        assert self.HOSTILE in page.text
+        assert sorted(report.files) == sorted(out.rglob("*"))
+
+    def test_it_needs_nothing_but_itself(self, fabric, out):
+        fabric.run(FLAT)
+        write_report(fabric.results, out)
+        text = (out / "index.html").read_text()
+        page = Page(text)
+        sources = [value for name, value in page.attributes if name in ("src", "href")]
+        assert len(sources) == 1
+        assert sources[0].startswith("data:image/png;base64,")
+        assert "http" not in text
+        assert "color-scheme: light dark" in text
+
+    def test_it_shows_the_table_and_explains_the_orders(self, fabric, out):
+        for seed in range(3):
+            fabric.run(np.full(5000, 910.0 + seed), seed=seed)
+        write_report(fabric.results, out)
+        page = Page((out / "index.html").read_text())
+        assert "911 [910, 912]" in page.text
+        assert "963 (Figure 9)" in page.text
+        said = " ".join(page.text)
+        assert "Quantile-first, the order of the paper's Figure 9" in said
+        assert "Smooth-first, the order of Figure 8" in said

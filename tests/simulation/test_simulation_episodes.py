@@ -1,0 +1,86 @@
+"""Many robots at once are the same robots one after another, bit for bit."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import mujoco
+import numpy as np
+import pytest
+
+from jbench.simulation import simulate
+from jbench.tasks import model as robot
+from jbench.tasks.resets import draw_quaternion
+
+EPISODES, STEPS = 5, 25
+
+
+@pytest.fixture(scope="module")
+def model():
+    return robot.load()
+
+
+@pytest.fixture(scope="module")
+def given():
+    """Orientations at the start and actions, some of them beyond the limits."""
+    random = np.random.default_rng(0)
+    quaternions = np.stack([draw_quaternion(random) for _ in range(EPISODES)])
+    return quaternions, random.uniform(-1.2, 1.2, (EPISODES, STEPS)).astype(np.float32)
+
+
+def on_threads(count, model, quaternions, actions):
+    with ThreadPoolExecutor(count) as executor:
+        return simulate(model, quaternions, actions, executor)
+
+
+def plain_loop(model, quaternion, actions):
+    """One robot, one physics step of 0.2 ms at a time."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = [0, 0, 0.035, *quaternion, *[0] * 9]
+    qpos, qvel = [data.qpos.copy()], [data.qvel.copy()]
+    for action in actions:
+        data.ctrl[:] = action
+        for _ in range(50):
+            mujoco.mj_step(model, data)
+        qpos.append(data.qpos.copy())
+        qvel.append(data.qvel.copy())
+    return np.stack(qpos), np.stack(qvel)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_robots_on_threads_are_those_of_a_plain_loop(model, given, threads):
+    found = on_threads(threads, model, *given)
+    for episode, (quaternion, actions) in enumerate(zip(*given, strict=True)):
+        qpos, qvel = plain_loop(model, quaternion, actions)
+        np.testing.assert_array_equal(found.qpos[episode], qpos)
+        np.testing.assert_array_equal(found.qvel[episode], qvel)
+    assert np.ptp(found.qpos[:, -1], axis=0).min() > 0  # each robot went elsewhere
+
+
+def test_first_state_is_the_pose_of_a_reset(model, given):
+    found = on_threads(2, model, *given)
+    assert found.qpos.shape == (EPISODES, STEPS + 1, 16)
+    assert found.qvel.shape == (EPISODES, STEPS + 1, 15)
+    np.testing.assert_array_equal(found.qpos[:, 0, :3], [[0, 0, 0.035]] * EPISODES)
+    np.testing.assert_array_equal(found.qpos[:, 0, 3:7], given[0])
+    np.testing.assert_array_equal(found.qpos[:, 0, 7:], 0)
+    np.testing.assert_array_equal(found.qvel[:, 0], 0)
+
+
+def test_nothing_of_an_earlier_episode_is_left_on_a_thread(model, given):
+    with ThreadPoolExecutor(1) as executor:
+        first = simulate(model, *given, executor)
+        again = simulate(model, *given, executor)
+    np.testing.assert_array_equal(again.qpos, first.qpos)
+    np.testing.assert_array_equal(again.qvel, first.qvel)
+
+
+def test_two_models_on_the_same_threads_do_not_mix(model, given):
+    heavy = robot.load()
+    heavy.opt.gravity[2] *= 2
+    models = (model, heavy)
+    alone = [on_threads(1, one, *given) for one in models]
+    with ThreadPoolExecutor(2) as workers, ThreadPoolExecutor(2) as callers:
+        jobs = [callers.submit(simulate, one, *given, workers) for one in models * 2]
+        together = [job.result() for job in jobs]
+    for found, wanted in zip(together, alone * 2, strict=True):
+        np.testing.assert_array_equal(found.qpos, wanted.qpos)
+    assert not np.array_equal(alone[0].qpos, alone[1].qpos)

@@ -1,0 +1,82 @@
+"""Rows, records and manifests to test the store with."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+
+from jbench.store import schema
+
+ROWS = pa.schema([("n", pa.int64())])
+"""The columns of the tables in these tests."""
+
+RUN_SETTINGS = {
+    "task": "face_direction",
+    "algo": "ddpg",
+    "representation": "full",
+    "encoder": None,
+    "seed": 0,
+    "steps": 3000,
+    "engine": "sb3",
+    "time_limit": "bootstrap",
+}
+
+
+def numbers(*values):
+    """A table of one column."""
+    return pa.table({"n": pa.array(values, pa.int64())}, schema=ROWS)
+
+
+def read(record, table="t"):
+    """The committed numbers of a table."""
+    return record.read(table, ROWS)["n"].to_pylist()
+
+
+def incompressible(rows):
+    """A table of about 8 bytes a row on the disk."""
+    random = np.random.default_rng(0)
+    return pa.table({"n": random.integers(-(2**62), 2**62, rows)}, schema=ROWS)
+
+
+def manifest_of(record):
+    """The manifest as it lies on the disk."""
+    return json.loads((record.path / "manifest.json").read_text())
+
+
+def alter_manifest(record, **changes):
+    """Writes a manifest with other values, as somebody with an editor would."""
+    changed = {**manifest_of(record), **changes}
+    (record.path / "manifest.json").write_text(json.dumps(changed))
+
+
+def listed(record):
+    """The names of the files that the manifest on the disk lists."""
+    return [entry["name"] for entry in manifest_of(record)["files"]]
+
+
+def names(directory):
+    """The names of all files in a directory, hidden ones too."""
+    return {path.name for path in directory.iterdir()}
+
+
+def episodes(run, returns):
+    """Rows of the table `episodes`: 1000 steps and 2 s each, no losses."""
+    rows = [
+        {
+            "run": run,
+            "episode": episode,
+            "control_steps": 1000 * (episode + 1),
+            "episode_return": episode_return,
+            "length": 1000,
+            "wall_time": 2.0 * (episode + 1),
+        }
+        for episode, episode_return in enumerate(returns)
+    ]
+    return pa.Table.from_pylist(rows, schema.EPISODES)
+
+
+def add_run(results, id, returns=(), **settings):
+    """A run with these episode returns."""
+    record = results.create("run", id, {**RUN_SETTINGS, **settings})
+    record.append({"episodes": episodes(id, returns)})
+    return record

@@ -1,0 +1,68 @@
+"""The same settings are the same record, and no id leads out of the results directory."""
+
+import hashlib
+import json
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jbench.errors import RequestError
+from jbench.store import canonical_json, settings_hash
+from jbench.store.identity import check_id
+
+SETTINGS = {"task": "face_direction", "seed": 3, "noise": 0.1, "encoder": None, "more": {"b": 1}}
+NUMBERS = st.integers() | st.floats(allow_nan=False, allow_infinity=False)
+
+
+def test_canonical_json_is_this_text():
+    text = '{"encoder":null,"more":{"b":1},"noise":0.1,"seed":3,"task":"face_direction"}'
+    assert canonical_json(SETTINGS) == text
+
+
+def test_text_beyond_ascii_is_escaped():
+    assert canonical_json({"a": "é"}) == '{"a":"\\u00e9"}'
+
+
+@given(st.dictionaries(st.text(), NUMBERS | st.dictionaries(st.text(), NUMBERS)), st.randoms())
+@settings(max_examples=30)
+def test_order_of_keys_does_not_matter(values, random):
+    keys = list(values)
+    random.shuffle(keys)
+    shuffled = {key: values[key] for key in keys}
+    assert canonical_json(shuffled) == canonical_json(values)
+    assert json.loads(canonical_json(shuffled)) == values
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_what_json_has_no_number_for_is_refused(value):
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        canonical_json({"deep": [{"noise": value}]})
+
+
+def test_hash_is_the_beginning_of_the_sha256_of_the_canonical_json():
+    text = b'{"encoder":null,"more":{"b":1},"noise":0.1,"seed":3,"task":"face_direction"}'
+    assert settings_hash(SETTINGS) == hashlib.sha256(text).hexdigest()[:8]
+
+
+@pytest.mark.parametrize("change", [{"seed": 4}, {"noise": 0.2}, {"more": {"b": 2}}, {"new": None}])
+def test_any_change_of_settings_changes_the_hash(change):
+    assert settings_hash({**SETTINGS, **change}) != settings_hash(SETTINGS)
+
+
+@pytest.mark.parametrize("id", ["a", "random/s00-1f9a2c4e", "face_direction/dae12/s1.x", "0/A_b"])
+def test_ids_are_returned_as_they_are(id):
+    assert check_id(id) == id
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", ".", "..", "a/..", "../a", "a/../../b", "a/./b", "/a", "/etc/passwd", "a/", "a//b"),
+        *("a\\b", "..\\a", ".hidden", "a/.hidden", "-rf", "_a", "a b", "a\n", "a\0", "é", "~"),
+    ],
+)
+def test_what_is_no_id_is_refused_with_an_example(text, results):
+    for refuse in (check_id, lambda id: results.find("run", id)):
+        with pytest.raises(RequestError, match="is not an id; an id looks like face_direction/"):
+            refuse(text)

@@ -1,0 +1,69 @@
+"""The paper's learning curves, as the reference sheet has them."""
+
+import pytest
+
+from jbench.store import query
+
+# Median [10%, 90%] at the end of Figure 9's curves, read from the paper by eye and by hand.
+FIGURE_9 = {
+    "move_from_origin": "933 633 967 | 713 147 943 | 973 959 979 | 971 950 978",
+    "face_direction": "808 693 881 | 239 24 863 | 959 932 969 | 963 908 985",
+    "move_in_direction": "632 369 711 | 174 41 390 | 799 733 834 | 824 749 853",
+    "move_to_position": "579 312 733 | 4 0 212 | 794 601 889 | 555 167 788",
+    "move_to_pose": "232 23 522 | 0 0 20 | 64 12 179 | 1 0 28",
+}
+CELLS = [
+    (task, algo, [float(number) for number in cell.split()])
+    for task, cells in FIGURE_9.items()
+    for algo, cell in zip(("ddpg", "ppo", "sac", "td3"), cells.split("|"), strict=True)
+]
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return {"published": query.published()}
+
+
+def ask(tables, sql):
+    return [tuple(row) for row in query.run_sql(sql, tables).to_numpy()]
+
+
+def test_every_row_of_the_paper_is_there(tables):
+    assert tables["published"].num_rows == 19_035
+
+
+@pytest.mark.parametrize(("task", "algo", "wanted"), CELLS)
+def test_figure_9_ends_where_the_paper_says(tables, task, algo, wanted):
+    sql = f"""
+        select arg_max(episode_return, training_steps) from published
+        where figure = 'fig9' and task = '{task}' and algo = '{algo}'
+        group by quantile order by quantile
+    """
+    low, median, high = (value for (value,) in ask(tables, sql))
+    assert [median, low, high] == pytest.approx(wanted, abs=1)
+
+
+def test_representations_are_named_as_those_of_runs(tables):
+    sql = "select distinct representation from published order by 1"
+    assert ask(tables, sql) == [("dae12",), ("full",)]
+
+
+def test_encoded_curves_are_those_of_figures_7_and_8(tables):
+    sql = """
+        select figure, task, count(*) from published where representation = 'dae12'
+        group by all order by all
+    """
+    assert ask(tables, sql) == [
+        ("fig7", "face_direction", 246),
+        ("fig8", "move_in_direction", 738),
+        ("fig8-10-90", "move_in_direction", 738),
+    ]
+
+
+def test_quantiles_never_cross(tables):
+    sql = """
+        select count(*) from published low join published high
+        using (figure, task, algo, representation, training_steps)
+        where low.quantile < high.quantile and low.episode_return > high.episode_return + 0.5
+    """
+    assert ask(tables, sql) == [(0,)]

@@ -1,0 +1,250 @@
+"""The domain `jitterbug` of the dm_control suite: properties of all five tasks."""
+
+import math
+
+import dm_env
+import numpy as np
+import pytest
+from dm_control import suite
+from dm_env import specs
+
+from jbench.names import TASKS
+from jbench.tasks import features, model
+from jbench.tasks.features import Target
+
+COMMON = {"position": 7, "velocity": 6, "motor_position": 1, "motor_velocity": 1}
+SHAPES = {
+    "move_from_origin": COMMON,
+    "face_direction": COMMON | {"angle_to_target": 1},
+    "move_in_direction": COMMON | {"angle_to_target": 1, "speed_in_target_frame": 3},
+    "move_to_position": COMMON | {"target_in_jitterbug_frame": 3},
+    "move_to_pose": COMMON | {"target_in_jitterbug_frame": 3, "angle_to_target": 1},
+}
+
+# A random policy's median returns are 892 and 282; single episodes vary around them.
+RANDOM_RETURNS = {"move_from_origin": (400, 990), "move_in_direction": (100, 500)}
+
+EVERY_TASK = pytest.mark.parametrize("task", TASKS)
+
+
+def load(task, random=0, visualize_reward=False, environment_kwargs=None, **settings):
+    settings = {"random": random, **settings}
+    return suite.load("jitterbug", task, settings, environment_kwargs, visualize_reward)
+
+
+def roll_out(env, steps, seed=0):
+    """The time steps of the first `steps` of an episode with random actions."""
+    actions = np.random.default_rng(seed)
+    return [env.reset(), *(env.step(actions.uniform(-1, 1, 1)) for _ in range(steps))]
+
+
+def flat(time_step):
+    return np.concatenate(list(time_step.observation.values()))
+
+
+@pytest.fixture(scope="module", params=TASKS)
+def episode(request):
+    """A task and a whole episode of it, up to the first step that ends one."""
+    env = load(request.param)
+    return request.param, [*roll_out(env, 999), env.step([0.5])]
+
+
+def test_suite_lists_the_five_tasks():
+    ours = {("jitterbug", task) for task in TASKS}
+    assert ours <= set(suite.ALL_TASKS)
+    assert ours <= set(suite.BENCHMARKING)
+    assert ours <= set(suite.REWARD_VIZ)
+    assert not ours & set(suite.EXTRA)
+    assert suite.TASKS_BY_DOMAIN["jitterbug"] == TASKS
+    # In the paper's order of rising difficulty, every task is either easy or hard.
+    assert ours & set(suite.EASY) == {("jitterbug", task) for task in TASKS[:3]}
+    assert ours & set(suite.HARD) == {("jitterbug", task) for task in TASKS[3:]}
+
+
+def test_suite_keeps_its_own_tasks():
+    assert ("cartpole", "balance") in suite.BENCHMARKING
+    assert ("humanoid", "stand") in suite.ALL_TASKS
+    assert len(suite.ALL_TASKS) == len(set(suite.ALL_TASKS))
+    assert len(suite.ALL_TASKS) == sum(map(len, suite.TASKS_BY_DOMAIN.values()))
+
+
+@pytest.mark.parametrize("task", ["fly", "FaceDirection", ""])
+def test_unknown_task_is_refused(task):
+    with pytest.raises(ValueError, match="does not exist in domain 'jitterbug'"):
+        suite.load("jitterbug", task)
+
+
+@EVERY_TASK
+def test_specs(task):
+    env = load(task)
+    assert {name: spec.shape for name, spec in env.observation_spec().items()} == {
+        name: (size,) for name, size in SHAPES[task].items()
+    }
+    assert {spec.dtype for spec in env.observation_spec().values()} == {np.dtype(float)}
+    assert list(env.observation_spec()) == list(SHAPES[task])
+    assert env.action_spec() == specs.BoundedArray((1,), float, [-1], [1])
+
+
+def test_episode_is_a_thousand_steps_and_ends_with_discount_one(episode):
+    _, (first, *middle, last) = episode
+    assert len(middle) + 1 == 1000
+    assert first.first()
+    assert {step.step_type for step in middle} == {dm_env.StepType.MID}
+    assert last.last()
+    assert (first.reward, first.discount) == (None, None)
+    assert {step.discount for step in [*middle, last]} == {1.0}
+
+
+def test_observations_are_finite_and_conform_to_the_spec(episode):
+    task, time_steps = episode
+    for name, spec in load(task).observation_spec().items():
+        values = [spec.validate(step.observation[name]) for step in time_steps]
+        assert np.isfinite(values).all()
+        assert np.ptp(values, axis=0).all()  # nothing observed is constant
+
+
+def test_rewards_are_within_zero_and_one(episode):
+    task, (_, *steps) = episode
+    rewards = [step.reward for step in steps]
+    low, high = RANDOM_RETURNS.get(task, (0, 1000))
+    assert all(type(reward) is float and 0 <= reward <= 1 for reward in rewards)
+    assert low <= sum(rewards) <= high
+
+
+@EVERY_TASK
+def test_reward_is_that_of_the_state_at_the_end_of_the_step(task):
+    env = load(task, random=4)
+    time_step = roll_out(env, 30)[-1]
+    state, target = env.physics.robot_state(), env.physics.target()
+    assert time_step.reward == features.reward(task, state, target)
+    np.testing.assert_array_equal(flat(time_step), features.observation(task, state, target))
+
+
+@EVERY_TASK
+def test_state_is_that_of_mujoco_and_its_sensor(task):
+    env = load(task)
+    roll_out(env, 20)
+    data = env.physics.data
+    expected = model.state_of(data.qpos, data.qvel, model.torso_offset(env.physics.model.ptr))
+    for found, wanted in zip(env.physics.robot_state(), expected, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
+    assert np.linalg.norm(expected.torso_velocity) > 1e-3
+
+
+@EVERY_TASK
+def test_seed_determines_the_episode(task):
+    def seen(random):
+        steps = roll_out(load(task, random=random), 20)
+        return [(*flat(step), step.reward) for step in steps]
+
+    assert seen(3) == seen(3)
+    assert seen(np.random.RandomState(3)) == seen(3)
+    assert seen(4) != seen(3)
+
+
+@EVERY_TASK
+def test_consecutive_episodes_begin_differently(task):
+    env = load(task)
+    first, second = env.reset(), env.reset()
+    assert not np.array_equal(flat(first), flat(second))
+
+
+@EVERY_TASK
+def test_numpys_global_generator_is_left_alone(task):
+    before = np.random.get_state()[1:3]
+    roll_out(load(task), 5)
+    np.testing.assert_equal(np.random.get_state()[1:3], before)
+
+
+@EVERY_TASK
+def test_observation_shares_no_memory_with_the_simulator(task):
+    env = load(task)
+    first = env.reset()
+    kept = flat(first)
+    second = env.step([1.0])
+    data = env.physics.data
+    memory = [data.qpos, data.qvel, data.sensordata, data.xpos, data.xmat]
+    for name, values in second.observation.items():
+        assert not np.shares_memory(values, first.observation[name])
+        assert not any(np.shares_memory(values, part) for part in memory)
+    np.testing.assert_array_equal(flat(first), kept)
+    assert not any(np.shares_memory(s, m) for s in env.physics.robot_state() for m in memory)
+    assert not any(np.shares_memory(t, m) for t in env.physics.target() for m in memory)
+
+
+@EVERY_TASK
+def test_flat_observation_is_the_features_in_order(task):
+    together = roll_out(load(task, environment_kwargs={"flat_observation": True}), 5)
+    apart = roll_out(load(task), 5)
+    for one, other in zip(together, apart, strict=True):
+        np.testing.assert_array_equal(one.observation["observations"], flat(other))
+
+
+@EVERY_TASK
+def test_without_random_pose_the_robot_starts_at_rest(task):
+    env = load(task, random_pose=False)
+    env.reset()
+    assert env.physics.data.qpos.tolist() == [0, 0, 0.035, 1, *[0] * 12]
+    assert not env.physics.data.qvel.any()
+
+
+@EVERY_TASK
+def test_random_pose_turns_the_robot_on_the_spot(task):
+    env = load(task)
+    env.reset()
+    qpos = env.physics.data.qpos
+    assert qpos[:3].tolist() == [0, 0, 0.035]
+    assert abs(qpos[6]) > 0.01
+    assert not qpos[7:].any()
+    assert env.physics.robot_state().motor_position == math.pi / 2
+
+
+@EVERY_TASK
+def test_time_limit_and_control_timestep(task):
+    env = load(task, time_limit=0.1, control_timestep=0.02)
+    steps = roll_out(env, 5)
+    assert env.control_timestep() == pytest.approx(0.02)
+    assert [step.last() for step in steps] == [False] * 5 + [True]  # 0.1 s / 0.02 s
+    assert env.physics.time() == pytest.approx(0.1)
+    assert load(task).control_timestep() == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("yaw", [-3.0, -math.pi / 2, 0, 1.0, math.pi])
+def test_target_is_where_it_was_set(yaw):
+    physics = load("move_to_pose").physics
+    physics.set_target(Target(np.array([0.1, -0.2, 0.035]), yaw))
+    physics.forward()
+    np.testing.assert_allclose(physics.target().position, [0.1, -0.2, 0.035], atol=1e-15)
+    assert physics.target().yaw == pytest.approx(yaw, abs=1e-15)
+
+
+@pytest.mark.parametrize(("yaw", "blend"), [(-math.pi / 2, 1), (math.pi / 2, 0)])
+def test_visualize_reward_colours_the_robot(yaw, blend):
+    env = load("face_direction", visualize_reward=True, random_pose=False)
+    env.reset()
+    env.physics.set_target(Target(np.array([0, 0, 0.035]), yaw))
+    env.physics.forward()
+    env.step([0.0])  # it faces -y: the reward is 1 with that target, 0 with the other
+    colours = env.physics.named.model.mat_rgba
+    for material in ("self", "effector", "target"):
+        plain, lit = colours[f"{material}_default"], colours[f"{material}_highlight"]
+        assert np.abs(lit - plain).max() > 0.1
+        np.testing.assert_allclose(colours[material], plain + blend * (lit - plain), atol=0.01)
+
+
+def test_visualize_reward_colours_the_first_state_of_an_episode():
+    env = load("face_direction", visualize_reward=True)
+    colours = env.physics.named.model.mat_rgba
+    plain, lit = colours["self_default"].copy(), colours["self_highlight"].copy()
+    for _ in range(10):
+        env.reset()
+        blend = env.task.get_reward(env.physics) ** 4
+        np.testing.assert_allclose(colours["self"], plain + blend * (lit - plain), atol=1e-9)
+
+
+@EVERY_TASK
+def test_colours_stay_unless_asked_for(task):
+    env = load(task)
+    before = env.physics.model.mat_rgba.copy()
+    roll_out(env, 5)
+    np.testing.assert_array_equal(env.physics.model.mat_rgba, before)

@@ -1,0 +1,265 @@
+"""What the tasks observe, against scipy's rotations and cases worked out by hand."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from robot_states import (
+    REST,
+    convert,
+    numbers,
+    quaternions,
+    random_states,
+    rest,
+    states,
+    target,
+    targets,
+    turned,
+    vectors,
+)
+from scipy.spatial.transform import Rotation
+
+from jbench.names import TASKS
+from jbench.tasks import features, model
+
+PI = math.pi
+
+COMMON = ["position", "velocity", "motor_position", "motor_velocity"]
+OBSERVED = {
+    "move_from_origin": COMMON,
+    "face_direction": [*COMMON, "angle_to_target"],
+    "move_in_direction": [*COMMON, "angle_to_target", "speed_in_target_frame"],
+    "move_to_position": [*COMMON, "target_in_jitterbug_frame"],
+    "move_to_pose": [*COMMON, "target_in_jitterbug_frame", "angle_to_target"],
+}
+SIZES = dict(zip(OBSERVED, (15, 16, 19, 18, 19), strict=True))
+
+
+def rotation(quaternion):
+    return Rotation.from_quat(quaternion, scalar_first=True)
+
+
+def close(actual, expected, tolerance=1e-12):
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance)
+
+
+@given(quaternions())
+def test_rotation_matrix_is_scipys(quaternion):
+    close(features.rotation_matrix(quaternion), rotation(quaternion).as_matrix())
+
+
+@given(states())
+def test_robot_heads_where_its_minus_y_axis_points_but_for_tilt(state):
+    matrix = rotation(state.position[3:]).as_matrix()
+    assume(math.hypot(matrix[0, 0], matrix[1, 0]) > 0.01)  # else it has no yaw
+    error = features.heading(state) - (math.atan2(matrix[1, 0], matrix[0, 0]) - PI / 2)
+    close([math.cos(error), math.sin(error)], [1, 0])
+
+
+@given(numbers(-1e4, 1e4))
+def test_wrapped_angle_lies_within_half_a_turn_and_is_the_same_angle(angle):
+    wrapped = features.wrap_angle(np.float64(angle))
+    turns = (angle - wrapped) / (2 * PI)
+    assert -PI < wrapped <= PI
+    assert turns == pytest.approx(round(turns), abs=1e-9)
+
+
+@given(numbers(math.nextafter(-PI, 0), PI))
+def test_angle_within_half_a_turn_is_returned_exactly(angle):
+    assert features.wrap_angle(np.float64(angle)) == angle
+
+
+@pytest.mark.parametrize(
+    ("angle", "wrapped"),
+    [
+        (0, 0),
+        (PI, PI),
+        (-PI, PI),
+        (1.5 * PI, -PI / 2),
+        (-1.5 * PI, PI / 2),
+        (2 * PI, 0),
+        (math.nextafter(PI, 4), -PI),
+        (math.nextafter(-PI, 0), -PI),
+    ],
+)
+def test_wrapped_angle_by_hand(angle, wrapped):
+    result = features.wrap_angle(np.float64(angle))
+    assert -PI < result <= PI
+    close(result, wrapped, 1e-15)
+
+
+def test_odd_half_turns_wrap_into_half_a_turn():
+    wrapped = features.wrap_angle(np.arange(-41, 42, 2) * PI)
+    close(np.cos(wrapped), -1)
+    assert ((wrapped > -PI) & (wrapped <= PI)).all()
+
+
+@pytest.mark.parametrize(
+    ("joint", "motor"), [(-PI / 2, 0), (0, PI / 2), (PI / 2, PI), (PI, -PI / 2), (20 * PI, PI / 2)]
+)
+def test_motor_angle_is_zero_with_the_mass_forward(joint, motor):
+    close(features.motor_angle(np.array(joint)), motor, 1e-13)
+
+
+@pytest.mark.parametrize(
+    ("robot_yaw", "target_yaw", "angle"),
+    [
+        (0, 0, PI / 2),  # it faces -y: a quarter turn to the left to look along x
+        (0, -PI / 2, 0),
+        (0, PI / 2, PI),  # half a turn is +pi, not -pi
+        (0, PI, -PI / 2),
+        (PI / 2, 0, 0),
+        (PI / 2, 1.5 * PI, -PI / 2),
+        (PI, PI / 4, -PI / 4),
+    ],
+)
+def test_angle_to_target_by_hand(robot_yaw, target_yaw, angle):
+    close(features.angle_to_target(turned(robot_yaw), target(yaw=target_yaw)), angle, 1e-15)
+
+
+@pytest.mark.parametrize(
+    ("robot", "seen"),
+    [
+        (turned(0), (0.1, 0, 0)),  # x is its left
+        (turned(PI / 2), (0, -0.1, 0)),  # straight ahead
+        (turned(PI), (-0.1, 0, 0)),
+        (rest(position=[0.1, 0.2, 0, 1, 0, 0, 0]), (0, -0.2, 0.035)),
+        # Lying on its back, turned about y by half a turn, 0.1 above the floor.
+        (rest(position=[0, 0, 0.1, 0, 0, 1, 0]), (-0.1, 0, 0.065)),
+    ],
+)
+def test_target_in_jitterbug_frame_by_hand(robot, seen):
+    close(features.target_in_jitterbug_frame(robot, target(x=0.1)), seen, 1e-15)
+
+
+@given(states(), targets())
+def test_target_in_jitterbug_frame_is_scipys(state, goal):
+    expected = rotation(state.position[3:]).inv().apply(goal.position - state.position[:3])
+    close(features.target_in_jitterbug_frame(state, goal), expected)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "speed"),
+    [(0, (0.05, 0.02, 0.01)), (PI / 2, (0.02, -0.05, 0.01)), (PI, (-0.05, -0.02, 0.01))],
+)
+def test_speed_in_target_frame_by_hand(yaw, speed):
+    state = rest(torso_velocity=[0.05, 0.02, 0.01])
+    close(features.speed_in_target_frame(state, target(yaw=yaw)), speed)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "velocity"),
+    [
+        (0, (1, 2.1, 3)),  # 10 rad/s about z, 1 cm along x: 0.1 m/s along y
+        (PI / 2, (0.9, 2, 3)),  # offset and spin turn with the robot
+    ],
+)
+def test_velocity_of_centre_of_mass_by_hand(yaw, velocity):
+    moving = np.array([1, 2, 3, 0, 0, 10.0])
+    offset = np.array([0.01, 0, 0])
+    found = features.center_of_mass_velocity(turned(yaw).position, moving, offset)
+    close(found, velocity)
+
+
+@given(quaternions(), vectors(6, 35.0))
+def test_velocity_of_centre_of_mass_is_mujocos_sensor(quaternion, velocity):
+    robot = model.load()
+    data = mujoco.MjData(robot)
+    model.place(data, quaternion)
+    data.qvel[:6] = velocity
+    mujoco.mj_forward(robot, data)
+    state = model.state_of(data.qpos, data.qvel, model.torso_offset(robot))
+    close(state.torso_velocity, data.sensor("torso_velocity").data, 1e-12)
+
+
+def test_state_of_splits_mujocos_state():
+    qpos, qvel = np.arange(16.0), np.arange(100.0, 115)
+    qpos[3:7] = 1, 0, 0, 0
+    state = model.state_of(qpos, qvel, np.zeros(3))
+    assert state.position.tolist() == [0, 1, 2, 1, 0, 0, 0]
+    assert state.velocity.tolist() == [100, 101, 102, 103, 104, 105]
+    assert state.torso_velocity.tolist() == [100, 101, 102]  # no offset: nothing swings
+    assert state.motor_position == pytest.approx(15 + PI / 2 - 6 * PI)  # 16.57 rad: 3 turns less
+    assert state.motor_velocity == 114
+    assert not any(np.shares_memory(part, whole) for part in state for whole in (qpos, qvel))
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_observation_has_the_papers_features_in_order(task):
+    observed = features.features(task, REST, target())
+    assert list(observed) == OBSERVED[task]
+    assert features.observation(task, REST, target()).shape == (SIZES[task],)
+    assert features.TASK_SPECS[task].observation_size == SIZES[task]
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_dimension_has_a_label_that_begins_with_its_feature(task):
+    labels = features.feature_labels(task)
+    owners = [name for name in OBSERVED[task] for _ in range(features.FEATURE_SIZES[name])]
+    assert len(set(labels)) == SIZES[task]
+    assert all(label.startswith(owner) for label, owner in zip(labels, owners, strict=True))
+
+
+# At rest: z = 0.035 of 0 … 0.1 is 0.7 - 1 = -0.3; motor and target a quarter turn of ±pi.
+AT_REST = [0, 0, -0.3, 1, 0, 0, 0, *[0] * 6, 0.5, 0]
+SEEN_AT_REST = {
+    "move_from_origin": AT_REST,
+    "face_direction": [*AT_REST, 0.5],
+    "move_in_direction": [*AT_REST, 0.5, 0.05, 0.03, -0.02],
+    "move_to_position": [*AT_REST, 0.05, -0.1, 0.4],
+    "move_to_pose": [*AT_REST, 0.05, -0.1, 0.4, 0.5],
+}
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_observation_at_rest_by_hand(task):
+    state = rest(torso_velocity=[0.05, 0.03, -0.02])
+    goal = target(x=0.15, y=-0.3, z=0.075)  # of ±3, ±3 and, against the torso, ±0.1
+    close(features.observation(task, state, goal), SEEN_AT_REST[task])
+
+
+def test_observation_is_not_clipped_to_its_ranges():
+    state = rest(
+        position=[4, -1, 0.2, 1, 0, 0, 0],  # of ±2, ±2, 0 … 0.1
+        velocity=[2, -1, 0.5, 70, -35, 7],  # of ±1 and ±35
+        motor_position=-PI,
+        motor_velocity=270,  # of ±180
+    )
+    expected = [2, -0.5, 3, 1, 0, 0, 0, 2, -1, 0.5, 2, -1, 0.2, -1, 1.5]
+    close(features.observation("move_from_origin", state, target()), expected)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_denormalize_inverts_normalize(task):
+    values = np.random.default_rng(0).uniform(-5, 5, (50, SIZES[task]))
+    close(features.normalize(task, features.denormalize(task, values)), values)
+    close(features.denormalize(task, features.normalize(task, values)), values)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_observation_of_many_robots_is_that_of_each(task, kind):
+    many, goals = (convert(part, kind) for part in random_states((2, 3)))
+    together = features.observation(task, many, goals)
+    assert tuple(together.shape) == (2, 3, SIZES[task])
+    for index in np.ndindex(2, 3):
+        one, goal = (type(part)(*(a[index] for a in part)) for part in (many, goals))
+        close(together[index], features.observation(task, one, goal), 1e-15)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_torch_observes_what_numpy_does(task):
+    many, goals = random_states((20,))
+    in_torch = features.observation(task, convert(many, "torch"), convert(goals, "torch"))
+    close(in_torch.numpy(), features.observation(task, many, goals))
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_observation_of_single_precision_stays_single(task, kind):
+    many, goals = random_states((20,))
+    single = features.observation(task, *(convert(p, kind, "float32") for p in (many, goals)))
+    assert str(single.dtype).endswith("float32")
+    close(single, features.observation(task, many, goals), 1e-5)

@@ -1,0 +1,268 @@
+"""The five tasks in Gymnasium: its contract, and the same robot as in dm_control."""
+
+import itertools
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import gymnasium
+import numpy as np
+import pytest
+from dm_control import suite
+from gymnasium.utils.env_checker import check_env
+
+from jbench.names import TASKS
+from jbench.tasks.gym import CAMERAS, JitterbugEnv, environment_id
+
+IDS = {
+    "move_from_origin": "Jitterbug/MoveFromOrigin-v0",
+    "face_direction": "Jitterbug/FaceDirection-v0",
+    "move_in_direction": "Jitterbug/MoveInDirection-v0",
+    "move_to_position": "Jitterbug/MoveToPosition-v0",
+    "move_to_pose": "Jitterbug/MoveToPose-v0",
+}
+SIZES = dict(zip(IDS, (15, 16, 19, 18, 19), strict=True))
+EVERY_TASK = pytest.mark.parametrize("task", TASKS)
+
+FRESH_INTERPRETER = """
+import sys, gymnasium
+assert "jbench" not in sys.modules
+env = gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0")
+print(env.unwrapped.task, env.spec.max_episode_steps, env.reset(seed=0)[0].shape)
+"""
+
+
+def roll_out(env, steps=20, actions=None, seed=0):
+    """Observations, rewards and ends of `steps` steps, by default with random actions."""
+    if actions is None:
+        actions = np.random.default_rng(1).uniform(-1, 1, (steps, 1))
+    seen = [env.reset(seed=seed)[0]]
+    for action in actions:
+        observation, reward, terminated, truncated, _ = env.step(np.float32(action))
+        seen.append((*observation, reward, terminated, truncated))
+    return [tuple(row) for row in seen]
+
+
+def picture_env(camera="tracking", width=96, height=64):
+    return JitterbugEnv(
+        "move_to_pose", render_mode="rgb_array", camera=camera, width=width, height=height
+    )
+
+
+@EVERY_TASK
+def test_environment_passes_gymnasiums_checker(task, recwarn):
+    check_env(JitterbugEnv(task), skip_render_check=True)  # drawn by the tests below
+    warnings = [str(warning.message) for warning in recwarn]
+    assert all("infinity" in warning for warning in warnings)  # observations are not clipped
+
+
+@EVERY_TASK
+def test_id_and_spaces(task):
+    env = gymnasium.make(IDS[task])
+    assert environment_id(task) == IDS[task]
+    assert env.unwrapped.task == task
+    assert env.observation_space == gymnasium.spaces.Box(
+        -np.inf, np.inf, (SIZES[task],), np.float32
+    )
+    assert env.action_space == gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+    assert env.metadata["render_fps"] == 100  # one picture per control step of 0.01 s
+
+
+def test_make_imports_the_package_by_itself():
+    command = [sys.executable, "-c", FRESH_INTERPRETER]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.split(maxsplit=2) == ["face_direction", "1000", "(16,)\n"]
+
+
+@EVERY_TASK
+def test_episode_is_truncated_at_a_thousand_steps_and_never_terminated(task):
+    env = gymnasium.make(IDS[task])
+    ends = [row[-2:] for row in roll_out(env, 1000)[1:]]
+    assert ends == [(False, False)] * 999 + [(False, True)]
+
+
+@EVERY_TASK
+def test_seed_determines_the_episode(task):
+    env, other = JitterbugEnv(task), JitterbugEnv(task)
+    first = roll_out(env, seed=5)
+    roll_out(other, seed=6)  # what came before does not matter
+    assert roll_out(other, seed=5) == first
+    assert roll_out(other, seed=6) != first
+
+
+@EVERY_TASK
+def test_consecutive_episodes_begin_differently_but_reproducibly(task):
+    def beginnings():
+        env = JitterbugEnv(task)
+        return [env.reset(seed=7)[0].tolist(), env.reset()[0].tolist(), env.reset()[0].tolist()]
+
+    first, second, third = beginnings()
+    assert beginnings() == [first, second, third]
+    assert first != second != third
+
+
+@pytest.mark.parametrize(("beyond", "limit"), [(5, 1), (-1.5, -1)])
+def test_actions_beyond_one_are_one(beyond, limit):
+    env = JitterbugEnv("face_direction")
+    assert roll_out(env, actions=[[beyond]] * 20) == roll_out(env, actions=[[limit]] * 20)
+    assert roll_out(env, actions=[[limit]] * 20) != roll_out(env, actions=[[limit / 2]] * 20)
+
+
+@EVERY_TASK
+@pytest.mark.parametrize("seed", range(2))
+def test_gymnasium_and_dm_control_are_the_same_robot(task, seed):
+    # Both draw the pose, then the target: with equal generators they begin alike.
+    theirs = suite.load("jitterbug", task, {"random": np.random.RandomState(seed)})
+    ours = JitterbugEnv(task)
+    ours.np_random = np.random.RandomState(seed)
+    seen = [(np.concatenate(list(theirs.reset().observation.values())), ours.reset()[0])]
+    rewards = []
+    for action in np.random.default_rng(seed).uniform(-1, 1, (100, 1)).astype(np.float32):
+        step = theirs.step(action)
+        observation, reward, *_ = ours.step(action)
+        seen.append((np.concatenate(list(step.observation.values())), observation))
+        rewards.append((step.reward, reward))
+    for pairs in (seen, rewards):
+        wanted, found = map(np.array, zip(*pairs, strict=True))
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-6)
+
+
+@EVERY_TASK
+def test_returned_arrays_are_the_callers(task):
+    env = JitterbugEnv(task)
+    wanted = roll_out(env)
+    kept = env.reset(seed=0)[0]
+    env.step(np.ones(1, np.float32))[0][:] = 9
+    assert tuple(kept) == wanted[0]
+    assert roll_out(env) == wanted
+
+
+@pytest.mark.parametrize(
+    ("settings", "known"),
+    [
+        ({"task": "fly"}, "move_to_pose"),
+        ({"task": "face_direction", "camera": "side"}, "overhead"),
+        ({"task": "face_direction", "render_mode": "ascii"}, "rgb_array"),
+    ],
+)
+def test_unknown_setting_is_refused_with_the_known_ones(settings, known):
+    with pytest.raises(ValueError, match=f"'(fly|side|ascii)' is not one of .*{known}"):
+        JitterbugEnv(**settings)
+
+
+def test_without_render_mode_there_is_no_picture():
+    env = JitterbugEnv("face_direction")
+    env.reset(seed=0)
+    assert env.render() is None
+
+
+@pytest.mark.usefixtures("rendering")
+@EVERY_TASK
+def test_picture_has_its_shape_and_more_than_one_colour(task):
+    env = gymnasium.make(IDS[task], render_mode="rgb_array")
+    env.reset(seed=0)
+    picture = env.render()
+    env.close()
+    assert (picture.shape, picture.dtype) == ((480, 640, 3), np.uint8)
+    # The yellow torso (.93, .74, .20) on the blue floor: red beyond blue, and the other way round.
+    red, blue = picture[..., 0].astype(int), picture[..., 2].astype(int)
+    assert 0.001 < np.mean(red > blue + 50) < 0.5
+    assert np.mean(blue > red + 20) > 0.1
+
+
+@pytest.mark.usefixtures("rendering")
+def test_every_camera_shows_another_picture():
+    pictures = []
+    for camera in CAMERAS:
+        env = picture_env(camera)
+        env.reset(seed=0)
+        pictures.append(env.render())
+        env.close()
+    for one, other in itertools.combinations(pictures, 2):
+        assert np.mean(one != other) > 0.1
+
+
+@pytest.mark.usefixtures("rendering")
+@pytest.mark.parametrize(
+    ("share", "column", "row"),
+    # The camera at 0.75 m sees 2 tan 20° * 0.715 m = 0.5205 m in 480 rows: 922.2 a metre.
+    [
+        (0.25, 320, 240 - 81),  # the target at (0, 0.0875)
+        (0.5, 320 - 115, 240),  # at (-0.125, 0)
+        (0.75, 320, 240 + 150),  # at (0, -0.1625)
+    ],
+)
+def test_overhead_picture_shows_the_target_in_its_place(share, column, row):
+    env = picture_env("overhead", 640, 480)
+    env.np_random = SimpleNamespace(uniform=lambda low, high: low + share * (high - low))
+    env.reset()
+    red, green, blue = env.render().astype(int).transpose(2, 0, 1)
+    env.close()
+    rows, columns = np.nonzero((green > red + 30) & (green > blue + 10))
+    # The middle of what is green, within the target's radius of 0.01 m: 9 pixels.
+    assert np.hypot(np.median(columns) - column, np.median(rows) - row) < 9
+
+
+@pytest.mark.usefixtures("rendering")
+def test_picture_shows_the_state_after_the_last_step():
+    env = picture_env("overhead")
+    env.reset(seed=0)
+    before = env.render()
+    again = env.render()
+    for _ in range(10):
+        env.step(np.ones(1, np.float32))
+    after = env.render()
+    env.reset(seed=0)
+    np.testing.assert_array_equal(again, before)
+    assert np.any(after != before)
+    np.testing.assert_array_equal(env.render(), before)
+    env.close()
+
+
+@pytest.mark.usefixtures("rendering")
+def test_rendering_changes_nothing_of_the_episode():
+    class Watched(gymnasium.Wrapper):
+        def step(self, action):
+            assert self.env.render().any()
+            return self.env.step(action)
+
+    env = picture_env()
+    watched = roll_out(Watched(env))
+    env.close()
+    assert watched == roll_out(JitterbugEnv("move_to_pose"))
+
+
+@pytest.mark.usefixtures("rendering")
+def test_environments_draw_side_by_side():
+    one, other = picture_env(), picture_env("overhead", width=64)
+    for env in (one, other):
+        env.reset(seed=0)
+    pictures = one.render(), other.render()
+    np.testing.assert_array_equal(one.render(), pictures[0])
+    np.testing.assert_array_equal(other.render(), pictures[1])
+    one.close()
+    other.close()
+
+
+@pytest.mark.usefixtures("rendering")
+def test_closing_an_environment_leaves_the_others_pictures():
+    one, other = picture_env(), picture_env("overhead")
+    for env in (one, other):
+        env.reset(seed=0)
+    before = one.render()
+    assert other.render().any()
+    other.close()
+    after = one.render()
+    one.close()
+    np.testing.assert_array_equal(after, before)
+
+
+@pytest.mark.usefixtures("rendering")
+def test_closed_environment_can_be_closed_again():
+    env = picture_env()
+    env.reset(seed=0)
+    before = env.render()
+    env.close()
+    env.close()
+    np.testing.assert_array_equal(env.render(), before)  # and drawn again
+    env.close()

@@ -1,0 +1,136 @@
+"""How an episode begins: the ranges of every draw, and where the draws come from."""
+
+import math
+import random as standard_library
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from jbench.names import TASKS
+from jbench.tasks import resets
+
+PI = math.pi
+DRAWS = 2000
+
+AT_A_PLACE = {"move_to_position", "move_to_pose"}
+LOOKING = {"face_direction", "move_in_direction", "move_to_pose"}
+GENERATORS = [np.random.RandomState, np.random.default_rng]
+
+
+class Scripted:
+    """Draws the same share of every range, so that a draw can be worked out by hand."""
+
+    def __init__(self, share):
+        self.share = share
+
+    def uniform(self, low, high):
+        return low + self.share * (high - low)
+
+
+def pose_numbers(quaternions):
+    """The three numbers behind each orientation: the angle, and the axis against the vertical."""
+    w, x, y, z = np.transpose(quaternions)
+    return 2 * np.arctan2(z, w) % (2 * PI), x / z, y / z
+
+
+def assert_uniform(values, low, high):
+    """The values fill their range as evenly as chance does, and never leave it."""
+    assert np.min(values) >= low
+    assert np.max(values) <= high
+    assert kstest(values, "uniform", (low, high - low)).pvalue > 0.001
+
+
+@pytest.mark.parametrize(
+    ("share", "expected"),
+    [
+        (0, (1, 0, 0, 0)),
+        (0.5, (0, 0, 0, 1)),  # half a turn about an axis in the middle of its range
+        # A whole turn: back again, as the other of the two equal quaternions.
+        (1, (-1, 0, 0, 0)),
+        # A quarter turn about (-0.0125, -0.0125, 1), of length sqrt(1.0003125).
+        (0.25, (0.5**0.5, -0.0088374546, -0.0088374546, 0.7069963708)),
+    ],
+)
+def test_pose_by_hand(share, expected):
+    np.testing.assert_allclose(resets.draw_quaternion(Scripted(share)), expected, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("share", "position", "yaw"),
+    [
+        (0, (0.05, 0, 0.035), 0),
+        (0.25, (0, 0.0875, 0.035), PI / 2),
+        (0.5, (-0.125, 0, 0.035), PI),
+        (0.75, (0, -0.1625, 0.035), 1.5 * PI),
+    ],
+)
+def test_target_by_hand(share, position, yaw):
+    target = resets.draw_target("move_to_pose", Scripted(share))
+    np.testing.assert_allclose(target.position, position, atol=1e-15)
+    assert target.yaw == yaw
+
+
+@pytest.mark.parametrize("generator", GENERATORS)
+@pytest.mark.parametrize("task", TASKS)
+def test_target_is_drawn_as_the_task_wants(task, generator):
+    random = generator(0)
+    targets = [resets.draw_target(task, random) for _ in range(DRAWS)]
+    x, y, z = np.transpose([target.position for target in targets])
+    yaws = [target.yaw for target in targets]
+    assert set(z) == {0.035}
+    if task in AT_A_PLACE:
+        assert_uniform(np.hypot(x, y), 0.05, 0.2)
+        assert_uniform(np.arctan2(y, x), -PI, PI)
+    else:
+        assert not np.any([x, y])
+    if task in LOOKING:
+        assert_uniform(yaws, 0, 2 * PI)
+    else:
+        assert set(yaws) == {0}
+
+
+@pytest.mark.parametrize("generator", GENERATORS)
+def test_pose_is_a_random_turn_about_an_almost_vertical_axis(generator):
+    random = generator(1)
+    quaternions = [resets.draw_quaternion(random) for _ in range(DRAWS)]
+    angle, u, v = pose_numbers(quaternions)
+    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1, atol=1e-15)
+    assert_uniform(angle, 0, 2 * PI)
+    assert_uniform(u, -0.025, 0.025)
+    assert_uniform(v, -0.025, 0.025)
+
+
+@pytest.mark.parametrize("pose_first", [True, False])
+def test_pose_and_target_are_independent_whichever_is_drawn_first(pose_first):
+    random = np.random.default_rng(2)
+    rows = []
+    for _ in range(DRAWS):
+        pose = resets.draw_quaternion(random) if pose_first else None
+        target = resets.draw_target("move_to_pose", random)
+        pose = resets.draw_quaternion(random) if pose is None else pose
+        numbers = [n[0] for n in pose_numbers([pose])]
+        bearing = math.atan2(target.position[1], target.position[0])
+        rows.append([*numbers, bearing, np.hypot(*target.position[:2]), target.yaw])
+    correlations = np.corrcoef(rows, rowvar=False) - np.eye(6)
+    # Of 2,000 independent pairs a correlation has standard deviation 0.022.
+    assert np.abs(correlations).max() < 0.08
+    ranges = [(0, 2 * PI), (-0.025, 0.025), (-0.025, 0.025), (-PI, PI), (0.05, 0.2), (0, 2 * PI)]
+    for values, (low, high) in zip(np.transpose(rows), ranges, strict=True):
+        assert_uniform(values, low, high)
+
+
+@pytest.mark.parametrize("generator", GENERATORS)
+@pytest.mark.parametrize("task", TASKS)
+def test_only_the_given_generator_is_used(task, generator):
+    def draw(random):
+        return [*resets.draw_quaternion(random), *np.hstack(resets.draw_target(task, random))]
+
+    before = np.random.get_state()[1:3], standard_library.getstate()
+    first = draw(generator(5))
+    after = np.random.get_state()[1:3], standard_library.getstate()
+    np.testing.assert_equal(after, before)
+    np.random.seed(1)
+    assert draw(generator(5)) == first
+    assert draw(generator(6)) != first
+    assert draw(np.random.default_rng(5)) != draw(np.random.RandomState(5))

@@ -1,0 +1,207 @@
+"""What the tasks reward, against dm_control's tolerance and cases worked out by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from dm_control.utils.rewards import tolerance
+from hypothesis import given
+from robot_states import (
+    convert,
+    random_states,
+    rest,
+    states,
+    target,
+    targets,
+    turned,
+)
+from scipy.spatial.transform import Rotation
+
+from jbench.names import TASKS
+from jbench.tasks import features
+from jbench.tasks.features import Target
+
+PI = math.pi
+
+
+def expected_terms(state, goal):
+    """Each term of a reward, by scipy's rotation and dm_control's tolerance."""
+    matrix = Rotation.from_quat(state.position[3:], scalar_first=True).as_matrix()
+    faces = math.atan2(matrix[1, 0], matrix[0, 0]) - PI / 2
+    angle = (goal.yaw - faces + PI) % (2 * PI) - PI
+    along = state.torso_velocity[:2] @ [math.cos(goal.yaw), math.sin(goal.yaw)]
+    near = tolerance(np.linalg.norm(goal.position - state.position[:3]), margin=0.05)
+    return {
+        "upright": tolerance(matrix[2, 2], bounds=(1, math.inf), margin=0.5),
+        "near": near,
+        "away": 1 - near,
+        "heading": tolerance(angle, margin=PI / 2, value_at_margin=0, sigmoid="cosine"),
+        "speed": tolerance(
+            along, bounds=(0.1, math.inf), margin=0.1, value_at_margin=0, sigmoid="linear"
+        ),
+    }
+
+
+PRODUCTS = {
+    "move_from_origin": ("away", "upright"),
+    "face_direction": ("heading", "upright"),
+    "move_in_direction": ("speed", "upright"),
+    "move_to_position": ("near", "upright"),
+    "move_to_pose": ("near", "heading", "upright"),
+}
+
+
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+@given(states(), targets())
+def test_terms_are_dm_controls_tolerances(kind, state, goal):
+    expected = expected_terms(state, goal)
+    state, goal = convert(state, kind), convert(goal, kind)
+    found = {
+        "upright": features.upright_reward(state),
+        "near": features.near_reward(state, goal),
+        "heading": features.heading_reward(state, goal),
+        "speed": features.speed_reward(state, goal),
+    }
+    assert {name: float(value) for name, value in found.items()} == pytest.approx(
+        {name: expected[name] for name in found}, abs=1e-12
+    )
+
+
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+@pytest.mark.parametrize("task", TASKS)
+@given(states(), targets())
+def test_reward_is_the_product_of_its_terms(task, kind, state, goal):
+    terms = expected_terms(state, goal)
+    expected = math.prod(terms[name] for name in PRODUCTS[task])
+    found = float(features.reward(task, convert(state, kind), convert(goal, kind)))
+    assert found == pytest.approx(expected, abs=1e-12)
+    assert 0 <= found <= 1
+
+
+@pytest.mark.parametrize(
+    ("degrees", "reward"),
+    # The Gaussian is 0.1^(((1 - cos tilt) / 0.5)^2).
+    [(0, 1), (60, 0.1), (90, 1e-4), (180, 1e-16)],
+)
+@pytest.mark.parametrize("axis", [1, 2])
+def test_upright_by_hand(degrees, axis, reward):
+    quaternion = [math.cos(math.radians(degrees / 2)), 0, 0, 0]
+    quaternion[axis] = math.sin(math.radians(degrees / 2))
+    tilted = rest(position=[0, 0, 0.035, *quaternion])
+    assert features.upright_reward(tilted) == pytest.approx(reward, rel=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [0.3, PI / 2, PI, 5])
+def test_turning_on_the_spot_stays_upright(yaw):
+    assert features.upright_reward(turned(yaw)) == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "reward"),
+    [
+        ((0, 0, 0.035), 1),
+        ((0.05, 0, 0.035), 0.1),
+        ((0.03, -0.04, 0.035), 0.1),  # 3-4-5
+        ((0, 0, 0.085), 0.1),  # height counts
+        ((0.025, 0, 0.035), 0.1**0.25),
+        ((0, 0.1, 0.035), 1e-4),
+    ],
+)
+def test_near_by_hand(place, reward):
+    assert features.near_reward(rest(), target(*place)) == pytest.approx(reward, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "reward"),
+    [
+        (-PI / 2, 1),  # it faces -y
+        (-PI / 4, 0.5),
+        (-3 * PI / 4, 0.5),
+        (-PI / 6, 0.25),  # 60 degrees off: (1 + cos 120 deg) / 2
+        (0, 0),  # a right angle
+        (PI, 0),
+        (PI / 2, 0),  # the other way: cos 2a is 1 again, the reward is not
+        (PI / 4, 0),
+        (1.5 * PI, 1),
+    ],
+)
+def test_heading_by_hand(yaw, reward):
+    assert features.heading_reward(rest(), target(yaw=yaw)) == pytest.approx(reward, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "yaw", "reward"),
+    [
+        ((0.05, 0, 0), 0, 0.5),
+        ((0.1, 0, 0), 0, 1),
+        ((0.3, 0, 0), 0, 1),
+        ((-0.1, 0, 0), 0, 0),
+        ((0, 0.07, 0), PI / 2, 0.7),
+        ((0.05, 0.05, 9), PI, 0),
+        ((0, 0, 9), 0, 0),  # jumping is not moving along
+    ],
+)
+def test_speed_by_hand(velocity, yaw, reward):
+    found = features.speed_reward(rest(torso_velocity=velocity), target(yaw=yaw))
+    assert found == pytest.approx(reward, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("task", "goal", "reward"),
+    [
+        ("move_from_origin", target(), 0),
+        ("move_from_origin", target(x=0.05), 0.9),
+        ("face_direction", target(x=9, yaw=-PI / 4), 0.5),
+        ("move_in_direction", target(x=9), 0.3),
+        ("move_to_position", target(x=0.05, yaw=PI / 2), 0.1),
+        ("move_to_pose", target(x=0.05, yaw=-PI / 4), 0.05),
+    ],
+)
+@pytest.mark.parametrize(("degrees", "upright"), [(0, 1), (60, 0.1)])
+def test_reward_by_hand(task, goal, reward, degrees, upright):
+    half = math.radians(degrees / 2)
+    # Rolled about y, the axis along which it looks: the heading keeps.
+    position = [0, 0, 0.035, math.cos(half), 0, math.sin(half), 0]
+    state = rest(position=position, torso_velocity=[0.03, 0, 0])
+    assert features.reward(task, state, goal) == pytest.approx(reward * upright, rel=1e-12)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_reward_of_many_robots_is_that_of_each(task, kind):
+    many, goals = (convert(part, kind) for part in random_states((2, 3)))
+    together = features.reward(task, many, goals)
+    assert tuple(together.shape) == (2, 3)
+    assert len(np.unique(together)) > 1
+    for index in np.ndindex(2, 3):
+        one, goal = (type(part)(*(a[index] for a in part)) for part in (many, goals))
+        assert float(together[index]) == pytest.approx(
+            float(features.reward(task, one, goal)), abs=1e-15
+        )
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_one_target_serves_many_robots(task):
+    many, _ = random_states((20,))
+    goal = target(0.1, 0.05, yaw=1.0)
+    repeated = Target(*(np.broadcast_to(a, (20, *a.shape)) for a in goal))
+    np.testing.assert_array_equal(
+        features.reward(task, many, goal), features.reward(task, many, repeated)
+    )
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_many_targets_serve_one_robot(task):
+    state, _ = random_states(())
+    _, goals = random_states((20,), seed=1)
+    each = [features.reward(task, state, Target(*pair)) for pair in zip(*goals, strict=True)]
+    np.testing.assert_allclose(features.reward(task, state, goals), each, atol=1e-15)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_reward_of_single_precision_stays_single(task, kind):
+    many, goals = random_states((20,))
+    single = features.reward(task, *(convert(part, kind, "float32") for part in (many, goals)))
+    assert str(single.dtype).endswith("float32")
+    np.testing.assert_allclose(single, features.reward(task, many, goals), atol=1e-5)

@@ -103,8 +103,8 @@ def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> 
                 rows.append(_run_row(record))
         except WorkError as error:
             output.warn(str(error))
-    header = ("run", "status", "episodes", "mean return, last quarter", "last evaluation")
-    output.table("Runs", header, rows)
+    title = "Runs: mean return of the last quarter of episodes, and of the last evaluation"
+    output.table(title, ("run", "episodes", "return", "evaluation"), rows)
 
 
 def show_final_returns(table: pd.DataFrame, output: Output) -> None:
@@ -145,4 +145,5 @@ def _run_row(record: Record) -> tuple[object, ...]:
     ]
     tail = returns[-max(1, len(returns) // 4) :]
     means = (f"{sum(values) / len(values):.0f}" if values else "" for values in (tail, last))
-    return record.id, record.status, len(returns), *means
+    name = record.id if record.status == "finished" else f"{record.id} ({record.status})"
+    return name, len(returns), *means

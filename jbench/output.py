@@ -27,12 +27,13 @@ class Output:
 
     def table(self, title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
         """Prints a table for people; numbers are aligned to the right."""
+        from rich import box
         from rich.console import Console
         from rich.table import Table
         from rich.text import Text
 
         stream = sys.stderr if self.as_json else sys.stdout
-        table = Table(header_style="bold")
+        table = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
         numeric = [all(_is_number(row[i]) for row in rows) for i in range(len(header))]
         for name, right in zip(header, numeric, strict=True):
             table.add_column(Text(name), justify="right" if right else "left", overflow="fold")
@@ -53,7 +54,7 @@ class Output:
     def progress(self, what: str, total: int, unit: str) -> Iterator["Progress"]:
         """Gives something that shows progress on standard error while the block lasts."""
         if sys.stderr.isatty():
-            with _bar(what, total, unit) as progress:
+            with _bar(what, total) as progress:
                 yield progress
         else:
             yield _Lines(what, total, unit)
@@ -92,23 +93,26 @@ class _Lines(Progress):
 
 
 @contextmanager
-def _bar(what: str, total: int, unit: str) -> Iterator[Progress]:
+def _bar(what: str, total: int) -> Iterator[Progress]:
     """A bar on a terminal."""
     from rich import progress as rich
 
     columns = (
         rich.TextColumn("{task.description}", markup=False),
-        rich.BarColumn(),
-        rich.MofNCompleteColumn(),
-        rich.TextColumn(unit),
-        rich.TimeElapsedColumn(),
-        rich.TextColumn("left"),
-        rich.TimeRemainingColumn(elapsed_when_finished=False),
+        rich.BarColumn(bar_width=16),
+        rich.TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
+        rich.TimeRemainingColumn(compact=True, elapsed_when_finished=True),
         rich.TextColumn("{task.fields[note]}", markup=False),
     )
     from rich.console import Console
 
-    with rich.Progress(*columns, console=Console(stderr=True), speed_estimate_period=120) as bars:
+    with rich.Progress(
+        *columns,
+        console=Console(stderr=True),
+        speed_estimate_period=120,
+        # Lines said meanwhile go above the bar; but a pipe gets what is meant for it.
+        redirect_stdout=sys.stdout.isatty(),
+    ) as bars:
         task = bars.add_task(what, total=total, note="")
 
         class _Bar(Progress):

@@ -16,7 +16,7 @@ from jbench.tasks import model as robot
 from jbench.tasks import resets
 
 # Episodes in one file: what is committed at a time, and what is in memory.
-_PART_EPISODES = 50
+_PART_EPISODES = 25
 
 
 class DatasetSettings(BaseModel):

@@ -217,7 +217,8 @@ def heading_reward(state: State, target: Target) -> Array:
     """Returns (1 + cos 2a) / 2 for an angle a to the target below a right angle, else 0."""
     xp = array_namespace(state.position)
     angle = angle_to_target(state, target)
-    return xp.where(xp.abs(angle) < math.pi / 2, (1 + xp.cos(2 * angle)) / 2, 0 * angle)
+    facing = (1 + xp.cos(2 * angle)) / 2
+    return xp.where(xp.abs(angle) < math.pi / 2, facing, xp.zeros_like(facing))
 
 
 def speed_reward(state: State, target: Target) -> Array:

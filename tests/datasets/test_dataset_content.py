@@ -10,11 +10,18 @@ from scipy import stats
 from jbench.datasets import layout
 from jbench.names import TASKS
 from jbench.tasks import model as robot
-from jbench.tasks.features import Target
+from jbench.tasks.features import TARGET_HEIGHT
 from jbench.tasks.gym import JitterbugEnv
-from jbench.tasks.resets import draw_quaternion
+from jbench.tasks.resets import draw_quaternion, draw_target
 
 SIZES = dict(zip(TASKS, (15, 16, 19, 18, 19), strict=True))
+COLUMNS = (
+    *("position_x", "position_y", "position_z"),
+    *("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"),
+    *("velocity_x", "velocity_y", "velocity_z"),
+    *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
+    *("motor_position", "motor_velocity"),
+)
 EVERY_TASK = pytest.mark.parametrize("task", TASKS)
 
 
@@ -35,12 +42,15 @@ def targets(six_episodes):
     return {t: np.stack([rows[f"{t}_target_{p}"].to_numpy() for p in parts], 1) for t in TASKS}
 
 
-def placed(model, episode):
-    """The robot at the beginning of an episode: drawn again, for the dataset has only float32."""
+def drawn(model, episode):
+    """The robot at the beginning of an episode, and the tasks' targets.
+
+    Drawn again from the episode's own generator, for the dataset has the pose only in float32.
+    """
     random = np.random.default_rng(np.random.SeedSequence(3, spawn_key=(episode,)))
     data = mujoco.MjData(model)
     robot.place(data, draw_quaternion(random))
-    return data
+    return data, {task: draw_target(task, random) for task in TASKS}
 
 
 def test_rows_are_whole_episodes_in_order(steps):
@@ -68,28 +78,26 @@ def test_actions_are_uniform_and_independent(steps):
 
 def test_recorded_actions_lead_to_the_recorded_states(steps):
     model = robot.load()
-    data, seen = placed(model, 5), []
+    (data, _), seen = drawn(model, 5), []
     for action in [*steps["action"][5, :-1], None]:
         seen.append([*data.qpos[:7], *data.qvel[:6], data.qpos[15], data.qvel[14]])
         if action is not None:
             data.ctrl[0] = action
             mujoco.mj_step(model, data, nstep=50)
-    columns = [name for name in layout.STEPS.names[2:-1] if not name.startswith("torso_")]
     wanted = np.array(seen)
     wanted[:, -2] = np.angle(np.exp(1j * (wanted[:, -2] + math.pi / 2)))  # 0 is forward
-    for index, name in enumerate(columns):
+    for index, name in enumerate(COLUMNS):
         found = steps[name][5]
         np.testing.assert_allclose(found, wanted[:, index], rtol=2e-7, atol=1e-9, err_msg=name)
 
 
 @EVERY_TASK
-def test_every_task_reads_what_its_environment_shows(task, dataset, steps, targets):
+def test_every_task_reads_what_its_environment_shows(task, dataset, steps):
     wanted = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
     episode = np.argmax(np.ptp(wanted[2], axis=1))  # with most to compare in its rewards
     env = JitterbugEnv(task)
-    env._data = placed(env._model, episode)
-    x, y, yaw = targets[task][episode]
-    env._target = Target(np.array([x, y, 0.035]), yaw)
+    env._data, targets = drawn(env._model, episode)
+    env._target = targets[task]
     observations, rewards = [env._observation(env._state())], []
     for action in steps["action"][episode, :-1]:
         observation, reward, *_ = env.step(np.array([action]))
@@ -124,6 +132,16 @@ def test_targets_lie_where_the_task_draws_them(task, targets):
         assert len(np.unique(yaw)) == 6
     else:
         assert not yaw.any()
+
+
+@EVERY_TASK
+def test_targets_are_those_that_the_task_draws(task, targets):
+    model = robot.load()
+    for episode in range(6):
+        _, wanted = drawn(model, episode)
+        x, y, height = wanted[task].position
+        assert (x, y, wanted[task].yaw) == tuple(targets[task][episode])
+        assert height == TARGET_HEIGHT
 
 
 def test_episodes_begin_differently(steps):

@@ -42,10 +42,10 @@ def refusal(results, id=None):
 
 def test_newest_finished_dataset_is_the_default(results):
     add(results, "random/a", "2021")
-    add(results, "random/c", "2023")
-    add(results, "random/b", "2022")
+    add(results, "random/b", "2023")
+    add(results, "random/c", "2022")
     add(results, "random/d", "2024", finished=False)
-    assert find_dataset(results).id == "random/c"
+    assert find_dataset(results).id == "random/b"
     assert find_dataset(results, "random/a").id == "random/a"
 
 

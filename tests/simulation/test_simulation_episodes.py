@@ -34,7 +34,7 @@ def on_threads(count, model, quaternions, actions):
 def plain_loop(model, quaternion, actions):
     """One robot, one physics step of 0.2 ms at a time."""
     data = mujoco.MjData(model)
-    data.qpos[:] = [0, 0, 0.035, *quaternion, *[0] * 9]
+    data.qpos[:7] = [0, 0, 0.035, *quaternion]
     qpos, qvel = [data.qpos.copy()], [data.qvel.copy()]
     for action in actions:
         data.ctrl[:] = action
@@ -74,13 +74,17 @@ def test_nothing_of_an_earlier_episode_is_left_on_a_thread(model, given):
 
 
 def test_two_models_on_the_same_threads_do_not_mix(model, given):
-    heavy = robot.load()
-    heavy.opt.gravity[2] *= 2
-    models = (model, heavy)
+    other = robot.load()
+    other.opt.gravity[2] *= 2
+    other.qpos0[robot.MOTOR] = 1  # where its motor begins
+    models = (model, other)
     alone = [on_threads(1, one, *given) for one in models]
     with ThreadPoolExecutor(2) as workers, ThreadPoolExecutor(2) as callers:
         jobs = [callers.submit(simulate, one, *given, workers) for one in models * 2]
         together = [job.result() for job in jobs]
     for found, wanted in zip(together, alone * 2, strict=True):
         np.testing.assert_array_equal(found.qpos, wanted.qpos)
-    assert not np.array_equal(alone[0].qpos, alone[1].qpos)
+    for one, trajectories in zip(models, alone, strict=True):
+        qpos, _ = plain_loop(one, given[0][0], given[1][0])
+        np.testing.assert_array_equal(trajectories.qpos[0], qpos)
+    assert not np.any(alone[0].qpos[:, 1:, 2] == alone[1].qpos[:, 1:, 2])

@@ -44,8 +44,12 @@ def test_figure_9_ends_where_the_paper_says(tables, task, algo, wanted):
 
 
 def test_representations_are_named_as_those_of_runs(tables):
-    sql = "select distinct representation from published order by 1"
-    assert ask(tables, sql) == [("dae12",), ("full",)]
+    sql = """
+        select distinct representation, figure = 'augmented-sac' from published order by all
+    """
+    # The ten robots in sequence are of no run that we have.
+    wanted = [("dae12", False), ("full", False), ("full-augmented-sequence", True)]
+    assert ask(tables, sql) == wanted
 
 
 def test_encoded_curves_are_those_of_figures_7_and_8(tables):
@@ -67,3 +71,14 @@ def test_quantiles_never_cross(tables):
         where low.quantile < high.quantile and low.episode_return > high.episode_return + 0.5
     """
     assert ask(tables, sql) == [(0,)]
+
+
+def test_medians_of_figure_8_come_with_two_pairs_of_bands(tables):
+    sql = """
+        select median.figure, count(*), max(abs(median.episode_return - other.episode_return))
+        from published median join published other
+        using (task, algo, representation, training_steps, quantile)
+        where median.figure = 'fig8' and other.figure = 'fig8-10-90'
+        group by all
+    """
+    assert ask(tables, sql) == [("fig8", 2 * 246, 0)]

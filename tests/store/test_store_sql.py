@@ -31,7 +31,8 @@ READERS = ["read_csv('{}')", "read_text('{}')", "read_blob('{}')", "glob('{}')",
 @pytest.mark.parametrize("reader", [*READERS, "sniff_csv('{}')"])
 def test_files_cannot_be_read(secret, reader):
     sql = f"select * from {reader.format(secret)}"
-    assert len(duckdb.connect().execute(sql).df()) == 1  # without us, it can
+    counting = f"select count(*) from ({sql})"
+    assert duckdb.connect().execute(counting).fetchall() == [(1,)]  # without us, it can
     with pytest.raises(RequestError, match="disabled by configuration") as refusal:
         run_sql(sql, TABLES)
     assert "hunter2" not in str(refusal.value)

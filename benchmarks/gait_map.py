@@ -1,0 +1,135 @@
+"""Draws which pulse of the motor moves the robot how: `python benchmarks/gait_map.py`.
+
+Swings, torque = amplitude sin(2 pi t / period) - 0.5 sin(mass - centre), are mapped by amplitude,
+period and centre; whirls, a constant torque, by that torque. Drift and yaw rate are means over
+the last 2.5 of 3 s. Writes docs/images/gait_map.png.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from tune_heuristics import COARSE, Robots
+
+from jbench.names import CONTROL_TIMESTEP
+from jbench.tasks import features
+
+Array = NDArray[np.float64]
+
+SPRING = 0.5  # share of the full torque that pulls the mass to the centre of its swing
+STEPS = 300  # control steps that a robot is watched
+SETTLING = 50  # of them, those that are not counted
+EPISODES = 6  # robots for each point of the map
+AMPLITUDES = (0.4, 0.6, 0.8, 1.0)  # share of the full torque
+PERIODS = np.arange(0.06, 0.221, 0.02)  # s
+CENTRES = np.radians(np.arange(0, 181, 15))  # 0 forward, 90 degrees to the left
+WHIRLS = np.arange(0.2, 1.001, 0.05)  # share of the full torque
+BEST = (0.8, 0.12)  # amplitude and period of the swings that are mapped by their centre
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")  # Okabe and Ito's, for colour-blind eyes
+MARKERS = "os^D"
+BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15), "frameon": False}
+
+
+def watch(amplitude: Array, period: Array, centre: Array) -> tuple[NDArray[Any], Array]:
+    """Returns drift (m/s; forward + 1j left) and yaw rate (rad/s), each (points, EPISODES).
+
+    Args:
+        amplitude: (points,) of the swings, or the whirls' torque where the period is infinite.
+        period: (points,) s.
+        centre: (points,) rad.
+    """
+    swings, period, centre = (
+        np.repeat(values, EPISODES)
+        for values in (np.isfinite(period), np.where(np.isfinite(period), period, 1.0), centre)
+    )
+    torque = np.repeat(amplitude, EPISODES)
+    seeds = np.tile(np.arange(EPISODES), len(amplitude))
+    robots = Robots("move_from_origin", seeds.tolist(), COARSE)
+    drift, yaw = np.zeros(len(seeds), dtype=complex), np.zeros(len(seeds))
+    for step in range(STEPS):
+        state = robots.state()
+        phase = 2 * np.pi * step * CONTROL_TIMESTEP / period
+        swing = torque * np.sin(phase) - SPRING * np.sin(state.motor_position - centre)
+        robots.step(np.clip(np.where(swings, swing, torque), -1, 1))
+        if step >= SETTLING:
+            velocity = state.torso_velocity[:, 0] + 1j * state.torso_velocity[:, 1]
+            drift += velocity * np.exp(-1j * features.heading(state)) / (STEPS - SETTLING)
+            yaw += state.velocity[:, 5] / (STEPS - SETTLING)
+    return drift.reshape(-1, EPISODES), yaw.reshape(-1, EPISODES)
+
+
+def draw_periods(axes: Any) -> None:
+    """Draws drift against the period of swings forwards, for each amplitude."""
+    grid = np.array([(a, p) for a in AMPLITUDES for p in PERIODS])
+    drift, _ = watch(grid[:, 0], grid[:, 1], np.zeros(len(grid)))
+    rows = np.median(drift.real, 1).reshape(len(AMPLITUDES), -1)
+    for amplitude, row, colour, marker in zip(AMPLITUDES, rows, COLOURS, MARKERS, strict=True):
+        axes.plot(PERIODS * 1000, 100 * row, color=colour, marker=marker, label=f"{amplitude:.1f}")
+    axes.set(title="Swings about the front", xlabel="period (ms)", ylabel="drift forwards (cm/s)")
+    axes.legend(title="amplitude (of full torque)", ncols=4, **BELOW)
+
+
+def draw_centres(axes: Any) -> None:
+    """Draws drift and yaw rate against the centre of the best swings."""
+    points = np.ones(len(CENTRES))
+    drift, yaw = watch(BEST[0] * points, BEST[1] * points, CENTRES)
+    drift *= np.exp(-1j * CENTRES)[:, None]
+    curves = (
+        (100 * drift.real, "towards the centre (cm/s)"),
+        (100 * drift.imag, "to its left (cm/s)"),
+        (yaw, "yaw rate (rad/s)"),
+    )
+    for (values, label), colour, marker in zip(curves, COLOURS, MARKERS, strict=False):
+        low, median, high = np.percentile(values, [10, 50, 90], axis=1)
+        axes.plot(np.degrees(CENTRES), median, color=colour, marker=marker, label=label)
+        axes.fill_between(np.degrees(CENTRES), low, high, color=colour, alpha=0.15, linewidth=0)
+    axes.axhline(0, color="0.6", linewidth=0.8)
+    axes.set(
+        title=f"Swings of amplitude {BEST[0]:.1f}, period {1000 * BEST[1]:.0f} ms",
+        xlabel="centre of the swing (degrees; 0 forward, 90 left)",
+        ylabel="drift (cm/s), yaw rate (rad/s)",
+    )
+    axes.set_xticks(np.arange(0, 181, 45))
+    axes.legend(ncols=2, **BELOW)
+
+
+def draw_whirls(axes: Any) -> None:
+    """Draws yaw rate and drift against a constant torque."""
+    points = np.ones(len(WHIRLS))
+    drift, yaw = watch(WHIRLS, np.inf * points, 0 * points)
+    curves = ((yaw, "yaw rate (rad/s)"), (10 * np.abs(drift), "drift (0.1 m/s)"))
+    for (values, label), colour, marker in zip(curves, COLOURS, MARKERS, strict=False):
+        low, median, high = np.percentile(values, [10, 50, 90], axis=1)
+        axes.plot(WHIRLS, median, color=colour, marker=marker, label=label)
+        axes.fill_between(WHIRLS, low, high, color=colour, alpha=0.15, linewidth=0)
+    axes.axhline(0, color="0.6", linewidth=0.8)
+    axes.set(
+        title="Whirls",
+        xlabel="constant torque (of full torque)",
+        ylabel="yaw rate (rad/s), drift (0.1 m/s)",
+    )
+    axes.legend(ncols=2, **BELOW)
+
+
+def main() -> None:
+    """Writes the figure."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    image = Path(__file__).parents[1] / "docs" / "images" / "gait_map.png"
+    parser.add_argument("--output", type=Path, default=image)
+    args = parser.parse_args()
+    figure = Figure(figsize=(13, 4.6), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    draw_periods(left)
+    draw_centres(middle)
+    draw_whirls(right)
+    for axes in (left, middle, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(args.output, dpi=150)
+
+
+if __name__ == "__main__":
+    main()

@@ -29,6 +29,9 @@ ORDERS: tuple[Order, ...] = get_args(Order)
 FULL = "full"
 """The representation of an agent that sees the whole observation, without an encoder."""
 
+LARGEST_SEED = 2**63 - 1
+"""Seeds are kept in the database as signed numbers of 64 bits."""
+
 EPISODE_STEPS = 1000
 """Control steps in an episode, in every environment (paper, section 4.1)."""
 

@@ -4,6 +4,9 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 from jbench.errors import RequestError
+from jbench.names import LARGEST_SEED
+
+_MOST_SEEDS = 10_000  # in one range; more is a slip of the keyboard
 
 _Name = TypeVar("_Name", bound=str)
 
@@ -43,10 +46,10 @@ def seed(number: int) -> int:
     """Returns a seed.
 
     Raises:
-        RequestError: if it is negative.
+        RequestError: if it is negative, or larger than the database can keep.
     """
-    if number < 0:
-        raise RequestError(f"--seed {number}: type a whole number from 0 up.")
+    if not 0 <= number <= LARGEST_SEED:
+        raise RequestError(f"--seed {number}: type a whole number from 0 up to {LARGEST_SEED}.")
     return number
 
 
@@ -59,7 +62,8 @@ def seeds(text: str) -> list[int]:
     chosen: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
-        if not first.isdigit() or (dash and not last.isdigit()) or int(last or first) < int(first):
+        whole = first.isdecimal() and (not dash or last.isdecimal())
+        if not whole or not 0 <= int(last or first) - int(first) < _MOST_SEEDS:
             raise RequestError(f"--seeds {text}: type seeds like 0-9, or 0,2,5-7.")
         chosen.update(range(int(first), int(last or first) + 1))
     return sorted(chosen)

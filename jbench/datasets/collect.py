@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field, field_validator
 
 from jbench import validation
 from jbench.datasets import layout
-from jbench.names import EPISODE_STEPS, TASKS
+from jbench.names import EPISODE_STEPS, LARGEST_SEED, TASKS
 from jbench.simulation import simulate
 from jbench.store import Record, Results, settings_hash
 from jbench.tasks import model as robot
@@ -26,7 +26,7 @@ class DatasetSettings(BaseModel):
 
     policy: str = "random"
     robot: str = "jitterbug"
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
     steps: int = Field(
         default=5_000_000, gt=0, description="control steps (paper, section 5.2: 5 million)"
     )

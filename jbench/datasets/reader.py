@@ -45,8 +45,10 @@ class Dataset:
         Raises:
             WorkError: if a file is damaged; it names the file.
         """
-        parts = zip(self.record.parts("steps"), self.record.parts("dataset_episodes"), strict=True)
-        for steps, episodes in parts:
+        files = self.record.parts("steps"), self.record.parts("dataset_episodes")
+        if len(files[0]) != len(files[1]):
+            raise WorkError(f"The manifest of the dataset {self.id} lacks files; collect it anew.")
+        for steps, episodes in zip(*files, strict=True):
             rows = self.record.read_part(steps, layout.STEPS)
             state = layout.state_of(rows, EPISODE_STEPS)
             drawn = layout.target_of(task, self.record.read_part(episodes, layout.EPISODES))

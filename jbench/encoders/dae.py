@@ -39,11 +39,13 @@ class Scaling:
     def gain_and_offset(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Returns (dim(O),) numbers such that scaled = gain * observation + offset.
 
-        A feature that never changes has nothing to say: it is scaled to 0.
+        A feature that changes by no more than float32 can tell has nothing to say: it becomes 0.
         """
-        width = (self.maximum - self.minimum).astype(np.float64)
-        gain = np.divide(2, width, out=np.zeros_like(width), where=width > 0)
-        offset = np.where(width > 0, -1 - gain * self.minimum, 0)
+        low, high = self.minimum.astype(np.float64), self.maximum.astype(np.float64)
+        width = high - low
+        changes = width > 1e-5 * np.maximum(np.abs(low), np.abs(high))
+        gain = np.divide(2, width, out=np.zeros_like(width), where=changes)
+        offset = np.where(changes, -1 - gain * low, 0)
         return gain.astype(np.float32), offset.astype(np.float32)
 
 
@@ -59,8 +61,9 @@ class DenoisingAutoencoder(nn.Module):
             generator: of the random weights.
         """
         super().__init__()
-        self.encoder = nn.Linear(size, latents)
-        self.decoder = nn.Linear(latents, size)
+        # Without their own first draw, which would come from the global generator.
+        self.encoder = nn.utils.skip_init(nn.Linear, size, latents)
+        self.decoder = nn.utils.skip_init(nn.Linear, latents, size)
         for layer in (self.encoder, self.decoder):
             nn.init.xavier_uniform_(layer.weight, generator=generator)
             nn.init.zeros_(layer.bias)

@@ -60,7 +60,7 @@ def find_encoder(results: Results, wanted: str, task: str) -> str:
     Raises:
         RequestError: if there is none, or it is one for another task's observations.
     """
-    if not wanted.isdigit():
+    if not wanted.isdecimal():
         _, description = load_encoder(results, wanted)
         if description["task"] != task:
             raise RequestError(

@@ -13,6 +13,8 @@ from jbench import validation
 from jbench.datasets import Dataset
 from jbench.encoders import dae
 from jbench.encoders.encoder import DESCRIPTION, WEIGHTS
+from jbench.errors import RequestError
+from jbench.names import LARGEST_SEED
 from jbench.store import Record, Results, schema, settings_hash
 from jbench.tasks.features import TASK_SPECS, feature_labels
 
@@ -39,7 +41,7 @@ class EncoderSettings(BaseModel):
     learning_rate: float = Field(
         default=1e-3, gt=0, description="Adam's default; paper, section 5.2 (script: 5e-4)"
     )
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
 
     @model_validator(mode="after")
     def _reduces(self) -> "EncoderSettings":
@@ -96,6 +98,11 @@ def train_encoder(
         found = results.find("encoder", settings.id)
         if found is not None and found.status == "finished":
             return found
+        if dataset.episodes < 2:
+            raise RequestError(
+                f"The dataset {dataset.id} has one episode, and one is held out; type "
+                "jbench collect with more --steps."
+            )
         observations = dataset.observations(settings.task)
         record = results.create("encoder", settings.id, settings.model_dump())
         learned, held_out = split_episodes(len(observations), settings.seed)

@@ -6,7 +6,7 @@ from pydantic import BaseModel, Field
 
 from jbench import validation
 from jbench.agents.settings import SETTINGS, AlgorithmSettings
-from jbench.names import FULL, TimeLimit
+from jbench.names import FULL, LARGEST_SEED, TimeLimit
 from jbench.store import settings_hash
 
 
@@ -19,7 +19,7 @@ class RunSettings(BaseModel):
     algo: str
     representation: str = Field(default=FULL, description="full, or what the encoder is, as dae12")
     encoder: str | None = Field(default=None, description="id of the encoder")
-    seed: int = Field(ge=0)
+    seed: int = Field(ge=0, le=LARGEST_SEED)
     steps: int = Field(gt=0, description="control steps over all environments; section 5.1: 5e6")
     engine: Literal["sb3"] = "sb3"
     time_limit: TimeLimit = "bootstrap"

@@ -75,8 +75,8 @@ class Results:
         for path in sorted(root.rglob(MANIFEST)):
             try:
                 record = Record(self, kind, path.parent.relative_to(root).as_posix())
-                record._load()
-                records.append(record)
+                if record._load():
+                    records.append(record)
             except (RequestError, WorkError) as error:
                 problems.append(str(error))
         return sorted(records, key=lambda record: (record.manifest.created, record.id)), problems
@@ -125,16 +125,11 @@ class Record:
 
     def read_part(self, entry: FileEntry, schema: pa.Schema) -> pa.Table:
         """Returns the rows of one file, checked against the manifest; see `read`."""
-        content = self._checked(entry)
+        rows = self._rows_of(entry)
         try:
-            rows = pq.read_table(io.BytesIO(content))
-            rows = rows.select(schema.names).cast(schema)
+            return rows.select(schema.names).cast(schema)
         except (pa.ArrowException, KeyError) as error:
-            reason = str(error).splitlines()[0]
-            raise WorkError(f"{self.path / entry.name} can't be read ({reason}).") from None
-        if rows.num_rows != entry.rows:
-            raise self._damaged(entry, f"{rows.num_rows} rows, not {entry.rows}")
-        return rows
+            raise self._damaged(entry, str(error).splitlines()[0]) from None
 
     def parts(self, table: str) -> list[FileEntry]:
         """Returns the committed files of a table, in the order in which they were written."""
@@ -192,7 +187,11 @@ class Record:
             WorkError: if another process holds it.
         """
         files.make_directory(self.path)
-        with open(self.path / "lock", "a") as file:
+        try:
+            file = open(self.path / "lock", "a")  # noqa: SIM115 - closed below, after the yield
+        except OSError as error:
+            raise WorkError(f"{self.path / 'lock'} can't be opened ({error.strerror}).") from None
+        with file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
@@ -207,7 +206,7 @@ class Record:
             return parts[0]
         return self._write_part(
             table,
-            pa.concat_tables([pq.read_table(io.BytesIO(self._checked(part))) for part in parts]),
+            pa.concat_tables([self._rows_of(part) for part in parts]),
         )
 
     def _write_part(self, table: str, rows: pa.Table) -> FileEntry:
@@ -226,6 +225,17 @@ class Record:
         )
         files.write_atomic(self.path / name, content)
         return entry
+
+    def _rows_of(self, entry: FileEntry) -> pa.Table:
+        """Returns the rows of a file, with whatever columns it has."""
+        content = self._checked(entry)
+        try:
+            rows = pq.read_table(io.BytesIO(content))
+        except (pa.ArrowException, OSError) as error:
+            raise self._damaged(entry, str(error).splitlines()[0]) from None
+        if rows.num_rows != entry.rows:
+            raise self._damaged(entry, f"{rows.num_rows} rows, not {entry.rows}")
+        return rows
 
     def _checked(self, entry: FileEntry) -> bytes:
         """Returns a file's content if it is what was committed."""

@@ -64,8 +64,9 @@ def write_atomic(path: Path, content: bytes) -> None:
 def remove_unlisted(directory: Path, listed: set[str]) -> None:
     """Removes what an interrupted writer of a record left beside its committed files."""
     for path in directory.iterdir():
-        part = path.suffix in (".parquet", ".safetensors", ".json")
-        if path.name not in listed and (part or path.name.startswith(_TEMPORARY)):
+        ours = path.suffix in (".parquet", ".safetensors", ".json")
+        ours = ours or path.name.startswith(_TEMPORARY)
+        if ours and path.name not in listed and path.is_file():
             path.unlink(missing_ok=True)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from jbench.errors import RequestError
 
 # One part of an id: it becomes a directory, so no dots alone, no separators, nothing hidden.
-_PART = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_PART = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 
 
 def canonical_json(settings: Mapping[str, Any]) -> str:

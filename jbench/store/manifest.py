@@ -37,6 +37,12 @@ class FileEntry(BaseModel):
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 
 
+class _Versioned(BaseModel):
+    """What every version of a manifest has."""
+
+    schema_version: int
+
+
 class Manifest(BaseModel):
     """The state of a record at its last commit."""
 
@@ -69,13 +75,14 @@ class Manifest(BaseModel):
             WorkError: if it is damaged or of a newer version of jbench.
         """
         try:
-            manifest = cls.model_validate_json(content)
+            # The version first: a newer manifest may have fields that this one has not.
+            version = _Versioned.model_validate_json(content).schema_version
+            if version > SCHEMA_VERSION:
+                raise WorkError(
+                    f"{where} is of schema version {version}, and this jbench reads up to "
+                    f"{SCHEMA_VERSION}; install a newer jbench."
+                )
+            return cls.model_validate_json(content)
         except ValidationError as error:
             reason = error.errors()[0]["msg"]
             raise WorkError(f"{where} is not a manifest that can be read ({reason}).") from None
-        if manifest.schema_version > SCHEMA_VERSION:
-            raise WorkError(
-                f"{where} is of schema version {manifest.schema_version}, and this jbench reads "
-                f"up to {SCHEMA_VERSION}; install a newer jbench."
-            )
-        return manifest

@@ -8,6 +8,7 @@ from importlib import resources
 from typing import Any, NamedTuple
 
 import duckdb
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
@@ -42,13 +43,14 @@ def load(results: Results) -> Tables:
         for record in records:
             try:
                 parts = {name: record.read(name, columns) for name, columns in schemas.items()}
+                row = _row(record, describe, getattr(schema, f"{kind}s".upper()))
             except WorkError as error:
                 problems.append(str(error))
                 continue
-            rows.append(describe(record))
+            rows.append(row)
             for name, part in parts.items():
                 tables.setdefault(name, []).append(part)
-        tables[f"{kind}s"] = [pa.Table.from_pylist(rows, getattr(schema, f"{kind}s".upper()))]
+        tables[f"{kind}s"] = [getattr(schema, f"{kind}s".upper()).empty_table(), *rows]
     tables["published"] = [published()]
     empty = {name: columns for _, _, schemas in _KINDS for name, columns in schemas.items()}
     return Tables(
@@ -103,8 +105,33 @@ def to_csv(frame: pd.DataFrame) -> str:
 
 
 def to_json(frame: pd.DataFrame) -> str:
-    """Returns the rows as a JSON list of objects; what is missing is null."""
-    return frame.to_json(orient="records", date_format="iso", double_precision=15, indent=1)
+    """Returns the rows as a JSON list of objects; what is missing or infinite is null."""
+    said = frame.notna() & ~frame.isin([np.inf, -np.inf])
+    rows = frame.astype(object).where(said, None).to_dict("records")
+    return json.dumps(rows, indent=1, default=_plain, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    """Returns what JSON has for a value of another type: a number, or the value's text."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return str(value)
+
+
+def _row(
+    record: Record, describe: Callable[[Record], dict[str, Any]], columns: pa.Schema
+) -> pa.Table:
+    """Returns the row of a record; its manifest may come from a stranger and say anything."""
+    try:
+        return pa.Table.from_pylist([describe(record)], columns)
+    except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise WorkError(
+            f"The {record.kind} {record.id} has settings that can't be ({reason}); delete "
+            f"{record.path} to make it anew."
+        ) from None
 
 
 def _run_row(record: Record) -> dict[str, Any]:

@@ -1,17 +1,18 @@
 """The robot and what it must do.
 
-Importing this package adds the domain `jitterbug` to the dm_control suite and the five
-`Jitterbug/…-v0` environments to Gymnasium.
+Importing this package adds the domains `jitterbug` and `augmented_jitterbug` to the dm_control
+suite, and the environments `Jitterbug/…-v0` and `AugmentedJitterbug/…-v0` to Gymnasium, five each.
 """
 
 from dm_control import suite
 
-from jbench.tasks import gym, jitterbug
+from jbench.tasks import augmented, gym, jitterbug
 
 
-def _register_domain() -> None:
-    """Adds the domain to the suite, and its tasks to the suite's lists of tasks."""
+def _register_domains() -> None:
+    """Adds the domains to the suite, and their tasks to the suite's lists of tasks."""
     suite._DOMAINS["jitterbug"] = jitterbug
+    suite._DOMAINS["augmented_jitterbug"] = augmented
     suite.ALL_TASKS = suite._get_tasks(tag=None)
     suite.BENCHMARKING = suite._get_tasks("benchmarking")
     suite.EASY = suite._get_tasks("easy")
@@ -21,5 +22,5 @@ def _register_domain() -> None:
     suite.TASKS_BY_DOMAIN = suite._get_tasks_by_domain(suite.ALL_TASKS)
 
 
-_register_domain()
+_register_domains()
 gym.register_environments()

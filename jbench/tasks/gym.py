@@ -1,8 +1,10 @@
 """The five tasks as Gymnasium environments.
 
 gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0")
+gymnasium.make("jbench.tasks:AugmentedJitterbug/FaceDirection-v0", augment=3)
 """
 
+import os
 from typing import Any
 
 import gymnasium
@@ -18,21 +20,28 @@ CAMERAS = ("overhead", "tracking", "ego", "spectator")
 """The cameras of the model: the paper's three (section 4.1) and a fixed view from the side."""
 
 
-def environment_id(task: str) -> str:
-    """Returns the Gymnasium id of a task: `Jitterbug/FaceDirection-v0` for `face_direction`."""
-    return f"Jitterbug/{task.title().replace('_', '')}-v0"
+def environment_id(task: str, augmented: bool = False) -> str:
+    """Returns the Gymnasium id of a task: `Jitterbug/FaceDirection-v0` for `face_direction`.
+
+    Args:
+        task: one of `jbench.names.TASKS`.
+        augmented: whether with an augmented robot: `AugmentedJitterbug/FaceDirection-v0`.
+    """
+    domain = "AugmentedJitterbug" if augmented else "Jitterbug"
+    return f"{domain}/{task.title().replace('_', '')}-v0"
 
 
 def register_environments() -> None:
-    """Makes the five tasks known to Gymnasium."""
+    """Makes the five tasks known to Gymnasium, with the plain robot and with augmented ones."""
     for task in TASKS:
-        if environment_id(task) not in registry:
-            register(
-                environment_id(task),
-                entry_point="jbench.tasks.gym:JitterbugEnv",
-                kwargs={"task": task},
-                max_episode_steps=EPISODE_STEPS,
-            )
+        for augmented, robot in ((False, {}), (True, {"augment": 0})):
+            if environment_id(task, augmented) not in registry:
+                register(
+                    environment_id(task, augmented),
+                    entry_point="jbench.tasks.gym:JitterbugEnv",
+                    kwargs={"task": task, **robot},
+                    max_episode_steps=EPISODE_STEPS,
+                )
 
 
 class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -55,6 +64,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         camera: str = "tracking",
         width: int = 640,
         height: int = 480,
+        augment: int | None = None,
+        vary_masses: bool = False,
     ) -> None:
         """Initialises the environment.
 
@@ -64,9 +75,11 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             camera: one of `CAMERAS`.
             width: of a picture, in pixels.
             height: of a picture, in pixels.
+            augment: seed of an augmented robot's morphology, or None for the plain robot.
+            vary_masses: whether the augmented robot's densities and gear are drawn, too.
 
         Raises:
-            ValueError: if there is no such task, camera or render mode.
+            ValueError: if there is no such task, camera, render mode or robot.
         """
         for value, known in (
             (task, TASKS),
@@ -82,10 +95,23 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
         self._picture: dict[str, Any] = {"camera_name": camera, "width": width, "height": height}
         self._renderer: Any = None
-        self._model = model.load()
+        self._model = model.load(augment, vary_masses=vary_masses)
+        # What is drawn beyond the buffer off the screen would be black.
+        buffer = self._model.vis.global_
+        buffer.offwidth, buffer.offheight = max(buffer.offwidth, width), max(buffer.offheight, height)
         self._data = mujoco.MjData(self._model)
         self._torso_offset = model.torso_offset(self._model)
         self._target = resets.draw_target(task, np.random.default_rng(0))
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The robot and its target."""
+        return self._model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The state of `model`."""
+        return self._data
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -110,11 +136,19 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observation(state), reward, False, False, {}
 
     def render(self) -> Any:
-        """Returns a picture (height, width, 3) in mode "rgb_array"; else None."""
+        """Returns a picture (height, width, 3) in mode "rgb_array"; else None.
+
+        Raises:
+            RequestError: if MUJOCO_GL is not set and nothing here can draw; a ValueError.
+        """
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            # Imported only here: it loads a window system.
+            # Imported only here: these look for a window system, or load it.
+            if self.render_mode == "rgb_array" and not os.environ.get("MUJOCO_GL"):
+                from jbench.rendering.backend import choose_backend
+
+                choose_backend()
             from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
             self._renderer = MujocoRenderer(self._model, self._data, **self._picture)
@@ -122,7 +156,9 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         mujoco.mj_forward(self._model, self._data)
         # Another environment may have drawn, or closed, since: its context is not ours.
         self._renderer._get_viewer(self.render_mode).make_context_current()
-        return self._renderer.render(self.render_mode)
+        picture = self._renderer.render(self.render_mode)
+        # Gymnasium turns its picture upside down as a view, which torch refuses.
+        return None if picture is None else np.ascontiguousarray(picture)
 
     def close(self) -> None:
         """Closes windows and frees what drew the pictures."""

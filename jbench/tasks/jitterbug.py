@@ -75,17 +75,22 @@ def move_to_pose(**settings: Unpack[TaskSettings]) -> control.Environment:
     return _environment("move_to_pose", **settings)
 
 
-def _environment(
+def _environment(task: str, **settings: Unpack[TaskSettings]) -> control.Environment:
+    """Returns the environment of a task with the plain robot."""
+    return environment(task, Physics.from_xml_string(*get_model_and_assets()), **settings)
+
+
+def environment(
     task: str,
+    physics: "Physics",
     time_limit: float = _DEFAULT_TIME_LIMIT,
     control_timestep: float = CONTROL_TIMESTEP,
     random_pose: bool = True,
     random: np.random.RandomState | int | None = None,
     environment_kwargs: dict[str, Any] | None = None,
 ) -> control.Environment:
-    """Returns the environment of a task; the settings are those of `TaskSettings`."""
+    """Returns the environment of a task for a robot; the settings are those of `TaskSettings`."""
     settings = {"control_timestep": control_timestep, **(environment_kwargs or {})}
-    physics = Physics.from_xml_string(*get_model_and_assets())
     return control.Environment(
         physics,
         Jitterbug(task, random_pose=random_pose, random=random),

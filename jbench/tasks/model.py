@@ -22,9 +22,25 @@ def xml() -> str:
     return resources.files("jbench.tasks").joinpath("jitterbug.xml").read_text(encoding="utf-8")
 
 
-def load() -> mujoco.MjModel:
-    """Returns a new MuJoCo model of the robot."""
-    return mujoco.MjModel.from_xml_string(xml())
+def load(augment: int | None = None, *, vary_masses: bool = False) -> mujoco.MjModel:
+    """Returns a new MuJoCo model of the plain robot, or of an augmented one.
+
+    Args:
+        augment: seed of the augmented robot's morphology (see `jbench.tasks.augmented.draw`), or
+            None for the plain robot.
+        vary_masses: whether the augmented robot's densities and gear are drawn, too.
+
+    Raises:
+        ValueError: if the seed is negative, or the plain robot's masses should vary.
+    """
+    if augment is None:
+        if vary_masses:
+            raise ValueError("Only the masses of an augmented robot vary: give its seed, augment")
+        return mujoco.MjModel.from_xml_string(xml())
+    # Imported only here: augmented robots are made from this module's plain one.
+    from jbench.tasks import augmented
+
+    return augmented.augmented_model(augment, vary_masses=vary_masses)
 
 
 def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:

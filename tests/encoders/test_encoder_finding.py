@@ -120,7 +120,6 @@ def test_what_is_neither_number_nor_id_is_refused(results, wanted):
     assert "is not an id" in refusal(results, wanted)
 
 
-@pytest.mark.xfail(reason="isdigit() holds for digits that int() does not read", strict=True)
 def test_superscript_number_is_refused(results):
     assert refusal(results, "¹²")
 

@@ -195,7 +195,6 @@ def test_dataset_with_what_is_no_number_is_refused_and_nothing_is_kept(results, 
     assert results.find("encoder", settings.id) is None
 
 
-@pytest.mark.xfail(reason="numpy's error about an empty array comes through", strict=True)
 def test_dataset_of_one_episode_is_refused(results):
     dataset = make_dataset(results, episodes=1)
     with pytest.raises(RequestError, match="episode"):

@@ -1,5 +1,6 @@
 """Whatever happens to the process that writes, what was committed is read, and nothing else."""
 
+import contextlib
 import random
 import signal
 import subprocess
@@ -61,14 +62,20 @@ results = Results(Path(sys.argv[1]))
 """
 
 
-def start(results, script):
+@contextlib.contextmanager
+def process_of(results, script):
+    """Runs a script until the end of the block, however that comes."""
     command = [sys.executable, "-c", PREAMBLE + script, str(results.path)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def killed_at_random(results, script, seed):
     """Runs a script, kills it some commits after its first line; returns what it printed."""
-    with start(results, script) as process:
+    with process_of(results, script) as process:
         first = process.stdout.readline()
         time.sleep(random.Random(seed).uniform(0, 0.1))
         process.send_signal(signal.SIGKILL)
@@ -110,7 +117,7 @@ def test_killed_in_any_state_of_its_work_a_record_is_one_of_its_states(results):
 
 def test_append_without_room_for_its_second_table_commits_neither(results, record):
     record.append({"t": numbers(1)})
-    with start(results, WITHOUT_ROOM) as process:
+    with process_of(results, WITHOUT_ROOM) as process:
         said = process.stdout.read()
     assert said.startswith("No room left to write u-00000-")
     again = results.find("run", "a/b")
@@ -121,13 +128,12 @@ def test_append_without_room_for_its_second_table_commits_neither(results, recor
 
 def test_lock_is_refused_while_another_process_holds_it_and_free_once_it_is_killed(results):
     record = Record(results, "run", "a/b")
-    with start(results, HOLDING) as process:
+    with process_of(results, HOLDING) as process:
         assert process.stdout.readline() == "held\n"
         with pytest.raises(WorkError, match="Another process is writing the run a/b; wait"):
             record.lock().__enter__()
         with Record(results, "run", "a/c").lock():
             pass  # another record's lock is another lock
-        process.kill()
     with record.lock(), pytest.raises(WorkError, match="Another process"):
         record.lock().__enter__()
 

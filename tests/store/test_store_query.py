@@ -153,7 +153,6 @@ def test_run_with_a_damaged_manifest_is_left_out_and_named(filled):
     assert ask(filled, "select count(*), sum(episode_return) from episodes") == [(5, 94)]
 
 
-@pytest.mark.xfail(reason="rows are described after the check for damage", strict=True)
 @pytest.mark.parametrize("change", [{"seed": "one"}, {"seed": 2**64}, {"algo": 5}])
 def test_run_with_settings_of_the_wrong_kind_is_left_out_and_named(filled, change):
     record = filled.find("run", "full/s0")

@@ -79,6 +79,15 @@ def test_finish_leaves_one_file_for_each_table_with_the_same_rows(results, recor
     assert again.read_file("policy.json") == b"{}"
 
 
+def test_finishing_again_keeps_the_files_of_before(results, record):
+    record.finish({"n": 1}, {"a.json": b"1"})
+    record.append({"t": numbers(1)})
+    record.finish({"n": 2}, {"b.json": b"2"})
+    again = results.find("run", "a/b")
+    assert (again.read_file("a.json"), again.read_file("b.json"), read(again)) == (b"1", b"2", [1])
+    assert again.manifest.summary == {"n": 2}
+
+
 def test_finish_without_compaction_keeps_the_files(results, record):
     for n in range(3):
         record.append({"t": numbers(n)})

@@ -134,7 +134,6 @@ def test_json_of_no_rows_is_an_empty_list():
     assert json.loads(to_json(run_sql("select * from runs where false", TABLES))) == []
 
 
-@pytest.mark.xfail(reason="pandas writes at most 15 digits", strict=True)
 @pytest.mark.parametrize("number", [0.1 + 0.2, 1 / 3, 424.58 / 1000])
 def test_json_gives_numbers_back_exactly(number):
     frame = pd.DataFrame({"x": [number]})
@@ -148,7 +147,6 @@ print(to_json(run_sql("select '75e6f7ab-b270-4aa0-9b11-47858b540e74'::uuid as id
 """
 
 
-@pytest.mark.xfail(reason="pandas takes the number in an UUID for a text", strict=True)
 def test_json_of_an_uuid_is_its_text():
     done = subprocess.run([sys.executable, "-c", UUID], capture_output=True, check=False)
     assert done.returncode == 0

@@ -1,0 +1,294 @@
+"""Augmented robots: their draws, and the model that is edited accordingly."""
+
+import dataclasses
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from jbench.errors import WorkError
+from jbench.names import PHYSICS_STEPS
+from jbench.tasks import augmented, model
+from jbench.tasks.augmented import LEGS, Morphology
+
+NONE = (0.0, 0.0, 0.0)
+EVERY_LEG = pytest.mark.parametrize("leg", LEGS)
+
+# Knees of the plain robot in the torso's frame, and the sheet's hinge axes, in centimetres.
+KNEES = {
+    1: (2.87, 3.28, 3.3),
+    2: (2.87, -3.08, 3.5),
+    3: (-2.87, -3.08, 3.5),
+    4: (-2.87, 3.28, 3.3),
+}
+AXES = {1: (2.32, -2.68, 0), 2: (-2.32, -3.68, 0), 3: (2.32, -3.68, 0), 4: (-2.32, -2.68, 0)}
+
+# Everything that a step of the physics depends on and that an edit could reach.
+PHYSICS = [
+    *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
+    *("jnt_pos", "jnt_axis", "jnt_stiffness", "dof_damping", "dof_M0"),
+    *("geom_type", "geom_bodyid", "geom_pos", "geom_quat", "geom_size", "geom_friction"),
+    *("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_ctrlrange"),
+]
+
+
+def only(leg, shift):
+    """The shifts of four knees or feet of which one is not zero."""
+    return tuple(shift if each == leg else NONE for each in LEGS)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return model.load()
+
+
+@pytest.fixture(scope="module")
+def draws():
+    """300 morphologies as drawn: that the robots stand is another test's business."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(augmented, "is_usable", lambda morphology: True)
+        return [augmented.draw.__wrapped__(seed, vary_masses=True) for seed in range(300)]
+
+
+def ends(robot, geom):
+    """Both ends (2, 3) of a cylinder, its first end first, in the torso's frame at rest."""
+    data = mujoco.MjData(robot)
+    mujoco.mj_forward(robot, data)
+    half_axis = data.geom(geom).xmat.reshape(3, 3)[:, 2] * robot.geom(geom).size[1]
+    # MuJoCo's cylinder points from its second end to its first.
+    return data.geom(geom).xpos - [0, 0, model.REST_HEIGHT] + [half_axis, -half_axis]
+
+
+@pytest.mark.parametrize("field", PHYSICS)
+def test_without_shifts_it_is_the_plain_robot(plain, field):
+    robot = augmented.build(Morphology(seed=0))
+    np.testing.assert_allclose(getattr(robot, field), getattr(plain, field), rtol=0, atol=1e-15)
+
+
+def test_without_shifts_it_moves_as_the_plain_robot(plain):
+    end = []
+    for robot in (plain, augmented.build(Morphology(seed=0))):
+        data = mujoco.MjData(robot)
+        model.place(data, np.array([1.0, 0, 0, 0]))
+        data.ctrl[0] = 0.5
+        mujoco.mj_step(robot, data, nstep=PHYSICS_STEPS)
+        end.append(data.qpos.copy())
+    np.testing.assert_allclose(*end, rtol=0, atol=1e-12)
+    assert abs(end[0][model.MOTOR]) > 0.01
+
+
+@EVERY_LEG
+def test_axes_without_shifts_are_the_sheets(leg):
+    found = augmented.hinge_axis(leg, np.array(KNEES[leg]) / 100)
+    np.testing.assert_allclose(np.array(found) * 100, AXES[leg], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("leg", "axis"),
+    # A knee 3 mm to the left and 2 mm back: (2.32 + .3, -2.68 - .2) for leg 1, and so on.
+    [(1, (2.62, -2.88)), (2, (-2.62, -3.48)), (3, (2.02, -3.48)), (4, (-2.02, -2.88))],
+)
+def test_axes_of_shoulder_and_elbow_follow_the_knee(leg, axis):
+    robot = augmented.build(Morphology(seed=0, knees=only(leg, (0.003, 0.002, -0.001))))
+    for joint in ("shoulder", "elbow"):
+        found = robot.joint(f"leg{leg}_{joint}").axis
+        np.testing.assert_allclose(found, (*(axis / np.linalg.norm(axis)), 0), atol=1e-12)
+
+
+@EVERY_LEG
+def test_moved_knee_takes_along_all_that_meets_there(plain, leg):
+    shift = np.array((0.003, -0.002, 0.001))
+    robot = augmented.build(Morphology(seed=0, knees=only(leg, tuple(shift))))
+    knee = np.array(KNEES[leg]) / 100 + shift
+    (upper_knee, hip), (foot, lower_knee) = (
+        ends(robot, f"leg{leg}_{part}") for part in ("upper", "lower")
+    )
+    for found in (upper_knee, lower_knee, robot.geom(f"leg{leg}_knee").pos):
+        np.testing.assert_allclose(found, knee, atol=1e-12)
+    moved = robot.joint(f"leg{leg}_elbow").pos - plain.joint(f"leg{leg}_elbow").pos
+    np.testing.assert_allclose(moved, shift, atol=1e-12)
+    # The hip and the foot stay.
+    np.testing.assert_allclose(hip, ends(plain, f"leg{leg}_upper")[1], atol=1e-12)
+    np.testing.assert_allclose(foot, ends(plain, f"leg{leg}_lower")[0], atol=1e-12)
+    np.testing.assert_allclose(robot.geom(f"leg{leg}_foot").pos, foot, atol=1e-12)
+
+
+@EVERY_LEG
+def test_moved_foot_leaves_the_knee(plain, leg):
+    shift = np.array((-0.001, 0.004, 0.002))
+    robot = augmented.build(Morphology(seed=0, feet=only(leg, tuple(shift))))
+    foot, knee = ends(robot, f"leg{leg}_lower")
+    np.testing.assert_allclose(knee, np.array(KNEES[leg]) / 100, atol=1e-12)
+    np.testing.assert_allclose(foot, plain.geom(f"leg{leg}_foot").pos + shift, atol=1e-12)
+    np.testing.assert_allclose(robot.geom(f"leg{leg}_foot").pos, foot, atol=1e-12)
+    np.testing.assert_array_equal(robot.jnt_pos, plain.jnt_pos)
+    np.testing.assert_allclose(robot.jnt_axis, plain.jnt_axis, atol=1e-15)
+
+
+@EVERY_LEG
+def test_other_legs_stay(plain, leg):
+    robot = augmented.build(
+        Morphology(0, knees=only(leg, (0.003, 0.002, 0.001)), feet=only(leg, (0.001, 0.002, 0.003)))
+    )
+    changed = {
+        robot.geom(i).name
+        for i in range(robot.ngeom)
+        if np.abs(robot.geom_pos[i] - plain.geom_pos[i]).max() > 1e-12
+    }
+    assert changed == {f"leg{leg}_{part}" for part in ("upper", "knee", "lower", "foot")}
+
+
+def test_motor_mass_is_moved_and_resized(plain):
+    robot = augmented.build(
+        Morphology(0, mass=(0.001, -0.0005, 0.002), mass_semi_axes=(0.001, -0.001, 0.0005))
+    )
+    np.testing.assert_allclose(robot.geom("mass").pos, (0.0053, -0.0045, 0.028), atol=1e-12)
+    np.testing.assert_allclose(robot.geom("mass").size, (0.009, 0.009, 0.0035), atol=1e-12)
+    # Steel ellipsoid 4/3 pi a b c, and a thread that has not changed: pi r^2 h.
+    steel = 7700 * math.pi * (4 / 3 * 0.009 * 0.009 * 0.0035 + 0.001**2 * 0.0125)
+    assert robot.body("mass").mass[0] == pytest.approx(steel, rel=1e-9)
+
+
+def test_densities_change_the_masses_of_their_parts(plain):
+    robot = augmented.build(
+        Morphology(0, torso_upper_density=11.5, torso_lower_density=-70, default_density=770)
+    )
+    # Volumes by hand: boxes of 11 x 12 x 22 and 16 x 12 x 16 mm.
+    boxes = 2904e-9 * 50 + 3072e-9 * 700
+    plain_boxes = 2904e-9 * 38.5 + 3072e-9 * 770
+    steel = plain.body("jitterbug").mass[0] - plain_boxes
+    assert robot.body("jitterbug").mass[0] == pytest.approx(1.1 * steel + boxes, rel=1e-9)
+    assert robot.body("mass").mass[0] == pytest.approx(1.1 * plain.body("mass").mass[0], rel=1e-9)
+    # The feet are not of steel: 4/3 pi (3 mm)^3 at 1100.
+    foot = 4 / 3 * math.pi * 0.003**3 * 1100
+    wire = plain.body("leg1_lower").mass[0] - foot
+    assert robot.body("leg1_lower").mass[0] == pytest.approx(1.1 * wire + foot, rel=1e-9)
+    assert robot.body("target").mass[0] == 0
+
+
+def test_gear_changes_the_torque():
+    robot = augmented.build(Morphology(0, gear=0.001))
+    data = mujoco.MjData(robot)
+    data.ctrl[0] = 1
+    mujoco.mj_forward(robot, data)
+    assert data.qfrc_actuator[model.MOTOR] == pytest.approx(0.00933, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "deviations"),
+    [
+        ("knees", (0.003, 0.003, 0.002)),
+        ("feet", (0.003, 0.003, 0.002)),
+        ("mass_semi_axes", (0.0007, 0.0007, 0.0007)),
+        ("torso_upper_density", 10),
+        ("torso_lower_density", 80),
+        ("default_density", 200),
+        ("gear", 0.001),
+    ],
+)
+def test_shifts_have_the_sheets_deviations_and_no_mean(draws, name, deviations):
+    shifts = np.array([getattr(morphology, name) for morphology in draws])
+    np.testing.assert_allclose(shifts.std(axis=0) / deviations, 1, atol=0.15)
+    # The mean of 300 lies within a fifth (3.5 of its own deviations) of zero.
+    assert np.abs(shifts.mean(axis=0) / deviations).max() < 0.2
+
+
+def test_motor_mass_shift_is_normal_but_cut_off(draws):
+    x, y, z = np.array([morphology.mass for morphology in draws]).T
+    assert x.std() == pytest.approx(0.0015, rel=0.15)
+    assert x.min() < -0.003
+    for shift, deviation in ((y, 0.002), (z, 0.001)):
+        cut = shift == -0.001
+        assert shift.min() == -0.001
+        # As many as a normal draw has below -0.001, and the others' spread about zero.
+        below = 0.5 * math.erfc(0.001 / deviation / math.sqrt(2))
+        assert cut.mean() == pytest.approx(below, abs=0.08)
+        above = shift[shift > 0]
+        assert np.sqrt(np.mean(above**2)) == pytest.approx(deviation, rel=0.15)
+
+
+def test_all_shifts_are_drawn_apart(draws):
+    rows = [[*np.ravel([m.knees, m.feet]), *m.mass_semi_axes, m.gear] for m in draws]
+    correlations = np.corrcoef(np.array(rows).T)
+    np.fill_diagonal(correlations, 0)
+    assert np.abs(correlations).max() < 0.3  # five deviations of 300 pairs' correlation
+
+
+def test_seed_determines_the_morphology():
+    first = augmented.draw(3)
+    augmented.draw.cache_clear()
+    assert augmented.draw(3) == first
+    assert first.seed == 3
+    assert augmented.draw(4).knees != first.knees
+
+
+def test_masses_are_those_of_the_plain_robot_unless_asked_for():
+    morphology = augmented.draw(5)
+    varied = augmented.draw(5, vary_masses=True)
+    names = ("torso_upper_density", "torso_lower_density", "default_density", "gear")
+    assert [getattr(morphology, name) for name in names] == [0] * 4
+    assert all(getattr(varied, name) for name in names)
+    assert dataclasses.replace(varied, **dict.fromkeys(names, 0.0)) == morphology
+
+
+def test_numpys_global_generator_is_left_alone():
+    before = np.random.get_state()[1:3]
+    augmented.draw.__wrapped__(6)
+    np.testing.assert_equal(np.random.get_state()[1:3], before)
+
+
+@pytest.mark.parametrize("vary_masses", [False, True])
+@pytest.mark.parametrize("seed", range(25))
+def test_robot_stands_and_steps_without_a_bad_state(seed, vary_masses):
+    robot = augmented.augmented_model(seed, vary_masses=vary_masses)
+    assert augmented.standing_reward(robot) > 0.9
+    data = mujoco.MjData(robot)
+    model.place(data, np.array([1.0, 0, 0, 0]))
+    for control in np.random.default_rng(seed).uniform(-1, 1, 100):
+        data.ctrl[0] = control
+        mujoco.mj_step(robot, data, nstep=PHYSICS_STEPS)
+        assert np.isfinite([*data.qpos, *data.qvel]).all()
+    assert not data.warning.number.any()
+    assert data.time == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("mass_semi_axes", (-0.009, 0.0, 0.0)),  # a size below zero
+        ("torso_upper_density", -40.0),
+        ("feet", ((0.0, 0.0, 0.03), (0.0, 0.0, 0.03), NONE, NONE)),  # short legs on one side
+    ],
+)
+def test_robot_that_cannot_be_or_stand_is_not_usable(name, value):
+    assert augmented.is_usable(Morphology(0))
+    assert not augmented.is_usable(Morphology(0, **{name: value}))
+
+
+def test_bad_state_is_no_standing():
+    # Lower legs of 5 mm: MuJoCo warns of huge accelerations and puts the robot back upright.
+    robot = augmented.build(Morphology(0, feet=((0.0, 0.0, 0.06), (0.0, 0.0, 0.06), NONE, NONE)))
+    assert augmented.standing_reward(robot) == 0
+
+
+def test_draw_that_is_not_usable_is_redrawn_and_counted(monkeypatch):
+    refused = []
+
+    def third_time(morphology):
+        refused.append(morphology)
+        return len(refused) == 3
+
+    first = augmented.draw(7)
+    monkeypatch.setattr(augmented, "is_usable", third_time)
+    third = augmented.draw.__wrapped__(7)
+    assert refused[0] == first
+    assert third.redraws == 2
+    assert (third, third.seed) == (refused[2], 7)
+    assert len({morphology.knees for morphology in refused}) == 3
+
+
+def test_seed_without_a_robot_is_an_error_at_last(monkeypatch):
+    monkeypatch.setattr(augmented, "is_usable", lambda morphology: False)
+    with pytest.raises(WorkError, match="101 draws of seed 7 stands"):
+        augmented.draw.__wrapped__(7)

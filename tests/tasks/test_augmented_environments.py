@@ -1,0 +1,141 @@
+"""Augmented robots as environments of dm_control and of Gymnasium."""
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from dm_control import suite
+from gymnasium.utils.env_checker import check_env
+
+from jbench.errors import RequestError
+from jbench.names import TASKS
+from jbench.tasks import augmented, model
+from jbench.tasks.gym import JitterbugEnv, environment_id
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return model.load()
+
+
+def bits(robot):
+    """Everything that a model consists of, as bytes."""
+    buffer = np.zeros(mujoco.mj_sizeModel(robot), np.uint8)
+    mujoco.mj_saveModel(robot, None, buffer)
+    return buffer.tobytes()
+
+
+def final_positions(env, steps=50):
+    """The robot's joint positions after random actions from a seeded start."""
+    env.reset(seed=0)
+    for action in np.random.default_rng(0).uniform(-1, 1, (steps, 1)):
+        env.step(action.astype(np.float32))
+    return env.unwrapped._data.qpos.copy()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        augmented.draw,
+        augmented.augmented_model,
+        model.load,
+        lambda seed: JitterbugEnv("face_direction", augment=seed),
+        lambda seed: gymnasium.make("AugmentedJitterbug/MoveToPose-v0", augment=seed),
+        lambda seed: suite.load("augmented_jitterbug", "move_to_pose", {"augment": seed}),
+    ],
+)
+def test_negative_seed_is_refused_in_one_sentence(make):
+    with pytest.raises(RequestError) as refusal:
+        make(-2)
+    assert isinstance(refusal.value, ValueError)
+    assert str(refusal.value) == "An augmented robot has no seed -2: use 0 or more."
+
+
+def test_plain_robots_masses_do_not_vary():
+    with pytest.raises(ValueError, match="give its seed"):
+        model.load(vary_masses=True)
+
+
+def test_loaded_model_is_that_of_the_seed(plain):
+    assert bits(model.load(2)) == bits(augmented.augmented_model(2))
+    assert np.abs(model.load(2).geom_pos - plain.geom_pos).max() > 1e-3
+    assert bits(model.load()) == bits(plain)
+
+
+def test_suite_lists_the_domains_tasks_beside_the_plain_ones():
+    ours = {("augmented_jitterbug", task) for task in TASKS}
+    assert suite.TASKS_BY_DOMAIN["augmented_jitterbug"] == TASKS
+    assert ours <= set(suite.ALL_TASKS)
+    assert ours <= set(suite.EXTRA)
+    assert not ours & set(suite.BENCHMARKING)
+    assert suite.TASKS_BY_DOMAIN["jitterbug"] == TASKS
+
+
+def test_dm_control_robot_is_the_seeds_to_the_last_bit():
+    settings = {"augment": 3, "vary_masses": True}
+    physics = suite.load("augmented_jitterbug", "move_to_pose", settings).physics
+    assert bits(physics.model.ptr) == bits(augmented.augmented_model(3, vary_masses=True))
+
+
+def test_episode_of_the_domain():
+    env = suite.load("augmented_jitterbug", "move_to_pose", task_kwargs={"augment": 1, "random": 0})
+    time_step, steps = env.reset(), 0
+    actions = np.random.default_rng(0)
+    while not time_step.last():
+        time_step = env.step(actions.uniform(-1, 1, 1))
+        steps += 1
+        assert 0 <= time_step.reward <= 1
+    assert steps == 1000
+    assert time_step.discount == 1
+    assert np.isfinite(np.concatenate(list(time_step.observation.values()))).all()
+
+
+@pytest.mark.filterwarnings("ignore:.*infinity")  # observations are not clipped
+@pytest.mark.parametrize("task", TASKS)
+def test_gymnasium_id_passes_the_checker(task):
+    env = gymnasium.make(environment_id(task, augmented=True), augment=2)
+    assert env.spec.id == environment_id(task).replace("Jitterbug", "AugmentedJitterbug")
+    assert env.unwrapped.task == task
+    assert env.spec.max_episode_steps == 1000
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_gymnasium_id_has_the_robot_of_its_seed():
+    name = environment_id("face_direction", augmented=True)
+    default, third = final_positions(gymnasium.make(name)), gymnasium.make(name, augment=3)
+    np.testing.assert_array_equal(
+        default, final_positions(JitterbugEnv("face_direction", augment=0))
+    )
+    np.testing.assert_array_equal(
+        final_positions(third), final_positions(JitterbugEnv("face_direction", augment=3))
+    )
+
+
+def test_same_actions_move_every_robot_differently():
+    robots = [JitterbugEnv("face_direction", augment=augment) for augment in (None, 0, 1)]
+    robots.append(JitterbugEnv("face_direction", augment=1, vary_masses=True))
+    places = np.array([final_positions(robot)[:3] for robot in robots])
+    for i in range(len(places)):
+        others = np.delete(places, i, axis=0)
+        assert np.linalg.norm(others - places[i], axis=1).min() > 1e-4
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_both_libraries_observe_the_augmented_robots_own_centre_of_mass(plain, seed):
+    settings = {"augment": seed, "vary_masses": True}
+    theirs = suite.load(
+        "augmented_jitterbug",
+        "move_in_direction",
+        {"random": np.random.RandomState(seed), **settings},
+    )
+    ours = JitterbugEnv("move_in_direction", **settings)
+    ours.np_random = np.random.RandomState(seed)
+    # Boxes of other densities: the torso's centre of mass is elsewhere.
+    assert np.abs(ours._torso_offset - model.torso_offset(plain)).max() > 1e-5
+    # MuJoCo's own sensor measures the velocity on dm_control's side.
+    seen = [(np.concatenate(list(theirs.reset().observation.values())), ours.reset()[0])]
+    for action in np.random.default_rng(seed).uniform(-1, 1, (100, 1)).astype(np.float32):
+        wanted = np.concatenate(list(theirs.step(action).observation.values()))
+        seen.append((wanted, ours.step(action)[0]))
+    wanted, found = map(np.array, zip(*seen, strict=True))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-6)

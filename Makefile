@@ -37,7 +37,7 @@ demo: install
 	@echo "  $(BIN)/jbench train --algo ddpg --encoder 12 && $(BIN)/jbench report"
 
 test: install
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 lint: install
 	$(BIN)/ruff check .

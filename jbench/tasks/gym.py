@@ -98,7 +98,10 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._model = model.load(augment, vary_masses=vary_masses)
         # What is drawn beyond the buffer off the screen would be black.
         buffer = self._model.vis.global_
-        buffer.offwidth, buffer.offheight = max(buffer.offwidth, width), max(buffer.offheight, height)
+        buffer.offwidth, buffer.offheight = (
+            max(buffer.offwidth, width),
+            max(buffer.offheight, height),
+        )
         self._data = mujoco.MjData(self._model)
         self._torso_offset = model.torso_offset(self._model)
         self._target = resets.draw_target(task, np.random.default_rng(0))

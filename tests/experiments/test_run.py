@@ -15,9 +15,6 @@ from jbench.experiments.speed import seconds_per_step
 from jbench.experiments.train import plan
 from jbench.store import Results, schema
 
-# The tests share one finished run.
-pytestmark = pytest.mark.xdist_group("run")
-
 SMALL = {"hidden_layers": [8], "batch_size": 8}
 
 

@@ -1,0 +1,89 @@
+"""A window in which a policy plays, and in which the robot can be pulled with the mouse."""
+
+import threading
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+
+from jbench.agents.policies import ActingPolicy
+from jbench.errors import RequestError
+from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
+from jbench.rendering.backend import has_display
+from jbench.rendering.episode import Scene
+from jbench.tasks.gym import JitterbugEnv
+
+# Where the window's camera is at first, around the robot.
+_DISTANCE = 0.45  # m
+_AZIMUTH, _ELEVATION = 120.0, -25.0  # degrees
+
+_CLOSING_SECONDS = 30
+
+
+def view(policy: ActingPolicy, scene: Scene) -> int:
+    """Opens MuJoCo's viewer and plays episodes in real time until the window is closed.
+
+    Args:
+        policy: for plain observations of the task.
+        scene: which episode comes first; its camera and size are left to the window.
+
+    Returns:
+        The number of control steps played.
+
+    Raises:
+        RequestError: if no window can be opened here.
+    """
+    env = JitterbugEnv(scene.task, augment=scene.augment)
+    observation, _ = env.reset(seed=scene.seed)
+    policy.reset(1)
+    others = set(threading.enumerate())
+    steps = 0
+    with _open_window(env) as window:
+        due = time.perf_counter()
+        while window.is_running():
+            action = np.asarray(policy.act(observation[None])[0], np.float32)
+            # The window's thread draws the state, and moves it when the mouse pulls the robot.
+            with window.lock():
+                observation, *_ = env.step(action)
+                steps += 1
+                if steps % EPISODE_STEPS == 0:
+                    observation, _ = env.reset()
+                    policy.reset(1)
+            window.sync()
+            due += CONTROL_TIMESTEP
+            late = time.perf_counter() - due
+            # A machine that is too slow plays slowly: it doesn't hurry to catch up.
+            due += max(late, 0)
+            time.sleep(max(-late, 0))
+    # Drawing may still go on for a moment, and the process must not end meanwhile: it would crash.
+    for thread in set(threading.enumerate()) - others:
+        thread.join(_CLOSING_SECONDS)
+    return steps
+
+
+def _open_window(env: JitterbugEnv) -> Any:
+    """Returns MuJoCo's window on an environment, its camera following the robot."""
+    if not has_display():
+        raise RequestError(
+            "There is no display to open a window on; jbench render draws without one."
+        )
+    # Imported only here: they look for a window system.
+    import glfw
+    import mujoco.viewer
+
+    # Of this the viewer's own thread would die, and the viewer would wait for it for ever.
+    with warnings.catch_warnings(action="ignore"):
+        opened = glfw.init()
+    if not opened:
+        raise RequestError("The display can't be opened; jbench render draws without one.")
+    try:
+        window = mujoco.viewer.launch_passive(env.model, env.data, show_right_ui=False)
+    except RuntimeError as error:
+        raise RequestError(f"No window can be opened here: {str(error).rstrip('.')}.") from None
+    with window.lock():
+        window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+        window.cam.trackbodyid = env.model.body("jitterbug").id
+        window.cam.distance = _DISTANCE
+        window.cam.azimuth, window.cam.elevation = _AZIMUTH, _ELEVATION
+    return window

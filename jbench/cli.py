@@ -2,14 +2,15 @@
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from jbench import __version__, names, parsing
+from jbench import __version__, cli_policies, names, parsing
 from jbench.errors import RequestError, WorkError
+from jbench.options import AugmentOption, JsonOption, ResultsOption, TaskOption, complete
 from jbench.output import Output, short
 
 app = typer.Typer(
@@ -23,24 +24,10 @@ app = typer.Typer(
 )
 
 
-def _complete(*known: str) -> Callable[[str], list[str]]:
-    return lambda incomplete: [name for name in known if name.startswith(incomplete)]
-
-
 def _version(wanted: bool) -> None:
     if wanted:
         print(f"jbench {__version__}")
         raise typer.Exit
-
-
-ResultsOption = Annotated[Path, typer.Option("--results", help="Directory of the results.")]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="One JSON document on standard output; the rest on error.")
-]
-TaskOption = Annotated[
-    str,
-    typer.Option(help=f"{', '.join(names.TASKS)}.", autocompletion=_complete(*names.TASKS)),
-]
 
 
 @app.callback()
@@ -57,6 +44,7 @@ def collect(
     steps: Annotated[str, typer.Option(help="Control steps, a multiple of 1000.")] = "5e6",
     seed: Annotated[int, typer.Option(help="Of every draw.")] = 0,
     threads: Annotated[int, typer.Option(help="Simulations at a time; 0 for all cores.")] = 0,
+    augment: AugmentOption = None,
     results: ResultsOption = Path("results"),
     json: JsonOption = False,
 ) -> None:
@@ -73,6 +61,7 @@ def collect(
         "the dataset",
         steps=parsing.count("--steps", steps),
         seed=parsing.seed(seed),
+        augment=augment,
     )
     place = Results(results)
     before = place.find("dataset", settings.id)
@@ -94,7 +83,7 @@ def train_dae(
         str,
         typer.Option(
             help=f"{', '.join(names.TASKS)}, or all.",
-            autocompletion=_complete("all", *names.TASKS),
+            autocompletion=complete("all", *names.TASKS),
         ),
     ] = "face_direction",
     latent: Annotated[int, typer.Option(help="Number of latents, 1 to the features.")] = 12,
@@ -154,7 +143,7 @@ def train(
     algo: Annotated[
         str,
         typer.Option(
-            help=f"{', '.join(names.ALGORITHMS)}.", autocompletion=_complete(*names.ALGORITHMS)
+            help=f"{', '.join(names.ALGORITHMS)}.", autocompletion=complete(*names.ALGORITHMS)
         ),
     ] = "ddpg",
     task: TaskOption = "face_direction",
@@ -167,7 +156,7 @@ def train(
         str,
         typer.Option(
             help="published: the paper's; sb3: stable-baselines3's where Table 1 is silent.",
-            autocompletion=_complete(*names.BASES),
+            autocompletion=complete(*names.BASES),
         ),
     ] = "published",
     set_: Annotated[
@@ -177,11 +166,15 @@ def train(
         str,
         typer.Option(
             help="bootstrap: an episode's end is no end for the value; terminal: it is.",
-            autocompletion=_complete(*names.TIME_LIMITS),
+            autocompletion=complete(*names.TIME_LIMITS),
         ),
     ] = "bootstrap",
     evaluate_every: Annotated[str, typer.Option(help="Control steps between.")] = "50000",
     evaluate_episodes: Annotated[int, typer.Option(help="In each; 0 for none.")] = 10,
+    augment: AugmentOption = None,
+    robots: Annotated[
+        int, typer.Option(help="Augmented ones to learn on in turn, the first of --augment, or 0.")
+    ] = 1,
     jobs: Annotated[int, typer.Option(help="Runs at a time; 0 for one a core.")] = 0,
     results: ResultsOption = Path("results"),
     json: JsonOption = False,
@@ -205,6 +198,8 @@ def train(
         time_limit=parsing.known("value of --time-limit", time_limit, names.TIME_LIMITS),
         evaluate_every=parsing.count("--evaluate-every", evaluate_every),
         evaluate_episodes=evaluate_episodes,
+        augment=augment,
+        robots=robots,
     )
     planned = plan(runs, place)
     if planned.finished:
@@ -227,20 +222,24 @@ def train(
         raise WorkError(f"{len(failures)} of {len(runs)} runs failed.")
 
 
+for verb in (cli_policies.evaluate, cli_policies.render, cli_policies.view):
+    app.command()(verb)
+
+
 @app.command()
 def report(
     task: Annotated[
-        str | None, typer.Option(help="Only this one.", autocompletion=_complete(*names.TASKS))
+        str | None, typer.Option(help="Only this one.", autocompletion=complete(*names.TASKS))
     ] = None,
     algo: Annotated[
         str | None,
-        typer.Option(help="Only this one.", autocompletion=_complete(*names.ALGORITHMS)),
+        typer.Option(help="Only this one.", autocompletion=complete(*names.ALGORITHMS)),
     ] = None,
     order: Annotated[
         str,
         typer.Option(
             help="quantile-first (the paper's Figure 9) or smooth-first (Figure 8).",
-            autocompletion=_complete(*names.ORDERS),
+            autocompletion=complete(*names.ORDERS),
         ),
     ] = "quantile-first",
     window: Annotated[int, typer.Option(help="Episodes in a moving average.")] = 100,

@@ -14,6 +14,9 @@ TASKS = (
 ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
 
+CAMERAS = ("overhead", "tracking", "ego", "spectator")
+"""The cameras of the model: the paper's three (section 4.1) and a fixed view from the side."""
+
 TimeLimit = Literal["bootstrap", "terminal"]
 TIME_LIMITS: tuple[TimeLimit, ...] = get_args(TimeLimit)
 """Whether the value of an episode's last state is bootstrapped, or nothing as after an end."""

@@ -88,7 +88,8 @@ class _Lines(Progress):
         rate = (done - already) / (now - began) if now > began else 0.0
         parts = [f"{done:,} of {self._total:,} {self._unit} ({done / self._total:.0%})"]
         if rate > 0 and done < self._total:
-            parts += [f"{rate:,.3g}/s", f"{duration((self._total - done) / rate)} left"]
+            speed = f"{rate:,.0f}" if rate >= 10 else f"{rate:.2g}"
+            parts += [f"{speed}/s", f"{duration((self._total - done) / rate)} left"]
         print(f"{self._what}: {', '.join([*parts, *filter(None, [note])])}", file=sys.stderr)
 
 

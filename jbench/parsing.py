@@ -53,6 +53,16 @@ def seed(number: int) -> int:
     return number
 
 
+def augmented(number: int | None) -> None:
+    """Checks the seed of an augmented robot, if one was asked for.
+
+    Raises:
+        RequestError: if it is negative.
+    """
+    if number is not None and number < 0:
+        raise RequestError(f"--augment {number}: type a whole number from 0 up.")
+
+
 def seeds(text: str) -> list[int]:
     """Returns the seeds of a text like 0-9 or 0,2,5-7, each once, in order.
 

@@ -30,6 +30,14 @@ class DatasetSettings(BaseModel):
     steps: int = Field(
         default=5_000_000, gt=0, description="control steps (paper, section 5.2: 5 million)"
     )
+    # Left out where there is none: a plain dataset keeps the id that it had before.
+    augment: int | None = Field(
+        default=None,
+        ge=0,
+        le=LARGEST_SEED,
+        exclude_if=lambda augment: augment is None,
+        description="seed of an augmented robot",
+    )
 
     @field_validator("steps")
     @classmethod
@@ -84,7 +92,7 @@ def _collect_rest(
     total = settings.steps // EPISODE_STEPS
     firsts = range(record.rows("dataset_episodes"), total, _PART_EPISODES)
     progress(firsts.start * EPISODE_STEPS)
-    model = robot.load()
+    model = robot.load(settings.augment)
     with ThreadPoolExecutor(threads) as simulators, ThreadPoolExecutor(1) as writer:
         writing = None
         for first in firsts:

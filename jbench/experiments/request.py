@@ -24,6 +24,8 @@ def request_runs(
     time_limit: TimeLimit,
     evaluate_every: int,
     evaluate_episodes: int,
+    augment: int | None = None,
+    robots: int = 1,
 ) -> list[RunSettings]:
     """Returns the settings of one run for each seed.
 
@@ -39,9 +41,12 @@ def request_runs(
         time_limit: one of `jbench.names.TIME_LIMITS`.
         evaluate_every: control steps between evaluations.
         evaluate_episodes: episodes in an evaluation.
+        augment: seed of the augmented robot; None for the plain one.
+        robots: augmented robots, one after the other, the first of seed `augment` or else 0.
 
     Raises:
-        RequestError: if there is no such encoder or setting, or no episode could end.
+        RequestError: if there is no such encoder, setting or robot, no episode could end, or the
+            robots don't divide the steps into whole episodes.
     """
     algorithm = algorithm_settings(algo, base, parse_overrides(overrides))
     representation, encoder_id = FULL, None
@@ -59,6 +64,8 @@ def request_runs(
         "evaluate_every": evaluate_every,
         "evaluate_episodes": evaluate_episodes,
         "hyperparameters": algorithm.model_dump(mode="json"),
+        "augment": augment,
+        "robots": robots,
     }
     runs = [validated(RunSettings, "the run", seed=seed, **shared) for seed in seeds]
     least = EPISODE_STEPS * runs[0].environments

@@ -63,12 +63,12 @@ def _train(
     """Trains the agent of a run from its first step to its last evaluation."""
     log = RunLog(record)
     agent_seed, evaluation_seed = np.random.SeedSequence(settings.seed).generate_state(2)
-    env = DummyVecEnv([lambda: make_env(settings, encoder)] * settings.environments)
+    env = DummyVecEnv([lambda: make_training_env(settings, encoder)] * settings.environments)
     agent = sb3.build(settings.algo, settings.algorithm, env, int(agent_seed))
     evaluator = Evaluator(settings, encoder, int(evaluation_seed))
     agent.learn(settings.steps, _Recorder(log, evaluator, progress), log_interval=None)  # type: ignore[arg-type]
     if evaluator.last_steps < agent.num_timesteps:
-        log.evaluation(agent.num_timesteps, evaluator(sb3.policy(agent).act))
+        log.evaluation(agent.num_timesteps, evaluator(sb3.policy(agent).act, agent.num_timesteps))
     log.commit()
     summary = {"wall_time": log.wall_time(), "steps_done": agent.num_timesteps}
     record.finish(summary, sb3.policy(agent).to_files())
@@ -79,15 +79,81 @@ def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
     return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
 
 
-def make_env(settings: RunSettings, encoder: Encoder | None) -> gymnasium.Env[Any, Any]:
-    """Returns one environment as the agent of a run sees it."""
+def make_env(
+    settings: RunSettings, encoder: Encoder | None, robot: int = 0
+) -> gymnasium.Env[Any, Any]:
+    """Returns one environment as the agent of a run sees it, with one robot.
+
+    Args:
+        settings: of the run.
+        encoder: of its observations.
+        robot: which of the run's robots, counted from 0.
+    """
+    augment = settings.augment
+    kwargs = {} if augment is None else {"augment": augment + robot}
     env: gymnasium.Env[Any, Any] = gymnasium.make(
-        environment_id(settings.task), disable_env_checker=True
+        environment_id(settings.task, augmented=augment is not None),
+        disable_env_checker=True,
+        **kwargs,
     )
     env = gymnasium.wrappers.RecordEpisodeStatistics(env, buffer_length=1)
     if settings.time_limit == "terminal":
         env = TerminalTimeLimit(env)
     return env if encoder is None else EncodedObservation(env, encoder)
+
+
+def make_training_env(settings: RunSettings, encoder: Encoder | None) -> gymnasium.Env[Any, Any]:
+    """Returns one environment to learn in, which goes through all robots of the run."""
+    if settings.robots == 1:
+        return make_env(settings, encoder)
+    return RobotSequence(settings, encoder)
+
+
+class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Goes through the robots of a run: each has its share of the episodes, then comes the next.
+
+    The paper's authors kept the policy from robot to robot. Here all is kept that was learned:
+    the agent does not notice the change, so that its networks, optimisers, entropy coefficient and
+    step count go on, and so does its replay buffer, whose million transitions are then, in the
+    authors' experiment of 1e6 steps a robot, pushed out one by one by those of the new robot. It
+    would be emptied only for an agent that knows when its robot is exchanged.
+
+    The change is made here, where an episode begins, and not between two calls of the agent's
+    `learn`: these end with a rollout, which an episode's end need not be, so that robots would
+    begin late, and lose the episodes cut short.
+    """
+
+    def __init__(self, settings: RunSettings, encoder: Encoder | None) -> None:
+        """Begins with the first robot."""
+        super().__init__(make_env(settings, encoder))
+        self._settings, self._encoder = settings, encoder
+        self._robot = self._ended = 0
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Steps the robot of the moment; counts its episodes."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._ended += terminated or truncated
+        return observation, reward, terminated, truncated, info
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode, with the next robot if this one has had its share."""
+        robot = min(self._ended // self._settings.episodes_on_each, self._settings.robots - 1)
+        if robot != self._robot:
+            self.env = exchanged(self.env, self._settings, self._encoder, robot)
+            self._robot = robot
+        return self.env.reset(seed=seed, options=options)
+
+
+def exchanged(
+    env: gymnasium.Env[Any, Any], settings: RunSettings, encoder: Encoder | None, robot: int
+) -> gymnasium.Env[Any, Any]:
+    """Returns an environment with another robot, which draws on from where the given one was."""
+    other = make_env(settings, encoder, robot)
+    other.unwrapped.np_random = env.unwrapped.np_random
+    env.close()
+    return other
 
 
 class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -165,10 +231,14 @@ class RunLog:
 
 
 class Evaluator:
-    """Episodes of a deterministic policy in a seeded environment of its own."""
+    """Episodes of a deterministic policy in a seeded environment of its own.
+
+    Its robot is the one that the agent learns on at the time.
+    """
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         """Makes the environment; every evaluation goes through episodes of its own."""
+        self._settings, self._encoder, self._robot = settings, encoder, 0
         self._episodes, self._every = settings.evaluate_episodes, settings.evaluate_every
         self._env = make_env(settings, encoder)
         self._env.reset(seed=seed)
@@ -181,8 +251,19 @@ class Evaluator:
         self.last_steps = control_steps
         return True
 
-    def __call__(self, act: Callable[[Any], Any]) -> list[tuple[float, int]]:
-        """Returns return and length of each episode."""
+    def __call__(
+        self, act: Callable[[Any], Any], control_steps: int = 0
+    ) -> list[tuple[float, int]]:
+        """Returns return and length of each episode.
+
+        Args:
+            act: the policy.
+            control_steps: after which it is evaluated, and with the robot of which.
+        """
+        robot = self._settings.robot_at(control_steps)
+        if robot != self._robot:
+            self._env = exchanged(self._env, self._settings, self._encoder, robot)
+            self._robot = robot
         outcome = []
         for _ in range(self._episodes):
             observation, _ = self._env.reset()
@@ -218,5 +299,6 @@ class _Recorder(BaseCallback):
                 )
                 self._progress(self.num_timesteps, episode_return)
         if self._evaluator.due(self.num_timesteps):
-            self._log.evaluation(self.num_timesteps, self._evaluator(sb3.policy(self.model).act))
+            returns = self._evaluator(sb3.policy(self.model).act, self.num_timesteps)
+            self._log.evaluation(self.num_timesteps, returns)
         return True

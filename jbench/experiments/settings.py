@@ -1,12 +1,12 @@
 """The settings of a run: one agent, one task, one seed."""
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from jbench import validation
 from jbench.agents.settings import SETTINGS, AlgorithmSettings
-from jbench.names import FULL, LARGEST_SEED, TimeLimit
+from jbench.names import EPISODE_STEPS, FULL, LARGEST_SEED, TimeLimit
 from jbench.store import settings_hash
 
 
@@ -26,6 +26,42 @@ class RunSettings(BaseModel):
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
     evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
     hyperparameters: dict[str, Any] = Field(description="every setting of the algorithm")
+    # These two are left out where they say nothing: a plain run keeps the id that it had before.
+    augment: int | None = Field(
+        default=None,
+        ge=0,
+        le=LARGEST_SEED,
+        exclude_if=lambda augment: augment is None,
+        description="seed of the augmented robot, or of the first of several",
+    )
+    robots: int = Field(
+        default=1,
+        ge=1,
+        exclude_if=lambda robots: robots == 1,
+        description="augmented robots, one after the other, of seeds that follow each other",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _first_of_several(cls, values: Any) -> Any:
+        """Several robots are augmented ones; that they begin with seed 0 need not be said."""
+        several = isinstance(values, dict) and values.get("robots", 1) != 1
+        if several and values.get("augment") is None:
+            return {**values, "augment": 0}
+        return values
+
+    @model_validator(mode="after")
+    def _whole_episodes_on_each(self) -> Self:
+        least = self.robots * self.environments * EPISODE_STEPS
+        if self.robots > 1 and self.steps % least:
+            up = (self.steps // least + 1) * least
+            each = f" in each of {self.environments} environments" if self.environments > 1 else ""
+            raise ValueError(
+                f"--robots {self.robots} of --steps {self.steps}: each robot gets equally many "
+                f"episodes of {EPISODE_STEPS} control steps{each}: type --steps {up}, or another "
+                f"multiple of {least}"
+            )
+        return self
 
     @property
     def id(self) -> str:
@@ -42,3 +78,18 @@ class RunSettings(BaseModel):
     def environments(self) -> int:
         """How many environments the agent learns in at a time."""
         return int(self.hyperparameters.get("n_envs", 1))
+
+    @property
+    def episodes_on_each(self) -> int:
+        """How many episodes each environment has with each of the robots."""
+        return self.steps // (self.robots * self.environments * EPISODE_STEPS)
+
+    def robot_at(self, control_steps: int) -> int:
+        """Returns which of the robots the given control step is made with, counted from 0.
+
+        Args:
+            control_steps: of the run, this step included. An algorithm may go on beyond `steps`, to
+                the end of a rollout: that is with the last robot.
+        """
+        done = max(control_steps - 1, 0)
+        return min(done * self.robots // self.steps, self.robots - 1)

@@ -9,19 +9,20 @@ from numpy.typing import NDArray
 
 from jbench.agents.policies import ActingPolicy
 from jbench.errors import RequestError
-from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS, TASKS
+from jbench.names import CAMERAS, CONTROL_TIMESTEP, EPISODE_STEPS, TASKS
 from jbench.parsing import known
 from jbench.tasks import features
-from jbench.tasks.gym import CAMERAS, JitterbugEnv
+from jbench.tasks.gym import JitterbugEnv
 
 Picture = NDArray[np.uint8]
 """(height, width, 3), red, green and blue in [0, 255]."""
 
-# Half as many a side as the model asks for: a picture takes half the time without a GPU, and
-# looks the same.
-_SHADOW_TEXELS = 4096
+# Fewer a side than the model asks for: without a GPU a picture takes half the time, and it
+# looks the same; with 4096, dots show in the corners of the overhead view.
+_SHADOW_TEXELS = 5120
 
 _SIDES = (64, 4096)  # least and most pixels of a side
+_SPEEDS = (0.05, 10.0)  # of a video, 1 being real time
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Scene:
     Attributes:
         task: one of `jbench.names.TASKS`.
         seed: of the robot's pose and of the target.
-        camera: one of `jbench.tasks.gym.CAMERAS`.
+        camera: one of `jbench.names.CAMERAS`.
         width: of a picture, in pixels.
         height: of a picture, in pixels.
         augment: seed of an augmented robot's morphology, or None for the plain robot.
@@ -120,24 +121,32 @@ def render_episode(
 
 
 def video_steps(
-    frames_per_second: float, steps: int = EPISODE_STEPS
+    frames_per_second: float, speed: float = 1.0, steps: int = EPISODE_STEPS
 ) -> tuple[Collection[int], float]:
-    """Returns the control steps of a video's frames and the seconds between them.
+    """Returns the control steps of a video's frames and the seconds between its frames.
 
-    Frames are whole control steps apart, so that the video runs in real time to the hundredth of
-    a second: 30 frames a second become 33.3.
+    Frames are whole control steps apart, so that the speed is exact: in real time, 30 frames a
+    second become 33.3.
+
+    Args:
+        frames_per_second: about so many.
+        speed: 1 for real time, 0.5 for slow motion at half speed.
+        steps: control steps to show.
 
     Raises:
-        RequestError: if there are more frames than control steps, or none, or no steps.
+        RequestError: if there is no such speed, or there are more frames than control steps, or
+            no steps.
     """
-    fastest = 1 / CONTROL_TIMESTEP
-    if not 1 <= frames_per_second <= fastest:
-        raise RequestError(
-            f"No video of {frames_per_second:g} frames a second; there are 1 to {fastest:g}."
-        )
+    if not _SPEEDS[0] <= speed <= _SPEEDS[1]:
+        raise RequestError(f"No speed {speed:g}; there are {_SPEEDS[0]:g} to {_SPEEDS[1]:g}.")
     _check_steps(steps)
-    stride = round(fastest / frames_per_second)
-    return range(0, steps + 1, stride), stride * CONTROL_TIMESTEP
+    most = speed / CONTROL_TIMESTEP
+    if not 1 <= frames_per_second <= most:
+        raise RequestError(
+            f"No video of {frames_per_second:g} frames a second; there are 1 to {most:g}."
+        )
+    stride = round(most / frames_per_second)
+    return range(0, steps + 1, stride), stride * CONTROL_TIMESTEP / speed
 
 
 def strip_steps(moments: int, steps: int = EPISODE_STEPS) -> Collection[int]:
@@ -167,18 +176,18 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
     names = features.TASK_SPECS[task].features
     ends = np.cumsum([features.FEATURE_SIZES[name] for name in names])
     seen = dict(zip(names, np.split(physical, ends[:-1]), strict=True))
-    words = []
     if task == "move_from_origin":
-        words.append(f"{_centimetres(seen['position'])} from the origin")
-    if "target_in_jitterbug_frame" in seen:
-        words.append(f"target at {_centimetres(seen['target_in_jitterbug_frame'])}")
-    if "speed_in_target_frame" in seen:
+        return f"{_centimetres(seen['position'])} from the origin"
+    if task == "move_in_direction":
         speed = 100 * seen["speed_in_target_frame"][0]
-        words.append(f"{_padded(f'{speed:.1f}', 5)} cm/s along the target")
+        return f"{_padded(f'{speed:.1f}', 5)} cm/s as the target points"
+    words = []
+    if "target_in_jitterbug_frame" in seen:
+        words.append(f"target {_centimetres(seen['target_in_jitterbug_frame'])} away")
     if "angle_to_target" in seen:
         angle = math.degrees(seen["angle_to_target"][0])
         side = "left" if angle > 0 else "right"
-        words.append(f"{_padded(f'{abs(angle):.0f}', 3)}° to its {side}")
+        words.append(f"turn {_padded(f'{abs(angle):.0f}', 3)}° {side}")
     return ", ".join(words)
 
 

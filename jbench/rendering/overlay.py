@@ -17,22 +17,22 @@ _OUTLINE = (16, 24, 40)
 _SMALLEST = 11  # pixels from which letters are legible
 
 
-def video_picture(frame: Frame, title: str, camera: str) -> Picture:
+def video_picture(frame: Frame, title: str, note: str) -> Picture:
     """Returns a frame's picture with everything written in.
 
     Args:
         frame: left as it is.
         title: the first line: task and policy.
-        camera: named at the bottom.
+        note: the line at the bottom: camera and speed; the floor's scale is added.
     """
     above = [title, times(frame), frame.goal]
-    return write(frame.picture, above, [f"{camera} camera, {SCALE}"], lines_in_height=24)
+    return write(frame.picture, above, [f"{note}, {SCALE}"], lines_in_height=24)
 
 
 def strip_picture(frame: Frame) -> Picture:
     """Returns a frame's picture with time and return in larger letters, as part of a strip."""
     above = [f"{frame.time:.1f} s", f"return {frame.episode_return:.0f}"]
-    return write(frame.picture, above, [], lines_in_height=15)
+    return write(frame.picture, above, [], lines_in_height=11)
 
 
 def times(frame: Frame) -> str:

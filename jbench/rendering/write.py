@@ -28,7 +28,7 @@ ENDINGS = (".mp4", ".gif", ".png")
 """What a file's name may end in: a video, an animation, a strip of moments."""
 
 _VIDEO_SIZE = (640, 480)
-_MOMENT_SIZE = (320, 320)
+_MOMENT_SIZE = (320, 240)
 
 # Browsers slow down animations with a shorter time between their pictures (s).
 _SHORTEST_GIF_INTERVAL = 0.02
@@ -93,6 +93,7 @@ def render_to_file(
     *,
     name: str,
     frames_per_second: float = 25,
+    speed: float = 1.0,
     moments: int = 6,
     steps: int = EPISODE_STEPS,
     progress: Callable[[int], object] = lambda steps: None,
@@ -104,7 +105,8 @@ def render_to_file(
         scene: which episode, and how to look at it.
         path: of the file; its ending, one of `ENDINGS`, says which.
         name: of the policy, to be written in.
-        frames_per_second: of a video or an animation, which run in real time.
+        frames_per_second: of a video or an animation.
+        speed: of a video or an animation: 1 for real time, 0.5 for half speed.
         moments: number of pictures in a strip.
         steps: control steps to show.
         progress: told the number of control steps done.
@@ -115,19 +117,24 @@ def render_to_file(
     """
     check_output(path)
     ending = path.suffix.lower()
-    at, interval = _steps_and_interval(ending, frames_per_second, moments, steps)
-    title = f"{scene.task}, {name}"
+    at: Collection[int]
+    if ending == ".png":
+        at, interval = strip_steps(moments, steps), 0.0
+    else:
+        at, interval = video_steps(frames_per_second, speed, steps)
+    if ending == ".gif":
+        _check_gif(interval)
+    title, note = f"{scene.task}, {name}", f"{scene.camera} camera"
+    if speed != 1:
+        note += f", {speed:g} x real time"
     shown: list[Frame] = []
 
     def pictures() -> Iterator[Picture]:
         for frame in render_episode(policy, scene, at, progress):
             # Only the last is kept: a long video would fill the memory.
             shown[:] = [frame]
-            yield (
-                strip_picture(frame)
-                if ending == ".png"
-                else video_picture(frame, title, scene.camera)
-            )
+            still = ending == ".png"
+            yield strip_picture(frame) if still else video_picture(frame, title, note)
 
     if ending == ".mp4":
         content = mp4(pictures(), (scene.width, scene.height), interval)
@@ -139,19 +146,12 @@ def render_to_file(
     return Rendered(path, len(at), shown[0].time, shown[0].episode_return)
 
 
-def _steps_and_interval(
-    ending: str, frames_per_second: float, moments: int, steps: int
-) -> tuple[Collection[int], float]:
-    """Returns the control steps to draw and the seconds between them."""
-    if ending == ".png":
-        return strip_steps(moments, steps), 0.0
-    at, interval = video_steps(frames_per_second, steps)
-    if ending == ".gif" and interval < _SHORTEST_GIF_INTERVAL:
+def _check_gif(interval: float) -> None:
+    if interval < _SHORTEST_GIF_INTERVAL:
         raise RequestError(
-            f"No .gif of {frames_per_second:g} frames a second; it has at most "
+            f"No .gif of {1 / interval:g} frames a second; it has at most "
             f"{1 / _SHORTEST_GIF_INTERVAL:g}."
         )
-    return at, interval
 
 
 def png_strip(pictures: Sequence[Picture]) -> bytes:
@@ -166,7 +166,7 @@ def gif(pictures: Sequence[Picture], interval: float) -> bytes:
 
     Args:
         pictures: (height, width, 3) each, all of one size.
-        interval: seconds between them, a multiple of 0.01.
+        interval: seconds between them; an animation counts in hundredths.
     """
     chosen = np.linspace(0, len(pictures) - 1, min(_PALETTE_PICTURES, len(pictures))).astype(int)
     sample = Image.fromarray(np.vstack([pictures[index] for index in chosen]))
@@ -182,7 +182,7 @@ def gif(pictures: Sequence[Picture], interval: float) -> bytes:
         "GIF",
         save_all=True,
         append_images=images[1:],
-        duration=round(1000 * interval),
+        duration=10 * round(100 * interval),
         loop=0,
         optimize=True,
     )

@@ -34,6 +34,7 @@ class Cell:
         control_steps: (seeds, episodes) of the run at an episode's end; NaN past the run's end.
         lengths: (seeds,) episodes of each run.
         notes: what a reader should know, a clause each.
+        robots: augmented robots that were learned on in turn; 0 for the plain robot.
     """
 
     task: str
@@ -46,6 +47,7 @@ class Cell:
     control_steps: FloatArray
     lengths: IntArray
     notes: tuple[str, ...]
+    robots: int = 0
 
     @property
     def name(self) -> str:
@@ -160,7 +162,15 @@ def _build_cell(
         control_steps=control_steps,
         lengths=lengths,
         notes=tuple(_notes(runs, chosen, returns)),
+        robots=_robots(json.loads(first["settings"])),
     )
+
+
+def _robots(settings: Mapping[str, Any]) -> int:
+    """Returns the number of augmented robots; 0 for the plain one."""
+    robots = settings.get("robots", 1)
+    augmented = settings.get("augment") is not None and isinstance(robots, int)
+    return robots if augmented else 0
 
 
 def _notes(runs: pd.DataFrame, chosen: pd.DataFrame, returns: FloatArray) -> list[str]:

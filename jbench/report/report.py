@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from matplotlib.figure import Figure
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import ORDERS, Order
-from jbench.report import figures, page, panels
+from jbench.report import behaviour, figures, page, panels
 from jbench.report.cells import Cell, build_cells, file_name, usable_runs
 from jbench.report.curves import (
     QUANTILES,
@@ -25,7 +26,14 @@ from jbench.report.curves import (
     quantiles_across_seeds,
 )
 from jbench.report.drawing import LearnedCurve
-from jbench.report.published import PPO_ENVIRONMENTS, PublishedCurve, best_median, read_published
+from jbench.report.published import (
+    PPO_ENVIRONMENTS,
+    SEQUENCE_ROBOTS,
+    PublishedCurve,
+    best_median,
+    read_published,
+    read_sequences,
+)
 from jbench.store import query
 from jbench.store.database import Results
 from jbench.store.files import make_directory, write_atomic
@@ -87,12 +95,15 @@ def write_report(
     cells, notes = build_cells(_filter(runs, task, algo), tables["episodes"])
     if not cells:
         raise RequestError(f"No run has an episode yet; wait for them. {' '.join(notes)}")
-    published = read_published(tables["published"])
+    # The figures choose from these by the paper's figure.
+    published = [*read_published(tables["published"]), *read_sequences(tables["published"])]
     learned = [LearnedCurve(cell, _curve(cell, order, window)) for cell in cells]
     notes += _sentences(learned, published, window)
     table = summary_table(learned, published, window)
     aggregate = aggregate_curves(learned)
-    pictures = _draw(learned, published, order, window)
+    seen, unread = behaviour.behaviours(results)
+    problems += unread
+    pictures = _draw(learned, published, order, window, behaviour.draw(seen))
     contents = {
         "aggregate.parquet": _to_parquet(aggregate),
         "aggregate.csv": query.to_csv(aggregate).encode(),
@@ -136,7 +147,7 @@ def summary_table(
     episodes_min, episodes_max, final_return_median, final_return_q10, final_return_q90 (across
     seeds; a final return is the mean of a run's last 100 episodes or last quarter), control_steps
     (centre of those episodes, the seeds' median), published_median and published_figure (best of
-    the paper there; missing where its curves don't reach), notes.
+    the paper there; missing where its curves don't reach; on robots in turn where ours is), notes.
     """
     return pd.DataFrame([_table_row(item, published, window) for item in learned])
 
@@ -159,7 +170,20 @@ def cell_notes(item: LearnedCurve, published: Sequence[PublishedCurve], window: 
             "published steps are taken as printed, but are probably those of one of "
             f"{PPO_ENVIRONMENTS} environments"
         )
-    return notes
+    return notes + _robot_notes(cell, compared)
+
+
+def _robot_notes(cell: Cell, compared: Collection[tuple[str, str, str]]) -> list[str]:
+    """Says how a cell of augmented robots relates to what was published for its like."""
+    if not cell.robots or (cell.task, cell.algo, cell.representation) not in compared:
+        return []
+    if cell.robots == 1:
+        return ["learned on an augmented robot, but the published curves are of the plain one"]
+    return [
+        f"learned on {cell.robots} augmented robots in turn: the published median, if any, is of "
+        f"{SEQUENCE_ROBOTS} other ones, 1000000 control steps each, but the published curves in "
+        "the figures are of the plain robot"
+    ]
 
 
 def _table_row(
@@ -169,7 +193,14 @@ def _table_row(
     returns, centres = final_returns(cell.returns, cell.control_steps, cell.lengths)
     q10, _, median, _, q90 = quantiles_across_seeds(returns[:, None])[:, 0]
     control_steps = float(np.median(centres))
-    best = best_median(published, cell.task, cell.algo, cell.representation, control_steps)
+    best = best_median(
+        published,
+        cell.task,
+        cell.algo,
+        cell.representation,
+        control_steps,
+        sequence=cell.robots > 1,
+    )
     return {
         **{name: getattr(cell, name) for name in _KEY},
         "settings": cell.label,
@@ -239,15 +270,19 @@ def _filter(runs: pd.DataFrame, task: str | None, algo: str | None) -> pd.DataFr
 
 
 def _draw(
-    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], order: Order, window: int
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    order: Order,
+    window: int,
+    more: Mapping[str, Figure],
 ) -> dict[str, bytes]:
-    """Returns the figures' files by name."""
+    """Returns the files of these curves' figures, and of more figures, by name."""
     drawn = {"figure9": figures.grid_figure(learned, published, order, window)}
     comparisons = figures.comparison_figures(learned, published, order, window)
     for (task, algo), figure in comparisons.items():
         drawn[file_name("comparison", task, algo)] = figure
     files = {}
-    for name, figure in drawn.items():
+    for name, figure in {**drawn, **more}.items():
         files[f"{name}.png"] = panels.to_png(figure)
         files[f"{name}.svg"] = panels.to_svg(figure)
     return files

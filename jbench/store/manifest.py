@@ -12,7 +12,7 @@ SCHEMA_VERSION = 1
 
 MANIFEST = "manifest.json"
 
-Kind = Literal["dataset", "encoder", "run"]
+Kind = Literal["dataset", "encoder", "run", "evaluation"]
 Status = Literal["unfinished", "finished", "failed"]
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")

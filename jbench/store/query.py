@@ -18,6 +18,7 @@ from jbench.names import FULL
 from jbench.store import schema
 from jbench.store.database import Record, Results
 from jbench.store.identity import settings_hash
+from jbench.store.manifest import Kind
 
 
 class Tables(NamedTuple):
@@ -36,23 +37,24 @@ def load(results: Results) -> Tables:
     """Reads and checks all tables of a results directory; a damaged record is left out whole."""
     tables: dict[str, list[pa.Table]] = {}
     problems: list[str] = []
-    for kind, describe, schemas in _KINDS:
+    for kind, table, describe, schemas in _KINDS:
+        columns_of_kind = getattr(schema, table.upper())
         records, unreadable = results.scan(kind)
         problems += unreadable
         rows = []
         for record in records:
             try:
                 parts = {name: record.read(name, columns) for name, columns in schemas.items()}
-                row = _row(record, describe, getattr(schema, f"{kind}s".upper()))
+                row = _row(record, describe, columns_of_kind)
             except WorkError as error:
                 problems.append(str(error))
                 continue
             rows.append(row)
             for name, part in parts.items():
                 tables.setdefault(name, []).append(part)
-        tables[f"{kind}s"] = [getattr(schema, f"{kind}s".upper()).empty_table(), *rows]
+        tables[table] = [columns_of_kind.empty_table(), *rows]
     tables["published"] = [published()]
-    empty = {name: columns for _, _, schemas in _KINDS for name, columns in schemas.items()}
+    empty = {name: columns for *_, schemas in _KINDS for name, columns in schemas.items()}
     return Tables(
         {
             **{name: columns.empty_table() for name, columns in empty.items()},
@@ -163,6 +165,16 @@ def _encoder_row(record: Record) -> dict[str, Any]:
     }
 
 
+def _evaluation_row(record: Record) -> dict[str, Any]:
+    settings, summary = record.settings, record.manifest.summary
+    return {
+        "evaluation": record.id,
+        **{name: settings.get(name) for name in ("task", "policy", "seed", "episodes")},
+        **{name: summary.get(name) for name in ("median", "q10", "q90")},
+        **_common_row(record),
+    }
+
+
 def _dataset_row(record: Record) -> dict[str, Any]:
     return {
         "dataset": record.id,
@@ -186,12 +198,19 @@ def _common_row(record: Record) -> dict[str, Any]:
     }
 
 
-_KINDS: tuple[tuple[Any, Callable[[Record], dict[str, Any]], dict[str, pa.Schema]], ...] = (
-    ("run", _run_row, {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}),
+_KINDS: tuple[tuple[Kind, str, Callable[[Record], dict[str, Any]], dict[str, pa.Schema]], ...] = (
+    ("run", "runs", _run_row, {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}),
     (
         "encoder",
+        "encoders",
         _encoder_row,
         {"encoder_epochs": schema.ENCODER_EPOCHS, "encoder_features": schema.ENCODER_FEATURES},
     ),
-    ("dataset", _dataset_row, {}),
+    (
+        "evaluation",
+        "policy_evaluations",
+        _evaluation_row,
+        {"policy_episodes": schema.POLICY_EPISODES},
+    ),
+    ("dataset", "datasets", _dataset_row, {}),
 )

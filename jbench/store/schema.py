@@ -130,6 +130,53 @@ DATASETS = pa.schema(
 )
 """One row for each dataset, from its manifest."""
 
+POLICY_EVALUATIONS = pa.schema(
+    [
+        _field("evaluation", pa.string()),
+        _field("task", pa.string()),
+        _field("policy", pa.string()),
+        _field("seed", pa.int64()),
+        _field("episodes", pa.int64()),
+        _field("status", pa.string()),
+        _field("median", pa.float64(), "sum of rewards"),
+        _field("q10", pa.float64(), "sum of rewards"),
+        _field("q90", pa.float64(), "sum of rewards"),
+        _field("created", pa.string(), "UTC"),
+        _field("updated", pa.string(), "UTC"),
+        _field("settings", pa.string(), "JSON"),
+        _field("provenance", pa.string(), "JSON"),
+    ]
+)
+"""One row for each evaluation of a policy by `jbench evaluate`, from its manifest."""
+
+POLICY_EPISODES = pa.schema(
+    [
+        _field("evaluation", pa.string()),
+        _field("episode", pa.int32()),
+        _RETURN,
+        _LENGTH,
+        _field("target_x", pa.float64(), "m"),
+        _field("target_y", pa.float64(), "m"),
+        _field("target_yaw", pa.float64(), "rad"),
+    ]
+)
+"""Episodes of a policy that was evaluated by `jbench evaluate`."""
+
+POLICY_STATES = pa.schema(
+    [
+        _field("episode", pa.int32()),
+        _field("step", pa.int16(), "control steps; the state after it"),
+        *(_field(name, pa.float32(), "m") for name in ("x", "y", "z")),
+        _field("heading", pa.float32(), "rad"),
+        _field("upright", pa.float32(), "reward"),
+        _field("motor_position", pa.float32(), "rad"),
+        _field("motor_velocity", pa.float32(), "rad/s"),
+        _field("action", pa.float32()),
+        _field("reward", pa.float32()),
+    ]
+)
+"""States of an evaluated policy; not a table of `jbench query`, being large."""
+
 PUBLISHED = pa.schema(
     [
         _field("figure", pa.string()),

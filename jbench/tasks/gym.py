@@ -13,11 +13,8 @@ import numpy as np
 from gymnasium.envs.registration import register, registry
 from numpy.typing import NDArray
 
-from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS, PHYSICS_STEPS, TASKS
+from jbench.names import CAMERAS, CONTROL_TIMESTEP, EPISODE_STEPS, PHYSICS_STEPS, TASKS
 from jbench.tasks import features, model, resets
-
-CAMERAS = ("overhead", "tracking", "ego", "spectator")
-"""The cameras of the model: the paper's three (section 4.1) and a fixed view from the side."""
 
 
 def environment_id(task: str, augmented: bool = False) -> str:

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 from store_rows import listed, names, numbers, read
 
@@ -144,3 +145,21 @@ def test_lock_is_let_go_after_an_error(results):
         raise KeyError
     with record.lock(), pytest.raises(WorkError, match="Another process"):
         Record(Results(results.path), "run", "a/b").lock().__enter__()
+
+
+def test_a_process_that_ends_right_after_reading_ends_well(tmp_path):
+    # pyarrow's thread pool aborts about half of such processes; see Record._rows_of.
+    results = Results(tmp_path)
+    record = results.create("run", "a/b", {})
+    record.append({"t": pa.table({"n": [1, 2, 3]})})
+    script = (
+        "import sys, pathlib, pyarrow as pa\n"
+        "from jbench.store import Results\n"
+        "record = Results(pathlib.Path(sys.argv[1])).find('run', 'a/b')\n"
+        "print(record.read('t', pa.schema([('n', pa.int64())])).num_rows)\n"
+    )
+    for _ in range(8):
+        done = subprocess.run(
+            [sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True
+        )
+        assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr

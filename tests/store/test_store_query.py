@@ -9,6 +9,9 @@ from store_rows import RUN_SETTINGS, add_run, alter_manifest, listed, manifest_o
 from jbench.store import query, schema
 
 COLUMNS = {
+    "policy_evaluations": "evaluation task policy seed episodes status median q10 q90 created "
+    "updated settings provenance",
+    "policy_episodes": "evaluation episode episode_return length target_x target_y target_yaw",
     "runs": "run task algo representation encoder seed steps engine time_limit variant status "
     "episodes wall_time created updated settings provenance",
     "episodes": "run episode control_steps episode_return length wall_time actor_loss critic_loss "

@@ -11,8 +11,8 @@ import pytest
 from dm_control import suite
 from gymnasium.utils.env_checker import check_env
 
-from jbench.names import TASKS
-from jbench.tasks.gym import CAMERAS, JitterbugEnv, environment_id
+from jbench.names import CAMERAS, TASKS
+from jbench.tasks.gym import JitterbugEnv, environment_id
 
 IDS = {
     "move_from_origin": "Jitterbug/MoveFromOrigin-v0",

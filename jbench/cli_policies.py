@@ -1,0 +1,128 @@
+"""The verbs that run a policy: parse, call one function, print."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jbench import names, parsing
+from jbench.errors import RequestError
+from jbench.options import (
+    AugmentOption,
+    CameraOption,
+    JsonOption,
+    PolicyOption,
+    ResultsOption,
+    TaskOption,
+)
+from jbench.output import Output
+
+
+def evaluate(
+    policy: PolicyOption = "heuristic",
+    task: TaskOption = "face_direction",
+    episodes: Annotated[int, typer.Option(help="How many.")] = 100,
+    seed: Annotated[int, typer.Option(help="Of poses, targets and random actions.")] = 0,
+    states: Annotated[bool, typer.Option("--states", help="Keep the state of every step.")] = False,
+    target_yaw: Annotated[
+        float | None, typer.Option(help="Degrees; else as the task draws it.")
+    ] = None,
+    augment: AugmentOption = None,
+    threads: Annotated[int, typer.Option(help="Robots at a time; 0 for all cores.")] = 0,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Run episodes of any policy and keep their returns."""
+    from jbench import display
+    from jbench.experiments.evaluate import EvaluationSettings
+    from jbench.experiments.evaluate import evaluate as run_episodes
+    from jbench.store import Results, schema
+    from jbench.validation import validated
+
+    output, place = Output(json), Results(results)
+    if target_yaw is not None and not math.isfinite(target_yaw):
+        raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
+    settings = validated(
+        EvaluationSettings,
+        "the evaluation",
+        task=parsing.known("task", task, names.TASKS),
+        policy=policy,
+        episodes=episodes,
+        seed=parsing.seed(seed),
+        states=states,
+        target_yaw=None if target_yaw is None else math.radians(target_yaw),
+        augment=augment,
+    )
+    before = place.find("evaluation", settings.id)
+    if before is not None and before.status == "finished":
+        output.say(f"The evaluation {settings.id} is finished already; nothing to do.")
+    total = settings.episodes * names.EPISODE_STEPS
+    with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
+        record = run_episodes(settings, place, parsing.all_cores(threads), progress.update)
+    returns = record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"].to_numpy()
+    summary = record.manifest.summary
+    output.say(
+        f"{task}, {policy}: median return {summary['median']:.0f} "
+        f"[10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}], mean {returns.mean():.0f}, "
+        f"worst {returns.min():.0f}, over {len(returns)} episodes; kept in {record.path}"
+    )
+    output.document(display.described(record))
+
+
+def render(
+    out: Annotated[
+        Path, typer.Option(help="FILE.mp4, FILE.gif, or FILE.png (a strip of moments).")
+    ] = Path("jitterbug.mp4"),
+    policy: PolicyOption = "heuristic",
+    task: TaskOption = "move_to_pose",
+    camera: CameraOption = "tracking",
+    seed: Annotated[int, typer.Option(help="Of the pose and the target.")] = 0,
+    steps: Annotated[int, typer.Option(help="Control steps of 0.01 s, 1 to 1000.")] = 1000,
+    augment: AugmentOption = None,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Draw an episode of any policy into a video, an animation or a picture."""
+    from jbench.rendering.backend import choose_backend
+
+    parsing.known("task", task, names.TASKS)
+    parsing.known("camera", camera, names.CAMERAS)
+    if not 1 <= steps <= names.EPISODE_STEPS:
+        raise RequestError(f"--steps {steps}: type 1 to {names.EPISODE_STEPS}.")
+    parsing.augmented(augment)
+    choose_backend()
+    from jbench.agents.policies import find_policy
+    from jbench.rendering.episode import Scene
+    from jbench.rendering.write import check_output, default_size, render_to_file
+    from jbench.store import Results
+
+    output = Output(json)
+    check_output(out)
+    width, height = default_size(out)
+    scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
+    found = find_policy(Results(results), policy, task, seed)
+    with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
+        done = render_to_file(found, scene, out, name=policy, steps=steps, progress=progress.update)
+    output.say(f"{done.path}: {done.seconds:.1f} s, return {done.episode_return:.0f}")
+    output.document({"path": str(done.path), "episode_return": done.episode_return})
+
+
+def view(
+    policy: PolicyOption = "heuristic",
+    task: TaskOption = "move_to_pose",
+    seed: Annotated[int, typer.Option(help="Of the pose and the target.")] = 0,
+    augment: AugmentOption = None,
+    results: ResultsOption = Path("results"),
+) -> None:
+    """Watch a policy in MuJoCo's interactive viewer, on a desktop."""
+    from jbench.agents.policies import find_policy
+    from jbench.rendering.episode import Scene
+    from jbench.rendering.viewer import view as open_viewer
+    from jbench.store import Results
+
+    parsing.known("task", task, names.TASKS)
+    parsing.augmented(augment)
+    found = find_policy(Results(results), policy, task, parsing.seed(seed))
+    steps = open_viewer(found, Scene(task, seed, augment=augment))
+    Output().say(f"Watched {steps} control steps.")

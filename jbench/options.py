@@ -1,0 +1,38 @@
+"""Options that several verbs share, for typer."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jbench import names
+
+
+def complete(*known: str) -> Callable[[str], list[str]]:
+    """Returns a completion of the beginnings of known names."""
+    return lambda incomplete: [name for name in known if name.startswith(incomplete)]
+
+
+ResultsOption = Annotated[Path, typer.Option("--results", help="Directory of the results.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="One JSON document on standard output; the rest on error.")
+]
+TaskOption = Annotated[
+    str,
+    typer.Option(help=f"{', '.join(names.TASKS)}.", autocompletion=complete(*names.TASKS)),
+]
+PolicyOption = Annotated[
+    str,
+    typer.Option(
+        help="heuristic, random, constant:U with U in [-1, 1], or the id of a run.",
+        autocompletion=complete("heuristic", "random", "constant:1"),
+    ),
+]
+CameraOption = Annotated[
+    str,
+    typer.Option(help=f"{', '.join(names.CAMERAS)}.", autocompletion=complete(*names.CAMERAS)),
+]
+AugmentOption = Annotated[
+    int | None, typer.Option(help="Seed of an augmented robot; else the plain one.")
+]

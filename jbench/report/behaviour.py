@@ -1,0 +1,170 @@
+"""What policies do: the paper's Figures 4 and 5, from the states that `jbench evaluate` kept."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from jbench.errors import WorkError
+from jbench.store import Results, schema
+from jbench.tasks.features import RANGES
+
+_COLORS = ("#009e73", "#e69f00", "#0072b2", "#cc79a7", "#56b4e9", "#d55e00")
+_FULL_SPEED = RANGES["motor_velocity"][1][0]  # rad/s, an observation of 1
+_REACH = 2.0  # m from the origin; a second of the quickest gait is .14 m
+_SMALL = 8
+
+
+class Behaviour(NamedTuple):
+    """The states of one evaluated policy.
+
+    Attributes:
+        task: that it did.
+        policy: its name.
+        median: of the episode returns.
+        episodes: how many.
+        target_yaw: fixed direction of the target (rad), or None.
+        motor_velocity: (states,) rad/s.
+        x: (states,) m in the world.
+        y: (states,) m in the world.
+    """
+
+    task: str
+    policy: str
+    median: float
+    episodes: int
+    target_yaw: float | None
+    motor_velocity: NDArray[np.float32]
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+
+    @property
+    def label(self) -> str:
+        """What a figure calls it."""
+        return f"{self.policy} (median return {self.median:.0f}, {self.episodes} episodes)"
+
+
+def behaviours(results: Results) -> tuple[list[Behaviour], list[str]]:
+    """Returns the newest kept states of each policy on each task, and what can't be read."""
+    found: dict[tuple[str, str], Behaviour] = {}
+    problems = []
+    for record in results.scan("evaluation")[0]:
+        settings = record.settings
+        if record.status != "finished" or not settings.get("states"):
+            continue
+        try:
+            states = record.read("policy_states", schema.POLICY_STATES)
+        except WorkError as error:
+            problems.append(str(error))
+            continue
+        columns = (states[name].to_numpy() for name in ("motor_velocity", "x", "y"))
+        key = (str(settings["task"]), str(settings["policy"]))
+        found[key] = Behaviour(
+            *key,
+            float(record.manifest.summary["median"]),
+            int(settings["episodes"]),
+            settings.get("target_yaw"),
+            *columns,
+        )
+    return list(found.values()), problems
+
+
+def draw(all_of_them: Sequence[Behaviour]) -> dict[str, Figure]:
+    """Returns Figures 4 and 5 for each task, by file name; none where no states were kept."""
+    figures = {}
+    for task in dict.fromkeys(behaviour.task for behaviour in all_of_them):
+        chosen = sorted((b for b in all_of_them if b.task == task), key=lambda b: b.median)
+        figures[f"figure4-{task}"] = motor_figure(task, chosen)
+        figures[f"figure5-{task}"] = position_figure(task, chosen)
+    return figures
+
+
+def motor_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
+    """Returns the distribution of motor velocities of each policy (paper, Figure 4).
+
+    The lower axis is the observation of the motor's velocity, 1 at 180 rad/s, the upper rad/s.
+    """
+    figure = Figure(figsize=(7.6, 4.8), facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    bins = np.linspace(-1.2, 1.2, 121).tolist()
+    for behaviour, color in zip(chosen, _COLORS, strict=False):
+        observed = np.clip(behaviour.motor_velocity / _FULL_SPEED, bins[0], bins[-1])
+        axes.hist(
+            observed,
+            bins,
+            density=True,
+            histtype="stepfilled",
+            alpha=0.35,
+            color=color,
+            label=behaviour.label,
+        )
+    # Policies that rest have a spike at 0 which would flatten all else.
+    axes.set_yscale("log")
+    axes.set_xlabel("motor velocity, as observed (1 = 180 rad/s)", fontsize=_SMALL)
+    axes.set_ylabel("probability density", fontsize=_SMALL)
+    upper = axes.secondary_xaxis("top", functions=(_to_speed, _to_observed))
+    upper.set_xlabel("rad/s", fontsize=_SMALL)
+    upper.tick_params(labelsize=_SMALL)
+    axes.tick_params(labelsize=_SMALL)
+    figure.legend(loc="outside lower center", fontsize=_SMALL, frameon=False)
+    figure.suptitle(f"Motor velocities: {task}", fontsize=12, fontweight="bold")
+    return figure
+
+
+def _to_speed(observed: Any) -> Any:
+    """Returns rad/s of the observation of a motor velocity."""
+    return np.asarray(observed) * _FULL_SPEED
+
+
+def _to_observed(speed: Any) -> Any:
+    """Returns the observation of a motor velocity in rad/s."""
+    return np.asarray(speed) / _FULL_SPEED
+
+
+def position_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
+    """Returns where each policy's robots were (paper, Figure 5): a heat map of the torso's place.
+
+    The arrow shows the target's direction where it was fixed; every robot starts at the origin.
+    """
+    chosen = chosen[:4]
+    figure = Figure(figsize=(3.6 * len(chosen) + 0.6, 4.1), facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, len(chosen), squeeze=False)[0]
+    farthest = max(float(np.quantile(np.hypot(b.x, b.y), 0.995)) for b in chosen)
+    reach = float(np.clip(farthest * 1.05, 0.1, _REACH))
+    meshes = [_heat_map(*pair, reach) for pair in zip(panels, chosen, strict=True)]
+    figure.colorbar(meshes[0], ax=list(panels), shrink=0.8).set_label(
+        "share of all states in a cell (log scale)", fontsize=_SMALL
+    )
+    figure.suptitle(f"Positions: {task}", fontsize=12, fontweight="bold")
+    return figure
+
+
+def _heat_map(axes: Axes, behaviour: Behaviour, reach: float) -> QuadMesh:
+    edges = np.linspace(-reach, reach, 81)
+    counts, _, _ = np.histogram2d(behaviour.x, behaviour.y, [edges, edges])
+    share = counts.T / max(len(behaviour.x), 1)
+    shown = np.ma.masked_equal(share, 0)
+    mesh = axes.pcolormesh(edges, edges, shown, norm="log", cmap="viridis", vmin=1e-6, vmax=0.1)
+    axes.plot(0, 0, marker="+", color="#d00000", markersize=9)
+    if behaviour.target_yaw is not None:
+        x, y = reach * np.cos(behaviour.target_yaw), reach * np.sin(behaviour.target_yaw)
+        arrow = {"arrowstyle": "->", "color": "#d00000", "linewidth": 1.6}
+        axes.annotate("", (0.85 * x, 0.85 * y), (0.55 * x, 0.55 * y), arrowprops=arrow)
+    axes.set_title(
+        f"{behaviour.policy}\nmedian return {behaviour.median:.0f}, {behaviour.episodes} episodes",
+        fontsize=_SMALL,
+        loc="left",
+        parse_math=False,
+    )
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)", fontsize=_SMALL)
+    axes.set_ylabel("y (m)", fontsize=_SMALL)
+    axes.tick_params(labelsize=_SMALL)
+    return mesh

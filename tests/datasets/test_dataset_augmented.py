@@ -1,0 +1,113 @@
+"""A dataset of an augmented robot: its id, its content, and what is refused."""
+
+import hashlib
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from jbench import cli
+from jbench.datasets import Dataset, DatasetSettings, collect, layout
+from jbench.names import EPISODE_STEPS, TASKS
+from jbench.simulation import simulate
+from jbench.store import Results
+from jbench.tasks import features, model, resets
+
+SEED, AUGMENT = 3, 11
+
+
+def collected(path, **settings):
+    return collect(DatasetSettings(seed=SEED, steps=2000, **settings), Results(path), 2)
+
+
+@pytest.fixture(scope="module")
+def augmented(tmp_path_factory):
+    return collected(tmp_path_factory.mktemp("augmented"), augment=AUGMENT)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return collected(tmp_path_factory.mktemp("plain"))
+
+
+def resimulated(robot, episodes):
+    """The states of the dataset's episodes with a robot, drawn as the dataset documents."""
+    quaternions, targets, actions = [], [], []
+    for episode in range(episodes):
+        random = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(episode,)))
+        quaternions.append(resets.draw_quaternion(random))
+        targets.append({task: resets.draw_target(task, random) for task in TASKS})
+        actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
+    with ThreadPoolExecutor(1) as pool:
+        trajectories = simulate(robot, np.stack(quaternions), np.stack(actions), pool)
+    return model.state_of(*trajectories, model.torso_offset(robot)), np.stack(actions)
+
+
+def kept_state(record):
+    return layout.state_of(record.read("steps", layout.STEPS), EPISODE_STEPS)
+
+
+def test_a_plain_dataset_keeps_the_id_it_had_before_there_were_other_robots(plain):
+    # The documented example, and the JSON of which the hash is one.
+    assert DatasetSettings(steps=100_000).id == "random/s00-d4a8116b"
+    kept = {"policy": "random", "robot": "jitterbug", "seed": SEED, "steps": 2000}
+    text = json.dumps(kept, sort_keys=True, separators=(",", ":"))
+    assert plain.id == f"random/s03-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    assert plain.settings == kept
+
+
+def test_the_robot_is_in_the_settings_and_the_id(plain, augmented):
+    assert augmented.settings == {**plain.settings, "augment": AUGMENT}
+    ids = {plain.id, augmented.id, DatasetSettings(seed=SEED, steps=2000, augment=0).id}
+    assert len(ids) == 3
+
+
+def test_actions_and_targets_are_those_of_the_plain_robot_and_states_are_not(plain, augmented):
+    first, second = (record.read("steps", layout.STEPS) for record in (plain, augmented))
+    assert first["action"].equals(second["action"])
+    drawn = [record.read("dataset_episodes", layout.EPISODES) for record in (plain, augmented)]
+    assert drawn[0].equals(drawn[1])
+    first, second = kept_state(plain), kept_state(augmented)
+    # They begin alike, and are elsewhere a second later.
+    np.testing.assert_array_equal(first.position[:, 0], second.position[:, 0])
+    apart = np.abs(first.position[:, 100, :3] - second.position[:, 100, :3]).max(axis=1)
+    assert (apart > 1e-4).all()
+
+
+def test_it_is_a_simulation_of_that_robot(augmented):
+    expected, actions = resimulated(model.load(AUGMENT), 2)
+    found = kept_state(augmented)
+    for name in ("position", "velocity", "motor_velocity", "torso_velocity"):
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-6, err_msg=name
+        )
+    # The one task with a target that is not drawn: the origin.
+    (block,) = Dataset(augmented).blocks("move_from_origin")
+    np.testing.assert_array_equal(block.actions, actions)
+    place = np.broadcast_to([0, 0, model.REST_HEIGHT], (2, 1001, 3))
+    origin = features.Target(place, np.zeros((2, 1001)))
+    rewards = features.reward("move_from_origin", expected, origin)[:, 1:]
+    np.testing.assert_allclose(block.rewards, rewards, atol=1e-5)
+
+
+def test_a_seed_that_makes_no_robot_is_refused_in_a_sentence(tmp_path, capsys):
+    results = tmp_path / "results"
+    command = ["collect", "--steps", "1000", "--augment", "-1", "--results", str(results)]
+    assert cli.main(command) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("Error: augment of the dataset can't be -1: ")
+    assert printed.err.endswith(".\n")
+    assert printed.err.count("\n") == 1
+    assert not results.exists()
+
+
+def test_the_command_line_collects_with_the_robot_that_it_was_asked_for(tmp_path, augmented):
+    command = ["collect", "--steps", "2000", "--seed", str(SEED), "--augment", str(AUGMENT)]
+    assert cli.main([*command, "--results", str(tmp_path)]) == 0
+    (record,), _ = Results(tmp_path).scan("dataset")
+    assert record.id == augmented.id
+    assert [entry.sha256 for entry in record.manifest.files] == [
+        entry.sha256 for entry in augmented.manifest.files
+    ]

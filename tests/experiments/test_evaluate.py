@@ -1,0 +1,110 @@
+"""Evaluations are the episodes that the Gymnasium environment would give."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jbench.cli import main
+from jbench.experiments.evaluate import EvaluationSettings, evaluate
+from jbench.store import Results, schema
+from jbench.store.query import load, run_sql
+from jbench.tasks import resets
+from jbench.tasks.features import Target
+from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.heuristics import heuristic
+
+
+def returns_of(record):
+    return record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"].to_pylist()
+
+
+def beginning(task, seed, episode):
+    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(episode,)))
+    return resets.draw_quaternion(random), resets.draw_target(task, random)
+
+
+def test_a_heuristic_gets_what_it_gets_in_the_environment(tmp_path):
+    task = "move_to_pose"
+    settings = EvaluationSettings(task=task, policy="heuristic", episodes=2, seed=5)
+    record = evaluate(settings, Results(tmp_path), threads=2)
+    policy, env = heuristic(task), JitterbugEnv(task)
+    for episode, kept in enumerate(returns_of(record)):
+        env.reset()
+        quaternion, env._target = beginning(task, 5, episode)
+        env._data.qpos[3:7] = quaternion
+        policy.reset(1)
+        observation, total = env._observation(env._state()), 0.0
+        for _ in range(1000):
+            observation, reward, *_ = env.step(policy.act(observation[None])[0])
+            total += reward
+        assert kept == pytest.approx(total, abs=1e-6)
+
+
+def test_states_are_kept_with_the_rewards_that_make_the_returns(tmp_path):
+    settings = EvaluationSettings(
+        task="move_in_direction", policy="random", episodes=2, states=True, target_yaw=math.pi / 4
+    )
+    record = evaluate(settings, Results(tmp_path), threads=2)
+    states = record.read("policy_states", schema.POLICY_STATES).to_pandas()
+    sums = states.groupby("episode")["reward"].sum()
+    assert sums.to_list() == pytest.approx(returns_of(record), rel=1e-5)
+    assert states.groupby("episode")["step"].apply(list).map(lambda s: s == [*range(1, 1001)]).all()
+    episodes = record.read("policy_episodes", schema.POLICY_EPISODES).to_pandas()
+    assert set(episodes["target_yaw"]) == {math.pi / 4}
+    assert states["action"].between(-1, 1).all()
+    assert states["action"].std() == pytest.approx(1 / math.sqrt(3), rel=0.05)  # uniform
+
+
+def test_the_same_evaluation_is_not_repeated_and_threads_do_not_matter(tmp_path):
+    settings = EvaluationSettings(task="face_direction", policy="constant:0.5", episodes=3)
+    first = evaluate(settings, Results(tmp_path / "a"), threads=1)
+    second = evaluate(settings, Results(tmp_path / "b"), threads=3)
+    assert returns_of(first) == returns_of(second)
+    assert len(set(returns_of(first))) == 3
+    before = (first.path / "manifest.json").read_bytes()
+    evaluate(settings, Results(tmp_path / "a"), threads=1)
+    assert (first.path / "manifest.json").read_bytes() == before
+
+
+def test_the_command_line_keeps_it_in_the_database(tmp_path, capsys):
+    arguments = ["evaluate", "--policy", "random", "--episodes", "2", "--results", str(tmp_path)]
+    assert main(arguments) == 0
+    (row,) = run_sql(
+        "SELECT policy, episodes, median, "
+        "(SELECT avg(episode_return) FROM policy_episodes) AS mean FROM policy_evaluations",
+        load(Results(tmp_path)).tables,
+    ).to_dict("records")
+    assert (row["policy"], row["episodes"]) == ("random", 2)
+    assert row["median"] == pytest.approx(row["mean"])  # of two
+    assert f"median return {row['median']:.0f}" in capsys.readouterr().out
+    assert main(arguments) == 0
+    assert "finished already; nothing to do" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--policy", "fly"], "No policy 'fly'; there are heuristic, random, constant:U"),
+        (["--policy", "constant:2"], "lies in [-1, 1]"),
+        (["--policy", "constant:x"], "lies in [-1, 1]"),
+        (["--policy", "face_direction/td3/full/s00-00000000"], "No run face_direction/td3"),
+        (["--policy", "../x"], "is not an id"),
+        (["--task", "fly"], "No task 'fly'"),
+        (["--episodes", "0"], "episodes of the evaluation can't be 0"),
+        (["--augment", "-1"], "augment of the evaluation can't be -1"),
+        (["--target-yaw", "nan"], "type degrees"),
+    ],
+)
+def test_a_wrong_evaluation_is_refused_in_a_sentence(arguments, says, tmp_path, capsys):
+    assert main(["evaluate", *arguments, "--results", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+
+
+def test_a_fixed_target_is_where_it_was_asked_for():
+    # 45 degrees: what the paper's Figure 5 fixes; the draw itself is another one.
+    _, target = beginning("move_in_direction", 0, 0)
+    assert isinstance(target, Target)
+    assert target.yaw != pytest.approx(math.pi / 4)

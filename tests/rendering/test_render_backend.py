@@ -1,0 +1,154 @@
+"""Which OpenGL draws: what is kept, what is tried in which order, and what is said if none can."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from jbench.errors import RequestError
+from jbench.rendering import backend
+from jbench.rendering.backend import choose_backend
+
+CHOOSE = """
+import os, sys
+from jbench.errors import RequestError
+from jbench.rendering.backend import choose_backend
+try:
+    print(choose_backend(), os.environ["MUJOCO_GL"], "mujoco" in sys.modules)
+except RequestError as error:
+    print(error)
+"""
+
+DRAW = """
+import gymnasium, os
+env = gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0", render_mode="rgb_array")
+env.reset(seed=0)
+print(env.render().std() > 10, os.environ["MUJOCO_GL"])
+env.close()
+"""
+
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="other systems have other backends")
+
+
+def answer_of(script, **environment):
+    """What a script prints in a process without a display, with other variables set."""
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in (*_DISPLAYS, "MUJOCO_GL", "PYOPENGL_PLATFORM")
+    }
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", script],
+        env={**kept, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def imagined(monkeypatch):
+    """Sets what a machine can draw with, and whether it has a display."""
+
+    def imagine(works, mujoco_gl="", display=""):
+        tried = []
+        for name in ("PYOPENGL_PLATFORM", *_DISPLAYS):
+            monkeypatch.setenv(name, "")
+        monkeypatch.setenv("MUJOCO_GL", mujoco_gl)
+        monkeypatch.setenv("DISPLAY", display)
+        monkeypatch.setattr(backend, "_draws", lambda name: (tried.append(name), name in works)[1])
+        return tried
+
+    return imagine
+
+
+@on_linux
+@pytest.mark.usefixtures("rendering")
+@pytest.mark.parametrize("switched_off", [{}, {"MUJOCO_GL": "disable"}])
+def test_a_backend_that_works_is_found_without_a_display(switched_off):
+    chosen, variable, loaded = answer_of(CHOOSE, **switched_off).split()
+    assert chosen == variable
+    assert chosen in ("egl", "osmesa")
+    assert loaded == "False"  # MuJoCo reads the variable when it is first imported
+
+
+@on_linux
+@pytest.mark.usefixtures("rendering")
+def test_environment_draws_by_itself_without_a_display():
+    drawn, variable = answer_of(DRAW).split()
+    assert drawn == "True"
+    assert variable in ("egl", "osmesa")
+
+
+@pytest.mark.usefixtures("rendering")
+def test_backend_that_is_set_and_works_is_kept():
+    asked = os.environ["MUJOCO_GL"]
+    environment = {name: os.environ[name] for name in _DISPLAYS if name in os.environ}
+    assert answer_of(CHOOSE, MUJOCO_GL=asked, **environment).split()[:2] == [asked, asked]
+
+
+@on_linux
+def test_without_any_backend_the_packages_to_install_are_named():
+    # PyOpenGL is told to use neither EGL nor OSMesa: MuJoCo refuses both.
+    sentence = answer_of(CHOOSE, PYOPENGL_PLATFORM="x11")
+    assert sentence.startswith("Nothing here can draw pictures (tried egl, osmesa): type apt ")
+    assert "libosmesa6" in sentence
+    assert "conda install -c conda-forge" in sentence
+    assert sentence.count("\n") == 0
+
+
+@on_linux
+def test_backend_that_is_set_and_fails_is_refused():
+    sentence = answer_of(CHOOSE, PYOPENGL_PLATFORM="x11", MUJOCO_GL="EGL")
+    assert sentence == "MUJOCO_GL=egl can't draw here; unset it, and one that can is looked for."
+
+
+def test_unknown_backend_is_refused(imagined):
+    tried = imagined(works=backend.BACKENDS, mujoco_gl="vulkan")
+    with pytest.raises(RequestError, match=r"^MUJOCO_GL=vulkan is no backend; set it to glfw, egl"):
+        choose_backend()
+    assert tried == []
+
+
+@on_linux
+@pytest.mark.parametrize(
+    ("works", "display", "tried"),
+    [
+        (("glfw", "egl", "osmesa"), ":0", ["glfw"]),
+        (("glfw", "egl", "osmesa"), "", ["egl"]),
+        (("osmesa",), ":0", ["glfw", "egl", "osmesa"]),
+    ],
+)
+def test_first_backend_that_works_is_taken(imagined, works, display, tried):
+    attempts = imagined(works, display=display)
+    assert choose_backend() == tried[-1] == os.environ["MUJOCO_GL"]
+    assert attempts == tried
+
+
+@pytest.mark.parametrize(
+    ("value", "chosen"), [("glfw", "glfw"), (" OSMesa ", "osmesa"), ("on", "glfw")]
+)
+def test_value_of_mujoco_gl_is_understood_as_mujoco_does(imagined, value, chosen):
+    attempts = imagined(works=backend.BACKENDS, mujoco_gl=value)
+    assert choose_backend() == chosen == os.environ["MUJOCO_GL"]
+    assert attempts == [chosen]
+
+
+@pytest.mark.parametrize(
+    ("probe", "draws"),
+    [
+        ("print('brightness', 173)", True),
+        ("print('brightness', 173, flush=True); import os; os.abort()", True),  # while unloading
+        ("print('brightness', 0)", False),
+        ("import os; os.abort()", False),
+        ("raise ImportError", False),
+        ("import time; time.sleep(600)", False),
+    ],
+)
+def test_driver_that_crashes_hangs_or_draws_nothing_is_passed_over(monkeypatch, probe, draws):
+    monkeypatch.setattr(backend, "_PROBE", probe)
+    monkeypatch.setattr(backend, "_PROBE_SECONDS", 3)
+    assert backend._draws.__wrapped__("egl") is draws

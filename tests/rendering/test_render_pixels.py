@@ -1,0 +1,114 @@
+"""Pixels as observations: dm_control's wrapper and Gymnasium's, on our environments."""
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from dm_control import suite
+from dm_control.suite.wrappers import pixels
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import AddRenderObservation
+
+from jbench.tasks.gym import JitterbugEnv, environment_id
+
+pytestmark = pytest.mark.usefixtures("rendering")
+
+SIZE = {"width": 84, "height": 64}
+ACTION = np.ones(1, np.float32)
+
+
+@pytest.fixture
+def load():
+    """dm_control's environments, whose windows are closed in the end."""
+    loaded = []
+
+    def load(camera="overhead", **settings):
+        env = suite.load("jitterbug", "move_to_pose", {"random": 3})
+        loaded.append(env)
+        return pixels.Wrapper(env, render_kwargs={**SIZE, "camera_id": camera}, **settings)
+
+    yield load
+    for env in loaded:
+        env.physics.free()
+
+
+@pytest.fixture
+def make():
+    """Gymnasium's environments, closed in the end."""
+    made = []
+
+    def make(**settings):
+        name = environment_id("move_to_pose")
+        made.append(gymnasium.make(name, render_mode="rgb_array", **SIZE, **settings))
+        return made[-1]
+
+    yield make
+    for env in made:
+        env.close()
+
+
+def test_dm_control_observes_pixels(load):
+    env = load()
+    spec = env.observation_spec()
+    assert list(spec) == ["pixels"]
+    assert (spec["pixels"].shape, spec["pixels"].dtype) == ((64, 84, 3), np.uint8)
+    seen = [env.reset()] + [env.step(ACTION) for _ in range(20)]
+    for step in seen:
+        spec["pixels"].validate(step.observation["pixels"])
+    shown = env.physics.render(**SIZE, camera_id="overhead")
+    np.testing.assert_array_equal(seen[-1].observation["pixels"], shown)
+    assert np.any(seen[0].observation["pixels"] != shown)  # the robot has moved
+
+
+def test_dm_control_observes_pixels_beside_the_features(load):
+    env, plain = load(pixels_only=False), suite.load("jitterbug", "move_to_pose", {"random": 3})
+    found, wanted = env.reset().observation, plain.reset().observation
+    assert list(found) == [*wanted, "pixels"]
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(found[name], values)
+
+
+@pytest.mark.parametrize("camera", ["tracking", "ego", "spectator"])
+def test_dm_control_observes_through_each_camera(load, camera):
+    picture = load(camera).reset().observation["pixels"]
+    assert np.mean(picture != load().reset().observation["pixels"]) > 0.1
+
+
+def test_gymnasium_observes_pixels(make):
+    env = AddRenderObservation(make())
+    assert env.observation_space == gymnasium.spaces.Box(0, 255, (64, 84, 3), np.uint8)
+    first, _ = env.reset(seed=3)
+    for _ in range(20):
+        last, *_ = env.step(ACTION)
+    np.testing.assert_array_equal(last, env.render())
+    assert np.any(first != last)
+    np.testing.assert_array_equal(env.reset(seed=3)[0], first)
+    # As agents take them: torch refuses arrays that run backwards, as Gymnasium's pictures do.
+    np.testing.assert_array_equal(torch.from_numpy(last).numpy(), last)
+
+
+def test_gymnasium_observes_pixels_beside_the_features(make):
+    env, plain = AddRenderObservation(make(), render_only=False), JitterbugEnv("move_to_pose")
+    pairs = [(env.reset(seed=3)[0], plain.reset(seed=3)[0])]
+    pairs += [(env.step(ACTION)[0], plain.step(ACTION)[0]) for _ in range(5)]
+    for found, state in pairs:
+        assert env.observation_space.contains(found)
+        np.testing.assert_array_equal(found["state"], state)
+
+
+def test_gymnasiums_checker_accepts_pixels(make, recwarn):
+    check_env(AddRenderObservation(make()).unwrapped, skip_render_check=True)
+    wrapped = AddRenderObservation(make())
+    check_env(wrapped, skip_render_check=True)
+    kinds = {str(warning.message) for warning in recwarn}
+    assert all("infinity" in kind or "different from the unwrapped" in kind for kind in kinds)
+
+
+def test_pictures_larger_than_the_models_buffer_are_whole():
+    env = JitterbugEnv("move_to_pose", render_mode="rgb_array", width=2000, height=1100)
+    env.reset(seed=0)
+    picture = env.render()
+    env.close()
+    assert picture.shape == (1100, 2000, 3)
+    assert picture[0].min() > 50  # sky, and not black
+    assert picture[:, -1].min() > 20

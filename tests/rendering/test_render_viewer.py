@@ -18,7 +18,9 @@ from jbench.rendering.viewer import view
 # cut to 25 steps, has begun anew twice by then.
 WATCH = """
 import sys
+import time
 import mujoco.viewer
+import numpy as np
 from PIL import ImageGrab
 from jbench.rendering import viewer
 from jbench.rendering.episode import Scene
@@ -34,7 +36,15 @@ viewer.EPISODE_STEPS = 25
 class Closing(Constant):
     def act(self, observations):
         if len(self.asked) == 59:
-            ImageGrab.grab().save(sys.argv[1])
+            # The window is drawn by a thread of its own, which a busy machine lets wait.
+            deadline = time.monotonic() + 120
+            while time.monotonic() < deadline:
+                picture = ImageGrab.grab()
+                red, green, blue = np.asarray(picture.convert("RGB")).astype(int).T
+                if np.sum((red > 150) & (green > 110) & (blue < 80)) > 200:
+                    break
+                time.sleep(0.2)
+            picture.save(sys.argv[1])
             windows[0].close()
         return super().act(observations)
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError
-from jbench.store import Results, schema
+from jbench.store import Record, Results, schema
 from jbench.tasks.features import RANGES
 
 _COLORS = ("#009e73", "#e69f00", "#0072b2", "#cc79a7", "#56b4e9", "#d55e00")
@@ -58,20 +58,32 @@ def behaviours(results: Results) -> tuple[list[Behaviour], list[str]]:
         if record.status != "finished" or not settings.get("states"):
             continue
         try:
-            states = record.read("policy_states", schema.POLICY_STATES)
+            behaviour = _behaviour(record)
         except WorkError as error:
             problems.append(str(error))
             continue
-        columns = (states[name].to_numpy() for name in ("motor_velocity", "x", "y"))
-        key = (str(settings["task"]), str(settings["policy"]))
-        found[key] = Behaviour(
-            *key,
+        found[behaviour.task, behaviour.policy] = behaviour
+    return list(found.values()), problems
+
+
+def _behaviour(record: Record) -> Behaviour:
+    """Reads the states of an evaluation; its manifest may come from a stranger and say anything."""
+    states = record.read("policy_states", schema.POLICY_STATES)
+    settings, yaw = record.settings, record.settings.get("target_yaw")
+    try:
+        return Behaviour(
+            str(settings["task"]),
+            str(settings["policy"]),
             float(record.manifest.summary["median"]),
             int(settings["episodes"]),
-            settings.get("target_yaw"),
-            *columns,
+            None if yaw is None else float(yaw),
+            *(states[name].to_numpy() for name in ("motor_velocity", "x", "y")),
         )
-    return list(found.values()), problems
+    except (KeyError, TypeError, ValueError) as error:
+        raise WorkError(
+            f"The evaluation {record.id} has settings that can't be ({error}); delete "
+            f"{record.path} to make it anew."
+        ) from None
 
 
 def draw(all_of_them: Sequence[Behaviour]) -> dict[str, Figure]:
@@ -99,8 +111,8 @@ def motor_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
             observed,
             bins,
             density=True,
-            histtype="stepfilled",
-            alpha=0.35,
+            histtype="step",
+            linewidth=1.5,
             color=color,
             label=behaviour.label,
         )

@@ -73,3 +73,12 @@ def test_a_damaged_evaluation_is_named(tmp_path):
     found, (problem,) = behaviour.behaviours(results)
     assert found == []
     assert part.name in problem
+
+
+def test_an_evaluation_with_impossible_settings_is_named(tmp_path):
+    results = Results(tmp_path)
+    record = results.create("evaluation", "a/b", {"states": True, "episodes": "many"})
+    record.finish({"median": 1.0})
+    found, (problem,) = behaviour.behaviours(results)
+    assert found == []
+    assert "The evaluation a/b has settings that can't be" in problem

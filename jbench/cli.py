@@ -61,7 +61,7 @@ def collect(
         "the dataset",
         steps=parsing.count("--steps", steps),
         seed=parsing.seed(seed),
-        augment=augment,
+        augment=parsing.augmented(augment),
     )
     place = Results(results)
     before = place.find("dataset", settings.id)
@@ -198,7 +198,7 @@ def train(
         time_limit=parsing.known("value of --time-limit", time_limit, names.TIME_LIMITS),
         evaluate_every=parsing.count("--evaluate-every", evaluate_every),
         evaluate_episodes=evaluate_episodes,
-        augment=augment,
+        augment=parsing.augmented(augment),
         robots=robots,
     )
     planned = plan(runs, place)

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,9 @@ from jbench.options import (
     TaskOption,
 )
 from jbench.output import Output
+
+if TYPE_CHECKING:
+    from jbench.store import Results
 
 
 def evaluate(
@@ -52,11 +55,12 @@ def evaluate(
         seed=parsing.seed(seed),
         states=states,
         target_yaw=None if target_yaw is None else math.radians(target_yaw),
-        augment=augment,
+        augment=parsing.augmented(augment),
     )
     before = place.find("evaluation", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The evaluation {settings.id} is finished already; nothing to do.")
+    _say_other_robot(output, place, policy, augment)
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
         record = run_episodes(settings, place, parsing.all_cores(threads), progress.update)
@@ -102,6 +106,7 @@ def render(
     width, height = default_size(out)
     scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
     found = find_policy(Results(results), policy, task, seed)
+    _say_other_robot(output, Results(results), policy, augment)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
         done = render_to_file(found, scene, out, name=policy, steps=steps, progress=progress.update)
     output.say(f"{done.path}: {done.seconds:.1f} s, return {done.episode_return:.0f}")
@@ -124,5 +129,20 @@ def view(
     parsing.known("task", task, names.TASKS)
     parsing.augmented(augment)
     found = find_policy(Results(results), policy, task, parsing.seed(seed))
+    _say_other_robot(Output(), Results(results), policy, augment)
     steps = open_viewer(found, Scene(task, seed, augment=augment))
     Output().say(f"Watched {steps} control steps.")
+
+
+def _say_other_robot(output: Output, place: "Results", policy: str, augment: int | None) -> None:
+    """Says that an agent is about to move another robot than those that it learned on."""
+    from jbench.agents.policies import robots_learned_on
+
+    seeds = robots_learned_on(place, policy)
+    if seeds and augment not in seeds:
+        there = "the plain robot" if augment is None else f"the augmented robot {augment}"
+        learned = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
+        output.say(
+            f"Note: {policy} learned on augmented robot {learned}, and this is {there}; "
+            f"--augment {seeds[-1]} is {'its own' if len(seeds) == 1 else 'its last'}."
+        )

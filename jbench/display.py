@@ -109,6 +109,8 @@ def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> 
 
 def show_final_returns(table: pd.DataFrame, output: Output) -> None:
     """Prints the report's table, a row for each cell; the files hold all its columns."""
+    if table.empty:
+        return
     rows = []
     for cell in table.to_dict("records"):
         fewest, most = cell["episodes_min"], cell["episodes_max"]

@@ -53,14 +53,15 @@ def seed(number: int) -> int:
     return number
 
 
-def augmented(number: int | None) -> None:
-    """Checks the seed of an augmented robot, if one was asked for.
+def augmented(number: int | None) -> int | None:
+    """Returns the seed of an augmented robot, if one was asked for.
 
     Raises:
         RequestError: if it is negative.
     """
-    if number is not None and number < 0:
-        raise RequestError(f"--augment {number}: type a whole number from 0 up.")
+    if number is not None and not 0 <= number <= LARGEST_SEED:
+        raise RequestError(f"--augment {number}: type a whole number from 0 up to {LARGEST_SEED}.")
+    return number
 
 
 def seeds(text: str) -> list[int]:

@@ -92,3 +92,22 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
     if "/" not in name:
         raise RequestError(f"No policy {name!r}; there are {KINDS}.")
     return _Trained(results, name, task)
+
+
+def robots_learned_on(results: Results, name: str) -> range:
+    """Returns the seeds of the augmented robots that a trained agent learned on, in turn.
+
+    Args:
+        results: where runs are.
+        name: of a policy; no other than a run's id has learned on any.
+
+    Raises:
+        RequestError: if it looks like a run's id and can't be one.
+        WorkError: if the run's manifest can't be read.
+    """
+    record = results.find("run", name) if "/" in name else None
+    settings = {} if record is None else record.settings
+    first, robots = settings.get("augment"), settings.get("robots", 1)
+    if not isinstance(first, int) or not isinstance(robots, int):
+        return range(0)
+    return range(first, first + robots)

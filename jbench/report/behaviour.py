@@ -14,10 +14,11 @@ from jbench.errors import WorkError
 from jbench.store import Record, Results, schema
 from jbench.tasks.features import RANGES
 
-_COLORS = ("#009e73", "#e69f00", "#0072b2", "#cc79a7", "#56b4e9", "#d55e00")
+_COLORS = ("#009e73", "#e69f00", "#0072b2", "#cc79a7")
 _FULL_SPEED = RANGES["motor_velocity"][1][0]  # rad/s, an observation of 1
 _REACH = 2.0  # m from the origin; a second of the quickest gait is .14 m
 _SMALL = 8
+_SHOWN = 4  # policies in a figure
 
 
 class Behaviour(NamedTuple):
@@ -49,13 +50,15 @@ class Behaviour(NamedTuple):
         return f"{self.policy} (median return {self.median:.0f}, {self.episodes} episodes)"
 
 
-def behaviours(results: Results) -> tuple[list[Behaviour], list[str]]:
-    """Returns the newest kept states of each policy on each task, and what can't be read."""
+def behaviours(results: Results, task: str | None = None) -> tuple[list[Behaviour], list[str]]:
+    """Returns the newest kept states of each policy, on a task or all, and what can't be read."""
     found: dict[tuple[str, str], Behaviour] = {}
     problems = []
     for record in results.scan("evaluation")[0]:
         settings = record.settings
         if record.status != "finished" or not settings.get("states"):
+            continue
+        if task is not None and settings.get("task") != task:
             continue
         try:
             behaviour = _behaviour(record)
@@ -90,10 +93,16 @@ def draw(all_of_them: Sequence[Behaviour]) -> dict[str, Figure]:
     """Returns Figures 4 and 5 for each task, by file name; none where no states were kept."""
     figures = {}
     for task in dict.fromkeys(behaviour.task for behaviour in all_of_them):
-        chosen = sorted((b for b in all_of_them if b.task == task), key=lambda b: b.median)
+        chosen = _telling([b for b in all_of_them if b.task == task])
         figures[f"figure4-{task}"] = motor_figure(task, chosen)
         figures[f"figure5-{task}"] = position_figure(task, chosen)
     return figures
+
+
+def _telling(of_task: Sequence[Behaviour]) -> list[Behaviour]:
+    """Returns the policies to draw, by rising return: the worst, and the best of the others."""
+    ranked = sorted(of_task, key=lambda behaviour: behaviour.median)
+    return ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
 
 
 def motor_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
@@ -144,7 +153,6 @@ def position_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
 
     The arrow shows the target's direction where it was fixed; every robot starts at the origin.
     """
-    chosen = chosen[:4]
     figure = Figure(figsize=(3.6 * len(chosen) + 0.6, 4.1), facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(chosen), squeeze=False)[0]

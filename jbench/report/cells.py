@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jbench.names import ALGORITHMS, FULL, TASKS
+from jbench.names import ALGORITHMS, EPISODE_STEPS, FULL, TASKS
 from jbench.report.curves import FloatArray, IntArray
 from jbench.store.identity import settings_hash
 
@@ -35,6 +35,7 @@ class Cell:
         lengths: (seeds,) episodes of each run.
         notes: what a reader should know, a clause each.
         robots: augmented robots that were learned on in turn; 0 for the plain robot.
+        robot_episodes: episodes with each of them, in the longest run.
     """
 
     task: str
@@ -48,6 +49,7 @@ class Cell:
     lengths: IntArray
     notes: tuple[str, ...]
     robots: int = 0
+    robot_episodes: int = 0
 
     @property
     def name(self) -> str:
@@ -57,7 +59,7 @@ class Cell:
 
 def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
     """Returns the runs that belong to a cell, and a sentence for each that doesn't."""
-    frame = runs.to_pandas()
+    frame = runs.to_pandas(use_threads=False)
     wanting = frame[[*_KEY, "seed"]].isna().any(axis=1)
     problems = [
         f"The run {run} says no task, algo, representation or seed in its settings; "
@@ -154,6 +156,8 @@ def _build_cell(
     for row, run in enumerate(chosen["run"]):
         returns[row, : lengths[row]], control_steps[row, : lengths[row]] = recorded[run]
     first = chosen.iloc[0]
+    robots = _robots(json.loads(first["settings"]))
+    planned = max(int(chosen["steps"].fillna(0).max()) // EPISODE_STEPS, shape[1])
     return Cell(
         **{name: str(first[name]) for name in _KEY},
         label=label,
@@ -162,7 +166,8 @@ def _build_cell(
         control_steps=control_steps,
         lengths=lengths,
         notes=tuple(_notes(runs, chosen, returns)),
-        robots=_robots(json.loads(first["settings"])),
+        robots=robots,
+        robot_episodes=-(-planned // robots) if robots else 0,
     )
 
 

@@ -33,7 +33,7 @@ def grid_figure(
     """Draws a panel for each task and a curve for each algorithm, as the paper's Figure 9.
 
     Encoded observations are in the comparisons; here they stand in where an algorithm has no runs
-    with the full observation.
+    with the full observation. Cells on several robots in turn are in `sequences`.
 
     Args:
         learned: our curves, in the order of the paper.
@@ -49,7 +49,7 @@ def grid_figure(
         _draw_task(panel, task, _shown_in_grid(learned, task), published, colors)
     drawing.draw_key(key, [(10, 90)], ["Figure 9"])
     footer = [
-        f"{_order_text(order, window)} {_band_text([(10, 90)])}",
+        f"{order_text(order, window)} {band_text([(10, 90)])}",
         f"Published: Figure 9, full observation, 10 seeds, quantile-first, 100 episodes. "
         f"{_CUT_NOTE}",
     ]
@@ -159,14 +159,15 @@ def _comparison_figure(
     figure_names = sorted({curve.figure_name for curve in published})
     drawing.draw_key(key, [(25, 75), (10, 90)], figure_names)
     footer = [
-        f"{_order_text(order, window)} {_band_text([(25, 75), (10, 90)])}",
+        f"{order_text(order, window)} {band_text([(25, 75), (10, 90)])}",
         *_published_text(published),
     ]
     panels.arrange(figure, [axes], key, "Full against encoded observations", footer)
     return figure
 
 
-def _order_text(order: Order, window: int) -> str:
+def order_text(order: Order, window: int) -> str:
+    """Says for a reader in which order quantiles and smoothing were taken."""
     first = (
         "quantiles across seeds per episode, then a moving average"
         if order == "quantile-first"
@@ -178,7 +179,8 @@ def _order_text(order: Order, window: int) -> str:
     )
 
 
-def _band_text(bands: Sequence[tuple[int, int]]) -> str:
+def band_text(bands: Sequence[tuple[int, int]]) -> str:
+    """Says for a reader what the bands are."""
     names = " and, lighter, ".join(percentiles(band) for band in bands)
     return (
         f"Bands: {names} across seeds: spread, not a confidence interval; drawn from "

@@ -67,11 +67,7 @@ def render(
             "<body>",
             "<h1>Jitterbug learning curves</h1>",
             *_list("Problems", problems, "problems"),
-            "<h2>Final returns</h2>",
-            f"<p>{escape(_FINAL)}</p>",
-            _table(table),
-            "<h2>Curves</h2>",
-            f"<p>{escape(_ORDERS)}</p>",
+            *_learning(table),
             *[_figure(name, content) for name, content in images],
             *_list("Notes", notes, "notes"),
             "</body>",
@@ -79,6 +75,19 @@ def render(
             "",
         ]
     )
+
+
+def _learning(table: pd.DataFrame) -> list[str]:
+    """Returns what the page says of runs; without any it shows what policies do, and no more."""
+    if table.empty:
+        return ["<h2>Policies</h2>", "<p>There are no runs yet; these policies were evaluated.</p>"]
+    return [
+        "<h2>Final returns</h2>",
+        f"<p>{escape(_FINAL)}</p>",
+        _table(table),
+        "<h2>Curves</h2>",
+        f"<p>{escape(_ORDERS)}</p>",
+    ]
 
 
 def _list(title: str, sentences: Sequence[str], kind: str) -> list[str]:

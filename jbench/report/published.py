@@ -47,7 +47,7 @@ class PublishedCurve:
     @property
     def figure_name(self) -> str:
         """Names the figure as the paper does: `Figure 9`."""
-        return self.figure.replace("fig", "Figure ")
+        return self.figure.replace("fig", "Figure ").replace(_SEQUENCE, "augmented SAC")
 
     def median_at(self, control_steps: float) -> float | None:
         """Returns the median there, interpolated; None where the curve does not reach.
@@ -63,7 +63,7 @@ class PublishedCurve:
 
 def read_published(table: pa.Table) -> list[PublishedCurve]:
     """Returns the curves of Figures 7, 8 and 9 from the table `published`."""
-    frame: pd.DataFrame = table.to_pandas()
+    frame: pd.DataFrame = table.to_pandas(use_threads=False)
     return _curves(frame[~frame["figure"].isin(_NOT_COMPARED)])
 
 
@@ -72,7 +72,7 @@ def read_sequences(table: pa.Table) -> list[PublishedCurve]:
 
     Its moving average is over 20 episodes, and of one robot's at a time.
     """
-    frame: pd.DataFrame = table.to_pandas()
+    frame: pd.DataFrame = table.to_pandas(use_threads=False)
     curves = _curves(frame[frame["figure"] == _SEQUENCE])
     return [replace(curve, representation=FULL, sequence=True) for curve in curves]
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import ORDERS, Order
-from jbench.report import behaviour, figures, page, panels
+from jbench.report import behaviour, figures, page, panels, sequences
 from jbench.report.cells import Cell, build_cells, file_name, usable_runs
 from jbench.report.curves import (
     QUANTILES,
@@ -39,6 +39,12 @@ from jbench.store.database import Results
 from jbench.store.files import make_directory, write_atomic
 
 _KEY = ("task", "algo", "representation", "variant")
+_COLUMNS = [
+    *_KEY,
+    *("settings", "seeds", "episodes_min", "episodes_max"),
+    *("final_return_median", "final_return_q10", "final_return_q90", "control_steps"),
+    *("published_median", "published_figure", "notes"),
+]
 
 
 @dataclass(frozen=True)
@@ -89,11 +95,15 @@ def write_report(
     _check_request(order, window)
     tables, problems = query.load(results)
     runs, unusable = usable_runs(tables["runs"])
-    problems = [*problems, *unusable]
-    if runs.empty:
+    seen, unread = behaviour.behaviours(results, task)
+    problems = [*problems, *unusable, *unread]
+    # Policies that were only evaluated can be drawn without any run.
+    if runs.empty and (algo is not None or not seen):
         raise _nothing_to_report(results, problems)
-    cells, notes = build_cells(_filter(runs, task, algo), tables["episodes"])
-    if not cells:
+    if not runs.empty:
+        runs = _filter(runs, task, algo)
+    cells, notes = build_cells(runs, tables["episodes"])
+    if not cells and not seen:
         raise RequestError(f"No run has an episode yet; wait for them. {' '.join(notes)}")
     # The figures choose from these by the paper's figure.
     published = [*read_published(tables["published"]), *read_sequences(tables["published"])]
@@ -101,8 +111,6 @@ def write_report(
     notes += _sentences(learned, published, window)
     table = summary_table(learned, published, window)
     aggregate = aggregate_curves(learned)
-    seen, unread = behaviour.behaviours(results)
-    problems += unread
     pictures = _draw(learned, published, order, window, behaviour.draw(seen))
     contents = {
         "aggregate.parquet": _to_parquet(aggregate),
@@ -135,7 +143,8 @@ def aggregate_curves(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
         )
         for cell, curve in sorted(learned, key=lambda item: [getattr(item.cell, n) for n in _KEY])
     ]
-    return pd.concat(parts, ignore_index=True)
+    columns = ["order", "window", "control_steps", "seeds", *(f"q{p}" for p in QUANTILES)]
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*_KEY, *columns])
 
 
 def summary_table(
@@ -149,7 +158,7 @@ def summary_table(
     (centre of those episodes, the seeds' median), published_median and published_figure (best of
     the paper there; missing where its curves don't reach; on robots in turn where ours is), notes.
     """
-    return pd.DataFrame([_table_row(item, published, window) for item in learned])
+    return pd.DataFrame([_table_row(item, published, window) for item in learned], None, _COLUMNS)
 
 
 def cell_notes(item: LearnedCurve, published: Sequence[PublishedCurve], window: int) -> list[str]:
@@ -180,9 +189,8 @@ def _robot_notes(cell: Cell, compared: Collection[tuple[str, str, str]]) -> list
     if cell.robots == 1:
         return ["learned on an augmented robot, but the published curves are of the plain one"]
     return [
-        f"learned on {cell.robots} augmented robots in turn: the published median, if any, is of "
-        f"{SEQUENCE_ROBOTS} other ones, 1000000 control steps each, but the published curves in "
-        "the figures are of the plain robot"
+        f"learned on {cell.robots} augmented robots in turn: what is published beside it, if "
+        f"anything, is of {SEQUENCE_ROBOTS} other ones, 1000000 control steps each"
     ]
 
 
@@ -277,10 +285,15 @@ def _draw(
     more: Mapping[str, Figure],
 ) -> dict[str, bytes]:
     """Returns the files of these curves' figures, and of more figures, by name."""
-    drawn = {"figure9": figures.grid_figure(learned, published, order, window)}
-    comparisons = figures.comparison_figures(learned, published, order, window)
+    drawn = {}
+    one_robot = [item for item in learned if item.cell.robots <= 1]
+    if one_robot:
+        drawn["figure9"] = figures.grid_figure(one_robot, published, order, window)
+    comparisons = figures.comparison_figures(one_robot, published, order, window)
     for (task, algo), figure in comparisons.items():
         drawn[file_name("comparison", task, algo)] = figure
+    for (task, algo), figure in sequences.sequence_figures(learned, published, order).items():
+        drawn[file_name("robots", task, algo)] = figure
     files = {}
     for name, figure in {**drawn, **more}.items():
         files[f"{name}.png"] = panels.to_png(figure)
@@ -297,5 +310,6 @@ def _write(out: Path, contents: Mapping[str, bytes]) -> list[Path]:
 
 def _to_parquet(frame: pd.DataFrame) -> bytes:
     sink = io.BytesIO()
-    pq.write_table(pa.Table.from_pandas(frame, preserve_index=False), sink, compression="zstd")
+    rows = pa.Table.from_pandas(frame, preserve_index=False, nthreads=1)
+    pq.write_table(rows, sink, compression="zstd")
     return sink.getvalue()

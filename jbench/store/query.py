@@ -11,7 +11,6 @@ import duckdb
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.csv
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import FULL
@@ -71,10 +70,10 @@ def published() -> pa.Table:
     twice, with two pairs of bands (fig8 and fig8-10-90): choose by `figure`.
     """
     source = resources.files("jbench.experiments").joinpath("published_curves.csv").read_bytes()
-    rows = pa.csv.read_csv(io.BytesIO(source)).to_pandas()
+    rows = pd.read_csv(io.BytesIO(source))
     names = rows["representation"].str.replace(r"^full-\d+", FULL, regex=True)
     rows["representation"] = names.str.replace("dae-", "dae", regex=False)
-    return pa.Table.from_pandas(rows, schema.PUBLISHED, preserve_index=False)
+    return pa.Table.from_pandas(rows, schema.PUBLISHED, preserve_index=False, nthreads=1)
 
 
 def run_sql(sql: str, tables: dict[str, pa.Table]) -> pd.DataFrame:

@@ -43,6 +43,14 @@ def test_positions_are_shares_of_all_states_in_their_cells():
     assert sorted(shares) == pytest.approx([0.25, 0.25, 0.5])
 
 
+def test_the_worst_and_the_best_are_drawn():
+    ranked = [made_up(name)._replace(median=m) for m, name in enumerate("abcdef")]
+    figures = behaviour.draw([*reversed(ranked)])
+    assert list(figures) == ["figure4-face_direction", "figure5-face_direction"]
+    panels = [axes.get_title(loc="left") for axes in figures["figure5-face_direction"].axes]
+    assert [title.splitlines()[0] for title in panels if title] == ["a", "d", "e", "f"]
+
+
 def test_only_evaluations_with_states_are_drawn(tmp_path):
     results = Results(tmp_path)
     for states in (False, True):

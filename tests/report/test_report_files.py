@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from jbench.errors import RequestError, WorkError
+from jbench.experiments.evaluate import EvaluationSettings, evaluate
 from jbench.report import write_report
 from jbench.report.curves import QUANTILES
 
@@ -168,6 +169,21 @@ class TestRequests:
         with pytest.raises(RequestError, match=command):
             write_report(fabric.results, out)
         assert not out.exists()
+
+    def test_evaluated_policies_are_drawn_without_any_run(self, fabric, out):
+        settings = EvaluationSettings(
+            task="move_in_direction", policy="constant:0.5", episodes=1, states=True
+        )
+        evaluate(settings, fabric.results, threads=1)
+        report = write_report(fabric.results, out)
+        assert {path.stem for path in report.figures} == {
+            "figure4-move_in_direction",
+            "figure5-move_in_direction",
+        }
+        assert "There are no runs yet" in (out / "index.html").read_text()
+        assert len(report.table) == 0
+        with pytest.raises(RequestError, match="There are no runs"):
+            write_report(fabric.results, out, task="move_to_pose")
 
     def test_runs_without_an_episode(self, fabric, out):
         fabric.run([], status="unfinished", steps=1000)

@@ -148,18 +148,20 @@ def test_lock_is_let_go_after_an_error(results):
 
 
 def test_a_process_that_ends_right_after_reading_ends_well(tmp_path):
-    # pyarrow's thread pool aborts about half of such processes; see Record._rows_of.
+    # pyarrow's threads abort about half of such processes; see Record._rows_of.
     results = Results(tmp_path)
     record = results.create("run", "a/b", {})
     record.append({"t": pa.table({"n": [1, 2, 3]})})
     script = (
-        "import sys, pathlib, pyarrow as pa\n"
+        "import os, sys, pathlib, pyarrow as pa, pyarrow.parquet\n"
         "from jbench.store import Results\n"
+        "threads = lambda: len(os.listdir('/proc/self/task'))\n"
+        "before = threads()\n"
         "record = Results(pathlib.Path(sys.argv[1])).find('run', 'a/b')\n"
-        "print(record.read('t', pa.schema([('n', pa.int64())])).num_rows)\n"
+        "print(record.read('t', pa.schema([('n', pa.int64())])).num_rows, threads() - before)\n"
     )
     for _ in range(8):
         done = subprocess.run(
             [sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True
         )
-        assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr
+        assert (done.returncode, done.stdout) == (0, "3 0\n"), done.stderr

@@ -1,0 +1,64 @@
+"""Learning through several robots: its own figure, each robot's episodes averaged alone."""
+
+import numpy as np
+import pytest
+
+from jbench.report import write_report
+from jbench.report.published import read_sequences
+from jbench.report.sequences import sequence_curve, sequence_figures
+from jbench.store import query
+
+SAC = {"algo": "sac", "task": "move_in_direction", "augment": 0, "robots": 2}
+# Two robots of 80 episodes: 80 returns of 100, then 80 of 300.
+RETURNS = np.repeat([100.0, 300.0], 80)
+
+
+@pytest.fixture(scope="module")
+def sequences():
+    return read_sequences(query.published())
+
+
+def test_no_average_reaches_over_a_change_of_robots(fabric):
+    for seed in range(3):
+        fabric.run(RETURNS + seed, seed, **SAC)
+    ((cell, _),) = fabric.learned()
+    assert (cell.robots, cell.robot_episodes) == (2, 80)
+    curve = sequence_curve(cell, "quantile-first")
+    # 61 full windows of 20 in each robot's 80; seeds 0, 1, 2 give a median of 1 more.
+    assert curve.window == 20
+    assert curve.quantile(50).tolist() == [101.0] * 61 + [301.0] * 61
+    # Window centres: the first of each robot is the mean of its first 20 episodes' ends.
+    assert curve.control_steps[[0, 61]].tolist() == [10_500, 90_500]
+
+
+def test_a_run_still_on_its_first_robot_keeps_the_planned_changes(fabric):
+    fabric.run(RETURNS[:40], 0, status="unfinished", steps=160_000, **SAC)
+    ((cell, _),) = fabric.learned()
+    assert cell.robot_episodes == 80
+    assert sequence_curve(cell, "smooth-first").quantile(50).tolist() == [100.0] * 31
+
+
+def test_the_figure_holds_ours_theirs_and_the_changes(fabric, sequences):
+    fabric.run(RETURNS, 0, **SAC)
+    fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
+    ((key, figure),) = sequence_figures(fabric.learned(), sequences, "quantile-first").items()
+    assert key == ("move_in_direction", "sac")
+    axes = figure.axes[0]
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert len(labels) == 2
+    assert labels[0].startswith("full, 2 robots")
+    assert labels[1].split() == ["published:", "full,", "10", "robots,", "10", "seeds"]
+    theirs = sequences[0].quantiles[50]
+    assert any(np.array_equal(line.get_ydata(), theirs) for line in axes.lines)
+    # The one change of robots, after 80,000 control steps.
+    upright = [x for line in axes.lines if len({*(x := line.get_xdata())}) == 1 and len(x) == 2]
+    assert upright == [[80_000, 80_000]]
+
+
+def test_the_grid_has_one_robot_only(fabric, out):
+    fabric.run(RETURNS, 0, **SAC)
+    names = {path.name for path in write_report(fabric.results, out).figures}
+    assert names == {"robots-move_in_direction-sac.png", "robots-move_in_direction-sac.svg"}
+    fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
+    names = {path.name for path in write_report(fabric.results, out).figures}
+    assert {"figure9.svg", "robots-move_in_direction-sac.svg"} <= names

@@ -7,7 +7,7 @@ from jbench.rendering.backend import choose_backend
 HERE = Path(__file__).parent
 
 # An episode in which the target stays in the sight of the camera that stands still.
-SEED = 1188
+SEED = 5
 
 # Of the portrait: pixels, and how many times larger it is drawn for smooth edges.
 WIDTH, HEIGHT, FINER = 1280, 720, 2

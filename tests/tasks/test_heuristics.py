@@ -1,0 +1,88 @@
+"""The hand-written policies: what symmetry demands of them, and that they do their tasks."""
+
+import numpy as np
+import pytest
+
+from jbench.names import TASKS
+from jbench.simulation import Robots
+from jbench.tasks import features, model, resets
+from jbench.tasks.heuristics import heuristic
+
+# What changes its sign in a mirror that swaps left and right (the robot faces -y).
+MIRROR = {
+    "position": [-1, 1, 1, 1, 1, -1, -1],
+    "velocity": [-1, 1, 1, 1, -1, -1],
+    "motor_position": [-1],
+    "motor_velocity": [-1],
+    "angle_to_target": [-1],
+    "speed_in_target_frame": [1, -1, 1],
+    "target_in_jitterbug_frame": [-1, 1, 1],
+}
+
+
+def some_observations(task, random, count=50):
+    """Robots somewhere, away from the origin, all upright and moving."""
+    quaternion = np.array([resets.draw_quaternion(random) for _ in range(count)])
+    position = random.uniform([-0.02, 0.04, 0.03], [0.02, 0.08, 0.04], (count, 3))
+    state = features.State(
+        position=np.concatenate([position, quaternion], axis=1),
+        velocity=random.uniform(-1, 1, (count, 6)) * [0.2, 0.2, 0.1, 2, 2, 2],
+        motor_position=random.uniform(-np.pi, np.pi, count),
+        motor_velocity=random.uniform(-60, 60, count),
+        torso_velocity=random.uniform(-0.2, 0.2, (count, 3)),
+    )
+    return features.observation(task, state, targets(task, random, count))
+
+
+def targets(task, random, count):
+    drawn = [resets.draw_target(task, random) for _ in range(count)]
+    return features.Target(*(np.array(values) for values in zip(*drawn, strict=True)))
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_what_is_seen_in_a_mirror_is_done_in_the_mirror(task):
+    observed = some_observations(task, np.random.default_rng(0))
+    signs = np.concatenate([MIRROR[name] for name in features.TASK_SPECS[task].features])
+    policy = heuristic(task)
+    policy.reset(len(observed))
+    action = policy.act(observed)
+    policy.reset(len(observed))
+    assert np.abs(action).max() > 0.2
+    assert policy.act(observed * signs) == pytest.approx(-action, abs=1e-9)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_robot_does_the_same_alone_and_among_others(task):
+    observed = some_observations(task, np.random.default_rng(1), count=6)
+    together, alone = heuristic(task), heuristic(task)
+    together.reset(6)
+    actions = together.act(observed)
+    for row, action in zip(observed, actions, strict=True):
+        alone.reset(1)
+        assert alone.act(row[None]) == pytest.approx(action[None], abs=1e-12)
+
+
+# What the median of six robots earns at a step after so many of them; one may have fallen.
+DONE = {
+    "move_from_origin": (150, 0.95),
+    "face_direction": (250, 0.9),
+    "move_in_direction": (150, 0.55),
+    "move_to_position": (400, 0.8),
+    "move_to_pose": (500, 0.7),
+}
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_task_is_done(task):
+    random = np.random.default_rng(2)
+    target = targets(task, random, 6)
+    steps, least = DONE[task]
+    policy = heuristic(task)
+    policy.reset(6)
+    rewards = []
+    with Robots(model.load(), 6, threads=2) as robots:
+        state = robots.reset(np.array([resets.draw_quaternion(random) for _ in range(6)]))
+        for _ in range(steps):
+            state = robots.step(policy.act(features.observation(task, state, target))[:, 0])
+            rewards.append(features.reward(task, state, target))
+    assert np.median(np.mean(rewards[-50:], axis=0)) > least

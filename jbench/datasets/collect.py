@@ -1,10 +1,14 @@
 """Collecting a random-policy dataset: one simulation that serves all five tasks."""
 
-from collections.abc import Callable
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from pydantic import BaseModel, Field, field_validator
 
 from jbench import validation
@@ -88,26 +92,54 @@ def collect(
 def _collect_rest(
     settings: DatasetSettings, record: Record, threads: int, progress: Callable[[int], None]
 ) -> None:
-    """Simulates and commits what is missing, part by part, writing one while the next is made."""
+    """Simulates and commits what is missing, file by file.
+
+    While one file is written the next ones are simulated: the simulating threads always have
+    episodes to go on with.
+    """
     total = settings.steps // EPISODE_STEPS
-    firsts = range(record.rows("dataset_episodes"), total, _PART_EPISODES)
-    progress(firsts.start * EPISODE_STEPS)
+    first = record.rows("dataset_episodes")
+    starts = range(first, total, _PART_EPISODES)
+    progress(first * EPISODE_STEPS)
     model = robot.load(settings.augment)
-    with ThreadPoolExecutor(threads) as simulators, ThreadPoolExecutor(1) as writer:
-        writing = None
-        for first in firsts:
-            last = min(first + _PART_EPISODES, total)
-            tables = _part(model, settings.seed, range(first, last), simulators)
-            if writing is not None:
-                writing.result()
-                progress(first * EPISODE_STEPS)
-            writing = writer.submit(record.append, tables)
-        if writing is not None:
-            writing.result()
-    progress(settings.steps)
+    # Enough files at a time that, with one of them being written, no thread lacks an episode.
+    at_a_time = 1 + math.ceil(threads / _PART_EPISODES)
+    # Left in the opposite order: who waits for simulations is not waited for before they stop.
+    with _pool(at_a_time) as makers, _pool(threads) as simulators:
+
+        def make(start: int) -> dict[str, pa.Table]:
+            episodes = range(start, min(start + _PART_EPISODES, total))
+            return _part(model, settings.seed, episodes, simulators)
+
+        ahead = deque(makers.submit(make, start) for start in starts[:at_a_time])
+        for start in starts[at_a_time:]:
+            tables = ahead.popleft().result()
+            ahead.append(makers.submit(make, start))
+            _commit(record, tables, progress)
+        for part in ahead:
+            _commit(record, part.result(), progress)
 
 
-def _part(model: Any, seed: int, episodes: range, simulators: ThreadPoolExecutor) -> dict[str, Any]:
+def _commit(
+    record: Record, tables: Mapping[str, pa.Table], progress: Callable[[int], None]
+) -> None:
+    record.append(tables)
+    progress(record.rows("dataset_episodes") * EPISODE_STEPS)
+
+
+@contextmanager
+def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
+    """Gives threads; where the work is stopped, what has not begun is not waited for."""
+    pool = ThreadPoolExecutor(threads)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _part(
+    model: Any, seed: int, episodes: range, simulators: ThreadPoolExecutor
+) -> dict[str, pa.Table]:
     """Simulates some episodes and returns their rows."""
     quaternions, targets, actions = [], [], []
     for episode in episodes:

@@ -91,6 +91,31 @@ def episodes_table(first_episode: int, targets: Sequence[Mapping[str, Target]]) 
     return pa.Table.from_pylist(rows, EPISODES)
 
 
+def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int) -> str | None:
+    """Returns what can't be in the rows of whole episodes, to follow "holds"; None if all is well.
+
+    Args:
+        steps: rows of `STEPS`.
+        targets: rows of `EPISODES`.
+        episodes: numbers of the episodes that they should be.
+        episode_steps: control steps in an episode.
+    """
+    numbers, of_episode = np.arange(episodes.start, episodes.stop), np.arange(episode_steps + 1)
+    wanted = (np.repeat(numbers, len(of_episode)), np.tile(of_episode, len(numbers)), numbers)
+    found = (steps["episode"], steps["step"], targets["episode"])
+    if not all(map(np.array_equal, found, wanted)):
+        return "other rows than those of whole episodes in their order"
+    if not np.array_equal(steps["action"].is_null(), wanted[1] == episode_steps):
+        return "a state without its action, or an action after the last state"
+    for table in (steps.drop_columns("action"), targets, steps.select(["action"]).drop_null()):
+        for name, column in zip(table.column_names, table.columns, strict=True):
+            if column.null_count:
+                return f"empty cells in the column {name}"
+            if not np.isfinite(column.to_numpy()).all():
+                return "NaN or infinite values"
+    return None
+
+
 def state_of(rows: pa.Table, episode_steps: int) -> State:
     """Returns the states (episodes, steps + 1) of rows of whole episodes, in float32."""
     parts = {

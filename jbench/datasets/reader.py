@@ -1,6 +1,7 @@
 """Reading a dataset: any task's observations and rewards, out of the one simulation."""
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from jbench.datasets import layout
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.store import Record, Results
+from jbench.store.manifest import FileEntry
 from jbench.tasks import features
 
 
@@ -28,57 +30,77 @@ class Block(NamedTuple):
 
 
 class Dataset:
-    """A collected dataset."""
+    """A collected dataset.
+
+    Attributes:
+        record: its manifest and its files.
+        id: such as random/s00-1f9a2c4e.
+        episodes: how many it holds.
+        parts: the episodes in each of its files; part i is `blocks(task, parts=[i])`.
+    """
 
     def __init__(self, record: Record) -> None:
         """Opens the dataset of a record."""
         self.record = record
         self.id = record.id
         self.episodes = record.rows("dataset_episodes")
+        counts = (entry.rows for entry in record.parts("dataset_episodes"))
+        bounds = itertools.accumulate(counts, initial=0)
+        self.parts = tuple(range(*pair) for pair in itertools.pairwise(bounds))
 
-    def blocks(self, task: str) -> Iterator[Block]:
-        """Gives the dataset file by file, each checked against the manifest, as a task sees it.
+    def blocks(self, task: str, parts: Iterable[int] | None = None) -> Iterator[Block]:
+        """Gives the dataset file by file, each checked, as a task sees it.
+
+        One file is in memory at a time, and nothing is kept between calls: ask again for another
+        round, in whatever order.
 
         Args:
             task: one of `jbench.names.TASKS`.
+            parts: which of `Dataset.parts` and in which order; all of them by default.
 
         Raises:
-            WorkError: if a file is damaged; it names the file.
+            WorkError: if a file is damaged, of other columns, or holds what can't be; it names the
+                file.
         """
         files = self.record.parts("steps"), self.record.parts("dataset_episodes")
         if len(files[0]) != len(files[1]):
             raise WorkError(f"The manifest of the dataset {self.id} lacks files; collect it anew.")
-        for steps, episodes in zip(*files, strict=True):
-            rows = self.record.read_part(steps, layout.STEPS)
-            state = layout.state_of(rows, EPISODE_STEPS)
-            drawn = layout.target_of(task, self.record.read_part(episodes, layout.EPISODES))
-            target = features.Target(
-                np.broadcast_to(drawn.position, (*state.position.shape[:-1], 3)),
-                np.broadcast_to(drawn.yaw, state.position.shape[:-1]),
-            )
-            actions = rows["action"].to_numpy().reshape(-1, EPISODE_STEPS + 1)
-            yield Block(
-                features.observation(task, state, target),
-                actions[:, :-1],
-                features.reward(task, state, target)[:, 1:],
-            )
+        for part in range(len(self.parts)) if parts is None else parts:
+            yield self._block(task, self.parts[part], files[0][part], files[1][part])
 
     def observations(self, task: str) -> NDArray[np.float32]:
         """Returns (episodes, 1000, dim(O)): what a task's agent saw before each action.
 
         Raises:
-            WorkError: if a file is damaged, or holds a number that is not finite.
+            WorkError: as `blocks`.
         """
         size = features.TASK_SPECS[task].observation_size
         observations = np.empty((self.episodes, EPISODE_STEPS, size), np.float32)
-        first = 0
-        for block in self.blocks(task):
-            last = first + len(block.observations)
-            observations[first:last] = block.observations[:, :-1]
-            first = last
-        if not np.isfinite(observations).all():
-            raise WorkError(f"The dataset {self.id} holds NaN or infinite values; collect it anew.")
+        for episodes, block in zip(self.parts, self.blocks(task), strict=True):
+            observations[episodes.start : episodes.stop] = block.observations[:, :-1]
         return observations
+
+    def _block(self, task: str, part: range, steps: FileEntry, episodes: FileEntry) -> Block:
+        rows = self.record.read_part(steps, layout.STEPS)
+        targets = self.record.read_part(episodes, layout.EPISODES)
+        flaw = layout.flaw(rows, targets, part, EPISODE_STEPS)
+        if flaw is not None:
+            raise WorkError(
+                f"{steps.name} of the dataset {self.id} holds {flaw}; collect it anew after "
+                f"deleting {self.record.path}."
+            )
+        state = layout.state_of(rows, EPISODE_STEPS)
+        drawn = layout.target_of(task, targets)
+        target = features.Target(
+            np.broadcast_to(drawn.position, (*state.position.shape[:-1], 3)),
+            np.broadcast_to(drawn.yaw, state.position.shape[:-1]),
+        )
+        actions = rows["action"].to_numpy().reshape(-1, EPISODE_STEPS + 1)[:, :-1]
+        return Block(
+            features.observation(task, state, target),
+            actions,
+            features.reward(task, state, target)[:, 1:],
+        )
 
 
 def find_dataset(results: Results, id: str | None = None) -> Dataset:

@@ -97,7 +97,7 @@ def test_a_seed_that_makes_no_robot_is_refused_in_a_sentence(tmp_path, capsys):
     assert cli.main(command) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.startswith("Error: augment of the dataset can't be -1: ")
+    assert printed.err.startswith("Error: --augment -1: type a whole number from 0 up to ")
     assert printed.err.endswith(".\n")
     assert printed.err.count("\n") == 1
     assert not results.exists()

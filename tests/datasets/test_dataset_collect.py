@@ -1,15 +1,18 @@
 """A dataset is the same bytes for the same seed, whatever the threads and the interruptions."""
 
 import hashlib
+import importlib
 import json
 import signal
 import subprocess
 import sys
+import tracemalloc
 
+import pyarrow
 import pytest
 from pydantic import ValidationError
 
-from jbench.datasets import DatasetSettings
+from jbench.datasets import DatasetSettings, collect
 from jbench.errors import WorkError
 from jbench.store import Record, Results
 
@@ -64,10 +67,11 @@ def test_id_is_made_of_the_settings():
 
 
 def test_neither_threads_nor_the_length_change_a_byte(tmp_path, six_episodes, collect_in_files_of):
-    shorter = collect_in_files_of(2, tmp_path, 4000, threads=1)
-    assert len(checksums(shorter)) == 2 * 2  # states and targets of twice two episodes
-    assert checksums(shorter).items() < checksums(six_episodes).items()
-    assert shorter.rows("steps") == 4 * 1001
+    for threads in (1, 3):
+        shorter = collect_in_files_of(2, tmp_path / str(threads), 4000, threads=threads)
+        assert len(checksums(shorter)) == 2 * 2  # states and targets of twice two episodes
+        assert checksums(shorter).items() < checksums(six_episodes).items()
+        assert shorter.rows("steps") == 4 * 1001
 
 
 def test_killed_and_collected_again_is_as_never_killed(tmp_path, collect_in_files_of):
@@ -97,6 +101,24 @@ def test_killed_and_collected_again_is_as_never_killed(tmp_path, collect_in_file
         "lock",
         *checksums(whole),
     }
+
+
+def test_memory_is_the_same_for_four_times_as_many_files(tmp_path, monkeypatch):
+    collecting = importlib.import_module("jbench.datasets.collect")
+    monkeypatch.setattr(collecting, "_PART_EPISODES", 1)
+    monkeypatch.setattr(collecting, "EPISODE_STEPS", 500)
+    peaks, held = [], []
+    for episodes in (2, 4, 16):  # the first for what is made once
+        settings = DatasetSettings(seed=3, steps=500 * episodes)
+        tracemalloc.start()
+        collect(settings, Results(tmp_path), 2)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        held.append(pyarrow.total_allocated_bytes())
+    # Twelve more trajectories are 1.5 MB, their rows another 0.5; how many are there at a time
+    # depends on the threads.
+    assert peaks[2] < peaks[1] + 700_000
+    assert held[2] < held[1] + 100_000
 
 
 def test_finished_dataset_is_returned_untouched(six_episodes, collect_in_files_of):

@@ -13,52 +13,179 @@ def robot():
     return model.load()
 
 
-def poses(count):
-    random = np.random.default_rng(1)
+def poses(count, seed=1):
+    random = np.random.default_rng(seed)
     return np.stack([resets.draw_quaternion(random) for _ in range(count)])
+
+
+def commands(steps, count, seed=2):
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, count))
+
+
+def take(robots, actions):
+    """The state after the last of some control steps."""
+    for held in actions:
+        state = robots.step(held)
+    return state
+
+
+def assert_same(first, second):
+    for ours, theirs in zip(first, second, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def of(state, i):
+    return [part[i] for part in state]
+
+
+def plain_loop(robot, quaternion, actions):
+    """One robot alone, one physics step at a time."""
+    data = mujoco.MjData(robot)
+    model.place(data, quaternion)
+    for command in actions:
+        data.ctrl[0] = command
+        for _ in range(50):
+            mujoco.mj_step(robot, data)
+    return model.state_of(data.qpos, data.qvel, model.torso_offset(robot))
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_robots_move_as_a_plain_loop_moves_each(robot, threads):
-    actions = np.random.default_rng(2).uniform(-1, 1, (20, 5))
+    actions = commands(20, 5)
     with Robots(robot, 5, threads) as robots:
         robots.reset(poses(5))
-        for held in actions:
-            state = robots.step(held)
+        state = take(robots, actions)
     for i, quaternion in enumerate(poses(5)):
-        data = mujoco.MjData(robot)
-        model.place(data, quaternion)
-        for command in actions[:, i]:
-            data.ctrl[0] = command
-            for _ in range(50):
-                mujoco.mj_step(robot, data)
-        np.testing.assert_array_equal(state.position[i], data.qpos[:7])
-        np.testing.assert_array_equal(state.velocity[i], data.qvel[:6])
+        assert_same(of(state, i), plain_loop(robot, quaternion, actions[:, i]))
+
+
+def test_each_robot_may_have_a_model_of_its_own(robot):
+    models = [robot, model.load(augment=3), model.load(augment=4), robot]
+    actions = commands(20, 4)
+    with Robots(models, 4, 2) as robots:
+        robots.reset(poses(4))
+        state = take(robots, actions)
+    for i, (each, quaternion) in enumerate(zip(models, poses(4), strict=True)):
+        assert_same(of(state, i), plain_loop(each, quaternion, actions[:, i]))
+
+
+def test_models_must_be_as_many_as_robots_and_of_one_structure(robot):
+    other = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+    for models in ([robot], [robot, robot, robot], [robot, other]):
+        with pytest.raises(ValueError, match="2 robots need one model, or 2 of the same structure"):
+            Robots(models, 2, 1)
 
 
 def test_actions_beyond_one_count_as_one(robot):
     with Robots(robot, 2, 1) as robots:
         robots.reset(np.repeat(poses(1), 2, axis=0))
-        for _ in range(10):
-            state = robots.step(np.array([1.0, 9.0]))
-    np.testing.assert_array_equal(state.position[0], state.position[1])
+        state = take(robots, np.repeat([[1.0, 9.0]], 10, axis=0))
+    assert_same(of(state, 0), of(state, 1))
 
 
 def test_a_reset_forgets_everything(robot):
+    actions = commands(2, 3)
     with Robots(robot, 3, 2) as robots:
-        first = robots.reset(poses(3))
-        one = robots.step(np.array([0.3, -1.0, 1.0]))
-        robots.step(np.ones(3))
-        again = robots.reset(poses(3))
-        two = robots.step(np.array([0.3, -1.0, 1.0]))
-    for before, after in ((first, again), (one, two)):
-        for part, same in zip(before, after, strict=True):
-            np.testing.assert_array_equal(part, same)
+        first, one = robots.reset(poses(3)), take(robots, actions)
+        again, two = robots.reset(poses(3)), take(robots, actions)
+    assert_same(first, again)
+    assert_same(one, two)
+
+
+@pytest.mark.parametrize("some", [[1, 3], np.array([False, True, False, True, False])])
+def test_some_robots_are_reset_and_the_others_go_on(robot, some):
+    actions, fresh = commands(20, 5), poses(2, seed=9)
+    with Robots(robot, 5, 2) as robots:
+        robots.reset(poses(5))
+        before = take(robots, actions[:10])
+        reset = robots.reset(fresh, some)
+        state = take(robots, actions[10:])
+    np.testing.assert_array_equal(reset.position[[1, 3], 3:], fresh)
+    for i in (0, 2, 4):
+        assert_same(of(reset, i), of(before, i))
+        assert_same(of(state, i), plain_loop(robot, poses(5)[i], actions[:, i]))
+    for i, quaternion in zip((1, 3), fresh, strict=True):
+        assert_same(of(state, i), plain_loop(robot, quaternion, actions[10:, i]))
+
+
+def test_what_does_not_fit_the_robots_is_refused(robot):
+    with Robots(robot, 3, 1) as robots:
+        for quaternions, some in ((poses(1), None), (poses(3)[0], None), (poses(3), [0, 1])):
+            with pytest.raises(ValueError, match="robots need as many quaternions"):
+                robots.reset(quaternions, some)
+        whole = robots.snapshot()
+        for snapshot, some in ((whole[:2], None), (whole[:, 1:], None), (whole, [0])):
+            with pytest.raises(ValueError, match="can't be put to"):
+                robots.restore(snapshot, some)
+
+
+def test_a_snapshot_holds_all_that_the_future_depends_on(robot):
+    actions = commands(30, 4)
+    with Robots(robot, 4, 2) as robots:
+        robots.reset(poses(4))
+        before = take(robots, actions[:15])
+        snapshot = robots.snapshot()
+        wanted = take(robots, actions[15:])
+        assert_same(robots.restore(snapshot), before)
+        assert_same(take(robots, actions[15:]), wanted)
+    # Elsewhere too, also for some of them and in another order.
+    with Robots(robot, 3, 1) as others:
+        others.reset(poses(3, seed=8))
+        others.restore(snapshot[[3, 1]], [0, 2])
+        found = take(others, actions[15:][:, [3, 0, 1]])
+    for here, there in ((0, 3), (2, 1)):
+        assert_same(of(found, here), of(wanted, there))
+
+
+def test_a_snapshot_is_of_its_moment(robot):
+    with Robots(robot, 2, 1) as robots:
+        robots.reset(poses(2))
+        snapshot = robots.snapshot()
+        kept = snapshot.copy()
+        take(robots, commands(2, 2))
+        np.testing.assert_array_equal(snapshot, kept)
+        assert not np.array_equal(robots.snapshot(), kept)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_step_may_be_begun_and_finished_apart(robot, threads):
+    actions = commands(10, 5)
+    with Robots(robot, 5, threads) as robots, Robots(robot, 5, 1) as others:
+        robots.reset(poses(5))
+        others.reset(poses(5))
+        for held in actions:
+            mine = held.copy()
+            robots.start_step(mine)
+            mine[:] = 0  # the caller's own again
+            assert_same(robots.finish_step(), others.step(held))
+
+
+def test_a_step_that_was_begun_is_finished_before_anything_else(robot):
+    with Robots(robot, 2, 2) as robots:
+        robots.reset(poses(2))
+        with pytest.raises(RuntimeError, match="No step was started"):
+            robots.finish_step()
+        whole = robots.snapshot()
+        robots.start_step(np.zeros(2))
+        for meanwhile in (
+            lambda: robots.reset(poses(2)),
+            lambda: robots.step(np.zeros(2)),
+            lambda: robots.start_step(np.zeros(2)),
+            lambda: robots.restore(whole),
+            robots.snapshot,
+        ):
+            with pytest.raises(RuntimeError, match="finish_step comes first"):
+                meanwhile()
+        assert_same(of(robots.finish_step(), 1), plain_loop(robot, poses(2)[1], [0.0]))
 
 
 def test_states_are_the_callers_own(robot):
     with Robots(robot, 1, 1) as robots:
         state = robots.reset(poses(1))
-        kept = state.position.copy()
-        robots.step(np.ones(1))
-    np.testing.assert_array_equal(state.position, kept)
+        kept = [part.copy() for part in state]
+        other = robots.step(np.ones(1))
+        assert_same(state, kept)
+        for part in (*state, *other):
+            part[...] = 7
+        again = robots.step(np.ones(1))
+    assert_same(of(again, 0), plain_loop(robot, poses(1)[0], [1.0, 1.0]))

@@ -1,0 +1,216 @@
+"""Measures collection and closed-loop stepping against the physics: `python benchmarks/collect.py`.
+
+In rounds, one after the other: a bare loop of `mujoco.mj_step(model, data, nstep=50)` with random
+controls and nothing else on the same number of threads; `jbench.datasets.collect` with everything
+(features, targets, compression, writing to the disk); `jbench.simulation.Robots` in a closed loop
+of observation, policy, step and reward; and a plain dm_control loop on its one thread. What is
+measured is compared to the bare loops just before and after it; a ratio is the median of the rounds
+[lowest, highest], so that a busy neighbour spoils a round and not the result. Processor time per
+step says what the overhead is where neighbours take the processor.
+
+`--memory 50000 1000000` prints instead the peak resident memory of collections of these lengths.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from dm_control import suite
+from numpy.typing import NDArray
+
+import jbench.tasks  # noqa: F401 - adds the domain to the suite
+from jbench.datasets import DatasetSettings, collect
+from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
+from jbench.output import Output
+from jbench.simulation import Robots
+from jbench.store import Results
+from jbench.tasks import features, model, resets
+
+TASK = "move_from_origin"
+BARE_EPISODES = 8  # on each thread, in one measurement
+CLOSED_STEPS = 16_384  # control steps of all robots, in one measurement
+WARM_UP = 50  # control steps that are not counted: robots that fall into place cost more
+DM_CONTROL_STEPS = 2_000
+
+
+def bare(threads: int, seed: int) -> Callable[[], int]:
+    """Returns the bare loop, drawn beforehand; called, it returns its control steps."""
+    robot = model.load()
+    random = np.random.default_rng(seed)
+    actions = random.uniform(-1, 1, (threads, BARE_EPISODES, EPISODE_STEPS)).tolist()
+    quaternions = [[resets.draw_quaternion(random) for _ in each] for each in actions]
+    datas = [mujoco.MjData(robot) for _ in range(threads)]
+
+    def run(thread: int) -> None:
+        data = datas[thread]
+        for quaternion, commands in zip(quaternions[thread], actions[thread], strict=True):
+            model.place(data, quaternion)
+            for command in commands:
+                data.ctrl[0] = command
+                mujoco.mj_step(robot, data, nstep=PHYSICS_STEPS)
+
+    def measured() -> int:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(run, range(threads)))
+        return threads * BARE_EPISODES * EPISODE_STEPS
+
+    return measured
+
+
+def collection(threads: int, steps: int, seed: int, place: Path) -> Callable[[], int]:
+    """Returns a collection, from its settings to its last file."""
+
+    def measured() -> int:
+        collect(DatasetSettings(seed=seed, steps=steps), Results(place), threads)
+        return steps
+
+    return measured
+
+
+class ClosedLoop:
+    """Robots whose actions depend on what they observe, and are spread like random ones."""
+
+    def __init__(self, count: int, threads: int) -> None:
+        """Makes the robots and lets them fall into place."""
+        random = np.random.default_rng(count)
+        self.robots = Robots(model.load(), count, threads)
+        self.target = features.Target(np.zeros((count, 3)), np.zeros(count))
+        self.weights = 1e3 * random.standard_normal(features.TASK_SPECS[TASK].observation_size)
+        self.state = self.robots.reset(
+            np.stack([resets.draw_quaternion(random) for _ in range(count)])
+        )
+        self.run(WARM_UP)
+
+    def run(self, steps: int) -> None:
+        """Takes all robots through control steps."""
+        for _ in range(steps):
+            observed = features.observation(TASK, self.state, self.target)
+            self.state = self.robots.step(2 * (observed @ self.weights % 1) - 1)
+            features.reward(TASK, self.state, self.target)
+
+    def __call__(self) -> int:
+        """Returns the control steps that it took, over all robots."""
+        count = len(self.target.yaw)
+        self.run(CLOSED_STEPS // count)
+        return CLOSED_STEPS // count * count
+
+
+def dm_control_loop() -> Callable[[], int]:
+    """Returns a plain loop of dm_control with random actions, on one thread as it is."""
+    env = suite.load("jitterbug", TASK, task_kwargs={"random": 0})
+    random = np.random.default_rng(0)
+
+    def measured() -> int:
+        timestep = env.reset()
+        for action in random.uniform(-1, 1, (DM_CONTROL_STEPS, 1)):
+            timestep = env.reset() if timestep.last() else env.step(action)
+        return DM_CONTROL_STEPS
+
+    return measured
+
+
+class Measured(NamedTuple):
+    """What some work took.
+
+    Attributes:
+        rate: control steps per second.
+        cpu: seconds of processor time for each of them, all threads together.
+    """
+
+    rate: float
+    cpu: float
+
+
+def measure(work: Callable[[], int]) -> Measured:
+    """Does some work, which says how many control steps it was."""
+    began, cpu = time.perf_counter(), time.process_time()
+    steps = work()
+    return Measured(steps / (time.perf_counter() - began), (time.process_time() - cpu) / steps)
+
+
+def measure_all(
+    threads: int, rounds: int, steps: int, counts: list[int]
+) -> dict[str, NDArray[np.float64]]:
+    """Returns by name, for each round: rate, its ratio to the bare loop's, and that of the CPU."""
+    closed = {f"closed loop, {count} robots": ClosedLoop(count, threads) for count in counts}
+    plain = {"plain dm_control loop": dm_control_loop()}
+    found: dict[str, list[tuple[float, float, float]]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(rounds):
+            before = measure(bare(threads, number))
+            work = {"collect": collection(threads, steps, number, Path(folder))}
+            for name, loop in (work | closed | plain).items():
+                ours, after = measure(loop), measure(bare(threads, number))
+                around = Measured(*np.mean([before, after], axis=0))
+                compared = (ours.rate, ours.rate / around.rate, ours.cpu / around.cpu)
+                found.setdefault("bare loop", []).append((around.rate, 1, 1))
+                found.setdefault(name, []).append(compared)
+                before = after
+            print(f"round {number + 1} of {rounds} is done", file=sys.stderr, flush=True)
+    return {name: np.array(rows) for name, rows in found.items()}
+
+
+def show(found: dict[str, NDArray[np.float64]], threads: int) -> None:
+    """Prints the table."""
+    plain = np.median(found["plain dm_control loop"][:, 0])
+    rows = []
+    for name, rounds in found.items():
+        steps, ratio, cpu = np.median(rounds, axis=0)
+        rows.append(
+            (
+                name,
+                f"{steps:,.0f}",
+                f"{PHYSICS_STEPS * steps:,.0f}",
+                f"{ratio:.3f} [{rounds[:, 1].min():.3f}, {rounds[:, 1].max():.3f}]",
+                f"{cpu:.3f}",
+                f"{steps / plain:.2f}",
+            )
+        )
+    rates = ("control steps/s", "physics steps/s")
+    ratios = ("rate: of bare", "CPU per step: of bare", "rate: of plain dm_control")
+    Output().table(f"{threads} threads; medians of rounds", ("", *rates, *ratios), rows)
+
+
+def peak_memory(steps: int, threads: int) -> tuple[float, float]:
+    """Returns the peak resident memory (MB) and the seconds of a collection of its own process."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["collect", "--steps", str(steps), "--threads", str(threads)]
+        began = time.perf_counter()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "jbench.cli", *command, "--results", folder]
+        )
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            raise SystemExit(f"jbench {' '.join(command)} ended with {process.returncode}")
+        return usage.ru_maxrss / 1000, time.perf_counter() - began
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--steps", type=int, default=50_000, help="of a measured collection")
+    parser.add_argument("--robots", type=int, nargs="*", default=[8, 64, 256])
+    parser.add_argument("--memory", type=int, nargs="*", help="lengths of collections")
+    arguments = parser.parse_args()
+    if arguments.memory is None:
+        found = measure_all(arguments.threads, arguments.rounds, arguments.steps, arguments.robots)
+        show(found, arguments.threads)
+        return
+    for steps in arguments.memory:
+        megabytes, seconds = peak_memory(steps, arguments.threads)
+        print(f"{steps:,} control steps: {megabytes:.0f} MB at most, {seconds:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

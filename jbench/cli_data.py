@@ -1,0 +1,127 @@
+"""The verbs of datasets: parse, call one function, print."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jbench import names, parsing
+from jbench.errors import WorkError
+from jbench.options import AugmentOption, JsonOption, ResultsOption, TaskOption, complete
+from jbench.output import Output
+
+if TYPE_CHECKING:
+    from jbench.datasets.listing import Listed
+
+FORMATS = ("minari",)
+"""What a dataset can be exported to."""
+
+
+def collect(
+    steps: Annotated[str, typer.Option(help="Control steps, a multiple of 1000.")] = "5e6",
+    seed: Annotated[int, typer.Option(help="Of every draw.")] = 0,
+    threads: Annotated[int, typer.Option(help="Simulations at a time; 0 for all cores.")] = 0,
+    augment: AugmentOption = None,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Collect a random-policy dataset that serves all five tasks."""
+    from jbench import display
+    from jbench.datasets import DatasetSettings
+    from jbench.datasets import collect as collect_dataset
+    from jbench.store import Results
+    from jbench.validation import validated
+
+    output = Output(json)
+    settings = validated(
+        DatasetSettings,
+        "the dataset",
+        steps=parsing.count("--steps", steps),
+        seed=parsing.seed(seed),
+        augment=parsing.augmented(augment),
+    )
+    place = Results(results)
+    before = place.find("dataset", settings.id)
+    if before is not None and before.status == "finished":
+        output.say(f"The dataset {settings.id} is finished already; nothing to do.")
+    with output.progress("collect", settings.steps, "control steps") as progress:
+        record = collect_dataset(settings, place, parsing.all_cores(threads), progress.update)
+    size = sum(entry.bytes for entry in record.manifest.files)
+    output.say(
+        f"Dataset {record.id}: {settings.steps:,} control steps, {size / 1e6:.1f} MB, in "
+        f"{record.path}. Next: jbench train-dae"
+    )
+    output.document(display.described(record, bytes=size))
+
+
+def datasets(results: ResultsOption = Path("results"), json: JsonOption = False) -> None:
+    """List the datasets that there are."""
+    from jbench import display
+    from jbench.datasets.listing import list_datasets
+    from jbench.store import Results
+
+    output = Output(json)
+    found, problems = list_datasets(Results(results))
+    if found or problems:
+        header = ("dataset", "status", "control steps", "of", "robot", "MB", "last written (UTC)")
+        output.table(f"{len(found)} datasets in {results}", header, [_row(each) for each in found])
+    else:
+        output.say(f"No datasets in {results}; jbench collect --steps 100000 makes a small one.")
+    described = [
+        display.described(
+            each.record, status=each.record.status, steps=each.steps, bytes=each.bytes
+        )
+        for each in found
+    ]
+    output.document({"datasets": described, "problems": problems})
+    for problem in problems:
+        output.warn(problem)
+    if problems:
+        raise WorkError(f"{len(problems)} datasets can't be read and are left out; see above.")
+
+
+def _row(listed: "Listed") -> tuple[str, ...]:
+    augment = listed.settings.augment
+    return (
+        listed.record.id,
+        listed.record.status,
+        f"{listed.steps:,}",
+        f"{listed.settings.steps:,}",
+        "plain" if augment is None else f"--augment {augment}",
+        f"{listed.bytes / 1e6:.1f}",
+        listed.record.manifest.updated[:16].replace("T", " "),
+    )
+
+
+def export(
+    dataset: Annotated[str | None, typer.Option(help="Its id; else the newest.")] = None,
+    task: TaskOption = "face_direction",
+    format: Annotated[
+        str, typer.Option(help=f"{', '.join(FORMATS)}.", autocompletion=complete(*FORMATS))
+    ] = "minari",
+    out: Annotated[
+        Path | None, typer.Option(help="Directory of Minari datasets; else RESULTS/minari.")
+    ] = None,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Write a dataset, as one task sees it, in a format that other tools read."""
+    parsing.known("task", task, names.TASKS)
+    parsing.known("value of --format", format, FORMATS)
+    from jbench.datasets import find_dataset
+    from jbench.datasets.export import export_minari
+    from jbench.store import Results
+
+    output = Output(json)
+    source = find_dataset(Results(results), dataset)
+    root = out or results / "minari"
+    with output.progress(f"export {task}", source.episodes, "episodes") as progress:
+        done = export_minari(source, task, root, progress.update)
+    output.say(
+        f"Exported {source.id} as {task} sees it: {source.episodes:,} episodes, "
+        f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "
+        f'loads it by minari.load_dataset("{done.id}").'
+    )
+    output.document(
+        {"dataset": source.id, "task": task, "path": str(done.path), "minari_id": done.id}
+    )

@@ -1,0 +1,44 @@
+"""Which datasets there are."""
+
+from typing import NamedTuple
+
+from pydantic import ValidationError
+
+from jbench.datasets.collect import DatasetSettings
+from jbench.names import EPISODE_STEPS
+from jbench.store import Record, Results
+
+
+class Listed(NamedTuple):
+    """A dataset, finished or not.
+
+    Attributes:
+        record: its manifest and its files.
+        settings: what it is made of.
+        steps: control steps that it has.
+        bytes: on the disk.
+    """
+
+    record: Record
+    settings: DatasetSettings
+    steps: int
+    bytes: int
+
+
+def list_datasets(results: Results) -> tuple[list[Listed], list[str]]:
+    """Returns all datasets, oldest first, and a sentence for each that can't be read."""
+    records, problems = results.scan("dataset")
+    found = []
+    for record in records:
+        try:
+            settings = DatasetSettings.model_validate(record.settings)
+        except ValidationError as error:
+            problems.append(
+                f"The dataset {record.id} has settings that can't be "
+                f"({error.errors()[0]['msg']}); delete {record.path} to make it anew."
+            )
+            continue
+        steps = record.rows("dataset_episodes") * EPISODE_STEPS
+        size = sum(entry.bytes for entry in record.manifest.files)
+        found.append(Listed(record, settings, steps, size))
+    return found, problems

@@ -1,0 +1,94 @@
+"""Collects in processes that are killed (SIGKILL) at random moments, again and again.
+
+    python killed_collections.py DIRECTORY KILLS
+
+Prints a JSON document: how many episodes were committed at each kill, and the places of the
+collections that were finished in the end, after one that nobody interrupted.
+"""
+
+import importlib
+import json
+import os
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+from jbench.datasets import DatasetSettings, collect
+from jbench.store import Results
+
+# By its name, for the package has a function of the same name.
+collecting = importlib.import_module("jbench.datasets.collect")
+# Two short episodes in a file, so that most of the time something is being written.
+collecting._PART_EPISODES = 2
+collecting.EPISODE_STEPS = 20
+SETTINGS = DatasetSettings(seed=3, steps=30 * 20)
+
+
+def begin(place: Path, threads: int) -> int:
+    """Returns the number of a process that collects; forked, for importing takes seconds."""
+    process = os.fork()
+    if process == 0:
+        try:
+            collect(SETTINGS, Results(place), threads)
+        except BaseException as error:
+            print(repr(error), file=sys.stderr, flush=True)
+            os._exit(1)
+        os._exit(0)
+    return process
+
+
+def finished(process: int) -> bool:
+    """Waits for a process; says whether it ended by itself, which is without an error."""
+    _, status = os.waitpid(process, 0)
+    code = os.waitstatus_to_exitcode(status)
+    assert code in (0, -signal.SIGKILL), code
+    return code == 0
+
+
+def kill(process: int, place: Path, moments: random.Random) -> None:
+    """Kills it at a random moment: after so many files more than there are, and a little later."""
+    wanted = files(place) + moments.randrange(7)
+    while files(place) < wanted and not has_ended(process):
+        time.sleep(0.001)
+    time.sleep(moments.uniform(0, 0.03))
+    os.kill(process, signal.SIGKILL)
+
+
+def files(place: Path) -> int:
+    return sum(1 for _ in place.rglob("*.parquet"))
+
+
+def has_ended(process: int) -> bool:
+    return os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+
+
+def check(place: Path) -> int:
+    """Reads all that a killed collection has committed; returns its number of episodes."""
+    record = Results(place).find("dataset", SETTINGS.id)
+    if record is None:
+        return 0
+    for entry in record.manifest.files:
+        record.read_file(entry.name)
+    return record.rows("dataset_episodes")
+
+
+def main(root: Path, wanted: int) -> None:
+    places = [root / "whole"]
+    assert finished(begin(places[0], 1))
+    moments = random.Random(0)
+    committed: list[int] = []
+    while len(committed) < wanted:
+        places.append(root / f"killed-{len(places)}")
+        while True:
+            process = begin(places[-1], moments.choice([1, 2, 3]))
+            kill(process, places[-1], moments)
+            if finished(process):
+                break
+            committed.append(check(places[-1]))
+    print(json.dumps({"committed": committed, "places": [str(place) for place in places]}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

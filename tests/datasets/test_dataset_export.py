@@ -1,0 +1,154 @@
+"""A dataset in Minari's format is what the dataset holds, and nothing else is touched."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import minari
+import numpy as np
+import pytest
+
+from jbench.datasets import Dataset, DatasetSettings, collect, find_dataset
+from jbench.datasets.export import export_minari, minari_id
+from jbench.errors import RequestError, WorkError
+from jbench.names import TASKS
+from jbench.store import Results
+from jbench.tasks.gym import environment_id
+
+# In a process of its own: with a limit of file sizes, or with modules that are not there.
+EXPORT = """
+import sys
+from jbench.cli import main
+sys.exit(main(["export", "--results", sys.argv[1], "--out", sys.argv[2]]))
+"""
+LIMIT = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
+"""
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    """An empty directory of Minari datasets, known to Minari."""
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    return tmp_path / "minari"
+
+
+@pytest.fixture
+def copied(tmp_path, six_episodes):
+    """A results directory with the six episodes, to be damaged."""
+    shutil.copytree(six_episodes.path.parents[2], tmp_path / "results")
+    return tmp_path / "results"
+
+
+def files(path):
+    return {file: file.read_bytes() for file in path.rglob("*") if file.is_file()}
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_minari_loads_what_the_task_sees(task, dataset, root):
+    seen = []
+    done = export_minari(dataset, task, root, seen.append)
+    assert seen == [2, 4, 6]
+    loaded = minari.load_dataset(minari_id(dataset, task))
+    assert (loaded.id, loaded.total_episodes, loaded.total_steps) == (done.id, 6, 6000)
+    wanted = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
+    for number, episode in enumerate(loaded):
+        assert episode.id == number
+        found = episode.observations, episode.actions[:, 0], episode.rewards
+        for ours, theirs in zip(wanted, found, strict=True):
+            assert theirs.dtype == np.float32
+            np.testing.assert_array_equal(ours[number], theirs)
+        assert not episode.terminations.any()
+        np.testing.assert_array_equal(np.flatnonzero(episode.truncations), [999])
+    env = loaded.recover_environment()
+    assert env.spec.id == environment_id(task)
+    assert env.observation_space == loaded.observation_space
+    assert env.action_space == loaded.action_space
+    assert done.bytes == sum(len(content) for content in files(done.path).values())
+    assert done.path == root / done.id
+
+
+def test_minari_lists_tasks_side_by_side(dataset, root):
+    ids = [export_minari(dataset, task, root).id for task in TASKS[:2]]
+    assert list(minari.list_local_datasets()) == sorted(ids)
+    # Nothing is left of the writing.
+    assert {path.name for path in root.rglob("*") if path.is_file()} == {
+        "metadata.json",
+        "main_data.hdf5",
+    }
+
+
+def test_an_augmented_robot_is_recovered_with_the_environment(tmp_path, root):
+    record = collect(DatasetSettings(steps=1000, augment=11), Results(tmp_path / "results"), 1)
+    export_minari(Dataset(record), "face_direction", root)
+    loaded = minari.load_dataset(minari_id(Dataset(record), "face_direction"))
+    env = loaded.recover_environment()
+    assert env.spec.kwargs["augment"] == 11
+    export_minari(Dataset(record), "move_to_pose", root)
+    import gymnasium
+
+    # The environment that everyone else makes is untouched.
+    assert gymnasium.spec("AugmentedJitterbug/FaceDirection-v0").kwargs["augment"] == 0
+
+
+def test_what_exists_is_not_overwritten(dataset, root):
+    export_minari(dataset, "face_direction", root)
+    before = files(root)
+    with pytest.raises(RequestError, match="exists already and is not overwritten; name another"):
+        export_minari(dataset, "face_direction", root)
+    assert files(root) == before
+
+
+def test_a_place_that_is_a_file_is_refused(dataset, tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    with pytest.raises(RequestError, match="is a file, or lies in one"):
+        export_minari(dataset, "face_direction", tmp_path / "mine")
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
+def test_of_a_damaged_dataset_nothing_is_left(copied, root):
+    damaged = find_dataset(Results(copied))
+    part = damaged.record.path / damaged.record.parts("steps")[2].name
+    part.write_bytes(part.read_bytes()[:-1])
+    with pytest.raises(WorkError, match=f"{part.name} of the dataset {damaged.id} is damaged"):
+        export_minari(damaged, "face_direction", root)
+    assert files(root) == {}
+    assert minari.list_local_datasets() == {}
+
+
+def test_what_a_killed_export_left_is_written_anew(dataset, root):
+    path = root / minari_id(dataset, "face_direction")
+    left = path.with_name(f".writing-{path.name}") / "data"
+    left.mkdir(parents=True)
+    (left / "metadata.json").write_text("{}")
+    assert export_minari(dataset, "face_direction", root).path == path
+    assert len(minari.load_dataset(path.relative_to(root).as_posix())) == 6
+
+
+def run(script, *arguments):
+    command = [sys.executable, "-c", script, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env={**os.environ})
+
+
+def test_without_room_it_is_said_and_nothing_is_left(copied, tmp_path):
+    done = run(LIMIT + EXPORT, copied, tmp_path / "out")
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"Error: {tmp_path / 'out'}")
+    # 6 episodes of 1001 rows of 74 bytes, and half of that for the format.
+    assert done.stderr.endswith("can't be written (File too large); it needs 0.7 MB of room.\n")
+    assert done.stderr.count("\n") == 1
+    assert files(tmp_path / "out") == {}
+
+
+@pytest.mark.parametrize("module", ["minari", "h5py"])
+def test_without_minari_the_sentence_says_what_to_install(module, copied, tmp_path):
+    # What is None here can't be imported: as if it were not installed.
+    done = run(f"import sys; sys.modules[{module!r}] = None\n{EXPORT}", copied, tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"Error: Exporting needs {module}, which is not installed: type pip install "
+        "'jbench[minari]'.\n"
+    )
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,116 @@
+"""Killed at any moment, or stopped by a full disk, a collection goes on and ends up the same."""
+
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jbench.datasets import DatasetSettings, collect
+from jbench.store import Results
+
+KILLS = 20
+SETTINGS = DatasetSettings(seed=3, steps=2000)
+
+# The verb, with a short episode to a file.
+VERB = """
+import importlib, sys
+collecting = importlib.import_module("jbench.datasets.collect")
+collecting._PART_EPISODES, collecting.EPISODE_STEPS = 1, 100
+from jbench.cli import main
+sys.exit(main(["collect", "--steps", "2000", "--seed", "3", "--results", sys.argv[1]]))
+"""
+# The same where no file may be larger than so many bytes.
+LIMITED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
+"""
+# On a disk of 200 kB, which grows; then what is on it is said.
+SMALL_DISK = """
+set -e
+mount -t tmpfs -o size=200k tmpfs "$1"
+"$2" -c "$3" "$1/results" || echo "exit code $?"
+find "$1" -name '*.parquet' | wc -l
+mount -o remount,size=10m "$1"
+"$2" -c "$3" "$1/results"
+cd "$1/results/datasets/random" && sha256sum */*.parquet
+"""
+IN_A_NAMESPACE = ("unshare", "--user", "--map-root-user", "--mount")
+
+
+def checksums(record):
+    return [(entry.name, entry.sha256, entry.rows) for entry in record.manifest.files]
+
+
+def finished_dataset(path):
+    (record,), problems = Results(path).scan("dataset")
+    assert (record.status, problems) == ("finished", [])
+    for entry in record.manifest.files:
+        record.read_file(entry.name)
+    listed = {entry.name for entry in record.manifest.files}
+    assert {file.name for file in record.path.iterdir()} == {*listed, "manifest.json", "lock"}
+    return record
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        collecting = importlib.import_module("jbench.datasets.collect")
+        patch.setattr(collecting, "_PART_EPISODES", 1)
+        patch.setattr(collecting, "EPISODE_STEPS", 100)
+        return collect(SETTINGS, Results(tmp_path_factory.mktemp("uninterrupted")), 2)
+
+
+def test_killed_at_many_random_moments_it_is_the_dataset_that_nobody_killed(tmp_path):
+    script = Path(__file__).with_name("killed_collections.py")
+    done = subprocess.run(
+        [sys.executable, script, tmp_path, str(KILLS)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert len(said["committed"]) >= KILLS
+    assert len(set(said["committed"])) > 3  # not all of them before the first file
+    whole, *killed = (finished_dataset(Path(place)) for place in said["places"])
+    assert whole.rows("steps") == 30 * 21
+    for record in killed:
+        assert checksums(record) == checksums(whole)
+
+
+def one_sentence(text):
+    """The error among the lines of progress."""
+    (line,) = [line for line in text.splitlines() if not line.startswith("collect: ")]
+    return line
+
+
+def test_a_limit_of_file_sizes_ends_it_and_without_it_it_goes_on(tmp_path, uninterrupted):
+    command = [sys.executable, "-c", LIMITED + VERB, tmp_path, "10000"]
+    stopped = subprocess.run(command, capture_output=True, text=True)
+    assert stopped.returncode == 1
+    said = one_sentence(stopped.stderr)
+    assert said.startswith("Error: No room left to write steps-00000-")
+    assert said.endswith("what was finished is kept: make room and type the command again.")
+    assert Results(tmp_path).find("dataset", SETTINGS.id).status == "unfinished"
+    again = subprocess.run([sys.executable, "-c", VERB, tmp_path], capture_output=True, text=True)
+    assert again.returncode == 0, again.stderr
+    assert checksums(finished_dataset(tmp_path)) == checksums(uninterrupted)
+
+
+def test_a_full_disk_ends_it_and_with_more_room_it_goes_on(tmp_path, uninterrupted):
+    tried = subprocess.run(
+        [*IN_A_NAMESPACE, "mount", "-t", "tmpfs", "tmpfs", tmp_path], capture_output=True, text=True
+    )
+    if tried.returncode:
+        pytest.skip(f"no disk can be mounted here: {tried.stderr}")
+    command = ["sh", "-c", SMALL_DISK, "sh", tmp_path, sys.executable, VERB]
+    done = subprocess.run([*IN_A_NAMESPACE, *command], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    code, there, *rest = done.stdout.splitlines()
+    assert code == "exit code 1"
+    assert 4 <= int(there) < 40  # files of 20 episodes, two each
+    assert one_sentence(done.stderr).startswith("Error: No room left to write ")
+    files = {entry.name: entry.sha256 for entry in uninterrupted.manifest.files}
+    assert sorted(line for line in rest if line.endswith(".parquet")) == sorted(
+        f"{sha256}  {SETTINGS.id.split('/')[1]}/{name}" for name, sha256 in files.items()
+    )

@@ -1,0 +1,150 @@
+"""Reading file by file, in any order; and what in a file's rows is refused."""
+
+import tracemalloc
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pytest
+
+from jbench.datasets import Dataset, layout
+from jbench.errors import WorkError
+from jbench.store import Results
+
+TASK = "move_to_pose"
+
+
+@pytest.fixture(scope="module")
+def tables(six_episodes):
+    """The rows of the first file: episodes 0 and 1."""
+    return {
+        table: six_episodes.read_part(six_episodes.parts(table)[0], columns)
+        for table, columns in (("steps", layout.STEPS), ("dataset_episodes", layout.EPISODES))
+    }
+
+
+@pytest.fixture
+def altered(tmp_path, tables):
+    """Makes a dataset of these rows, some of them otherwise."""
+
+    def make(**changed):
+        record = Results(tmp_path).create("dataset", "random/a", {})
+        record.append({**tables, **changed})
+        record.finish({}, compact=False)
+        return Dataset(record)
+
+    return make
+
+
+def with_value(table, column, row, value):
+    """The table with another value in one cell."""
+    values = table[column].to_pylist()
+    values[row] = value
+    index = table.column_names.index(column)
+    kind = table.schema.field(column).type
+    return table.set_column(index, column, pa.array(values, kind, from_pandas=False))
+
+
+def test_parts_are_the_episodes_of_each_file(dataset):
+    assert dataset.parts == (range(0, 2), range(2, 4), range(4, 6))
+    assert dataset.episodes == 6
+
+
+@pytest.mark.parametrize("parts", [[2, 0], [1], [], iter([0, 1]), [1, 1]])
+def test_chosen_parts_are_read_in_the_order_asked_for(dataset, parts):
+    parts = list(parts)
+    everything = list(dataset.blocks(TASK))
+    found = list(dataset.blocks(TASK, parts=iter(parts)))
+    assert len(found) == len(parts)
+    for number, block in zip(parts, found, strict=True):
+        for ours, theirs in zip(everything[number], block, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_part_that_is_not_there_is_an_error(dataset):
+    with pytest.raises(IndexError):
+        next(dataset.blocks(TASK, parts=[3]))
+
+
+def test_one_file_is_in_memory_at_a_time(dataset):
+    # Observations, actions and rewards of two episodes.
+    block = 4 * 2 * (1001 * 19 + 1000 + 1000)
+    for _ in dataset.blocks(TASK):  # what is made once
+        pass
+    tracemalloc.start()
+    for _ in dataset.blocks(TASK, parts=[0, 1, 2] * 5):
+        pass
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 10 * block  # of 15 blocks, all that computing one of them needs
+
+
+def test_unaltered_rows_are_read(altered, dataset):
+    (block,) = altered().blocks(TASK)
+    np.testing.assert_array_equal(block.observations, next(dataset.blocks(TASK)).observations)
+
+
+ALTERATIONS = {
+    "NaN": ("steps", "velocity_x", 7, np.nan, "holds NaN or infinite values"),
+    "infinite": ("steps", "quaternion_w", 2001, np.inf, "holds NaN or infinite values"),
+    "action NaN": ("steps", "action", 3, np.nan, "holds NaN or infinite values"),
+    "target NaN": (
+        *("dataset_episodes", f"{TASK}_target_x", 1, np.nan),
+        "holds NaN or infinite values",
+    ),
+    "no number": ("steps", "position_z", 5, None, "holds empty cells in the column position_z"),
+    "no target": (
+        *("dataset_episodes", f"{TASK}_target_yaw", 0, None),
+        f"holds empty cells in the column {TASK}_target_yaw",
+    ),
+    "no action": ("steps", "action", 999, None, "holds a state without its action"),
+    "an action too many": ("steps", "action", 1000, 0.5, "or an action after the last state"),
+    "another step": ("steps", "step", 10, 11, "holds other rows than those of whole episodes"),
+    "another episode": ("steps", "episode", 0, 1, "holds other rows than those of whole episodes"),
+    "another's target": ("dataset_episodes", "episode", 0, 4, "holds other rows than those"),
+}
+
+
+@pytest.mark.parametrize("alteration", ALTERATIONS.values(), ids=ALTERATIONS)
+def test_what_can_not_be_is_refused_in_a_sentence(altered, tables, alteration):
+    table, column, row, value, said = alteration
+    found = altered(**{table: with_value(tables[table], column, row, value)})
+    for read in (lambda: list(found.blocks(TASK)), lambda: found.observations(TASK)):
+        with pytest.raises(WorkError) as error:
+            read()
+        assert said in str(error.value)
+        assert str(error.value).startswith(f"{found.record.parts('steps')[0].name} of the dataset")
+        assert str(error.value).endswith(f"; collect it anew after deleting {found.record.path}.")
+
+
+def test_half_an_episode_is_refused(altered, tables):
+    found = altered(steps=tables["steps"].slice(0, 1500))
+    with pytest.raises(WorkError, match="holds other rows than those of whole episodes"):
+        found.observations(TASK)
+
+
+def test_a_file_of_one_table_without_the_other_is_refused(altered, tables):
+    found = altered(steps=tables["steps"].slice(0, 0))
+    with pytest.raises(WorkError, match="The manifest of the dataset random/a lacks files"):
+        list(found.blocks(TASK))
+
+
+@pytest.mark.parametrize(
+    ("table", "column"),
+    [("steps", "torso_velocity_x"), ("steps", "action"), ("dataset_episodes", f"{TASK}_target_x")],
+)
+def test_a_dataset_of_an_older_schema_is_named_with_what_it_lacks(altered, tables, table, column):
+    found = altered(**{table: tables[table].drop_columns(column)})
+    with pytest.raises(WorkError) as error:
+        list(found.blocks(TASK))
+    said = f"it has no column {column}: another version of jbench wrote it"
+    assert said in str(error.value)
+    assert "of the dataset random/a is damaged" in str(error.value)
+
+
+def test_a_dataset_of_another_type_is_named(altered, tables):
+    words = pc.cast(tables["steps"]["position_x"], pa.string())
+    words = pc.replace_substring(words, "0", "o")
+    found = altered(steps=tables["steps"].set_column(2, "position_x", words))
+    with pytest.raises(WorkError, match="of the dataset random/a is damaged"):
+        list(found.blocks(TASK))

@@ -19,11 +19,11 @@ class Output:
 
     def say(self, text: str) -> None:
         """Prints a line for people."""
-        print(text, file=sys.stderr if self.as_json else sys.stdout, flush=True)
+        print(printable(text), file=sys.stderr if self.as_json else sys.stdout, flush=True)
 
     def warn(self, text: str) -> None:
         """Prints a line about something wrong that does not end the work."""
-        print(f"Warning: {text}", file=sys.stderr, flush=True)
+        print(f"Warning: {printable(text)}", file=sys.stderr, flush=True)
 
     def table(self, title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
         """Prints a table for people; numbers are aligned to the right."""
@@ -38,7 +38,7 @@ class Output:
         for name, right in zip(header, numeric, strict=True):
             table.add_column(Text(name), justify="right" if right else "left", overflow="fold")
         for row in rows:
-            table.add_row(*(Text(str(cell)) for cell in row))
+            table.add_row(*(Text(printable(str(cell))) for cell in row))
         # Where the output is not a terminal there is no width to keep to.
         width = None if stream.isatty() else 200
         console = Console(file=stream, width=width)
@@ -133,6 +133,11 @@ def duration(seconds: float) -> str:
         if seconds >= size:
             return f"{seconds // size:.0f} {unit} {seconds % size // part:.0f} {smaller}"
     return f"{seconds:.0f} s"
+
+
+def printable(text: str) -> str:
+    """Returns a text without what a terminal would obey: results may come from a stranger."""
+    return "".join(c if c.isprintable() or c in "\n\t" else "\ufffd" for c in text)
 
 
 def short(cell: object) -> str:

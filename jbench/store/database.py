@@ -4,27 +4,30 @@
       datasets/<id>/   encoders/<id>/   runs/<id>/
         manifest.json        what the record is, and which files belong to it
         <table>-<n>-<hash>.parquet, *.safetensors, *.json
+        <role>-<hash>.*      while the work goes on: what it needs to go on after a kill
 
 The manifest is the commit: a file that it does not list does not exist for a reader. A writer puts
 new files beside the old ones, forces them to the disk, and only then replaces the manifest.
 """
 
 import contextlib
-import fcntl
-import io
-from collections.abc import Iterator, Mapping
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from jbench.errors import RequestError, WorkError
-from jbench.store import files
+from jbench.store import files, locks, parquet
 from jbench.store.identity import check_id
-from jbench.store.manifest import MANIFEST, FileEntry, Kind, Manifest, Status
+from jbench.store.manifest import MANIFEST, SCHEMA_VERSION, FileEntry, Kind, Manifest, Status
+from jbench.store.older import upgraded
 from jbench.store.provenance import provenance
+from jbench.store.tree import walk
+
+_LARGEST_MANIFEST = 1 << 26  # bytes; one that lists 100,000 files is half of it
 
 
 class Results:
@@ -72,14 +75,29 @@ class Results:
         """Returns all records of a kind, oldest first, and a sentence for each unreadable one."""
         records, problems = [], []
         root = self.path / f"{kind}s"
-        for path in sorted(root.rglob(MANIFEST)):
+        for folder in walk(root):
+            if folder.problem is not None:
+                problems.append(f"{folder.path} {folder.problem}.")
+            if not folder.is_record:
+                continue
             try:
-                record = Record(self, kind, path.parent.relative_to(root).as_posix())
+                record = Record(self, kind, folder.path.relative_to(root).as_posix())
                 if record._load():
                     records.append(record)
             except (RequestError, WorkError) as error:
                 problems.append(str(error))
         return sorted(records, key=lambda record: (record.manifest.created, record.id)), problems
+
+    def inside(self, name: str) -> Path:
+        """Returns a path below the results directory.
+
+        Raises:
+            WorkError: if links lead out of it.
+        """
+        path = self.path / name
+        if not path.resolve().is_relative_to(self.path.resolve()):
+            raise WorkError(f"{path} leads out of the results directory; it is not used.")
+        return path
 
 
 class Record:
@@ -89,11 +107,8 @@ class Record:
 
     def __init__(self, results: Results, kind: Kind, id: str) -> None:
         """Names a record; `Results.create` and `Results.find` give one with its manifest."""
-        root = results.path / f"{kind}s"
         self.kind, self.id = kind, check_id(id)
-        self.path = root / id
-        if not self.path.resolve().is_relative_to(root.resolve()):
-            raise WorkError(f"{self.path} leads out of the results directory; it is not read.")
+        self.path = results.inside(f"{kind}s/{id}")
 
     @property
     def status(self) -> Status:
@@ -105,10 +120,37 @@ class Record:
         """What produced the record."""
         return self.manifest.settings
 
-    def append(self, tables: Mapping[str, pa.Table]) -> None:
-        """Adds rows to tables: all of them or, if anything fails, none."""
+    def refresh(self) -> bool:
+        """Reads the manifest again; returns whether another was committed meanwhile.
+
+        A reader may miss a file that was joined with others since it read the manifest.
+        """
+        # As bytes: a stranger's manifest may hold NaN, which is never the same.
+        before = self.manifest.to_bytes()
+        with contextlib.suppress(WorkError):
+            self._load()
+        return self.manifest.to_bytes() != before
+
+    def append(
+        self, tables: Mapping[str, pa.Table], checkpoints: Mapping[str, bytes] | None = None
+    ) -> None:
+        """Adds rows to tables and replaces checkpoints: all of it or, if anything fails, nothing.
+
+        Args:
+            tables: rows by table.
+            checkpoints: content by role, a file name such as `checkpoint.safetensors`: what the
+                work needs to go on after these rows. The file that had the role before is removed
+                once the manifest lists the new one. `read_file` finds it by its role; `finish`
+                drops it.
+        """
+        checkpoints = checkpoints or {}
         added = [self._write_part(name, rows) for name, rows in tables.items() if rows.num_rows]
-        self._update(files=(*self.manifest.files, *added))
+        added += [self._write_checkpoint(role, content) for role, content in checkpoints.items()]
+        before = self.manifest.files
+        kept = [entry for entry in before if entry.role is None or entry.role not in checkpoints]
+        self._update(files=(*kept, *added))
+        listed = {entry.name for entry in self.manifest.files}
+        files.remove(self.path / entry.name for entry in before if entry.name not in listed)
 
     def rows(self, table: str) -> int:
         """Returns how many rows of a table are committed."""
@@ -125,7 +167,14 @@ class Record:
 
     def read_part(self, entry: FileEntry, schema: pa.Schema) -> pa.Table:
         """Returns the rows of one file, checked against the manifest; see `read`."""
-        rows = self._rows_of(entry)
+        dictionaries = [field.name for field in schema if pa.types.is_dictionary(field.type)]
+        rows = self.rows_of(entry, dictionaries)
+        if self.manifest.schema_version < SCHEMA_VERSION and entry.table is not None:
+            rows = upgraded(entry.table, rows, schema)
+        for name in schema.names:
+            if name not in rows.column_names:
+                reason = f"it has no column {name}: another version of jbench wrote it"
+                raise self._damaged(entry, reason)
         try:
             return rows.select(schema.names).cast(schema)
         except (pa.ArrowException, KeyError) as error:
@@ -136,15 +185,19 @@ class Record:
         return [entry for entry in self.manifest.files if entry.table == table]
 
     def read_file(self, name: str) -> bytes:
-        """Returns the content of a committed file that is not a table.
+        """Returns the content of a committed file that is not a table, by its name or its role.
 
         Raises:
             WorkError: if there is none of that name, or it is not what was committed.
         """
         for entry in self.manifest.files:
-            if entry.name == name:
+            if name in (entry.name, entry.role):
                 return self._checked(entry)
         raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
+
+    def has_checkpoint(self, role: str) -> bool:
+        """Returns whether a checkpoint of that role is committed."""
+        return any(entry.role == role for entry in self.manifest.files)
 
     def finish(
         self,
@@ -152,14 +205,14 @@ class Record:
         new_files: Mapping[str, bytes] | None = None,
         compact: bool = True,
     ) -> None:
-        """Ends a record.
+        """Ends a record; its checkpoints are dropped.
 
         Args:
             summary: what came out, in short; kept in the manifest.
             new_files: content by file name, added to the record.
             compact: whether each table becomes one file; not for tables larger than memory.
         """
-        kept = tuple(entry for entry in self.manifest.files if entry.table is None)
+        kept = tuple(e for e in self.manifest.files if e.table is None and e.role is None)
         tables = dict.fromkeys(entry.table for entry in self.manifest.files if entry.table)
         if compact:
             joined = tuple(self._join(table) for table in tables)
@@ -169,6 +222,17 @@ class Record:
             self._write_file(name, content) for name, content in (new_files or {}).items()
         )
         self._update(status="finished", summary=dict(summary), files=kept + joined + added)
+        self.clean()
+
+    def take_over(self, source: "Record") -> None:
+        """Becomes what a record of another results directory is; call it while holding the lock.
+
+        Raises:
+            WorkError: if a file of the source is not what its manifest says, or there is no room.
+        """
+        for entry in source.manifest.files:
+            files.copy_atomic(source.path / entry.name, self.path / entry.name, entry.sha256)
+        self._commit(source.manifest)
         self.clean()
 
     def clean(self) -> None:
@@ -187,17 +251,7 @@ class Record:
             WorkError: if another process holds it.
         """
         files.make_directory(self.path)
-        try:
-            file = open(self.path / "lock", "a")  # noqa: SIM115 - closed below, after the yield
-        except OSError as error:
-            raise WorkError(f"{self.path / 'lock'} can't be opened ({error.strerror}).") from None
-        with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise WorkError(
-                    f"Another process is writing the {self.kind} {self.id}; wait for it or stop it."
-                ) from None
+        with locks.hold(self.path, f"the {self.kind} {self.id}"):
             yield
 
     def _join(self, table: str) -> FileEntry:
@@ -206,51 +260,58 @@ class Record:
             return parts[0]
         return self._write_part(
             table,
-            pa.concat_tables([self._rows_of(part) for part in parts]),
+            pa.concat_tables([self.rows_of(part) for part in parts]),
         )
 
     def _write_part(self, table: str, rows: pa.Table) -> FileEntry:
-        sink = io.BytesIO()
-        pq.write_table(rows, sink, compression="zstd")
-        content = sink.getvalue()
+        content = parquet.to_bytes(rows)
         # The content's hash in the name makes it unique; the number shows the order to people.
         name = f"{table}-{len(self.parts(table)):05d}-{files.sha256(content)[:8]}.parquet"
         return self._write_file(name, content, table, rows.num_rows)
 
+    def _write_checkpoint(self, role: str, content: bytes) -> FileEntry:
+        # A name of its own: the one before it is listed, and whole, until the commit.
+        stem, suffix = Path(role).stem, Path(role).suffix
+        name = f"{stem}-{files.sha256(content)[:8]}{suffix}"
+        return self._write_file(name, content, role=role)
+
     def _write_file(
-        self, name: str, content: bytes, table: str | None = None, rows: int = 0
+        self,
+        name: str,
+        content: bytes,
+        table: str | None = None,
+        rows: int = 0,
+        role: str | None = None,
     ) -> FileEntry:
         entry = FileEntry(
-            name=name, table=table, rows=rows, bytes=len(content), sha256=files.sha256(content)
+            name=name,
+            table=table,
+            role=role,
+            rows=rows,
+            bytes=len(content),
+            sha256=files.sha256(content),
         )
         files.write_atomic(self.path / name, content)
         return entry
 
-    def _rows_of(self, entry: FileEntry) -> pa.Table:
-        """Returns the rows of a file, with whatever columns it has."""
+    def rows_of(self, entry: FileEntry, dictionaries: Sequence[str] = ()) -> pa.Table:
+        """Returns the rows of one file with whatever columns it has, checked; see `read`."""
         content = self._checked(entry)
         try:
-            # pyarrow 26 aborts processes that end soon after it has started threads of its own; of
-            # its ways to read, only this one starts none.
-            file = pq.ParquetFile(pa.BufferReader(content), pre_buffer=False)
-            rows = file.read(use_threads=False)
-        except (pa.ArrowException, OSError) as error:
-            raise self._damaged(entry, str(error).splitlines()[0]) from None
-        if rows.num_rows != entry.rows:
-            raise self._damaged(entry, f"{rows.num_rows} rows, not {entry.rows}")
-        return rows
+            return parquet.from_bytes(content, entry.rows, dictionaries)
+        except ValueError as error:
+            raise self._damaged(entry, str(error)) from None
 
     def _checked(self, entry: FileEntry) -> bytes:
         """Returns a file's content if it is what was committed."""
-        path = self.path / entry.name
         try:
-            if path.is_symlink():
-                raise self._damaged(entry, "a link to another place")
-            content = path.read_bytes()
+            with files.open_plain(self.path / entry.name) as file:
+                size = os.fstat(file.fileno()).st_size
+                if size != entry.bytes:
+                    raise self._damaged(entry, f"{size} bytes, not {entry.bytes}")
+                content = file.read()
         except OSError as error:
             raise self._damaged(entry, str(error.strerror)) from None
-        if len(content) != entry.bytes:
-            raise self._damaged(entry, f"{len(content)} bytes, not {entry.bytes}")
         if files.sha256(content) != entry.sha256:
             raise self._damaged(entry, "its checksum differs")
         return content
@@ -271,12 +332,15 @@ class Record:
     def _load(self) -> bool:
         """Reads the manifest, if there is one."""
         path = self.path / MANIFEST
-        if not path.exists():
-            return False
         try:
-            content = path.read_bytes()
+            with files.open_plain(path) as file:
+                content = file.read(_LARGEST_MANIFEST + 1)
+        except (FileNotFoundError, NotADirectoryError):
+            return False
         except OSError as error:
             raise WorkError(f"{path} can't be read ({error.strerror}).") from None
+        if len(content) > _LARGEST_MANIFEST:
+            raise WorkError(f"{path} is larger than any manifest; it is not read.")
         self.manifest = Manifest.from_bytes(content, str(path))
         if (self.manifest.kind, self.manifest.id) != (self.kind, self.id):
             raise WorkError(

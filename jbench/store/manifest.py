@@ -1,19 +1,35 @@
 """The manifest of a record: what it is, and which files belong to it."""
 
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+)
 
 from jbench.errors import WorkError
 
-SCHEMA_VERSION = 1
-"""Of manifests and of the tables that they list; raised when either changes its meaning."""
+SCHEMA_VERSION = 2
+"""Of manifests and of the tables that they list; raised when either changes its meaning.
+
+A record keeps the version with which it was begun; `older.py` reads those of older ones.
+"""
+
+OLDEST_SCHEMA_VERSION = 1
+"""The oldest that can still be read."""
 
 MANIFEST = "manifest.json"
 
 Kind = Literal["dataset", "encoder", "run", "evaluation"]
 Status = Literal["unfinished", "finished", "failed"]
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+"""In the order in which they are made from each other."""
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
@@ -25,6 +41,10 @@ def _plain_name(name: str) -> str:
     return name
 
 
+class VersionError(WorkError):
+    """The manifest may be whole, but it is of a version that this jbench does not read."""
+
+
 class FileEntry(BaseModel):
     """One committed file of a record."""
 
@@ -32,6 +52,11 @@ class FileEntry(BaseModel):
 
     name: Annotated[str, AfterValidator(_plain_name)]
     table: str | None = Field(default=None, description="table that its rows belong to")
+    role: str | None = Field(
+        default=None,
+        exclude_if=lambda role: role is None,
+        description="what it serves for while the work goes on; a newer file of it replaces it",
+    )
     rows: int = Field(default=0, ge=0)
     bytes: int = Field(ge=0)
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -59,6 +84,13 @@ class Manifest(BaseModel):
     updated: str = Field(description="UTC, ISO 8601")
     files: tuple[FileEntry, ...] = ()
 
+    @field_validator("files")
+    @classmethod
+    def _listed_once(cls, files: tuple[FileEntry, ...]) -> tuple[FileEntry, ...]:
+        if len({entry.name for entry in files}) < len(files):
+            raise ValueError("a file is listed twice")
+        return files
+
     def to_bytes(self) -> bytes:
         """Returns the manifest as indented JSON."""
         return (self.model_dump_json(indent=1) + "\n").encode()
@@ -72,15 +104,22 @@ class Manifest(BaseModel):
             where: names the file in an error.
 
         Raises:
-            WorkError: if it is damaged or of a newer version of jbench.
+            VersionError: if it is of a version that this jbench does not read.
+            WorkError: if it is damaged.
         """
         try:
             # The version first: a newer manifest may have fields that this one has not.
             version = _Versioned.model_validate_json(content).schema_version
             if version > SCHEMA_VERSION:
-                raise WorkError(
+                raise VersionError(
                     f"{where} is of schema version {version}, and this jbench reads up to "
                     f"{SCHEMA_VERSION}; install a newer jbench."
+                )
+            if version < OLDEST_SCHEMA_VERSION:
+                raise VersionError(
+                    f"{where} is of schema version {version}, and this jbench reads from "
+                    f"{OLDEST_SCHEMA_VERSION}: read it with the jbench that wrote it, or delete it "
+                    "and make it anew."
                 )
             return cls.model_validate_json(content)
         except ValidationError as error:

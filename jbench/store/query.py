@@ -3,7 +3,9 @@
 import csv
 import io
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from typing import Any, NamedTuple
 
@@ -16,51 +18,54 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import FULL
 from jbench.store import schema
 from jbench.store.database import Record, Results
-from jbench.store.identity import settings_hash
-from jbench.store.manifest import Kind
+from jbench.store.provenance import cores
+from jbench.store.rows import KINDS, Row, row_of
 
 
 class Tables(NamedTuple):
-    """Every table of a results directory, and a sentence for each part that can't be read."""
+    """Tables of a results directory, and a sentence for each record that can't be read."""
 
     tables: dict[str, pa.Table]
     problems: list[str]
 
 
-def variant(settings: dict[str, Any]) -> str:
-    """Returns the hash of a run's settings but seed and steps: of what its seeds share."""
-    return settings_hash({k: v for k, v in settings.items() if k not in ("seed", "steps")})
+class Answer(NamedTuple):
+    """The answer to a query, and a sentence for each record that is not in it, being damaged."""
+
+    rows: pd.DataFrame
+    problems: list[str]
 
 
-def load(results: Results) -> Tables:
-    """Reads and checks all tables of a results directory; a damaged record is left out whole."""
-    tables: dict[str, list[pa.Table]] = {}
+def load(
+    results: Results, names: Collection[str] = tuple(schema.TABLES), *, coded: bool = False
+) -> Tables:
+    """Reads and checks tables of a results directory; a damaged record is left out whole.
+
+    Args:
+        results: to read from.
+        names: of the tables. Files of others are not read, nor checked.
+        coded: whether the ids in rows of files come as Arrow dictionaries, which need a tenth of
+            the memory.
+    """
+    tables: dict[str, pa.Table] = {}
     problems: list[str] = []
-    for kind, table, describe, schemas in _KINDS:
-        columns_of_kind = getattr(schema, table.upper())
+    if "published" in names:
+        tables["published"] = published()
+    for kind, (table, _, of_files) in KINDS.items():
+        wanted = {name: _coded(c) if coded else c for name, c in of_files.items() if name in names}
+        if not wanted and table not in names:
+            continue
         records, unreadable = results.scan(kind)
-        problems += unreadable
-        rows = []
-        for record in records:
-            try:
-                parts = {name: record.read(name, columns) for name, columns in schemas.items()}
-                row = _row(record, describe, columns_of_kind)
-            except WorkError as error:
-                problems.append(str(error))
-                continue
-            rows.append(row)
-            for name, part in parts.items():
-                tables.setdefault(name, []).append(part)
-        tables[table] = [columns_of_kind.empty_table(), *rows]
-    tables["published"] = [published()]
-    empty = {name: columns for *_, schemas in _KINDS for name, columns in schemas.items()}
-    return Tables(
-        {
-            **{name: columns.empty_table() for name, columns in empty.items()},
-            **{name: pa.concat_tables(parts) for name, parts in tables.items() if parts},
-        },
-        problems,
-    )
+        read, damaged = _read(records, wanted)
+        problems += unreadable + damaged
+        tables |= {
+            name: pa.concat_tables([columns.empty_table(), *(parts[name] for _, parts in read)])
+            for name, columns in wanted.items()
+        }
+        if table in names:
+            rows = [row for row, _ in read]
+            tables[table] = pa.Table.from_pylist(rows, schema.TABLES[table])
+    return Tables(tables, problems)
 
 
 def published() -> pa.Table:
@@ -76,16 +81,47 @@ def published() -> pa.Table:
     return pa.Table.from_pandas(rows, schema.PUBLISHED, preserve_index=False, nthreads=1)
 
 
-def run_sql(sql: str, tables: dict[str, pa.Table]) -> pd.DataFrame:
+def ask(results: Results, sql: str) -> Answer:
+    """Returns the answer of one SELECT over the results.
+
+    Raises:
+        RequestError: as `run_sql`.
+    """
+    # Arrow's own allocator gives memory back and takes it again, file by file: a third of the time.
+    pa.set_memory_pool(pa.system_memory_pool())
+    # Tables are read that stand in the SQL. One may be called by a name made up within it: DuckDB
+    # then says that there is none, and all are read.
+    words = set(re.findall(r"\w+", sql.lower()))
+    named = words & set(schema.TABLES) or set(schema.TABLES)
+    loaded = load(results, named, coded=True)
+    try:
+        return Answer(_select(sql, loaded.tables), loaded.problems)
+    except duckdb.CatalogException:
+        loaded = load(results, coded=True)
+        return Answer(run_sql(sql, loaded.tables), loaded.problems)
+    except duckdb.Error as error:
+        raise _refusal(error, schema.TABLES) from None
+
+
+def run_sql(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
     """Returns the answer of one SELECT over the tables, without access to anything else.
 
     Raises:
         RequestError: if it is not one SELECT, or DuckDB refuses it.
     """
+    try:
+        return _select(sql, tables)
+    except duckdb.Error as error:
+        raise _refusal(error, tables) from None
+
+
+def _select(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
     connection = duckdb.connect(":memory:", config={"python_enable_replacements": False})
     try:
         for name, rows in tables.items():
             connection.register(name, rows)
+        # What does not fit into the memory would go into files in the working directory.
+        connection.execute("SET temp_directory = ''")
         # From here on no file, no network and no extension, and no way to turn them on again.
         connection.execute("SET enable_external_access = false")
         connection.execute("SET lock_configuration = true")
@@ -93,11 +129,13 @@ def run_sql(sql: str, tables: dict[str, pa.Table]) -> pd.DataFrame:
         if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
             raise RequestError("A query is one SELECT statement; the results are read-only.")
         return connection.execute(statements[0]).df()
-    except duckdb.Error as error:
-        message = str(error).splitlines()[0]
-        raise RequestError(f"{message} (tables: {', '.join(sorted(tables))}).") from None
     finally:
         connection.close()
+
+
+def _refusal(error: duckdb.Error, tables: Iterable[str]) -> RequestError:
+    message = str(error).splitlines()[0]
+    return RequestError(f"{message} (tables: {', '.join(sorted(tables))}).")
 
 
 def to_csv(frame: pd.DataFrame) -> str:
@@ -121,95 +159,30 @@ def _plain(value: Any) -> Any:
     return str(value)
 
 
-def _row(
-    record: Record, describe: Callable[[Record], dict[str, Any]], columns: pa.Schema
-) -> pa.Table:
-    """Returns the row of a record; its manifest may come from a stranger and say anything."""
-    try:
-        return pa.Table.from_pylist([describe(record)], columns)
-    except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise WorkError(
-            f"The {record.kind} {record.id} has settings that can't be ({reason}); delete "
-            f"{record.path} to make it anew."
-        ) from None
+def _read(
+    records: Sequence[Record], schemas: Mapping[str, pa.Schema]
+) -> tuple[list[tuple[Row, dict[str, pa.Table]]], list[str]]:
+    """Returns the row and the parts of each record, and a sentence for each damaged one."""
+
+    def read(record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
+        while True:
+            try:
+                parts = {name: record.read(name, columns) for name, columns in schemas.items()}
+                return row_of(record), parts
+            except WorkError as error:
+                if not record.refresh():
+                    return str(error)
+
+    # pyarrow and hashlib let go of the interpreter while they work.
+    with ThreadPoolExecutor(cores()) as threads:
+        outcomes = list(threads.map(read, records))
+    return (
+        [outcome for outcome in outcomes if not isinstance(outcome, str)],
+        [outcome for outcome in outcomes if isinstance(outcome, str)],
+    )
 
 
-def _run_row(record: Record) -> dict[str, Any]:
-    settings = record.settings
-    return {
-        "run": record.id,
-        **{
-            name: settings.get(name)
-            for name in ("task", "algo", "representation", "encoder", "seed", "steps")
-        },
-        "engine": settings.get("engine"),
-        "time_limit": settings.get("time_limit"),
-        "variant": variant(settings),
-        "episodes": record.rows("episodes"),
-        "wall_time": record.manifest.summary.get("wall_time"),
-        **_common_row(record),
-    }
-
-
-def _encoder_row(record: Record) -> dict[str, Any]:
-    settings, summary = record.settings, record.manifest.summary
-    return {
-        "encoder": record.id,
-        "representation": f"{settings.get('kind')}{settings.get('latents')}",
-        **{name: settings.get(name) for name in ("task", "latents", "seed", "dataset")},
-        "test_mse": summary.get("test_mse"),
-        "wall_time": summary.get("wall_time"),
-        **_common_row(record),
-    }
-
-
-def _evaluation_row(record: Record) -> dict[str, Any]:
-    settings, summary = record.settings, record.manifest.summary
-    return {
-        "evaluation": record.id,
-        **{name: settings.get(name) for name in ("task", "policy", "seed", "episodes")},
-        **{name: summary.get(name) for name in ("median", "q10", "q90")},
-        **_common_row(record),
-    }
-
-
-def _dataset_row(record: Record) -> dict[str, Any]:
-    return {
-        "dataset": record.id,
-        "seed": record.settings.get("seed"),
-        "steps": record.settings.get("steps"),
-        # A committed episode has a state more than it has steps.
-        "steps_done": record.rows("steps") - record.rows("dataset_episodes"),
-        "bytes": sum(entry.bytes for entry in record.manifest.files),
-        **_common_row(record),
-    }
-
-
-def _common_row(record: Record) -> dict[str, Any]:
-    manifest = record.manifest
-    return {
-        "status": manifest.status,
-        "created": manifest.created,
-        "updated": manifest.updated,
-        "settings": json.dumps(manifest.settings, sort_keys=True),
-        "provenance": json.dumps(manifest.provenance, sort_keys=True),
-    }
-
-
-_KINDS: tuple[tuple[Kind, str, Callable[[Record], dict[str, Any]], dict[str, pa.Schema]], ...] = (
-    ("run", "runs", _run_row, {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}),
-    (
-        "encoder",
-        "encoders",
-        _encoder_row,
-        {"encoder_epochs": schema.ENCODER_EPOCHS, "encoder_features": schema.ENCODER_FEATURES},
-    ),
-    (
-        "evaluation",
-        "policy_evaluations",
-        _evaluation_row,
-        {"policy_episodes": schema.POLICY_EPISODES},
-    ),
-    ("dataset", "datasets", _dataset_row, {}),
-)
+def _coded(columns: pa.Schema) -> pa.Schema:
+    """Returns the columns of a table of files with its record's id, the first, as a dictionary."""
+    key = columns.field(0)
+    return columns.set(0, key.with_type(pa.dictionary(pa.int32(), key.type)))

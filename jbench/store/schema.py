@@ -53,24 +53,61 @@ ENCODER_EPOCHS = pa.schema(
     [
         _field("encoder", pa.string()),
         _field("epoch", pa.int32()),
-        _field("train_mse", pa.float64(), "scaled features squared; corrupted input"),
+        _field("train_loss", pa.float64(), "what its kind minimises; dae: as test_denoising_mse"),
         _field("test_mse", pa.float64(), "scaled features squared; clean input"),
         _field("test_denoising_mse", pa.float64(), "scaled features squared; corrupted input"),
-        _WALL_TIME,
+        _field("wall_time", pa.float64(), "s of training"),
     ]
 )
-"""Errors of an autoencoder after each epoch of its training."""
+"""Errors of an encoder after each epoch, on up to 128 held-out episodes; none of closed forms.
+
+`test_denoising_mse` is null for kinds that do not corrupt their input.
+"""
+
+_SQUARED = "scaled features squared"
+_ERRORS = (
+    _field("test_mse", pa.float64(), _SQUARED),
+    _field("test_variance", pa.float64(), _SQUARED),
+    _field("pca_mse", pa.float64(), _SQUARED),
+    _field("random_mse", pa.float64(), _SQUARED),
+    _field("heuristic_mse", pa.float64(), _SQUARED),
+    _field("heuristic_variance", pa.float64(), _SQUARED),
+    _field("pca_heuristic_mse", pa.float64(), _SQUARED),
+    _field("random_heuristic_mse", pa.float64(), _SQUARED),
+)
 
 ENCODER_FEATURES = pa.schema(
     [
         _field("encoder", pa.string()),
         _field("index", pa.int32()),
         _field("feature", pa.string()),
-        _field("test_mse", pa.float64(), "scaled feature squared; clean input"),
-        _field("test_variance", pa.float64(), "scaled feature squared"),
+        *_ERRORS,
     ]
 )
-"""Error of a finished autoencoder on each feature of held-out episodes."""
+"""Error of a finished encoder on each feature: `test` on the held-out episodes, `heuristic` on ten
+episodes of the task's hand-written policy. `pca` and `random` are PCA and a random projection of
+the same size, fitted to the same states. A variance is that of the states reconstructed.
+"""
+
+ENCODER_ERRORS = pa.schema(
+    [
+        _field("encoder", pa.string()),
+        _field("test_states", pa.int64()),
+        _field("heuristic_states", pa.int64()),
+        *_ERRORS,
+        *(
+            _field(f"{which}explained", pa.float64(), "fraction of the variance")
+            for which in (
+                *("test_", "pca_", "random_"),
+                *("heuristic_", "pca_heuristic_", "random_heuristic_"),
+            )
+        ),
+    ]
+)
+"""Error of a finished encoder over all features: the means of the columns of `encoder_features`,
+and 1 - error / variance. A `ddae` is held against the state that it foresees, PCA against the
+present one.
+"""
 
 RUNS = pa.schema(
     [
@@ -99,12 +136,14 @@ ENCODERS = pa.schema(
     [
         _field("encoder", pa.string()),
         _field("task", pa.string()),
+        _field("kind", pa.string()),
         _field("representation", pa.string()),
         _field("latents", pa.int64()),
         _field("seed", pa.int64()),
         _field("dataset", pa.string()),
         _field("status", pa.string()),
         _field("test_mse", pa.float64(), "scaled features squared; clean input"),
+        _field("test_explained", pa.float64(), "fraction of the variance"),
         _field("wall_time", pa.float64(), "s"),
         _field("created", pa.string(), "UTC"),
         _field("updated", pa.string(), "UTC"),
@@ -190,3 +229,18 @@ PUBLISHED = pa.schema(
     ]
 )
 """The learning curves of the paper, read from its figures."""
+
+TABLES = {
+    "runs": RUNS,
+    "episodes": EPISODES,
+    "evaluations": EVALUATIONS,
+    "encoders": ENCODERS,
+    "encoder_epochs": ENCODER_EPOCHS,
+    "encoder_features": ENCODER_FEATURES,
+    "encoder_errors": ENCODER_ERRORS,
+    "datasets": DATASETS,
+    "policy_evaluations": POLICY_EVALUATIONS,
+    "policy_episodes": POLICY_EPISODES,
+    "published": PUBLISHED,
+}
+"""The tables of `jbench query`."""

@@ -148,7 +148,7 @@ def test_lock_is_let_go_after_an_error(results):
 
 
 def test_a_process_that_ends_right_after_reading_ends_well(tmp_path):
-    # pyarrow's threads abort about half of such processes; see Record._rows_of.
+    # pyarrow's threads abort about half of such processes; see store/parquet.py.
     results = Results(tmp_path)
     record = results.create("run", "a/b", {})
     record.append({"t": pa.table({"n": [1, 2, 3]})})

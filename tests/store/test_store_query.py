@@ -7,7 +7,12 @@ import pytest
 from store_rows import RUN_SETTINGS, add_run, alter_manifest, listed, manifest_of
 
 from jbench.store import query, schema
+from jbench.store.rows import variant
 
+ERRORS = (
+    "test_mse test_variance pca_mse random_mse "
+    "heuristic_mse heuristic_variance pca_heuristic_mse random_heuristic_mse"
+)
 COLUMNS = {
     "policy_evaluations": "evaluation task policy seed episodes status median q10 q90 created "
     "updated settings provenance",
@@ -17,10 +22,13 @@ COLUMNS = {
     "episodes": "run episode control_steps episode_return length wall_time actor_loss critic_loss "
     "entropy_coefficient policy_loss value_loss entropy_loss",
     "evaluations": "run evaluation control_steps episode episode_return length wall_time",
-    "encoders": "encoder task representation latents seed dataset status test_mse wall_time "
-    "created updated settings provenance",
-    "encoder_epochs": "encoder epoch train_mse test_mse test_denoising_mse wall_time",
-    "encoder_features": "encoder index feature test_mse test_variance",
+    "encoders": "encoder task kind representation latents seed dataset status test_mse "
+    "test_explained wall_time created updated settings provenance",
+    "encoder_epochs": "encoder epoch train_loss test_mse test_denoising_mse wall_time",
+    "encoder_features": f"encoder index feature {ERRORS}",
+    "encoder_errors": f"encoder test_states heuristic_states {ERRORS} test_explained "
+    "pca_explained random_explained heuristic_explained pca_heuristic_explained "
+    "random_heuristic_explained",
     "datasets": "dataset seed steps steps_done status bytes created updated settings provenance",
     "published": "figure task algo representation training_steps quantile episode_return source",
 }
@@ -38,7 +46,7 @@ def add_encoder(results, id=ENCODER, test_mse=(0.5, 0.25)):
     settings = {"kind": "dae", "task": "face_direction", "latents": 12, "seed": 0, "dataset": "d"}
     record = results.create("encoder", id, settings)
     rows = [
-        {"encoder": id, "epoch": epoch, "train_mse": 2 * mse, "test_mse": mse, "wall_time": 1.0}
+        {"encoder": id, "epoch": epoch, "train_loss": 2 * mse, "test_mse": mse, "wall_time": 1.0}
         for epoch, mse in enumerate(test_mse, 1)
     ]
     record.append({"encoder_epochs": pa.Table.from_pylist(rows, schema.ENCODER_EPOCHS)})
@@ -106,7 +114,7 @@ def test_runs_joined_with_their_episodes(filled):
 
 def test_runs_joined_with_their_encoder_and_its_epochs(filled):
     sql = """
-        select runs.run, encoders.latents, encoders.test_mse, sum(epochs.train_mse)
+        select runs.run, encoders.latents, encoders.test_mse, sum(epochs.train_loss)
         from runs join encoders using (encoder) join encoder_epochs epochs using (encoder)
         group by all
     """
@@ -118,7 +126,7 @@ def test_seeds_and_lengths_of_a_run_share_its_variant(results):
         add_run(results, id, **change)
     a, b, c, d = (variant for (variant,) in ask(results, "select variant from runs order by run"))
     assert a == b == c != d
-    assert a == query.variant(RUN_SETTINGS)
+    assert a == variant(RUN_SETTINGS)
 
 
 def test_dataset_row_counts_control_steps_not_states(results):

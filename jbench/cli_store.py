@@ -1,0 +1,228 @@
+"""The verbs of the results database: parse, call one function, print."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jbench import names, parsing
+from jbench.errors import RequestError, WorkError
+from jbench.options import JsonOption, ResultsOption, complete
+from jbench.output import Output, Progress, duration, short
+
+STATUSES = ("unfinished", "finished", "failed")
+
+
+def runs(
+    task: Annotated[
+        str | None, typer.Option(help="Only this one.", autocompletion=complete(*names.TASKS))
+    ] = None,
+    algo: Annotated[
+        str | None,
+        typer.Option(help="Only this one.", autocompletion=complete(*names.ALGORITHMS)),
+    ] = None,
+    representation: Annotated[
+        str | None, typer.Option(help="Only this one: full, or as dae12.")
+    ] = None,
+    status: Annotated[
+        str | None,
+        typer.Option(help=f"{', '.join(STATUSES)}.", autocompletion=complete(*STATUSES)),
+    ] = None,
+    seed: Annotated[str | None, typer.Option(help="Only these: like 0-9, or 0,2,5-7.")] = None,
+    returns: Annotated[
+        bool, typer.Option("--returns", help="Read the episodes for the last returns.")
+    ] = False,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """List runs, oldest first: how far each is and how long it took."""
+    from jbench.store import Results
+    from jbench.store.listing import list_runs
+
+    wanted = {
+        "task": task and [parsing.known("task", task, names.TASKS)],
+        "algo": algo and [parsing.known("algorithm", algo, names.ALGORITHMS)],
+        "representation": representation and [representation],
+        "status": status and [parsing.known("status", status, STATUSES)],
+        "seed": seed and parsing.numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7"),
+    }
+    filters = {name: values for name, values in wanted.items() if values}
+    lines, problems = list_runs(Results(results), filters, returns)
+    header = ["run", "status", "episodes", "control steps", "of", "wall time", "created"]
+    rows: list[list[object]] = [
+        [
+            *(line.run, line.status, f"{line.episodes:,}", f"{line.steps_done:,}"),
+            "" if line.steps is None else f"{line.steps:,}",
+            "" if line.wall_time is None else duration(line.wall_time),
+            line.created[:16].replace("T", " "),
+        ]
+        for line in lines
+    ]
+    if returns:
+        header.append("last returns")
+        for row, line in zip(rows, lines, strict=True):
+            row.append("" if line.last_return is None else f"{line.last_return:.0f}")
+    output = Output(json)
+    output.table(f"{len(lines):,} runs", header, rows)
+    output.document({"runs": [line._asdict() for line in lines], "problems": problems})
+    _left_out(problems, output)
+
+
+def query(
+    sql: Annotated[str, typer.Argument(help="One SELECT over the tables; see docs/database.md.")],
+    as_csv: Annotated[bool, typer.Option("--csv", help="CSV on standard output.")] = False,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Ask the results in SQL: tables runs, episodes, evaluations, encoders, published and more."""
+    from jbench.store import Results
+    from jbench.store.query import ask, to_csv, to_json
+
+    if as_csv and json:
+        raise RequestError("--csv and --json exclude each other; type one of them.")
+    answer, problems = ask(Results(results), sql)
+    if json:
+        print(to_json(answer))
+    elif as_csv:
+        print(to_csv(answer), end="")
+    else:
+        cells = answer.astype(object).where(answer.notna(), None).to_numpy()
+        rows = [[short(cell) for cell in row] for row in cells]
+        Output().table(f"{len(answer):,} rows", list(answer.columns), rows)
+    _left_out(problems, Output(json))
+
+
+def verify(
+    threads: Annotated[int, typer.Option(help="Files at a time; 0 for all cores.")] = 0,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Check every manifest, row count, checksum and leftover file."""
+    from jbench.store import Results
+    from jbench.store.verify import verify as check
+
+    output = Output(json)
+    with _progress(output, "verify", "bytes") as progress:
+        found = check(Results(_existing(results)), parsing.all_cores(threads), progress)
+    place = None
+    for finding in found.findings:
+        if (finding.kind, finding.id) != place:
+            place = finding.kind, finding.id
+            output.say(f"{finding.kind} {finding.id}")
+        warning = "Warning: " if finding.sort == "warning" else ""
+        output.say(f"  {warning}{finding}")
+    output.say(
+        f"Checked {found.records:,} records, {found.files:,} files, {found.bytes / 1e6:,.1f} MB: "
+        + (_counted(f.sort for f in found.findings) or "all is whole")
+        + "."
+    )
+    output.document(
+        {
+            "records": found.records,
+            "files": found.files,
+            "bytes": found.bytes,
+            "findings": [{**f._asdict(), "path": str(f.path)} for f in found.findings],
+        }
+    )
+    if found.faults:
+        raise WorkError(
+            "The results are not whole; jbench repair sets aside what is damaged or left over, and "
+            "what is whole can be used."
+        )
+
+
+def repair(
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only show what would be set aside.")
+    ] = False,
+    threads: Annotated[int, typer.Option(help="Files at a time; 0 for all cores.")] = 0,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Set damaged records and leftover files aside, into RESULTS/set-aside; delete nothing."""
+    from jbench.store import Results
+    from jbench.store.repair import repair as set_aside
+    from jbench.store.verify import verify as check
+
+    output, place = Output(json), Results(_existing(results))
+    with _progress(output, "verify", "bytes") as progress:
+        found = check(place, parsing.all_cores(threads), progress)
+    done = set_aside(place, found.findings, dry_run)
+    for path, to in done.moved:
+        output.say(f"{path} -> {to}")
+    for sentence in done.left:
+        output.warn(sentence)
+    verb = "Would set" if dry_run else "Set"
+    output.say(
+        f"{verb} {len(done.moved):,} files aside." if done.moved else "Nothing to set aside."
+    )
+    output.document(
+        {
+            "dry_run": dry_run,
+            "moved": [{"from": str(path), "to": str(to)} for path, to in done.moved],
+            "left": done.left,
+        }
+    )
+    if done.left:
+        raise WorkError(f"{len(done.left)} things are wrong and were left alone; see above.")
+
+
+def merge(
+    others: Annotated[list[Path], typer.Argument(help="Results of other machines.")],
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Join results of several machines: copy whole records, refuse the same ones that differ."""
+    from jbench.store import Results
+    from jbench.store.merge import merge as join
+
+    output = Output(json)
+    with _progress(output, "merge", "records") as progress:
+        merged = join(Results(results), [Results(other) for other in others], progress)
+    refused = [one for one in merged if one.outcome == "refused"]
+    for one in refused:
+        output.warn(f"{one.record}: {one.reason}")
+    told = _counted(one.outcome for one in merged) or "no records"
+    output.say(f"Merged into {results}: {told}.")
+    output.document({"records": [one._asdict() for one in merged]})
+    if refused:
+        raise WorkError(f"{len(refused)} records were refused, and the rest merged; see above.")
+
+
+VERBS: Sequence[Callable[..., None]] = (runs, query, verify, repair, merge)
+
+
+@contextmanager
+def _progress(output: Output, what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """Gives a function to call with what is done and the total, which is known only then."""
+    with ExitStack() as stack:
+        shown: list[Progress] = []
+
+        def update(done: int, total: int) -> None:
+            if not shown and total:
+                shown.append(stack.enter_context(output.progress(what, total, unit)))
+            for progress in shown:
+                progress.update(done)
+
+        yield update
+
+
+def _existing(results: Path) -> Path:
+    if not results.exists():
+        raise RequestError(f"{results} does not exist; name a directory with --results.")
+    return results
+
+
+def _counted(words: Iterator[str]) -> str:
+    """Returns how often each word comes: `3 damaged, 1 leftover`."""
+    return ", ".join(f"{count:,} {word}" for word, count in Counter(words).items())
+
+
+def _left_out(problems: Sequence[str], output: Output) -> None:
+    for problem in problems:
+        output.warn(problem)
+    if problems:
+        raise WorkError(f"{len(problems)} records are damaged and left out; see above.")

@@ -1,0 +1,109 @@
+"""The runs of a results directory, from their manifests alone."""
+
+import math
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jbench.errors import WorkError
+from jbench.names import EPISODE_STEPS
+from jbench.store import schema
+from jbench.store.database import Record, Results
+
+_MOST_EPISODES = 100  # in the mean of the last returns; the paper's moving average
+
+
+class RunLine(NamedTuple):
+    """A run in a list of runs; what its manifest does not say, or not in its right type, is None.
+
+    Attributes:
+        run: its id.
+        task, algo, representation, seed: of its settings.
+        status: unfinished, finished or failed.
+        episodes: committed.
+        steps_done: control steps of these episodes, or of the finished run.
+        steps: control steps asked for.
+        wall_time: s; of a finished run, or up to its last episode where returns were asked for.
+        last_return: mean return of the last quarter of the episodes, 100 at most, if asked for.
+        created: UTC, ISO 8601.
+        updated: UTC, ISO 8601.
+    """
+
+    run: str
+    task: str | None
+    algo: str | None
+    representation: str | None
+    seed: int | float | None
+    status: str
+    episodes: int
+    steps_done: int | float
+    steps: int | float | None
+    wall_time: float | None
+    last_return: float | None
+    created: str
+    updated: str
+
+
+def list_runs(
+    results: Results, wanted: Mapping[str, Collection[Any]], returns: bool = False
+) -> tuple[list[RunLine], list[str]]:
+    """Returns the runs, oldest first, and a sentence for each that can't be read.
+
+    Args:
+        results: to list.
+        wanted: by name of a field of `RunLine`, the values that it may have.
+        returns: whether the episodes are read for the last returns.
+    """
+    records, problems = results.scan("run")
+    lines = []
+    for record in records:
+        line = _line(record)
+        if all(getattr(line, name) in values for name, values in wanted.items()):
+            try:
+                lines.append(_with_returns(line, record) if returns else line)
+            except WorkError as error:
+                problems.append(str(error))
+    return lines, problems
+
+
+def _line(record: Record) -> RunLine:
+    settings, manifest = record.settings, record.manifest
+    task, algo, representation = (
+        value if isinstance(value := settings.get(name), str) else None
+        for name in ("task", "algo", "representation")
+    )
+    episodes = record.rows("episodes")
+    done = _number(manifest.summary.get("steps_done"))
+    return RunLine(
+        run=record.id,
+        task=task,
+        algo=algo,
+        representation=representation,
+        seed=_number(settings.get("seed")),
+        status=manifest.status,
+        episodes=episodes,
+        steps_done=episodes * EPISODE_STEPS if done is None else done,
+        steps=_number(settings.get("steps")),
+        wall_time=_number(manifest.summary.get("wall_time")),
+        last_return=None,
+        created=manifest.created,
+        updated=manifest.updated,
+    )
+
+
+def _with_returns(line: RunLine, record: Record) -> RunLine:
+    rows = record.read("episodes", schema.EPISODES)
+    if not len(rows):
+        return line
+    last = min(_MOST_EPISODES, max(1, len(rows) // 4))
+    mean = float(np.mean(rows["episode_return"].to_numpy()[-last:]))
+    time = line.wall_time if line.wall_time is not None else rows["wall_time"][-1].as_py()
+    return line._replace(last_return=_number(mean), wall_time=_number(time))
+
+
+def _number(value: Any) -> int | float | None:
+    """Returns a value if it is a finite number: a stranger's manifest may say anything."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,187 @@
+"""Joining the results of several machines: whole records are copied, the sources left as they are.
+
+A record is committed in its new place as everywhere: its files first, its manifest last. A merge
+that was killed is typed again.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from jbench.errors import RequestError, WorkError
+from jbench.store.database import Record, Results
+from jbench.store.manifest import KINDS
+from jbench.store.repair import Aside
+from jbench.store.verify import examine
+
+TIMES = ("wall_time",)
+"""Columns that differ between two makings of the same record."""
+
+Outcome = Literal["copied", "replaced", "same", "kept", "refused"]
+"""What became of a record: copied; taken instead of an unfinished one, which was set aside; there
+already, but for times; kept, being finished where the other is not; or refused."""
+
+
+class Merged(NamedTuple):
+    """What became of one record of a source.
+
+    Attributes:
+        record: of the source, by kind and id; or the source, where one can't be read.
+        outcome: what became of it.
+        reason: why it was refused, as a sentence; else nothing.
+    """
+
+    record: str
+    outcome: Outcome
+    reason: str = ""
+
+
+def merge(
+    results: Results,
+    sources: Sequence[Results],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Merged]:
+    """Joins other results into one directory.
+
+    Args:
+        results: what they are joined into.
+        sources: the others, which are only read.
+        progress: called with the number of records done and of all.
+
+    Raises:
+        RequestError: if a source has no results, or is the directory itself.
+    """
+    for source in sources:
+        _check_source(results, source)
+    # First what others are made of.
+    scanned = [(source, *source.scan(kind)) for kind in KINDS for source in sources]
+    merged = [
+        Merged(str(source.path), "refused", problem)
+        for source, _, problems in scanned
+        for problem in problems
+    ]
+    records = [(source, record) for source, found, _ in scanned for record in found]
+    aside = Aside(results)
+    for done, (source, record) in enumerate(records):
+        progress(done, len(records))
+        name = f"{record.kind} {record.id}"
+        try:
+            merged.append(Merged(name, _merge_one(results, source, record, aside)))
+        except (WorkError, RequestError) as error:
+            merged.append(Merged(name, "refused", str(error)))
+    progress(len(records), len(records))
+    return merged
+
+
+def _check_source(results: Results, source: Results) -> None:
+    if not any((source.path / f"{kind}s").is_dir() for kind in KINDS):
+        raise RequestError(
+            f"{source.path} holds no results; name a directory with datasets, encoders, runs or "
+            "evaluations in it."
+        )
+    if source.path.resolve() == results.path.resolve():
+        raise RequestError(f"{source.path} is the results directory itself; name another.")
+
+
+def _merge_one(results: Results, source: Results, other: Record, aside: Aside) -> Outcome:
+    """Copies a record if it is whole, and if there is none like it yet."""
+    faults = [f for f in examine(source, other.kind, other.id) if f.sort != "leftover"]
+    if faults:
+        raise WorkError(str(faults[0]))
+    other.refresh()
+    own = Record(results, other.kind, other.id)
+    with own.lock():
+        found = results.find(other.kind, other.id)
+        outcome: Outcome = "copied" if found is None else _choice(found, other)
+        if outcome == "replaced":
+            aside.take_record(own.path)
+        if outcome in ("copied", "replaced"):
+            own.take_over(other)
+    return outcome
+
+
+def _choice(own: Record, other: Record) -> Outcome:
+    """Returns what becomes of a record of which there is one already.
+
+    Raises:
+        WorkError: if they are of the same settings and other content.
+    """
+    finished = own.status == "finished", other.status == "finished"
+    if finished == (True, False):
+        return "kept"
+    if finished == (False, True):
+        return "replaced"
+    if own.manifest.files == other.manifest.files:
+        return "same"
+    entries = (*own.manifest.files, *other.manifest.files)
+    tables = sorted({entry.table for entry in entries if entry.table is not None})
+    differences = filter(None, (_difference(own, other, table) for table in tables))
+    difference = next(differences, None)
+    more = [other.rows(table) - own.rows(table) for table in tables]
+    if difference is None and finished == (True, True):
+        difference = _other_files(own, other) or ("another number of rows" if any(more) else None)
+    if difference is None and not any(more):
+        return "same"
+    # Two states of the same work: what has more rows is the later one.
+    if difference is None and min(more) >= 0:
+        return "replaced"
+    if difference is None and max(more) <= 0:
+        return "kept"
+    raise WorkError(
+        f"{other.path} has the settings of {own.path}, but other content ("
+        f"{difference or 'each has rows that the other has not'}); neither is changed."
+    )
+
+
+def _other_files(own: Record, other: Record) -> str | None:
+    """Returns which of the files beside the tables differ."""
+    contents = [
+        {entry.name: entry.sha256 for entry in record.manifest.files if entry.table is None}
+        for record in (own, other)
+    ]
+    names = sorted({name for name, _ in contents[0].items() ^ contents[1].items()})
+    return f"in {', '.join(names)}" if names else None
+
+
+def _difference(own: Record, other: Record, table: str) -> str | None:
+    """Returns where two records differ in the rows of a table that both have, but for times."""
+    first = 0
+    for ours, theirs in _aligned(_rows(own, table), _rows(other, table)):
+        if set(ours.column_names) != set(theirs.column_names):
+            return f"other columns of {table}"
+        for name in ours.column_names:
+            if not _equal(ours[name], theirs[name]):
+                return f"{name} of {table}, in rows {first} to {first + ours.num_rows - 1}"
+        first += ours.num_rows
+    return None
+
+
+def _aligned(
+    own: Iterator[pa.Table], other: Iterator[pa.Table]
+) -> Iterator[tuple[pa.Table, pa.Table]]:
+    """Gives the rows of two tables that come in parts side by side, as far as both go."""
+    ours, theirs = next(own, None), next(other, None)
+    while ours is not None and theirs is not None:
+        count = min(len(ours), len(theirs))
+        yield ours.slice(0, count), theirs.slice(0, count)
+        ours = ours.slice(count) if len(ours) > count else next(own, None)
+        theirs = theirs.slice(count) if len(theirs) > count else next(other, None)
+
+
+def _rows(record: Record, table: str) -> Iterator[pa.Table]:
+    """Gives the rows of a table, file by file, without times."""
+    for entry in record.parts(table):
+        rows = record.rows_of(entry)
+        yield rows.drop_columns([name for name in TIMES if name in rows.column_names])
+
+
+def _equal(own: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
+    """Returns whether two columns are the same; NaN is the same as NaN."""
+    if own.equals(other):
+        return True
+    if not (own.type == other.type and pa.types.is_floating(own.type)):
+        return False
+    same_gaps = own.is_null().equals(other.is_null())
+    return same_gaps and np.array_equal(own.to_numpy(), other.to_numpy(), equal_nan=True)

@@ -1,0 +1,137 @@
+"""What SQL sees of a record: its row, from its manifest, and the tables of its files."""
+
+import json
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+
+from jbench.errors import WorkError
+from jbench.store import schema
+from jbench.store.database import Record
+from jbench.store.identity import settings_hash
+from jbench.store.manifest import Kind
+
+Row = dict[str, Any]
+"""Values by column."""
+
+
+class Tables(NamedTuple):
+    """The tables of a kind of records.
+
+    Attributes:
+        of_records: name of the table that has a row for each record.
+        describe: makes that row.
+        of_files: columns of the tables that the files of a record hold.
+    """
+
+    of_records: str
+    describe: Callable[[Record], Row]
+    of_files: dict[str, pa.Schema]
+
+
+def row_of(record: Record) -> Row:
+    """Returns the row of a record.
+
+    Raises:
+        WorkError: if its manifest says what no column can hold; a stranger's may say anything.
+    """
+    table, describe, _ = KINDS[record.kind]
+    try:
+        row = describe(record)
+        for field in schema.TABLES[table]:
+            pa.scalar(row[field.name], field.type)
+    except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise WorkError(
+            f"The {record.kind} {record.id} has settings that can't be ({reason}); delete "
+            f"{record.path} to make it anew."
+        ) from None
+    return row
+
+
+def variant(settings: dict[str, Any]) -> str:
+    """Returns the hash of a run's settings but seed and steps: of what its seeds share."""
+    return settings_hash({k: v for k, v in settings.items() if k not in ("seed", "steps")})
+
+
+def _run_row(record: Record) -> Row:
+    settings = record.settings
+    return {
+        "run": record.id,
+        **{
+            name: settings.get(name)
+            for name in ("task", "algo", "representation", "encoder", "seed", "steps")
+        },
+        "engine": settings.get("engine"),
+        "time_limit": settings.get("time_limit"),
+        "variant": variant(settings),
+        "episodes": record.rows("episodes"),
+        "wall_time": record.manifest.summary.get("wall_time"),
+        **_common_row(record),
+    }
+
+
+def _encoder_row(record: Record) -> Row:
+    settings, summary = record.settings, record.manifest.summary
+    return {
+        "encoder": record.id,
+        "representation": f"{settings.get('kind')}{settings.get('latents')}",
+        **{name: settings.get(name) for name in ("task", "kind", "latents", "seed", "dataset")},
+        **{name: summary.get(name) for name in ("test_mse", "test_explained", "wall_time")},
+        **_common_row(record),
+    }
+
+
+def _evaluation_row(record: Record) -> Row:
+    settings, summary = record.settings, record.manifest.summary
+    return {
+        "evaluation": record.id,
+        **{name: settings.get(name) for name in ("task", "policy", "seed", "episodes")},
+        **{name: summary.get(name) for name in ("median", "q10", "q90")},
+        **_common_row(record),
+    }
+
+
+def _dataset_row(record: Record) -> Row:
+    return {
+        "dataset": record.id,
+        "seed": record.settings.get("seed"),
+        "steps": record.settings.get("steps"),
+        # A committed episode has a state more than it has steps.
+        "steps_done": record.rows("steps") - record.rows("dataset_episodes"),
+        "bytes": sum(entry.bytes for entry in record.manifest.files),
+        **_common_row(record),
+    }
+
+
+def _common_row(record: Record) -> Row:
+    manifest = record.manifest
+    return {
+        "status": manifest.status,
+        "created": manifest.created,
+        "updated": manifest.updated,
+        "settings": json.dumps(manifest.settings, sort_keys=True),
+        "provenance": json.dumps(manifest.provenance, sort_keys=True),
+    }
+
+
+KINDS: dict[Kind, Tables] = {
+    "run": Tables(
+        "runs", _run_row, {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
+    ),
+    "encoder": Tables(
+        "encoders",
+        _encoder_row,
+        {
+            "encoder_epochs": schema.ENCODER_EPOCHS,
+            "encoder_features": schema.ENCODER_FEATURES,
+            "encoder_errors": schema.ENCODER_ERRORS,
+        },
+    ),
+    "evaluation": Tables(
+        "policy_evaluations", _evaluation_row, {"policy_episodes": schema.POLICY_EPISODES}
+    ),
+    "dataset": Tables("datasets", _dataset_row, {}),
+}
+"""The tables of each kind of records."""

@@ -1,0 +1,81 @@
+"""A system that refuses, for processes of their own: no renaming, no rights, no room.
+
+Each is refused by the kernel itself, and to root as well, whom permissions alone do not stop.
+"""
+
+import ctypes
+import platform
+import resource
+import signal
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PREAMBLE = f"""
+import sys
+from pathlib import Path
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import store_faults
+from jbench.errors import RequestError, WorkError
+from jbench.store import Record, Results, schema
+from store_rows import ROWS, numbers, read
+results = Results(Path(sys.argv[1]))
+"""
+
+CANNOT = 77
+"""Exit code of a process that could not make the system refuse."""
+
+_RENAMES = {"x86_64": (82, 264, 316), "aarch64": (38, 276)}
+_EPERM = 1
+
+
+def run_script(results, script):
+    """Runs a script on a results directory; returns the lines that it printed."""
+    command = [sys.executable, "-c", PREAMBLE + script, str(results.path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    if done.returncode == CANNOT:
+        pytest.skip("this system can't be made to refuse")
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def forbid_renames():
+    """From here on this process can rename nothing (seccomp)."""
+    prctl = ctypes.CDLL(None, use_errno=True).prctl
+    numbers = _RENAMES.get(platform.machine())
+    if numbers is None:
+        sys.exit(CANNOT)
+    load, jump_if_equal, give = 0x20, 0x15, 0x06
+    steps = [struct.pack("HBBI", load, 0, 0, 0)]  # the number of the call
+    for left, number in zip(range(len(numbers), 0, -1), numbers, strict=True):
+        steps.append(struct.pack("HBBI", jump_if_equal, left, 0, number))
+    steps.append(struct.pack("HBBI", give, 0, 0, 0x7FFF0000))  # allowed
+    steps.append(struct.pack("HBBI", give, 0, 0, 0x00050000 | _EPERM))
+    code = ctypes.create_string_buffer(b"".join(steps))
+    program = ctypes.create_string_buffer(
+        struct.pack("HxxxxxxQ", len(steps), ctypes.addressof(code))
+    )
+    no_new_privileges, set_filter, filter_mode = 38, 22, 2
+    refused = prctl(no_new_privileges, 1, 0, 0, 0) or prctl(
+        set_filter, filter_mode, ctypes.byref(program), 0, 0
+    )
+    if refused:
+        sys.exit(CANNOT)
+
+
+def give_up_rights():
+    """From here on permissions stop this process even if it is root's (no capabilities)."""
+    version, this_process = 0x20080522, 0
+    header = struct.pack("Ii", version, this_process)
+    nothing = struct.pack("6I", *[0] * 6)
+    if ctypes.CDLL(None, use_errno=True).capset(header, nothing):
+        sys.exit(CANNOT)
+
+
+def leave_room(largest):
+    """From here on no file can grow beyond so many bytes: a write stops there, as if full."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))

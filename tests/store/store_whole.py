@@ -1,0 +1,53 @@
+"""A results directory of whole records, with the ids that their settings give them."""
+
+import os
+
+import pyarrow as pa
+from store_rows import RUN_SETTINGS, episodes
+
+from jbench.store import settings_hash
+
+
+def add(results, kind, name, settings, tables=None, files=None, finish=True):
+    """A record of the id that its settings give it."""
+    id = f"{name}/s{settings['seed']:02d}-{settings_hash(settings)}"
+    record = results.create(kind, id, settings)
+    record.append({name: rows(id) for name, rows in (tables or {}).items()})
+    if finish:
+        record.finish({"wall_time": 7.5}, files or {})
+    return record
+
+
+def add_whole_run(results, returns=(10.0, 20.0, 60.0), finish=True, **settings):
+    """A run, finished or not."""
+    values = {**RUN_SETTINGS, **settings}
+    name = f"{values['task']}/{values['algo']}/{values['representation']}"
+    tables = {"episodes": lambda id: episodes(id, returns)}
+    return add(results, "run", name, values, tables, {"policy.json": b"{}"}, finish)
+
+
+def add_chain(results):
+    """A dataset, an encoder of it, a run of that and an evaluation of the run."""
+    steps = {
+        "steps": lambda id: pa.table({"episode": [0] * 1001, "step": list(range(1001))}),
+        "dataset_episodes": lambda id: pa.table({"episode": [0]}),
+    }
+    dataset = add(results, "dataset", "random", {"seed": 0, "steps": 1000}, steps)
+    settings = {"kind": "dae", "latents": 12, "seed": 0, "dataset": dataset.id}
+    encoder = add(results, "encoder", "face_direction/dae12", settings, {}, {"encoder.json": b"{}"})
+    run = add_whole_run(results, representation="dae12", encoder=encoder.id)
+    settings = {"task": "face_direction", "policy": run.id, "seed": 0}
+    evaluation = add(results, "evaluation", "face_direction/policy", settings)
+    return dataset, encoder, run, evaluation
+
+
+def snapshot(directory):
+    """What lies in a directory: paths, and the content of files."""
+    return {
+        os.path.relpath(os.path.join(folder, name), directory): open(
+            os.path.join(folder, name), "rb"
+        ).read()
+        for folder, _, found in os.walk(directory)
+        for name in found
+        if not os.path.islink(os.path.join(folder, name))
+    }

@@ -1,0 +1,105 @@
+"""Verdicts on the paper's claims, on fabricated runs whose truth is known."""
+
+import numpy as np
+import pytest
+
+from jbench.report import claims, statistics
+from jbench.report.statistics import Estimate
+
+
+def learn(fabric, finals, *, algo="ddpg", task="face_direction", **more):
+    """Adds a run for each seed that has its final return from half of its episodes on."""
+    for seed, final in enumerate(finals):
+        fabric.run(np.repeat([0.0, final], 40), seed, algo=algo, task=task, **more)
+
+
+def findings(fabric, letter):
+    return [f for f in claims.examine(fabric.cells()[0]) if f.claim == letter]
+
+
+NARROW = 700 + np.linspace(-10, 10, 10)
+WIDE = 700 + np.linspace(-200, 200, 10)
+
+
+def test_equal_rewards_and_smaller_spread_are_found(fabric):
+    learn(fabric, WIDE)
+    learn(fabric, NARROW, representation="dae12")
+    (similar,) = findings(fabric, "a")
+    assert similar.effect.value == pytest.approx(0, abs=1e-9)
+    (spread,) = findings(fabric, "b")
+    assert spread.effect.value == pytest.approx(0.05)  # 10 / 200
+    assert (spread.verdict, spread.seeds, spread.seeds_needed) == ("supported", 10, None)
+    assert spread.compared == "face_direction ddpg dae12 against full"
+
+
+def test_the_other_way_round_is_contradicted(fabric):
+    learn(fabric, NARROW)
+    learn(fabric, WIDE + 300, representation="dae12")
+    assert [f.verdict for f in findings(fabric, "a")] == ["contradicted"]
+    assert [f.verdict for f in findings(fabric, "b")] == ["contradicted"]
+    # Faster: the mean over all episodes is half of the final return, so 150 more.
+    (faster,) = findings(fabric, "c")
+    assert faster.verdict == "supported"
+    assert faster.effect.value == pytest.approx(150)
+
+
+def test_too_few_seeds_leave_it_open_and_say_how_many_would_do(fabric):
+    learn(fabric, [600, 700, 800])
+    learn(fabric, [620, 730, 810], representation="dae12")
+    (faster,) = findings(fabric, "c")
+    assert faster.verdict == "undecided"
+    assert faster.seeds_needed > 3
+    learn(fabric, [500, 600], algo="td3")
+    (few,) = [f for f in findings(fabric, "g") if "td3" in f.compared]
+    assert (few.verdict, few.seeds, few.seeds_needed) == ("undecided", 2, None)
+
+
+def test_the_harder_task_gains_more(fabric):
+    learn(fabric, NARROW)
+    learn(fabric, NARROW + 20, representation="dae12")
+    learn(fabric, NARROW, task="move_in_direction")
+    learn(fabric, NARROW + 100, task="move_in_direction", representation="dae12")
+    (gain,) = findings(fabric, "d")
+    assert gain.effect.value == pytest.approx(0.5 * (100 - 20))
+    assert gain.verdict == "supported"
+
+
+def test_off_policy_against_ppo(fabric):
+    learn(fabric, WIDE + 200, algo="td3")
+    learn(fabric, NARROW, algo="ppo")
+    (higher,) = findings(fabric, "e")
+    assert (higher.effect.value, higher.verdict) == (pytest.approx(200), "supported")
+    (wider,) = findings(fabric, "f")
+    assert (wider.effect.value, wider.verdict) == (pytest.approx(20), "supported")
+
+
+def test_solved_tasks(fabric):
+    learn(fabric, NARROW + 250, algo="sac")  # 940 to 960
+    learn(fabric, NARROW, algo="td3")
+    verdicts = {f.compared.split()[1]: f.verdict for f in findings(fabric, "g")}
+    assert verdicts == {"sac": "supported", "td3": "contradicted"}
+    returns = np.linspace(880, 990, 100)
+    assert claims.examine_heuristic("move_to_pose", returns).verdict == "supported"
+    assert claims.examine_heuristic("move_to_pose", returns - 200).verdict == "contradicted"
+
+
+def test_runs_of_unequal_length_are_compared_over_what_both_have(fabric):
+    fabric.run(np.full(40, 100.0), 0)
+    fabric.run(np.repeat([100.0, 900.0], 40), 0, representation="dae12")
+    (similar,) = findings(fabric, "a")
+    assert similar.effect.value == 0
+
+
+def test_augmented_robots_and_other_settings_are_not_compared(fabric):
+    learn(fabric, NARROW)
+    learn(fabric, NARROW, representation="dae12", augment=3)
+    learn(fabric, NARROW, algo="ppo", representation="dae12")
+    assert not findings(fabric, "a")
+    assert not findings(fabric, "e")
+
+
+def test_a_ratio_needs_as_many_seeds_as_its_logarithm_says():
+    # ln 0.8 = -0.223 of a standard error of 0.2 / 0.8 = 0.25: (2.8016 * 0.25 / 0.223)^2 = 9.85.
+    effect = Estimate(0.8, 0.5, 1.2, 0.2)
+    assert claims.decide(effect, 10, 1.0, logarithmic=True) == ("undecided", 99)
+    assert statistics.LEAST_SEEDS == 3

@@ -1,0 +1,113 @@
+"""Statistics across seeds: rliable's numbers, and numbers worked out by hand."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jbench.report import statistics as st
+
+_MADE = json.loads((Path(__file__).parent / "rliable_oracle" / "made.json").read_text())
+CASES = _MADE["cases"]
+NAMES = ("mean", "median_of_means", "interquartile_mean", "probability_of_improvement")
+
+
+def strata(matrix):
+    """Returns a list of each task's seeds, from rliable's (runs, tasks)."""
+    return list(np.array(matrix).T)
+
+
+def groups(case, name):
+    both = name == "probability_of_improvement"
+    return [strata(case["x"]), strata(case["y"])] if both else [strata(case["x"])]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("case", range(len(CASES)))
+def test_estimates_are_rliables(case, name):
+    wanted = CASES[case]["made"][name]["value"]
+    assert getattr(st, name)(*groups(CASES[case], name)) == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("case", range(len(CASES)))
+def test_intervals_are_rliables_but_for_chance(case, name):
+    low, high = CASES[case]["made"][name]["interval"]
+    found = st.estimate(getattr(st, name), *groups(CASES[case], name), resamples=20_000)
+    # The ends of a bootstrap of 5,000 differ by about 2% of the width (one sd); the scores of
+    # half of the cases are multiples of 25, so their ends may move by one step of a discrete
+    # distribution: 25 over the number of runs averaged.
+    steps = 25 / len(CASES[case]["x"]) if name != "probability_of_improvement" else 0.01
+    assert [found.low, found.high] == pytest.approx([low, high], abs=0.08 * (high - low) + steps)
+
+
+@pytest.mark.parametrize("case", range(len(CASES)))
+def test_performance_profiles_are_rliables(case):
+    profile = st.performance_profile(strata(CASES[case]["x"]), np.array(_MADE["thresholds"]))
+    np.testing.assert_allclose(profile, CASES[case]["profile"], atol=1e-12)
+
+
+def test_tasks_with_unequal_seeds_count_the_same():
+    unequal = [np.array([0.0]), np.array([1.0, 1.0, 1.0])]
+    assert st.mean(unequal) == 0.5
+    assert st.performance_profile(unequal, np.array([0.5])).tolist() == [0.5]
+    assert st.median(unequal) == 1.0  # of four runs: 0, 1, 1, 1
+
+
+def test_spread_by_hand():
+    seeds = [np.arange(11.0)]
+    assert st.interquartile_range(seeds) == 5.0  # 7.5 - 2.5
+    assert st.ten_to_ninety(seeds) == 8.0  # 9 - 1
+    assert st.standard_deviation(seeds) == pytest.approx(np.sqrt(11))  # 110 / 10
+    doubled = [2 * seeds[0]]
+    assert st.ratio(st.interquartile_range)(doubled, seeds) == 2.0
+    assert st.difference(st.median)(doubled, seeds) == 5.0
+
+
+def test_a_vectorised_statistic_is_the_one_of_each_resample():
+    random = np.random.default_rng(0)
+    many = [random.normal(size=(6, 9)), random.normal(size=(6, 4))]
+    for statistic in (st.mean, st.median, st.interquartile_mean, st.standard_deviation):
+        single = [statistic([task[i] for task in many]) for i in range(6)]
+        np.testing.assert_allclose(statistic(many), single, rtol=1e-12)
+
+
+def test_the_same_seed_gives_the_same_interval_and_fewer_than_three_seeds_none():
+    seeds = [np.array([1.0, 2.0, 4.0, 8.0])]
+    assert st.estimate(st.mean, seeds) == st.estimate(st.mean, seeds)
+    assert st.estimate(st.mean, seeds, seed=1) != st.estimate(st.mean, seeds)
+    two = st.estimate(st.mean, [np.array([1.0, 3.0])])
+    assert two.value == 2.0
+    assert np.isnan([two.low, two.high, two.standard_error]).all()
+
+
+def test_an_interval_covers_the_truth_as_often_as_it_says():
+    # Means of 30 normal scores: the percentile bootstrap's 95% are about 93.5% at this size.
+    random = np.random.default_rng(3)
+    drawn = random.normal(size=(400, 30))
+    covered = [
+        found.low <= 0 <= found.high
+        for seeds in drawn
+        if (found := st.estimate(st.mean, [seeds], resamples=1000))
+    ]
+    assert 0.90 <= np.mean(covered) <= 0.97
+
+
+def test_steps_to_a_threshold_keep_seeds_that_never_reach_it():
+    returns = np.array([[1.0, 5.0, 9.0], [9.0, 1.0, np.nan], [1.0, 2.0, 3.0]])
+    steps = st.steps_to_threshold(returns, np.array([10.0, 20.0, 30.0]), 5.0)
+    assert steps.tolist() == [20.0, 10.0, np.inf]
+    assert st.median([steps]) == 20.0
+    found = st.estimate(st.median, [steps])
+    assert (found.low, found.high) == (10.0, np.inf)
+    # Two of three never do: the median itself is later than any run.
+    assert st.median([np.array([10.0, np.inf, np.inf])]) == np.inf
+
+
+def test_seeds_to_decide():
+    # An effect of one standard error needs (1.96 + 0.8416)^2 = 7.85 times the seeds.
+    assert st.seeds_to_decide(1.0, 1.0, 10) == 79
+    assert st.seeds_to_decide(10.0, 1.0, 10) == st.LEAST_SEEDS
+    assert st.seeds_to_decide(0.0, 1.0, 10) is None
+    assert st.seeds_to_decide(1.0, np.nan, 10) is None

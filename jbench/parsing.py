@@ -6,7 +6,7 @@ from typing import TypeVar
 from jbench.errors import RequestError
 from jbench.names import LARGEST_SEED
 
-_MOST_SEEDS = 10_000  # in one range; more is a slip of the keyboard
+_MOST_NUMBERS = 10_000  # in one range; more is a slip of the keyboard
 
 _Name = TypeVar("_Name", bound=str)
 
@@ -70,12 +70,26 @@ def seeds(text: str) -> list[int]:
     Raises:
         RequestError: if it is no such text.
     """
+    return numbers("--seeds", text, "seeds like 0-9, or 0,2,5-7")
+
+
+def numbers(option: str, text: str, example: str) -> list[int]:
+    """Returns the whole numbers of a text like 0-9 or 0,2,5-7, each once, in order.
+
+    Args:
+        option: that the text was typed for.
+        text: what was typed.
+        example: of what to type, for the error.
+
+    Raises:
+        RequestError: if it is no such text.
+    """
     chosen: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
         whole = first.isdecimal() and (not dash or last.isdecimal())
-        if not whole or not 0 <= int(last or first) - int(first) < _MOST_SEEDS:
-            raise RequestError(f"--seeds {text}: type seeds like 0-9, or 0,2,5-7.")
+        if not whole or not 0 <= int(last or first) - int(first) < _MOST_NUMBERS:
+            raise RequestError(f"{option} {text}: type {example}.")
         chosen.update(range(int(first), int(last or first) + 1))
     return sorted(chosen)
 

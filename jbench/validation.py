@@ -12,7 +12,7 @@ SETTINGS = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=Fa
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def validated(kind: type[_Model], whose: str, **values: object) -> _Model:
+def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
     """Returns a settings object.
 
     Args:

@@ -1,158 +1,233 @@
 """From a dataset to a kept encoder with its errors."""
 
 import json
-from collections.abc import Callable
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import safetensors.torch
+import safetensors.numpy
+import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, model_validator
 
-from jbench import validation
-from jbench.datasets import Dataset
-from jbench.encoders import dae
 from jbench.encoders.encoder import DESCRIPTION, WEIGHTS
-from jbench.errors import RequestError
-from jbench.names import LARGEST_SEED
-from jbench.store import Record, Results, schema, settings_hash
-from jbench.tasks.features import TASK_SPECS, feature_labels
+from jbench.encoders.judging import Errors, judge
+from jbench.encoders.kind import Batch, ClosedForm, Kind, Learned
+from jbench.encoders.kinds import make_kind
+from jbench.encoders.loop import Learner, one_thread
+from jbench.encoders.settings import EncoderSettings
+from jbench.encoders.states import States
+from jbench.errors import WorkError
+from jbench.store import Record, Results, schema
+from jbench.tasks.features import feature_labels
 
-_TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
+CHECKPOINT = "checkpoint.safetensors"
 
+_COMMIT_EVERY = 15.0  # s: what a kill can cost, beside the epoch under way
 
-class EncoderSettings(BaseModel):
-    """What an encoder is made of; the id is made from it.
-
-    The paper first; where it is silent (batch, epochs), its authors' script.
-    """
-
-    model_config = validation.SETTINGS
-
-    kind: str = "dae"
-    task: str = "face_direction"
-    dataset: str = Field(description="id of the random-policy dataset")
-    latents: int = Field(default=12, ge=1, description="paper, Figures 7 and 8")
-    noise: float = Field(
-        default=0.1, ge=0, description="sd on each scaled feature; paper, section 5.2"
-    )
-    epochs: int = Field(default=200, ge=1, description="authors' script")
-    batch: int = Field(default=8192, ge=1, description="rows; authors' script")
-    learning_rate: float = Field(
-        default=1e-3, gt=0, description="Adam's default; paper, section 5.2 (script: 5e-4)"
-    )
-    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
-
-    @model_validator(mode="after")
-    def _reduces(self) -> "EncoderSettings":
-        size = TASK_SPECS[self.task].observation_size
-        if self.latents > size:
-            raise ValueError(f"{self.task} has {size} features: type --latent 1 to {size}")
-        return self
-
-    @property
-    def representation(self) -> str:
-        """What the report calls observations encoded by it, such as dae12."""
-        return f"{self.kind}{self.latents}"
-
-    @property
-    def id(self) -> str:
-        """The encoder's id, such as face_direction/dae12/s00-1f9a2c4e."""
-        return (
-            f"{self.task}/{self.representation}/s{self.seed:02d}-{settings_hash(self.model_dump())}"
-        )
-
-
-def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Returns the numbers of the episodes to learn from and of those held out, 80 to 20.
-
-    Whole episodes, so that no held-out state is the neighbour of a state learned from.
-    """
-    order = np.random.default_rng(np.random.SeedSequence(seed)).permutation(episodes)
-    held_out = max(1, round(_TEST_SHARE * episodes))
-    return np.sort(order[held_out:]), np.sort(order[:held_out])
+WeightArrays = dict[str, NDArray[np.float32]]
 
 
 def train_encoder(
     settings: EncoderSettings,
-    dataset: Dataset,
+    states: States,
     results: Results,
     progress: Callable[[int], None] = lambda epoch: None,
+    *,
+    device: torch.device = torch.device("cpu"),  # noqa: B008 - a constant
+    commit_every: float = _COMMIT_EVERY,
 ) -> Record:
-    """Trains and keeps an encoder, or finds it finished.
+    """Trains and keeps an encoder, or continues one, or finds it finished.
 
-    An unfinished training starts over.
+    A training that was killed ends in the same weights, bit for bit, as one that was not.
 
     Args:
         settings: of the encoder.
-        dataset: the one that the settings name.
+        states: of the settings' dataset, task and seed; read once for all encoders of them.
         results: where the encoder goes.
-        progress: called with the number of epochs done.
+        progress: called with the number of epochs done; a closed form has one.
+        device: to compute on.
+        commit_every: seconds between checkpoints, each at the end of an epoch.
 
     Raises:
-        RequestError: if the dataset has fewer than two episodes.
-        WorkError: if another process trains it, or the dataset is damaged.
+        ValueError: if the states are not those of the settings.
+        RequestError: if a training that was begun can't go on on this device.
+        WorkError: if another process trains it, the dataset is damaged, or the training diverges.
     """
+    if (states.dataset.id, states.task, states.seed) != (
+        *(settings.dataset, settings.task, settings.seed),
+    ):
+        raise ValueError(f"these are not the states of {settings.id}")
     record = Record(results, "encoder", settings.id)
     with record.lock():
         found = results.find("encoder", settings.id)
         if found is not None and found.status == "finished":
             return found
-        if dataset.episodes < 2:
-            raise RequestError(
-                f"The dataset {dataset.id} has one episode, and one is held out; type "
-                "jbench collect with more --steps."
+        kind = make_kind(settings.kind, settings.options)
+        states.read(device)
+        goes_on = found is not None and found.has_checkpoint(CHECKPOINT)
+        if found is None or not goes_on:
+            found = results.create("encoder", settings.id, settings.model_dump())
+        found.clean()
+        with one_thread():
+            weights = _weights(kind, settings, states, found, device, progress, commit_every)
+            # They are there if a kill came after them, in a commit of their own.
+            if not found.rows("encoder_errors"):
+                found.append(
+                    _tables(found, settings, judge(kind, weights, settings.latents, states))
+                )
+        _finish(found, settings, states, weights, device)
+    return found
+
+
+def _weights(
+    kind: Kind,
+    settings: EncoderSettings,
+    states: States,
+    record: Record,
+    device: torch.device,
+    progress: Callable[[int], None],
+    commit_every: float,
+) -> WeightArrays:
+    """Returns the weights of an encoder, of numpy in float32."""
+    if isinstance(kind, ClosedForm):
+        fitted = kind.fit(states.learned, settings.latents, settings.seed)
+        progress(1)
+        return {name: np.ascontiguousarray(v, np.float32) for name, v in fitted.items()}
+    assert isinstance(kind, Learned)
+    learner = Learner(kind, states.size, settings.latents, settings.seed, device)
+    if record.has_checkpoint(CHECKPOINT):
+        learner.restore(record.read_file(CHECKPOINT))
+    _learn(learner, states, record, progress, commit_every)
+    return {name: value.detach().cpu().numpy() for name, value in learner.weights.items()}
+
+
+def _learn(
+    learner: Learner,
+    states: States,
+    record: Record,
+    progress: Callable[[int], None],
+    commit_every: float,
+) -> None:
+    """Goes through the epochs that are left, committing their rows with a checkpoint."""
+    done = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
+    before = done[-1]["wall_time"] if done else 0.0
+    tell = _teller(learner, states)
+    rows: list[dict[str, Any]] = []
+    began, committed = time.perf_counter(), -math.inf
+    progress(len(done))
+    for epoch in range(len(done) + 1, learner.kind.epochs + 1):
+        loss = learner.epoch(states)
+        if not math.isfinite(loss):
+            raise WorkError(
+                f"The training of {record.id} diverged: the loss of epoch {epoch} is {loss}; type "
+                "a smaller --learning-rate."
             )
-        observations = dataset.observations(settings.task)
-        record = results.create("encoder", settings.id, settings.model_dump())
-        learned, held_out = split_episodes(len(observations), settings.seed)
-        size = observations.shape[-1]
-        training = dae.train(
-            observations[learned].reshape(-1, size),
-            observations[held_out].reshape(-1, size),
-            progress=progress,
-            **settings.model_dump(
-                include={"latents", "noise", "epochs", "batch", "learning_rate", "seed"}
-            ),
-        )
-        _keep(record, settings, training)
-    return record
+        row = {"encoder": record.id, "epoch": epoch, "train_loss": loss, **tell()}
+        now = time.perf_counter()
+        rows.append({**row, "wall_time": before + now - began})
+        if now - committed >= commit_every or epoch == learner.kind.epochs:
+            table = pa.Table.from_pylist(rows, schema.ENCODER_EPOCHS)
+            record.append({"encoder_epochs": table}, {CHECKPOINT: learner.to_bytes()})
+            rows, committed = [], now
+        progress(epoch)
 
 
-def _keep(record: Record, settings: EncoderSettings, training: dae.Training) -> None:
-    """Commits the rows, the weights and the description of a trained encoder."""
+def _teller(learner: Learner, states: States) -> Callable[[], dict[str, float | None]]:
+    """Returns what tells the errors after an epoch, always on the same states and corruption."""
+    kind, ahead = learner.kind, learner.kind.steps_ahead
+    device = learner.random.device
+    numbers = torch.arange(states.sample.pairs(ahead), device=device)
+    clean = states.sample.take(numbers, ahead, kind.uses_actions)
+    # A generator of its own: telling an error changes nothing of the training.
+    corrupted = kind.prepare(clean, learner.latents, torch.Generator(device).manual_seed(0))
+
+    @torch.no_grad()
+    def error(batch: Batch) -> float:
+        rebuilt = kind.decode(learner.weights, kind.encode(learner.weights, batch.now))
+        wanted = clean.later if kind.decodes_later else clean.now
+        return float((rebuilt - wanted).square().mean(dtype=torch.float64))
+
+    def tell() -> dict[str, float | None]:
+        same = corrupted.now is clean.now
+        return {
+            "test_mse": error(clean),
+            "test_denoising_mse": None if same else error(corrupted),
+        }
+
+    return tell
+
+
+def _tables(
+    record: Record, settings: EncoderSettings, errors: Mapping[str, Errors]
+) -> dict[str, pa.Table]:
+    """Returns the rows of an encoder's errors: of each feature, and of all together."""
+    test, heuristic = errors["test"], errors["heuristic"]
+    columns = {
+        "test_mse": test.mse,
+        "test_variance": test.variance,
+        "pca_mse": test.pca,
+        "random_mse": test.random,
+        "heuristic_mse": heuristic.mse,
+        "heuristic_variance": heuristic.variance,
+        "pca_heuristic_mse": heuristic.pca,
+        "random_heuristic_mse": heuristic.random,
+    }
     labels = feature_labels(settings.task)
-    errors, variances = training.feature_errors, training.feature_variances
-    features = [
-        {
-            "encoder": record.id,
-            "index": index,
-            "feature": label,
-            "test_mse": errors[index],
-            "test_variance": variances[index],
-        }
-        for index, label in enumerate(labels)
-    ]
-    epochs = [{"encoder": record.id, **row} for row in training.epochs]
-    record.append(
-        {
-            "encoder_epochs": pa.Table.from_pylist(epochs, schema.ENCODER_EPOCHS),
-            "encoder_features": pa.Table.from_pylist(features, schema.ENCODER_FEATURES),
-        }
-    )
+    features = {
+        "encoder": [record.id] * len(labels),
+        "index": range(len(labels)),
+        "feature": labels,
+        **columns,
+    }
+    totals = {
+        "encoder": record.id,
+        "test_states": test.states,
+        "heuristic_states": heuristic.states,
+        **{name: float(values.mean()) for name, values in columns.items()},
+        "test_explained": test.explained(test.mse),
+        "pca_explained": test.explained(test.pca),
+        "random_explained": test.explained(test.random),
+        "heuristic_explained": heuristic.explained(heuristic.mse),
+        "pca_heuristic_explained": heuristic.explained(heuristic.pca),
+        "random_heuristic_explained": heuristic.explained(heuristic.random),
+    }
+    return {
+        "encoder_features": pa.table(features, schema=schema.ENCODER_FEATURES),
+        "encoder_errors": pa.Table.from_pylist([totals], schema.ENCODER_ERRORS),
+    }
+
+
+def _finish(
+    record: Record,
+    settings: EncoderSettings,
+    states: States,
+    weights: WeightArrays,
+    device: torch.device,
+) -> None:
+    """Commits the weights and the description of a trained encoder."""
     description = {
         "kind": settings.kind,
+        "options": settings.options,
         "task": settings.task,
         "latents": settings.latents,
-        "features": labels,
-        "minimum": training.scaling.minimum.tolist(),
-        "maximum": training.scaling.maximum.tolist(),
+        "features": feature_labels(settings.task),
+        "minimum": states.scaling.minimum.tolist(),
+        "maximum": states.scaling.maximum.tolist(),
     }
-    last = training.epochs[-1]
+    (totals,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()
+    epochs = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
+    told = ("test_mse", "test_explained", "pca_explained", "heuristic_explained")
     record.finish(
-        {"test_mse": last["test_mse"], "wall_time": last["wall_time"]},
+        {
+            **{name: totals[name] for name in told},
+            "wall_time": epochs[-1]["wall_time"] if epochs else None,
+            "device": device.type,
+        },
         {
             DESCRIPTION: json.dumps(description, indent=1).encode(),
-            WEIGHTS: safetensors.torch.save(training.model.state_dict()),
+            WEIGHTS: safetensors.numpy.save(weights),
         },
     )

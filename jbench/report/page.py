@@ -38,9 +38,16 @@ _FINAL = (
     "The published median is the paper's best at the same number of control steps."
 )
 
+_REDUCED = (
+    "The fraction of the variance of the scaled features that an encoder does not give back, on "
+    "held-out episodes of its dataset and on episodes of the task's hand-written policy; beside it "
+    "PCA and a random projection of the same size, on the same states. Medians across seeds."
+)
+
 
 def render(
     table: pd.DataFrame,
+    encoders: pd.DataFrame,
     pictures: Mapping[str, bytes],
     notes: Sequence[str],
     problems: Sequence[str],
@@ -49,6 +56,7 @@ def render(
 
     Args:
         table: of the report.
+        encoders: errors of encoders, as `encoders.encoder_table` returns them.
         pictures: content of the figures' files, by name; the PNGs are put into the page.
         notes: sentences for a reader of the curves.
         problems: sentences on what can't be read.
@@ -69,6 +77,7 @@ def render(
             *_list("Problems", problems, "problems"),
             *_learning(table),
             *[_figure(name, content) for name, content in images],
+            *_encoders(encoders),
             *_list("Notes", notes, "notes"),
             "</body>",
             "</html>",
@@ -80,13 +89,35 @@ def render(
 def _learning(table: pd.DataFrame) -> list[str]:
     """Returns what the page says of runs; without any it shows what policies do, and no more."""
     if table.empty:
-        return ["<h2>Policies</h2>", "<p>There are no runs yet; these policies were evaluated.</p>"]
+        return ["<p>There are no runs yet; this is what else was made.</p>"]
     return [
         "<h2>Final returns</h2>",
         f"<p>{escape(_FINAL)}</p>",
         _table(table),
         "<h2>Curves</h2>",
         f"<p>{escape(_ORDERS)}</p>",
+    ]
+
+
+def _encoders(table: pd.DataFrame) -> list[str]:
+    """Returns the table of encoders, if there are any."""
+    if table.empty:
+        return []
+    header = ("task", "kind", "latents", "seeds", "not explained", "PCA's", "random projection's")
+    more = ("heuristic's episodes", "PCA's there")
+    rows = ["<tr>", *[f"<th>{escape(name)}</th>" for name in (*header, *more)], "</tr>"]
+    for row in table.to_dict("records"):
+        fractions = ("test", "pca", "random", "heuristic", "pca_heuristic")
+        numbers = [str(row["latents"]), str(row["seeds"]), *(f"{row[n]:.4f}" for n in fractions)]
+        kind = " ".join(filter(None, (row["kind"], row["settings"])))
+        rows.append("<tr>")
+        rows += [f"<td>{escape(text)}</td>" for text in (row["task"], kind)]
+        rows += [f'<td class="number">{text}</td>' for text in numbers]
+        rows.append("</tr>")
+    return [
+        "<h2>Encoders</h2>",
+        f"<p>{escape(_REDUCED)}</p>",
+        "\n".join(['<div class="wide">', "<table>", *rows, "</table>", "</div>"]),
     ]
 
 
@@ -101,7 +132,7 @@ def _figure(name: str, content: bytes) -> str:
     data = base64.b64encode(content).decode()
     title = name.removesuffix(".png")
     return (
-        f'<figure><img alt="{escape(f"Learning curves: {title}")}" '
+        f'<figure><img alt="{escape(f"Figure: {title}")}" '
         f'src="data:image/png;base64,{data}"><figcaption>{escape(title)}</figcaption></figure>'
     )
 

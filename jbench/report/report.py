@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import ORDERS, Order
-from jbench.report import behaviour, figures, page, panels, sequences
+from jbench.report import behaviour, encoders, figures, page, panels, sequences
 from jbench.report.cells import Cell, build_cells, file_name, usable_runs
 from jbench.report.curves import (
     QUANTILES,
@@ -97,13 +97,15 @@ def write_report(
     runs, unusable = usable_runs(tables["runs"])
     seen, unread = behaviour.behaviours(results, task)
     problems = [*problems, *unusable, *unread]
-    # Policies that were only evaluated can be drawn without any run.
-    if runs.empty and (algo is not None or not seen):
+    reduced = encoders.encoder_table(tables, task)
+    # Policies that were only evaluated, and encoders, can be drawn without any run.
+    drawable = bool(seen) or not reduced.empty
+    if runs.empty and (algo is not None or not drawable):
         raise _nothing_to_report(results, problems)
     if not runs.empty:
         runs = _filter(runs, task, algo)
     cells, notes = build_cells(runs, tables["episodes"])
-    if not cells and not seen:
+    if not cells and not drawable:
         raise RequestError(f"No run has an episode yet; wait for them. {' '.join(notes)}")
     # The figures choose from these by the paper's figure.
     published = [*read_published(tables["published"]), *read_sequences(tables["published"])]
@@ -111,13 +113,15 @@ def write_report(
     notes += _sentences(learned, published, window)
     table = summary_table(learned, published, window)
     aggregate = aggregate_curves(learned)
-    pictures = _draw(learned, published, order, window, behaviour.draw(seen))
+    more = {**behaviour.draw(seen), **encoders.draw(reduced)}
+    pictures = _draw(learned, published, order, window, more)
     contents = {
         "aggregate.parquet": _to_parquet(aggregate),
         "aggregate.csv": query.to_csv(aggregate).encode(),
         "table.csv": query.to_csv(table).encode(),
+        **({} if reduced.empty else {"encoders.csv": query.to_csv(reduced).encode()}),
         **pictures,
-        "index.html": page.render(table, pictures, notes, problems).encode(),
+        "index.html": page.render(table, reduced, pictures, notes, problems).encode(),
     }
     files = _write(out, contents)
     drawn = [path for path in files if path.name in pictures]

@@ -6,7 +6,9 @@ import pytest
 import torch
 from encoder_data import make_dataset
 
-from jbench.encoders.training import EncoderSettings, train_encoder
+from jbench.encoders.settings import encoder_settings
+from jbench.encoders.states import States
+from jbench.encoders.training import train_encoder
 from jbench.store import Results
 
 
@@ -29,6 +31,10 @@ def trained(tmp_path_factory):
     """A dataset of five episodes and an encoder of it, to look at and not to change."""
     results = Results(tmp_path_factory.mktemp("trained") / "results")
     dataset = make_dataset(results)
-    settings = EncoderSettings(dataset=dataset.id, latents=3, epochs=4, batch=500, seed=2)
-    record = train_encoder(settings, dataset, results)
-    return SimpleNamespace(results=results, dataset=dataset, settings=settings, record=record)
+    options = {"epochs": 4, "batch": 500}
+    settings = encoder_settings("dae", options, dataset=dataset.id, latents=3, seed=2)
+    states = States(dataset, "face_direction", 2)
+    record = train_encoder(settings, states, results)
+    return SimpleNamespace(
+        results=results, dataset=dataset, settings=settings, states=states, record=record
+    )

@@ -25,20 +25,36 @@ def made_up_states(episodes):
     )
 
 
-def make_dataset(results, id="random/a", state=None, episodes=5):
-    """A finished dataset of these states, all targets at the origin."""
+def made_up_actions(episodes):
+    """Actions (episodes, 1000), each its own."""
+    return np.random.default_rng(episodes + 1).uniform(-1, 1, (episodes, 1000)).astype(np.float32)
+
+
+def make_dataset(results, id="random/a", state=None, episodes=5, each=25):
+    """A finished dataset of these states in files of so many episodes, targets at the origin."""
     state = made_up_states(episodes) if state is None else state
-    actions = np.zeros((len(state.motor_position), 1000), np.float32)
-    targets = {name: np.zeros(len(actions)) for name in layout.EPISODES.names}
+    episodes = len(state.motor_position)
+    actions = made_up_actions(episodes)
     record = results.create("dataset", id, {})
-    record.append(
-        {
-            "steps": layout.steps_table(0, state, actions),
-            "dataset_episodes": pa.table(targets).cast(layout.EPISODES),
-        }
-    )
+    for first in range(0, episodes, each):
+        part = slice(first, first + each)
+        numbers = np.arange(episodes)[part]
+        targets = {name: np.zeros(len(numbers)) for name in layout.EPISODES.names}
+        record.append(
+            {
+                "steps": layout.steps_table(
+                    first, State(*(values[part] for values in state)), actions[part]
+                ),
+                "dataset_episodes": pa.table(targets | {"episode": numbers}).cast(layout.EPISODES),
+            }
+        )
     record.finish({}, compact=False)
     return Dataset(record)
+
+
+def observations_of(dataset, task="face_direction"):
+    """All observations (episodes, 1001, size), the last after the last action."""
+    return np.concatenate([block.observations for block in dataset.blocks(task)])
 
 
 def alter_manifest(record, **changes):

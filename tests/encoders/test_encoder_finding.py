@@ -9,10 +9,15 @@ import gymnasium
 import numpy as np
 import pytest
 import safetensors.numpy
+import torch
 from encoder_data import alter_manifest
 
 from jbench.encoders import find_encoder, load_encoder
-from jbench.encoders.encoder import DESCRIPTION, WEIGHTS
+from jbench.encoders.ae import Autoencoder
+from jbench.encoders.encoder import DESCRIPTION, WEIGHTS, KeptEncoder
+from jbench.encoders.scaling import Scaling
+from jbench.encoders.settings import encoder_settings
+from jbench.encoders.training import train_encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results
@@ -80,6 +85,17 @@ def test_number_means_the_newest_finished_autoencoder_of_that_size_and_task(resu
     assert find_encoder(results, "12", "move_to_pose") == "move_to_pose/dae12/f"
 
 
+def test_kind_and_number_mean_the_newest_finished_encoder_of_both(results):
+    add(results, "face_direction/lld-vae12/a", "2021", kind="lld-vae")
+    add(results, "face_direction/lld-vae12/b", "2023", kind="lld-vae")
+    add(results, "face_direction/lld-vae12/c", "2024", kind="lld-vae", finished=False)
+    add(results, "face_direction/lld-vae8/d", "2025", kind="lld-vae", latents=8)
+    add(results, "face_direction/dae12/e", "2026")
+    assert find_encoder(results, "lld-vae:12", "face_direction") == "face_direction/lld-vae12/b"
+    assert find_encoder(results, "lld-vae:8", "face_direction") == "face_direction/lld-vae8/d"
+    assert find_encoder(results, "dae:12", "face_direction") == "face_direction/dae12/e"
+
+
 def test_encoder_is_found_by_its_id(trained):
     assert find_encoder(trained.results, trained.record.id, "face_direction") == trained.record.id
 
@@ -95,8 +111,12 @@ def test_encoder_of_another_task_is_refused_with_the_command_to_type(trained):
 def test_none_of_that_size_names_the_command_to_type(results):
     add(results, "face_direction/dae11/a", "2020", latents=11)
     assert refusal(results, "12") == (
-        f"No denoising autoencoder of 12 latents for face_direction in {results.path}; type "
+        f"No dae of 12 latents for face_direction in {results.path}; type "
         "jbench train-dae --task face_direction --latent 12 to make one."
+    )
+    assert refusal(results, "lld-vae:8") == (
+        f"No lld-vae of 8 latents for face_direction in {results.path}; type "
+        "jbench train-encoder --kind lld-vae --task face_direction --latent 8 to make one."
     )
 
 
@@ -115,6 +135,15 @@ def test_unknown_id_is_answered_with_the_known_ones(results):
     )
 
 
+@pytest.mark.parametrize("wanted", ["dae:0", "dae:17", "dae:", "dae:-1", "pca:1.5", "ae:x"])
+def test_kind_with_a_number_that_cannot_be_is_refused_with_the_range(results, wanted):
+    assert "An encoder of face_direction has 1 to 16 latents" in refusal(results, wanted)
+
+
+def test_unknown_kind_is_answered_with_the_known_ones(results):
+    assert refusal(results, "aee:3").startswith("No kind of encoder 'aee'; did you mean ae?")
+
+
 @pytest.mark.parametrize("wanted", ["-3", "../x", "/etc/passwd", ""])
 def test_what_is_neither_number_nor_id_is_refused(results, wanted):
     assert "is not an id" in refusal(results, wanted)
@@ -127,8 +156,8 @@ def test_superscript_number_is_refused(results):
 def test_unfinished_encoder_is_refused(results):
     add(results, "face_direction/dae12/a", "2020", finished=False)
     assert refusal(results, "face_direction/dae12/a") == (
-        "The encoder face_direction/dae12/a is unfinished; type the jbench train-dae command "
-        "that began it."
+        "The encoder face_direction/dae12/a is unfinished; type the command that began it again "
+        "and it continues."
     )
 
 
@@ -161,6 +190,9 @@ FOREIGN_WEIGHTS = {
     "other sizes": lambda content: safetensors.numpy.save(
         {"encoder.weight": np.zeros((16, 3), "f4"), "encoder.bias": np.zeros(3, "f4")}
     ),
+    "no numbers": lambda content: safetensors.numpy.save(
+        {name: value * np.nan for name, value in safetensors.numpy.load(content).items()}
+    ),
     "huge": lambda content: (2**63).to_bytes(8, "little") + content[8:],
 }
 
@@ -183,6 +215,12 @@ FOREIGN_DESCRIPTIONS = {
     "scaling of words": lambda known: {**known, "maximum": ["one"] * 16},
     "other latents": lambda known: {**known, "latents": 4},
     "other features": lambda known: {**known, "features": known["features"][:-1]},
+    "other kind": lambda known: {**known, "kind": "pca"},
+    "unknown kind": lambda known: {**known, "kind": "os"},
+    "no kind": lambda known: {**known, "kind": None},
+    "other options": lambda known: {**known, "options": {"rate": 1}},
+    "no options": lambda known: {**known, "options": None},
+    "no latents": lambda known: {**known, "latents": 0},
 }
 
 
@@ -227,3 +265,74 @@ def test_environment_with_an_encoder_observes_its_latents(trained):
     for seen, latents in pairs:
         np.testing.assert_array_equal(latents, encoder.encode(seen))
         assert encoded.observation_space.contains(latents)
+
+
+OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)
+
+# Two latents of three features, of which the second never changes.
+WEIGHTS_BY_HAND = {
+    "encoder.weight": np.array([[0.5, 9.0, -1.0], [0.25, 9.0, 0.75]], np.float32),
+    "encoder.bias": np.array([0.1, -0.2], np.float32),
+    "decoder.weight": np.zeros((3, 2), np.float32),
+    "decoder.bias": np.zeros(3, np.float32),
+}
+LATENTS = np.tanh(
+    [
+        # OBSERVATIONS scaled by hand: (-1, 0, -1), (1, 0, 0), (-0.5, 0, 1).
+        [-0.5 + 1 + 0.1, -0.25 - 0.75 - 0.2],
+        [0.5 + 0.1, 0.25 - 0.2],
+        [-0.25 - 1 + 0.1, -0.125 + 0.75 - 0.2],
+    ]
+)
+
+
+@pytest.fixture
+def by_hand():
+    return KeptEncoder(Autoencoder(), WEIGHTS_BY_HAND, Scaling.of(OBSERVATIONS), 2)
+
+
+def test_encoder_is_its_kind_on_scaled_features(by_hand):
+    assert by_hand.latent_size == 2
+    found = by_hand.encode(OBSERVATIONS)
+    np.testing.assert_allclose(found, LATENTS, atol=1e-6)
+    assert found.dtype == by_hand.encode(OBSERVATIONS.astype(np.float64)).dtype == np.float32
+
+
+@pytest.mark.parametrize("shape", [(3,), (1, 3), (4, 3), (2, 5, 3), (0, 3)])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_leading_axes_are_free_in_numpy_and_in_torch(by_hand, shape, dtype):
+    batch = np.random.default_rng(0).uniform(-2, 6, shape).astype(np.float32)
+    scaled = batch.reshape(-1, 3) * [0.5, 0, 0.5] + [-1, 0, -0.5]
+    layer = WEIGHTS_BY_HAND["encoder.weight"].T, WEIGHTS_BY_HAND["encoder.bias"]
+    wanted = np.tanh(scaled @ layer[0] + layer[1]).reshape(*shape[:-1], 2)
+    ours, theirs = by_hand.encode(batch), by_hand.encode(torch.from_numpy(batch).to(dtype))
+    assert isinstance(ours, np.ndarray)
+    assert isinstance(theirs, torch.Tensor)
+    assert theirs.dtype == dtype
+    np.testing.assert_allclose(ours, wanted, atol=1e-6)
+    exact = 1e-7 if dtype == torch.float64 else 1e-6  # the weights are kept in float32
+    np.testing.assert_allclose(theirs.numpy(), wanted, atol=exact)
+
+
+def test_constant_feature_says_nothing_whatever_it_becomes(by_hand):
+    changed = OBSERVATIONS + np.array([0, 100, 0], np.float32)
+    np.testing.assert_array_equal(by_hand.encode(changed), by_hand.encode(OBSERVATIONS))
+
+
+@pytest.mark.parametrize("kind", ["ae", "ddae", "vae", "lld-vae", "pca", "random"])
+def test_encoder_of_every_kind_is_kept_and_used_as_an_observation(trained, results, kind):
+    options = {} if kind in ("pca", "random") else {"epochs": 1}
+    settings = encoder_settings(kind, options, dataset=trained.dataset.id, latents=4, seed=2)
+    record = train_encoder(settings, trained.states, results)
+    assert record.id.startswith(f"face_direction/{kind}4/s02-")
+    id = find_encoder(results, f"{kind}:4", "face_direction")
+    assert id == record.id
+    encoder, _ = load_encoder(Results(results.path), id)
+    encoded = EncodedObservation(gymnasium.make(environment_id("face_direction")), encoder)
+    latents, _ = encoded.reset(seed=0)
+    assert encoded.observation_space.contains(latents)
+    assert latents.shape == (4,)
+    seen = encoded.env.reset(seed=0)[0]
+    np.testing.assert_array_equal(encoder.encode(seen), latents)
+    many = encoder.encode(torch.from_numpy(np.stack([seen, seen])))
+    np.testing.assert_allclose(many.numpy(), [latents, latents], atol=1e-5)

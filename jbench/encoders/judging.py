@@ -1,0 +1,154 @@
+"""The errors of an encoder: on held-out episodes, and on those of a policy that is not random.
+
+Beside every encoder stand PCA's errors and those of a random projection of the same size, fitted to
+the same states and told on the same scaled ones.
+"""
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from jbench.encoders.kind import ClosedForm, Kind
+from jbench.encoders.moments import FloatArray, Moments, affine_errors
+from jbench.encoders.pca import PrincipalComponents
+from jbench.encoders.random_projection import RandomProjection
+from jbench.encoders.states import Shard, States
+from jbench.names import EPISODE_STEPS
+from jbench.simulation import Robots
+from jbench.tasks import features, resets
+from jbench.tasks import model as robot
+from jbench.tasks.heuristics import heuristic
+
+_EPISODES = 10  # of the heuristic
+_THREADS = 2
+# None of the seeds of `jbench evaluate` or of a tuning: an entropy of its own.
+_SEED = 20200419
+_ROWS = 65536  # reconstructed at a time
+
+_BESIDE: dict[str, ClosedForm] = {"pca": PrincipalComponents(), "random": RandomProjection()}
+
+
+class Errors(NamedTuple):
+    """Mean squared errors on some states.
+
+    Attributes:
+        mse: (size,) of each scaled feature.
+        variance: (size,) of each scaled feature of the states that are reconstructed.
+        pca: (size,) of PCA of the same size.
+        random: (size,) of a random projection of the same size.
+        states: how many.
+    """
+
+    mse: FloatArray
+    variance: FloatArray
+    pca: FloatArray
+    random: FloatArray
+    states: int
+
+    def explained(self, mse: FloatArray) -> float:
+        """Returns the fraction of the states' variance that is explained, all features together."""
+        total = self.variance.sum()
+        return float(1 - mse.sum() / total) if total else 0.0
+
+
+def judge(
+    kind: Kind, weights: Mapping[str, Any], latents: int, states: States
+) -> dict[str, Errors]:
+    """Returns the errors on the held-out episodes, `test`, and on the heuristic's, `heuristic`.
+
+    Args:
+        kind: of the encoder.
+        weights: of the encoder, float32, of numpy.
+        latents: how many.
+        states: those that it was trained on.
+    """
+    augment = states.dataset.record.settings.get("augment")
+    observed, actions = heuristic_episodes(states.task, augment)
+    ours = states.scale(observed)
+    foreign = Shard(torch.from_numpy(ours), torch.from_numpy(actions)).to(states.device)
+    on_device = {n: torch.from_numpy(v).to(states.device) for n, v in weights.items()}
+    judged = {"test": (states.test(), states.held_out), "heuristic": ([foreign], Moments.of(ours))}
+    beside = {
+        name: _reconstruction(other, other.fit(states.learned, latents, states.seed), states.size)
+        for name, other in _BESIDE.items()
+    }
+    return {
+        data: Errors(
+            *reconstruction_errors(kind, on_device, shards),
+            **{name: affine_errors(*affine, moments) for name, affine in beside.items()},
+            states=moments.rows,
+        )
+        for data, (shards, moments) in judged.items()
+    }
+
+
+@torch.no_grad()
+def reconstruction_errors(
+    kind: Kind, weights: Mapping[str, Tensor], shards: Iterable[Shard]
+) -> tuple[FloatArray, FloatArray]:
+    """Returns the (size,) mean squared errors and variances of what a kind reconstructs."""
+    sums: Any = 0
+    count = 0
+    for shard in shards:
+        ahead = kind.steps_ahead if kind.decodes_later else 0
+        for chosen in torch.arange(shard.pairs(ahead), device=shard.states.device).split(_ROWS):
+            batch = shard.take(chosen, ahead)
+            wanted = batch.later.double()
+            error = kind.decode(weights, kind.encode(weights, batch.now)) - batch.later
+            of = (error.double().square(), wanted, wanted.square())
+            sums = sums + torch.stack([values.sum(0) for values in of]).cpu().numpy()
+            count += len(chosen)
+    error_of, mean, square = sums / count
+    return error_of, np.maximum(square - mean**2, 0)
+
+
+@cache
+def heuristic_episodes(
+    task: str, augment: int | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Returns (10, 1001, size) observations and (10, 1000) actions of a task's heuristic.
+
+    They are the same in every process: the seeds are fixed, and used for nothing else.
+
+    Args:
+        task: one of `jbench.names.TASKS`.
+        augment: seed of the augmented robot; None for the plain one.
+    """
+    quaternions, targets = [], []
+    for episode in range(_EPISODES):
+        sequence = np.random.SeedSequence(_SEED, spawn_key=(episode,))
+        random = np.random.default_rng(sequence)
+        quaternions.append(resets.draw_quaternion(random))
+        targets.append(resets.draw_target(task, random))
+    target = features.Target(
+        np.stack([t.position for t in targets]), np.array([t.yaw for t in targets])
+    )
+    policy = heuristic(task)
+    policy.reset(_EPISODES)
+    observed, actions = [], []
+    with Robots(robot.load(augment), _EPISODES, _THREADS) as robots:
+        state = robots.reset(np.stack(quaternions))
+        for _ in range(EPISODE_STEPS):
+            observed.append(features.observation(task, state, target).astype(np.float32))
+            actions.append(policy.act(observed[-1])[:, 0].astype(np.float32))
+            state = robots.step(actions[-1])
+    observed.append(features.observation(task, state, target).astype(np.float32))
+    return np.stack(observed, axis=1), np.stack(actions, axis=1)
+
+
+def _reconstruction(
+    kind: ClosedForm, weights: Mapping[str, FloatArray], size: int
+) -> tuple[FloatArray, FloatArray]:
+    """Returns matrix (size, size) and shift (size,) of a reconstruction that is affine."""
+
+    def rebuilt(rows: FloatArray) -> FloatArray:
+        values: FloatArray = kind.decode(weights, kind.encode(weights, rows))
+        return values
+
+    shift = rebuilt(np.zeros(size))
+    return (rebuilt(np.eye(size)) - shift).T, shift

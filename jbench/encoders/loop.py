@@ -1,0 +1,169 @@
+"""The training of all learned kinds: epochs, random order, Adam, and going on after a kill.
+
+All that a training draws comes from one generator in a fixed order: the first weights, then in each
+epoch the order of the rows and, some batches at a time, what the kind draws for them. Its state is
+kept with the weights and Adam's, so that a training that was killed ends in the same weights.
+"""
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TypeVar
+
+import safetensors
+import safetensors.torch
+import torch
+from torch import Tensor
+
+from jbench.encoders.kind import Batch, Learned
+from jbench.encoders.states import States
+from jbench.errors import RequestError, WorkError
+
+_PREPARED = 16  # batches that are gathered and corrupted at a time
+_ADAM = ("exp_avg", "exp_avg_sq", "step")
+
+_Item = TypeVar("_Item")
+
+
+class Learner:
+    """Weights that are being learned, with all that decides how they go on.
+
+    Attributes:
+        weights: by name; parts of one tensor, so that Adam has one step to make.
+        random: of all that is drawn.
+    """
+
+    def __init__(
+        self, kind: Learned, size: int, latents: int, seed: int, device: torch.device
+    ) -> None:
+        """Draws the first weights."""
+        self.kind, self.latents = kind, latents
+        self.random = torch.Generator(device).manual_seed(seed)
+        initial = kind.initial(size, latents, self.random)
+        self._flat = torch.cat([value.reshape(-1) for value in initial.values()])
+        self._flat.grad = torch.zeros_like(self._flat)
+        self.weights = _parts(self._flat, initial)
+        for value in self.weights.values():
+            value.requires_grad_()
+        self._gradients = _parts(self._flat.grad, initial)
+        self._adam = torch.optim.Adam([self._flat], lr=kind.learning_rate, fused=True)
+
+    def epoch(self, states: States) -> float:
+        """Learns from every row once, in random order; returns the mean loss on the way."""
+        total = torch.zeros((), dtype=torch.float64, device=self.random.device)
+        rows = 0
+        for batch in self._batches(states):
+            loss = self.kind.gradient(self.weights, self._gradients, batch)
+            self._adam.step()
+            total += loss * len(batch.now)
+            rows += len(batch.now)
+        return float(total) / rows
+
+    def to_bytes(self) -> bytes:
+        """Returns all that decides how the training goes on, as safetensors."""
+        state = self._adam.state[self._flat]
+        device = self.random.device.type
+        return bytes(
+            safetensors.torch.save(
+                {
+                    "weights": self._flat,
+                    **{name: state[name] for name in _ADAM},
+                    f"random.{device}": self.random.get_state(),
+                }
+            )
+        )
+
+    def restore(self, content: bytes) -> None:
+        """Goes on from what `to_bytes` returned.
+
+        Raises:
+            RequestError: if the training began on another kind of device.
+            WorkError: if it is no such thing.
+        """
+        device = self.random.device
+        try:
+            kept = safetensors.torch.load(content)
+            (began,) = (name.partition(".")[2] for name in kept if name.startswith("random."))
+            if began != device.type:
+                raise RequestError(
+                    f"This training began on {began} and its random numbers go on there alone; "
+                    f"type --device {began}."
+                )
+            with torch.no_grad():
+                self._flat.copy_(kept["weights"])
+            self.random.set_state(kept[f"random.{began}"])
+            self._adam.state[self._flat] = {name: kept[name].to(device) for name in _ADAM}
+        except (safetensors.SafetensorError, KeyError, ValueError, RuntimeError) as error:
+            if isinstance(error, RequestError):
+                raise
+            raise WorkError(
+                f"The checkpoint can't be read ({error}); delete the directory of the encoder to "
+                "train it anew."
+            ) from None
+
+    def _batches(self, states: States) -> Iterator[Batch]:
+        """Gives the batches of an epoch."""
+        for batch in _ahead(self._prepared(states), self.random.device):
+            yield from batch.split(self.kind.batch)
+
+    def _prepared(self, states: States) -> Iterator[Batch]:
+        """Gives an epoch's rows in random order, some batches at a time."""
+        kind, ahead = self.kind, self.kind.steps_ahead
+        for shard in states.learn(self.random):
+            pairs = shard.pairs(ahead)
+            order = torch.randperm(
+                pairs,
+                generator=self.random,
+                device=self.random.device,
+                dtype=torch.int32 if pairs < 2**31 // 2 else torch.int64,
+            )
+            for chosen in order.split(_PREPARED * kind.batch):
+                batch = shard.take(chosen, ahead, kind.uses_actions)
+                yield kind.prepare(batch, self.latents, self.random)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Lets torch use one thread: these steps are so small that more only wait for each other.
+
+    It also makes the weights the same on machines of more and of fewer cores.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def find_device(name: str) -> torch.device:
+    """Returns the device of a name: cpu, cuda, or auto for cuda where there is one.
+
+    Raises:
+        RequestError: if there is no CUDA device.
+    """
+    there = torch.cuda.is_available()
+    if name == "cuda" and not there:
+        raise RequestError("There is no CUDA device here that torch can use; type --device cpu.")
+    return torch.device("cuda" if name == "cuda" or (name == "auto" and there) else "cpu")
+
+
+def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Returns parts of one tensor in the names and shapes of others, sharing its memory."""
+    sizes = [value.numel() for value in like.values()]
+    cut = flat.detach().split(sizes)
+    return {
+        name: part.view(value.shape) for (name, value), part in zip(like.items(), cut, strict=True)
+    }
+
+
+def _ahead(items: Iterator[_Item], device: torch.device) -> Iterator[_Item]:
+    """Gives the items, each made on a thread while the one before is in use; the same in effect."""
+    if device.type != "cpu":
+        yield from items
+        return
+    with ThreadPoolExecutor(1) as pool:
+        following = pool.submit(next, items, None)
+        while (item := following.result()) is not None:
+            following = pool.submit(next, items, None)
+            yield item

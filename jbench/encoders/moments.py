@@ -1,0 +1,80 @@
+"""Count, mean and covariance of rows that come block by block, and what follows from them.
+
+Everything is in float64, and blocks are merged by their means (Chan, Golub and LeVeque, 1983), so
+that millions of rows lose no digits.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Moments(NamedTuple):
+    """Moments of some rows.
+
+    Attributes:
+        rows: how many.
+        mean: (size,) of each column.
+        covariance: (size, size), divided by the count.
+    """
+
+    rows: int
+    mean: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def none(cls, size: int) -> "Moments":
+        """Returns the moments of no rows."""
+        return cls(0, np.zeros(size), np.zeros((size, size)))
+
+    @classmethod
+    def of(cls, rows: NDArray[np.floating]) -> "Moments":
+        """Returns the moments of rows (..., size)."""
+        size = rows.shape[-1]
+        values = rows.reshape(-1, size).astype(np.float64)
+        if not len(values):
+            return cls.none(size)
+        mean = values.mean(axis=0)
+        values -= mean
+        return cls(len(values), mean, values.T @ values / len(values))
+
+    def merged(self, other: "Moments") -> "Moments":
+        """Returns the moments of the rows of both."""
+        rows = self.rows + other.rows
+        if not rows:
+            return self
+        share = other.rows / rows
+        apart = other.mean - self.mean
+        covariance = (1 - share) * self.covariance + share * other.covariance
+        covariance += share * (1 - share) * np.outer(apart, apart)
+        return Moments(rows, self.mean + share * apart, covariance)
+
+    def scaled(self, gain: NDArray[np.floating], offset: NDArray[np.floating]) -> "Moments":
+        """Returns the moments of gain * row + offset, both (size,)."""
+        return Moments(
+            self.rows,
+            gain.astype(np.float64) * self.mean + offset,
+            np.outer(gain, gain).astype(np.float64) * self.covariance,
+        )
+
+    @property
+    def variance(self) -> FloatArray:
+        """(size,) variance of each column."""
+        return np.diag(self.covariance).copy()
+
+
+def affine_errors(matrix: FloatArray, shift: FloatArray, moments: Moments) -> FloatArray:
+    """Returns the (size,) mean squared errors of the reconstruction matrix @ row + shift.
+
+    Args:
+        matrix: (size, size).
+        shift: (size,).
+        moments: of the rows.
+    """
+    off = matrix - np.eye(len(matrix))
+    bias = off @ moments.mean + shift
+    errors: FloatArray = np.einsum("ij,jk,ik->i", off, moments.covariance, off) + bias**2
+    return np.maximum(errors, 0)

@@ -1,0 +1,43 @@
+"""The scaling of an encoder's inputs to [-1, 1], kept with it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Maps each feature of an observation from its extremes over a dataset to [-1, 1].
+
+    Attributes:
+        minimum: (dim(O),) of each feature.
+        maximum: (dim(O),) of each feature.
+    """
+
+    minimum: NDArray[np.float32]
+    maximum: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, observations: NDArray[np.float32]) -> "Scaling":
+        """Returns the scaling of a dataset (..., dim(O))."""
+        rows = observations.reshape(-1, observations.shape[-1])
+        return cls(rows.min(axis=0), rows.max(axis=0))
+
+    def merged(self, other: "Scaling") -> "Scaling":
+        """Returns the scaling of both datasets together."""
+        return Scaling(
+            np.minimum(self.minimum, other.minimum), np.maximum(self.maximum, other.maximum)
+        )
+
+    def gain_and_offset(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Returns (dim(O),) numbers such that scaled = gain * observation + offset.
+
+        A feature that changes by no more than float32 can tell has nothing to say: it becomes 0.
+        """
+        low, high = self.minimum.astype(np.float64), self.maximum.astype(np.float64)
+        width = high - low
+        changes = width > 1e-5 * np.maximum(np.abs(low), np.abs(high))
+        gain = np.divide(2, width, out=np.zeros_like(width), where=changes)
+        offset = np.where(changes, -1 - gain * low, 0)
+        return gain.astype(np.float32), offset.astype(np.float32)

@@ -1,0 +1,59 @@
+"""The settings of an encoder."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel, Field, model_validator
+
+from jbench import validation
+from jbench.encoders.kinds import make_kind
+from jbench.names import LARGEST_SEED
+from jbench.store import settings_hash
+from jbench.tasks.features import TASK_SPECS
+
+
+class EncoderSettings(BaseModel):
+    """What an encoder is made of; the id is made from it."""
+
+    model_config = validation.SETTINGS
+
+    kind: str = "dae"
+    task: str = "face_direction"
+    dataset: str = Field(description="id of the random-policy dataset")
+    latents: int = Field(default=12, ge=1, description="paper, Figures 7 and 8")
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
+    options: dict[str, Any] = Field(default_factory=dict, description="every option of the kind")
+
+    @model_validator(mode="after")
+    def _reduces(self) -> "EncoderSettings":
+        size = TASK_SPECS[self.task].observation_size
+        if self.latents > size:
+            raise ValueError(f"{self.task} has {size} features: type --latent 1 to {size}")
+        return self
+
+    @property
+    def representation(self) -> str:
+        """What the report calls observations encoded by it, such as dae12."""
+        return f"{self.kind}{self.latents}"
+
+    @property
+    def id(self) -> str:
+        """The encoder's id, such as face_direction/dae12/s00-1f9a2c4e."""
+        return (
+            f"{self.task}/{self.representation}/s{self.seed:02d}-{settings_hash(self.model_dump())}"
+        )
+
+
+def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> EncoderSettings:
+    """Returns the settings of an encoder, with every option of its kind.
+
+    Args:
+        kind: name of its kind.
+        options: those that are not at their defaults.
+        values: the other fields of `EncoderSettings`.
+
+    Raises:
+        RequestError: if there is no such kind or option, or a value can't be.
+    """
+    full = make_kind(kind, options).model_dump(mode="json")
+    return validation.validated(EncoderSettings, "the encoder", kind=kind, options=full, **values)

@@ -1,0 +1,91 @@
+"""The variational autoencoder (Kingma and Welling, arXiv:1312.6114); the mean is the latent.
+
+One hidden tanh layer each way. A state's latent is Gaussian with a mean and a variance for each
+number of its own, and a state is Gaussian around what its latent gives back.
+"""
+
+from typing import Any
+
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from jbench.encoders.kind import Batch, Learned, Weights, glorot, tanh
+from jbench.tasks.features import Array
+
+
+class VariationalAutoencoder(Learned):
+    """Maximises the evidence lower bound of the states."""
+
+    hidden: int = Field(default=64, ge=1, description="units in each hidden layer; ours")
+    observation_sd: float = Field(
+        default=0.1, gt=0, description="of a scaled feature given its latent; ours, as dae's noise"
+    )
+
+    def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
+        """Returns Glorot's weights, and biases of 0."""
+        return layers(
+            {
+                "hidden": (self.hidden, size),
+                "mean": (latents, self.hidden),
+                "log_variance": (latents, self.hidden),
+                "back": (self.hidden, latents),
+                "state": (size, self.hidden),
+            },
+            random,
+        )
+
+    def prepare(self, batch: Batch, latents: int, random: torch.Generator) -> Batch:
+        """Returns the batch with a standard normal number for each latent."""
+        noise = batch.now.new_empty(len(batch.now), latents)
+        return batch._replace(noise=noise.normal_(generator=random))
+
+    def encode(self, weights: Weights, scaled: Array) -> Array:
+        """Returns the means."""
+        return affine(weights, "mean", tanh(affine(weights, "hidden", scaled)))
+
+    def decode(self, weights: Weights, latents: Array) -> Array:
+        """Returns the expected states."""
+        return affine(weights, "state", tanh(affine(weights, "back", latents)))
+
+    def loss(self, weights: Weights, batch: Batch) -> Tensor:
+        """Returns the bound's negative, without constants, in nats for a state (equation 10)."""
+        mean, log_variance = self.posterior(weights, batch.now)
+        latents = drawn(mean, log_variance, batch)
+        surprise = self.surprise(weights, latents, batch.now)
+        return (surprise + from_standard(mean, log_variance)).mean()
+
+    def posterior(self, weights: Weights, scaled: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns mean and log variance (rows, latents) of the latents of states."""
+        hidden = tanh(affine(weights, "hidden", scaled))
+        return affine(weights, "mean", hidden), affine(weights, "log_variance", hidden)
+
+    def surprise(self, weights: Weights, latents: Tensor, states: Tensor) -> Tensor:
+        """Returns the (rows,) negative log likelihood of states, without its constant."""
+        off: Tensor = self.decode(weights, latents) - states
+        return (off / self.observation_sd).square().sum(1) / 2
+
+
+def drawn(mean: Tensor, log_variance: Tensor, batch: Batch) -> Tensor:
+    """Returns latents of that distribution, by the noise of a prepared batch (section 2.4)."""
+    assert batch.noise is not None
+    return mean + (log_variance / 2).exp() * batch.noise
+
+
+def from_standard(mean: Tensor, log_variance: Tensor) -> Tensor:
+    """Returns the (rows,) KL divergence of a diagonal Gaussian from the standard one (nats)."""
+    return (mean.square() + log_variance.exp() - 1 - log_variance).sum(1) / 2
+
+
+def affine(weights: Weights, name: str, values: Any) -> Any:
+    """Returns what a named layer makes of (..., inputs), before any tanh."""
+    return values @ weights[f"{name}.weight"].T + weights[f"{name}.bias"]
+
+
+def layers(shapes: dict[str, tuple[int, int]], random: torch.Generator) -> dict[str, Tensor]:
+    """Returns new layers by name from their (outputs, inputs): Glorot's weights, biases of 0."""
+    drawn = {}
+    for name, (outputs, inputs) in shapes.items():
+        drawn[f"{name}.weight"] = glorot(outputs, inputs, random)
+        drawn[f"{name}.bias"] = torch.zeros(outputs, device=random.device)
+    return drawn

@@ -1,0 +1,163 @@
+"""How many dimensions the robot has: the error of every kind of encoder against its latents."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from jbench.names import ENCODER_KINDS, TASKS
+from jbench.report import panels
+from jbench.report.cells import in_order, variant_labels
+from jbench.store.identity import settings_hash
+
+# Colours and markers of a kind are the same in every figure (Okabe and Ito, 2008).
+_LOOKS = {
+    "dae": ("#0072b2", "o"),
+    "ae": ("#56b4e9", "s"),
+    "ddae": ("#009e73", "D"),
+    "vae": ("#e69f00", "^"),
+    "lld-vae": ("#d55e00", "v"),
+    "pca": ("#000000", "P"),
+    "random": ("#888888", "X"),
+}
+_OTHER = ("#cc79a7", "p")
+_FLOOR = 1e-3
+"""Fraction of the variance below which an error is drawn as this: nothing is lost."""
+
+_DATA = {"test": "-", "heuristic": "--"}
+_LABELS = {"test": "held-out episodes of the dataset", "heuristic": "episodes of the heuristic"}
+_WIDTH = 1.5
+
+_FRACTIONS = ("test", "pca", "random", "heuristic", "pca_heuristic")
+_NOT_IN_A_VARIANT = ("task", "kind", "latents", "seed")
+
+
+def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.DataFrame:
+    """Returns a row for each finished task, kind, variant and number of latents.
+
+    Columns: task, kind, settings (the options that set a variant apart), latents, seeds, and the
+    medians across seeds of test_mse and of the fractions of the variance that are not explained:
+    test, pca and random (held-out episodes), heuristic and pca_heuristic (the heuristic's).
+
+    Args:
+        tables: of the database.
+        task: only this one.
+    """
+    encoders, errors = (tables[name].to_pandas() for name in ("encoders", "encoder_errors"))
+    finished = encoders[(encoders["status"] == "finished") & encoders["kind"].notna()]
+    if task is not None:
+        finished = finished[finished["task"] == task]
+    rows = finished.drop(columns=["test_mse", "test_explained"]).merge(errors, on="encoder")
+    columns = ["task", "kind", "settings", "latents", "seeds", "test_mse", *_FRACTIONS]
+    if rows.empty:
+        return pd.DataFrame(columns=columns)
+    rows = rows.assign(settings=_labels(rows))
+    for name in _FRACTIONS:
+        rows[name] = 1 - rows[f"{name}_explained"]
+    table = (
+        rows.groupby(["task", "kind", "settings", "latents"])
+        .agg(seeds=("seed", "nunique"), **{n: (n, "median") for n in ("test_mse", *_FRACTIONS)})
+        .reset_index()
+    )
+    kinds = {kind: i for i, kind in enumerate(in_order(table["kind"], tuple(ENCODER_KINDS)))}
+    orders = {"task": {name: i for i, name in enumerate(TASKS)}, "kind": kinds}
+    ordered: pd.DataFrame = table.sort_values(
+        ["task", "kind", "settings", "latents"],
+        key=lambda column: column.map(orders[column.name]) if column.name in orders else column,
+        ignore_index=True,
+    )
+    return ordered
+
+
+def draw(table: pd.DataFrame) -> dict[str, Figure]:
+    """Returns the figure of error against number of latents, by file name; none without rows."""
+    if table.empty:
+        return {}
+    tasks = in_order(table["task"], TASKS)
+    figure, axes, key = panels.new_figure(len(tasks))
+    for panel, task in zip(axes, tasks, strict=True):
+        _draw_task(panel, task, table[table["task"] == task], _lowest(table))
+    for data, style in _DATA.items():
+        filled = "0.25" if data == "test" else "white"
+        key.plot(
+            [],
+            [],
+            color="0.25",
+            linestyle=style,
+            linewidth=_WIDTH,
+            marker="o",
+            markerfacecolor=filled,
+            label=_LABELS[data],
+        )
+    footer = (
+        "The fraction of the variance of the scaled features, all together, that the encoder does "
+        "not give back; medians across seeds. A ddae is held against the state some steps later, "
+        f"of which some can't be foreseen. Fractions below {_FLOOR:g} are drawn there.",
+    )
+    panels.arrange(figure, axes, key, "Error against number of latents", footer)
+    return {"encoders": figure}
+
+
+def _draw_task(axes: Axes, task: str, rows: pd.DataFrame, lowest: float) -> None:
+    """Draws the kinds of encoders of a task."""
+    variants: dict[str, int] = {}
+    for (kind, settings), group in rows.groupby(["kind", "settings"], sort=False):
+        color, marker = _LOOKS.get(str(kind), _OTHER)
+        # Variants of a kind have its colour; all but the first have thinner lines.
+        nth = variants[str(kind)] = variants.get(str(kind), -1) + 1
+        for data, style in _DATA.items():
+            axes.plot(
+                group["latents"],
+                np.maximum(group[data], _FLOOR),
+                color=color,
+                linestyle=style,
+                linewidth=(_WIDTH if data == "test" else 0.6 * _WIDTH) / (1 + nth),
+                marker=marker,
+                markersize=4.5 if data == "test" else 3.5,
+                # The first kinds, which are ours and learned, lie above the others.
+                zorder=10 - 0.1 * len(variants) - 0.01 * nth,
+                markerfacecolor=color if data == "test" else "white",
+                label=" ".join(filter(None, (str(kind), str(settings))))
+                if data == "test"
+                else None,
+            )
+    axes.set_title(task, fontsize=9, fontweight="bold", loc="left", parse_math=False)
+    axes.set_yscale("log")
+    axes.set_ylim(lowest / 1.4, 1.3)
+    axes.axhline(1, color="0.6", linewidth=0.8)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("latents", fontsize=8)
+    axes.set_ylabel("variance not explained", fontsize=8)
+    axes.tick_params(labelsize=8)
+    axes.grid(color="0.92", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _lowest(table: pd.DataFrame) -> float:
+    return max(float(table[list(_DATA)].to_numpy().min()), _FLOOR)
+
+
+def _labels(rows: pd.DataFrame) -> list[str]:
+    """Returns what sets the variant of each row apart within its task and kind, or nothing."""
+    kept = [_variant(json.loads(text)) for text in rows["settings"]]
+    hashes = [settings_hash(variant) for variant in kept]
+    keys = list(zip(rows["task"], rows["kind"], strict=True))
+    labels: dict[Any, dict[str, str]] = {}
+    for key in set(keys):
+        texts = {
+            name: json.dumps(variant)
+            for own, name, variant in zip(keys, hashes, kept, strict=True)
+            if own == key
+        }
+        labels[key] = variant_labels(texts)
+    return [labels[key][name] for key, name in zip(keys, hashes, strict=True)]
+
+
+def _variant(settings: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in settings.items() if name not in _NOT_IN_A_VARIANT}

@@ -1,0 +1,193 @@
+"""The learned kinds: their gradients, losses and noise by hand, or against torch's own."""
+
+import numpy as np
+import pytest
+import torch
+from torch.distributions import Independent, MultivariateNormal, Normal, kl_divergence
+
+from jbench.encoders.ae import Autoencoder
+from jbench.encoders.dae import DenoisingAutoencoder
+from jbench.encoders.ddae import DynamicDenoisingAutoencoder
+from jbench.encoders.kind import Batch, Learned, glorot
+from jbench.encoders.lld_vae import LocallyLinearVariationalAutoencoder, Transition, divergence
+from jbench.encoders.vae import VariationalAutoencoder
+
+SIZE, LATENTS, ROWS = 7, 3, 50
+LEARNED = [
+    Autoencoder(),
+    DenoisingAutoencoder(),
+    DynamicDenoisingAutoencoder(),
+    VariationalAutoencoder(hidden=5),
+    LocallyLinearVariationalAutoencoder(hidden=5),
+]
+
+
+def generator(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def rows_of(seed=1, rows=ROWS, size=SIZE):
+    return torch.empty(rows, size).uniform_(-1, 1, generator=generator(seed))
+
+
+def prepared(kind, seed=3):
+    """A batch as the training loop hands it to a kind."""
+    later = rows_of(2) if kind.steps_ahead else rows_of(1)
+    actions = rows_of(5, size=1) if kind.uses_actions else None
+    return kind.prepare(Batch(rows_of(1), later, actions), LATENTS, generator(seed))
+
+
+def initial(kind, seed=4):
+    """First weights with biases that are not 0."""
+    weights = kind.initial(SIZE, LATENTS, generator(seed))
+    for value in weights.values():
+        value += 0.1 * torch.randn(value.shape, generator=generator(seed))
+    return {name: value.requires_grad_() for name, value in weights.items()}
+
+
+@pytest.mark.parametrize("kind", LEARNED, ids=lambda kind: type(kind).__name__)
+def test_gradient_is_that_of_finite_differences(kind):
+    weights = {n: v.detach().double().requires_grad_() for n, v in initial(kind).items()}
+    batch = Batch(*(None if part is None else part.double() for part in prepared(kind)))
+
+    def loss(*values):
+        return kind.loss(dict(zip(weights, values, strict=True)), batch)
+
+    assert torch.autograd.gradcheck(loss, tuple(weights.values()))
+
+
+@pytest.mark.parametrize("kind", LEARNED, ids=lambda kind: type(kind).__name__)
+def test_gradient_by_hand_is_autograds(kind):
+    weights, batch = initial(kind), prepared(kind)
+    before = [None if part is None else part.clone() for part in batch]
+    found, wanted = ({n: torch.empty_like(v) for n, v in weights.items()} for _ in range(2))
+    loss = kind.gradient(weights, found, batch)
+    reference = Learned.gradient(kind, weights, wanted, batch)
+    assert loss.item() == pytest.approx(reference.item(), rel=1e-5)
+    for name in weights:
+        torch.testing.assert_close(found[name], wanted[name], rtol=1e-4, atol=1e-7)
+    # The batch is not used up: the same one gives the same again.
+    for part, was in zip(batch, before, strict=True):
+        assert part is was or torch.equal(part, was)
+
+
+@pytest.mark.parametrize("kind", LEARNED, ids=lambda kind: type(kind).__name__)
+def test_encoding_and_decoding_agree_in_numpy_and_torch(kind):
+    weights = {name: value.detach() for name, value in initial(kind).items()}
+    in_numpy = {name: value.numpy() for name, value in weights.items()}
+    rows = rows_of(8)
+    latents = kind.encode(weights, rows)
+    assert latents.shape == (ROWS, LATENTS)
+    np.testing.assert_allclose(kind.encode(in_numpy, rows.numpy()), latents.numpy(), atol=1e-6)
+    back = kind.decode(weights, latents)
+    assert back.shape == (ROWS, SIZE)
+    np.testing.assert_allclose(kind.decode(in_numpy, latents.numpy()), back.numpy(), atol=1e-6)
+
+
+def test_autoencoder_is_two_tanh_layers_of_glorots_weights_without_biases():
+    weights = Autoencoder().initial(16, 12, generator())
+    limit = np.sqrt(6 / (16 + 12))
+    inner, outer = (weights[f"{name}.weight"].numpy() for name in ("encoder", "decoder"))
+    for matrix in (inner, outer):
+        assert 0.95 * limit < np.abs(matrix).max() <= limit
+    assert not weights["encoder.bias"].any()
+    assert not weights["decoder.bias"].any()
+    batch = rows_of(rows=5, size=16)
+    rebuilt = Autoencoder().decode(weights, Autoencoder().encode(weights, batch))
+    wanted = np.tanh(np.tanh(batch.numpy() @ inner.T) @ outer.T)
+    np.testing.assert_allclose(rebuilt.numpy(), wanted, atol=1e-6)
+
+
+def test_glorots_matrix_is_uniform_to_its_limit():
+    drawn = glorot(200, 300, generator())
+    limit = np.sqrt(6 / 500)
+    assert drawn.abs().max().item() == pytest.approx(limit, rel=1e-3)
+    assert drawn.std().item() == pytest.approx(limit / np.sqrt(3), rel=0.02)
+
+
+def test_noise_is_on_what_is_encoded_and_of_the_standard_deviation_asked_for():
+    clean = rows_of(rows=20_000)
+    batch = DenoisingAutoencoder(noise=0.3).prepare(Batch(clean, clean), LATENTS, generator())
+    assert batch.later is clean
+    noise = batch.now - clean
+    assert noise.std().item() == pytest.approx(0.3, rel=0.02)
+    assert noise.mean().item() == pytest.approx(0, abs=0.005)
+    assert torch.equal(
+        DenoisingAutoencoder(noise=0.0).prepare(Batch(clean, clean), 3, generator()).now, clean
+    )
+
+
+def test_autoencoder_has_no_noise():
+    batch = Batch(rows_of(), rows_of())
+    assert Autoencoder().prepare(batch, LATENTS, generator()) is batch
+    assert "noise" not in Autoencoder.model_fields
+
+
+def test_dynamic_autoencoder_looks_as_far_ahead_as_it_is_told():
+    kind = DynamicDenoisingAutoencoder(horizon=7)
+    assert (kind.steps_ahead, kind.decodes_later) == (7, True)
+    weights, batch = initial(kind), prepared(kind)
+    rebuilt = kind.decode(weights, kind.encode(weights, batch.now))
+    wanted = (rebuilt - rows_of(2)).square().mean()
+    assert kind.loss(weights, batch).item() == pytest.approx(wanted.item(), rel=1e-6)
+
+
+def test_variational_loss_is_the_negative_bound_without_its_constant():
+    kind = VariationalAutoencoder(hidden=5, observation_sd=0.4)
+    weights, batch = initial(kind), prepared(kind)
+    mean, log_variance = kind.posterior(weights, batch.now)
+    sd = (log_variance / 2).exp()
+    latents = mean + sd * batch.noise
+    likelihood = Independent(Normal(kind.decode(weights, latents), 0.4), 1).log_prob(batch.now)
+    standard = Independent(Normal(torch.zeros_like(mean), torch.ones_like(mean)), 1)
+    bound = likelihood - kl_divergence(Independent(Normal(mean, sd), 1), standard)
+    constant = SIZE * (np.log(0.4) + np.log(2 * np.pi) / 2)
+    wanted = (-bound - constant).mean().item()
+    assert kind.loss(weights, batch).item() == pytest.approx(wanted, rel=1e-4)
+    assert torch.equal(kind.encode(weights, batch.now), mean)
+
+
+def test_variational_noise_is_standard_normal():
+    batch = Batch(rows_of(rows=20_000), rows_of(rows=20_000))
+    noise = VariationalAutoencoder().prepare(batch, 4, generator()).noise
+    assert noise.shape == (20_000, 4)
+    assert noise.std().item() == pytest.approx(1, rel=0.02)
+
+
+def test_foreseen_latents_are_as_far_from_the_next_as_torch_says():
+    draw = generator(6)
+    v, r, B, o, mean, later = (0.4 * torch.randn(ROWS, LATENTS, generator=draw) for _ in range(6))
+    log_variance, later_log_variance = (
+        torch.randn(ROWS, LATENTS, generator=draw) - 1 for _ in range(2)
+    )
+    actions = torch.randn(ROWS, 1, generator=draw)
+    dynamics = Transition(v, r, B, o)
+    matrix = torch.eye(LATENTS) + v[:, :, None] * r[:, None, :]
+    foreseen = (matrix @ mean[:, :, None])[:, :, 0] + B * actions + o
+    torch.testing.assert_close(dynamics(mean, actions), foreseen)
+    covariance = matrix @ torch.diag_embed(log_variance.exp()) @ matrix.mT
+    wanted = kl_divergence(
+        MultivariateNormal(foreseen, (covariance + covariance.mT) / 2),
+        MultivariateNormal(later, torch.diag_embed(later_log_variance.exp())),
+    )
+    found = divergence(dynamics, foreseen, log_variance, later, later_log_variance)
+    torch.testing.assert_close(found, wanted, rtol=1e-3, atol=1e-4)
+
+
+def test_dynamic_bound_has_four_terms():
+    kind = LocallyLinearVariationalAutoencoder(hidden=5)
+    weights, batch = initial(kind), prepared(kind)
+    mean, log_variance = kind.posterior(weights, batch.now)
+    latents = mean + (log_variance / 2).exp() * batch.noise
+    dynamics = kind.transition(weights, latents)
+    plain = VariationalAutoencoder(hidden=5).loss(weights, batch)
+    foreseen = kind.decode(weights, dynamics(latents, batch.actions))
+    surprise = ((foreseen - batch.later) / 0.1).square().sum(1).mean() / 2
+    apart = divergence(
+        dynamics,
+        dynamics(mean, batch.actions),
+        log_variance,
+        *kind.posterior(weights, batch.later),
+    ).mean()
+    wanted = (plain + surprise + 0.1 * apart).item()
+    assert kind.loss(weights, batch).item() == pytest.approx(wanted, rel=1e-5)

@@ -1,0 +1,131 @@
+"""Scaling and moments by hand and against numpy; closed forms against other ways to them."""
+
+import numpy as np
+import pytest
+
+from jbench.encoders.moments import Moments, affine_errors
+from jbench.encoders.pca import PrincipalComponents
+from jbench.encoders.random_projection import RandomProjection
+from jbench.encoders.scaling import Scaling
+
+OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)
+
+
+def correlated(rows=4000, size=6, seed=0):
+    """Rows whose columns depend on each other, around a mean that is not 0."""
+    random = np.random.default_rng(seed)
+    return random.normal(size=(rows, size)) @ random.normal(size=(size, size)) + 3.0
+
+
+def errors(kind, weights, rows):
+    """Mean squared error of each column of what a kind reconstructs."""
+    return np.mean((kind.decode(weights, kind.encode(weights, rows)) - rows) ** 2, axis=0)
+
+
+def test_scaling_maps_extremes_to_one_and_constants_to_zero():
+    gain, offset = Scaling.of(OBSERVATIONS).gain_and_offset()
+    np.testing.assert_array_equal(gain, [0.5, 0, 0.5])
+    np.testing.assert_array_equal(offset, [-1, 0, 0 - 0.5])
+    np.testing.assert_array_equal(
+        gain * OBSERVATIONS + offset, [[-1, 0, -1], [1, 0, 0], [-0.5, 0, 1]]
+    )
+
+
+def test_scaling_is_of_all_leading_axes_and_of_all_that_is_merged():
+    stacked = Scaling.of(OBSERVATIONS.reshape(3, 1, 1, 3))
+    np.testing.assert_array_equal(stacked.minimum, [0, 5, -1])
+    np.testing.assert_array_equal(stacked.maximum, [4, 5, 3])
+    both = Scaling.of(OBSERVATIONS[:1]).merged(Scaling.of(OBSERVATIONS[1:]))
+    np.testing.assert_array_equal(both.minimum, stacked.minimum)
+    np.testing.assert_array_equal(both.maximum, stacked.maximum)
+
+
+@pytest.mark.parametrize("cuts", [(), (1,), (10, 10, 2500), (3999,)])
+def test_moments_of_blocks_are_those_of_all_rows(cuts):
+    rows = correlated()
+    found = Moments.none(6)
+    for block in np.split(rows, cuts):
+        found = found.merged(Moments.of(block))
+    assert found.rows == 4000
+    np.testing.assert_allclose(found.mean, rows.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(found.covariance, np.cov(rows.T, bias=True), rtol=1e-10)
+    np.testing.assert_allclose(found.variance, rows.var(axis=0), rtol=1e-10)
+
+
+def test_moments_keep_their_digits_far_from_zero():
+    rows = np.random.default_rng(0).normal(1e6, 1e-2, (10_000, 2))
+    found = Moments.none(2)
+    for block in np.split(rows, 100):
+        found = found.merged(Moments.of(block))
+    np.testing.assert_allclose(found.variance, rows.var(axis=0), rtol=1e-6)
+
+
+def test_moments_of_scaled_rows():
+    rows, gain, offset = correlated(), np.arange(6.0) - 2, np.arange(6.0)
+    wanted, found = Moments.of(gain * rows + offset), Moments.of(rows).scaled(gain, offset)
+    np.testing.assert_allclose(found.mean, wanted.mean, atol=1e-9)
+    np.testing.assert_allclose(found.covariance, wanted.covariance, atol=1e-9)
+
+
+def test_errors_of_an_affine_reconstruction_follow_from_the_moments():
+    random, rows = np.random.default_rng(1), correlated()
+    matrix, shift = random.normal(size=(6, 6)), random.normal(size=6)
+    wanted = np.mean((rows @ matrix.T + shift - rows) ** 2, axis=0)
+    np.testing.assert_allclose(affine_errors(matrix, shift, Moments.of(rows)), wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize("latents", [1, 3, 6])
+def test_principal_components_are_those_of_a_singular_value_decomposition(latents):
+    rows = correlated()
+    weights = PrincipalComponents().fit(Moments.of(rows), latents, seed=0)
+    _, singular, directions = np.linalg.svd(rows - rows.mean(axis=0), full_matrices=False)
+    aligned = np.abs(np.sum(weights["components"] * directions[:latents], axis=1))
+    np.testing.assert_allclose(aligned, 1, atol=1e-9)
+    left = errors(PrincipalComponents(), weights, rows).sum()
+    assert left == pytest.approx((singular[latents:] ** 2).sum() / len(rows), abs=1e-9)
+    latent = PrincipalComponents().encode(weights, rows)
+    assert latent.shape == (4000, latents)
+    np.testing.assert_allclose(latent.var(axis=0), singular[:latents] ** 2 / 4000, rtol=1e-9)
+
+
+@pytest.mark.parametrize("latents", [1, 3, 6])
+def test_random_projection_is_orthonormal_and_goes_back_by_least_squares(latents):
+    rows = correlated()
+    weights = RandomProjection().fit(Moments.of(rows), latents, seed=5)
+    projection = weights["projection"]
+    np.testing.assert_allclose(projection @ projection.T, np.eye(latents), atol=1e-12)
+    seen = np.c_[rows @ projection.T, np.ones(len(rows))]
+    solved, *_ = np.linalg.lstsq(seen, rows, rcond=None)
+    wanted = np.mean((seen @ solved - rows) ** 2, axis=0)
+    np.testing.assert_allclose(errors(RandomProjection(), weights, rows), wanted, atol=1e-9)
+
+
+def test_random_projection_looks_at_its_seed_and_not_at_the_data():
+    drawn = [
+        RandomProjection().fit(Moments.of(correlated(seed=data)), latents, seed)["projection"]
+        for data, latents, seed in ((0, 3, 7), (1, 3, 7), (0, 5, 7), (0, 3, 8))
+    ]
+    np.testing.assert_array_equal(drawn[0], drawn[1])
+    np.testing.assert_array_equal(drawn[0], drawn[2][:3])
+    assert not np.allclose(drawn[0], drawn[3])
+
+
+def test_random_directions_prefer_none():
+    moments = Moments.of(correlated())
+    # The trace of a rotation drawn uniformly has mean 0 and variance 1.
+    traces = [
+        np.trace(RandomProjection().fit(moments, 6, seed)["projection"]) for seed in range(400)
+    ]
+    assert np.mean(traces) == pytest.approx(0, abs=4 / np.sqrt(400))
+    assert np.var(traces) == pytest.approx(1, abs=0.3)
+
+
+@pytest.mark.parametrize("kind", [PrincipalComponents(), RandomProjection()])
+def test_column_that_never_changes_does_no_harm(kind):
+    rows = correlated() * [1, 1, 0, 1, 1, 1]
+    for latents in (1, 5, 6):
+        weights = kind.fit(Moments.of(rows), latents, seed=0)
+        left = errors(kind, weights, rows)
+        assert np.isfinite(left).all()
+        assert left[2] == pytest.approx(0, abs=1e-12)
+    assert left.sum() == pytest.approx(0, abs=1e-9)

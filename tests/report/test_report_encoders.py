@@ -1,0 +1,143 @@
+"""The figure and the table of errors against latents: what is in them, from made-up encoders."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from jbench.errors import RequestError
+from jbench.report import encoders, write_report
+from jbench.store import Results, query, schema
+
+TOLD = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3, "random_heuristic": 0.2}
+
+
+def add(results, kind, latents, explained, *, task="face_direction", seed=0, **more):
+    """A finished encoder that explains so much of the variance."""
+    options = more.pop("options", {})
+    settings = {"kind": kind, "task": task, "latents": latents, "seed": seed, "dataset": "d"}
+    name = f"s{seed:02d}-{abs(hash(json.dumps(options, sort_keys=True))) % 10**8:08d}"
+    record = results.create(
+        "encoder", f"{task}/{kind}{latents}/{name}", {**settings, "options": options}
+    )
+    row = {
+        "encoder": record.id,
+        "test_mse": 1 - explained,
+        "test_explained": explained,
+        **{f"{name}_explained": value for name, value in TOLD.items()},
+        **more,
+    }
+    record.append({"encoder_errors": pa.Table.from_pylist([row], schema.ENCODER_ERRORS)})
+    record.finish({"test_mse": 1 - explained})
+    return record
+
+
+def table_of(results, task=None):
+    return encoders.encoder_table(query.load(results).tables, task)
+
+
+@pytest.fixture
+def results(tmp_path):
+    return Results(tmp_path / "results")
+
+
+def test_a_row_is_a_kind_and_a_size_with_medians_across_seeds(results):
+    for seed, explained in enumerate((0.5, 0.6, 0.9)):
+        add(results, "dae", 4, explained, seed=seed)
+    add(results, "pca", 4, 0.9)
+    table = table_of(results)
+    assert table["kind"].tolist() == ["dae", "pca"]
+    first = table.iloc[0]
+    assert (first["latents"], first["seeds"], first["settings"]) == (4, 3, "")
+    assert first["test_mse"] == pytest.approx(0.4)
+    fractions = first[["test", "pca", "random", "heuristic", "pca_heuristic"]].tolist()
+    assert fractions == pytest.approx([0.4, 0.1, 0.5, 0.6, 0.7])
+
+
+def test_rows_are_in_the_order_of_tasks_kinds_and_sizes(results):
+    for task in ("move_to_pose", "face_direction"):
+        for kind in ("random", "zeta", "pca", "dae", "alpha"):
+            for latents in (10, 2):
+                add(results, kind, latents, 0.5, task=task)
+    table = table_of(results)
+    found = list(table[["task", "kind", "latents"]].itertuples(index=False, name=None))
+    assert found == [
+        (task, kind, latents)
+        for task in ("face_direction", "move_to_pose")
+        for kind in ("dae", "pca", "random", "alpha", "zeta")
+        for latents in (2, 10)
+    ]
+    assert set(table_of(results, "move_to_pose")["task"]) == {"move_to_pose"}
+
+
+def test_encoders_of_other_options_are_lines_of_their_own(results):
+    for horizon in (1, 5):
+        for latents in (2, 4):
+            add(results, "ddae", latents, 0.5, options={"horizon": horizon, "noise": 0.1})
+    table = table_of(results)
+    assert table["settings"].tolist() == ["horizon=1"] * 2 + ["horizon=5"] * 2
+    (figure,) = encoders.draw(table).values()
+    labels = figure.axes[0].get_legend_handles_labels()[1]
+    assert labels == ["ddae horizon=1", "ddae horizon=5"]
+
+
+def test_unfinished_encoders_are_left_out(results):
+    add(results, "dae", 4, 0.5)
+    results.create("encoder", "face_direction/dae5/a", {"kind": "dae", "task": "face_direction"})
+    assert table_of(results)["latents"].tolist() == [4]
+
+
+def test_a_panel_for_each_task_with_a_line_for_each_kind_and_data(results):
+    for latents, explained in ((2, 0.5), (8, 0.9), (16, 1.0)):
+        add(results, "pca", latents, explained)
+        add(results, "their-own", latents, explained / 2)
+    add(results, "pca", 2, 0.3, task="move_to_pose")
+    (figure,) = encoders.draw(table_of(results)).values()
+    panel, other, key = figure.axes
+    assert (panel.get_title(loc="left"), other.get_title(loc="left")) == (
+        *("face_direction", "move_to_pose"),
+    )
+    test, heuristic = panel.lines[:2]
+    np.testing.assert_array_equal(test.get_xdata(), [2, 8, 16])
+    # What loses nothing is drawn at the floor: a logarithmic scale has no 0.
+    np.testing.assert_allclose(test.get_ydata(), [0.5, 0.1, 1e-3])
+    np.testing.assert_allclose(heuristic.get_ydata(), [0.6] * 3)
+    assert panel.get_yscale() == "log"
+    assert test.get_color() == heuristic.get_color() == other.lines[0].get_color() == "#000000"
+    assert test.get_linestyle() != heuristic.get_linestyle()
+    assert panel.lines[2].get_color() != test.get_color()
+    assert panel.get_legend_handles_labels()[1] == ["pca", "their-own"]
+    assert len(key.get_legend_handles_labels()[1]) == 2
+
+
+def test_every_kind_of_ours_has_a_colour_and_a_marker_of_its_own():
+    looks = list(encoders._LOOKS.values())
+    assert set(encoders._LOOKS) == set(encoders.ENCODER_KINDS)
+    for part in zip(*[*looks, encoders._OTHER], strict=True):
+        assert len(set(part)) == len(looks) + 1
+
+
+def test_the_report_holds_figure_and_table_without_any_run(results, tmp_path):
+    for latents, explained in ((2, 0.5), (4, 0.75)):
+        add(results, "vae", latents, explained)
+    report = write_report(results, tmp_path / "report")
+    assert [path.name for path in report.figures] == ["encoders.png", "encoders.svg"]
+    written = pd.read_csv(tmp_path / "report" / "encoders.csv")
+    assert written["test"].tolist() == pytest.approx([0.5, 0.25])
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "<h2>Encoders</h2>" in page
+    assert "0.2500" in page
+    assert "data:image/png" in page
+
+
+def test_encoders_of_another_task_do_not_make_a_report(results, tmp_path):
+    add(results, "vae", 2, 0.5)
+    with pytest.raises(RequestError, match="There are no runs"):
+        write_report(results, tmp_path / "report", task="move_to_pose")
+
+
+def test_without_encoders_there_is_no_figure(results):
+    assert table_of(results).empty
+    assert encoders.draw(table_of(results)) == {}

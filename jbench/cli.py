@@ -1,17 +1,18 @@
 """The verbs: parse, call one function, print. What is heavy is imported inside the functions."""
 
 import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from jbench import __version__, cli_policies, names, parsing
+from jbench import __version__, cli_data, cli_encoders, cli_policies, cli_store, names, parsing
 from jbench.errors import RequestError, WorkError
 from jbench.options import AugmentOption, JsonOption, ResultsOption, TaskOption, complete
-from jbench.output import Output, short
+from jbench.output import Output, printable
 
 app = typer.Typer(
     name="jbench",
@@ -39,102 +40,11 @@ def _root(
     """Options before the verb."""
 
 
-@app.command()
-def collect(
-    steps: Annotated[str, typer.Option(help="Control steps, a multiple of 1000.")] = "5e6",
-    seed: Annotated[int, typer.Option(help="Of every draw.")] = 0,
-    threads: Annotated[int, typer.Option(help="Simulations at a time; 0 for all cores.")] = 0,
-    augment: AugmentOption = None,
-    results: ResultsOption = Path("results"),
-    json: JsonOption = False,
-) -> None:
-    """Collect a random-policy dataset that serves all five tasks."""
-    from jbench import display
-    from jbench.datasets import DatasetSettings
-    from jbench.datasets import collect as collect_dataset
-    from jbench.store import Results
-    from jbench.validation import validated
-
-    output = Output(json)
-    settings = validated(
-        DatasetSettings,
-        "the dataset",
-        steps=parsing.count("--steps", steps),
-        seed=parsing.seed(seed),
-        augment=parsing.augmented(augment),
-    )
-    place = Results(results)
-    before = place.find("dataset", settings.id)
-    if before is not None and before.status == "finished":
-        output.say(f"The dataset {settings.id} is finished already; nothing to do.")
-    with output.progress("collect", settings.steps, "control steps") as progress:
-        record = collect_dataset(settings, place, parsing.all_cores(threads), progress.update)
-    size = sum(entry.bytes for entry in record.manifest.files)
-    output.say(
-        f"Dataset {record.id}: {settings.steps:,} control steps, {size / 1e6:.1f} MB, in "
-        f"{record.path}. Next: jbench train-dae"
-    )
-    output.document(display.described(record, bytes=size))
-
-
-@app.command("train-dae")
-def train_dae(
-    task: Annotated[
-        str,
-        typer.Option(
-            help=f"{', '.join(names.TASKS)}, or all.",
-            autocompletion=complete("all", *names.TASKS),
-        ),
-    ] = "face_direction",
-    latent: Annotated[int, typer.Option(help="Number of latents, 1 to the features.")] = 12,
-    dataset: Annotated[str | None, typer.Option(help="Its id; else the newest.")] = None,
-    noise: Annotated[float, typer.Option(help="Sd of the noise on a scaled feature.")] = 0.1,
-    epochs: Annotated[int, typer.Option(help="Passes over the training rows.")] = 200,
-    batch: Annotated[int, typer.Option(help="Rows in a step.")] = 8192,
-    learning_rate: Annotated[
-        float, typer.Option(help="Of Adam; the authors' script had 5e-4.")
-    ] = 1e-3,
-    seed: Annotated[int, typer.Option(help="Of weights, order, noise and split.")] = 0,
-    results: ResultsOption = Path("results"),
-    json: JsonOption = False,
-) -> None:
-    """Train the paper's denoising autoencoder on a dataset."""
-    from jbench import display
-    from jbench.datasets import find_dataset
-    from jbench.encoders.training import EncoderSettings, train_encoder
-    from jbench.store import Results
-    from jbench.validation import validated
-
-    output, place = Output(json), Results(results)
-    tasks = names.TASKS if task == "all" else (parsing.known("task", task, (*names.TASKS, "all")),)
-    source = find_dataset(place, dataset)
-    wanted = [
-        validated(
-            EncoderSettings,
-            "the autoencoder",
-            task=name,
-            dataset=source.id,
-            latents=latent,
-            noise=noise,
-            epochs=epochs,
-            batch=batch,
-            learning_rate=learning_rate,
-            seed=parsing.seed(seed),
-        )
-        for name in tasks
-    ]
-    records = []
-    for settings in wanted:
-        before = place.find("encoder", settings.id)
-        if before is not None and before.status == "finished":
-            output.say(f"The encoder {settings.id} is finished already; nothing to do.")
-        elif before is not None:
-            output.say(f"The encoder {settings.id} was interrupted; it starts over.")
-        with output.progress(f"train-dae {settings.task}", epochs, "epochs") as progress:
-            records.append(train_encoder(settings, source, place, progress.update))
-        display.show_encoder(records[-1], output)
-        output.say(f"Next: jbench train --task {settings.task} --encoder {latent}")
-    output.document({"encoders": [display.described(record) for record in records]})
+verb: Callable[..., None]
+for verb in (cli_data.collect, cli_data.datasets, cli_data.export):
+    app.command()(verb)
+app.command("train-dae")(cli_encoders.train_dae)
+app.command("train-encoder")(cli_encoders.train_encoder)
 
 
 @app.command("train")
@@ -148,7 +58,7 @@ def train(
     ] = "ddpg",
     task: TaskOption = "face_direction",
     encoder: Annotated[
-        str, typer.Option(help="none, a number of latents (the newest such DAE), or an id.")
+        str, typer.Option(help="none, KIND:LATENTS (the newest such), LATENTS of a DAE, or an id.")
     ] = "none",
     seeds: Annotated[str, typer.Option(help="Like 0-9, or 0,2,5-7.")] = "0-9",
     steps: Annotated[str, typer.Option(help="Control steps of each run.")] = "5e6",
@@ -175,17 +85,44 @@ def train(
     robots: Annotated[
         int, typer.Option(help="Augmented ones to learn on in turn, the first of --augment, or 0.")
     ] = 1,
-    jobs: Annotated[int, typer.Option(help="Runs at a time; 0 for one a core.")] = 0,
+    engine: Annotated[
+        str,
+        typer.Option(
+            help="sb3: stable-baselines3, seed by seed; batched: ours, many seeds at a time.",
+            autocompletion=complete(*names.ENGINES),
+        ),
+    ] = "sb3",
+    device: Annotated[
+        str,
+        typer.Option(
+            help="Of --engine batched: auto, cpu or cuda.",
+            autocompletion=complete(*names.DEVICES),
+        ),
+    ] = "auto",
+    precision: Annotated[
+        str,
+        typer.Option(
+            help="Of --engine batched: float32 or bfloat16.",
+            autocompletion=complete(*names.PRECISIONS),
+        ),
+    ] = "float32",
+    environments: Annotated[
+        int | None,
+        typer.Option(help="Of each seed, with --engine batched; else the algorithm's own."),
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="Processes at a time; 0 for one a core.")] = 0,
     results: ResultsOption = Path("results"),
     json: JsonOption = False,
 ) -> None:
     """Train agents, one run for each seed; runs that are finished are not repeated."""
     from jbench import display
-    from jbench.experiments.request import request_runs
+    from jbench.experiments.request import find_device, request_runs
     from jbench.experiments.train import plan
     from jbench.store import Results
 
     output, place = Output(json), Results(results)
+    chosen = parsing.known("engine", engine, names.ENGINES)
+    place_of_work = find_device(chosen, parsing.known("device", device, names.DEVICES))
     runs = request_runs(
         place,
         algo=parsing.known("algorithm", algo, names.ALGORITHMS),
@@ -200,6 +137,9 @@ def train(
         evaluate_episodes=evaluate_episodes,
         augment=parsing.augmented(augment),
         robots=robots,
+        engine=chosen,
+        precision=parsing.known("precision", precision, names.PRECISIONS),
+        parallel=environments,
     )
     planned = plan(runs, place)
     if planned.finished:
@@ -211,7 +151,7 @@ def train(
     failures = {}
     if planned.to_do:
         failures = display.train_with_progress(
-            planned.to_do, place, parsing.all_cores(jobs), output
+            planned.to_do, place, parsing.all_cores(jobs), output, place_of_work
         )
     for run_id, reason in failures.items():
         output.warn(f"the run {run_id} failed: {reason}")
@@ -254,10 +194,10 @@ def report(
     from jbench.report import write_report
     from jbench.store import Results
 
-    output = Output(json)
+    output, place = Output(json), Results(results)
     written = write_report(
-        Results(results),
-        out or results / "report",
+        place,
+        out or place.inside("report"),
         order=parsing.known("value of --order", order, names.ORDERS),
         window=window,
         task=task and parsing.known("task", task, names.TASKS),
@@ -283,33 +223,8 @@ def report(
         raise WorkError(f"{len(written.problems)} records are damaged and left out; see above.")
 
 
-@app.command()
-def query(
-    sql: Annotated[str, typer.Argument(help="One SELECT over the tables; see the README.")],
-    as_csv: Annotated[bool, typer.Option("--csv", help="CSV on standard output.")] = False,
-    results: ResultsOption = Path("results"),
-    json: JsonOption = False,
-) -> None:
-    """Ask the results in SQL: tables runs, episodes, evaluations, encoders, published and more."""
-    from jbench.store import Results
-    from jbench.store.query import load, run_sql, to_csv, to_json
-
-    if as_csv and json:
-        raise RequestError("--csv and --json exclude each other; type one of them.")
-    loaded = load(Results(results))
-    answer = run_sql(sql, loaded.tables)
-    if json:
-        print(to_json(answer))
-    elif as_csv:
-        print(to_csv(answer), end="")
-    else:
-        cells = answer.astype(object).where(answer.notna(), None).to_numpy()
-        rows = [[short(cell) for cell in row] for row in cells]
-        Output().table(f"{len(answer):,} rows", list(answer.columns), rows)
-    for problem in loaded.problems:
-        Output(json).warn(problem)
-    if loaded.problems:
-        raise WorkError(f"{len(loaded.problems)} records are damaged and left out; see above.")
+for verb in cli_store.VERBS:
+    app.command()(verb)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -318,13 +233,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("MUJOCO_GL", "disable")
     try:
         answer = app(arguments, prog_name="jbench", standalone_mode=False)
+        # What typer makes of Ctrl-C.
+        if answer == 128 + signal.SIGINT:
+            raise KeyboardInterrupt
         return answer if isinstance(answer, int) else 0
     except typer.TyperException as error:
         message = error.format_message().rstrip(".")
         print(f"Error: {message}; jbench --help shows what there is.", file=sys.stderr)
         return 2
     except (RequestError, WorkError) as error:
-        print(f"Error: {error}", file=sys.stderr)
+        print(f"Error: {printable(str(error))}", file=sys.stderr)
         return error.exit_code
     except (KeyboardInterrupt, typer.Abort):
         print("Stopped. What was committed is kept; type the same command again.", file=sys.stderr)

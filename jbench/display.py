@@ -22,27 +22,51 @@ def described(record: Record, **more: Any) -> dict[str, Any]:
     }
 
 
-def show_encoder(record: Record, output: Output) -> None:
+def show_encoders(records: Sequence[Record], output: Output) -> None:
+    """Prints the errors of trained encoders: of a lone one in detail."""
+    if len(records) == 1:
+        _show_encoder(records[0], output)
+    rows = []
+    for record in records:
+        (errors,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()
+        explained = ("test", "pca", "random", "heuristic", "pca_heuristic")
+        rows.append(
+            (
+                record.id,
+                f"{errors['test_mse']:.5f}",
+                *(f"{errors[f'{which}_explained']:.3f}" for which in explained),
+            )
+        )
+    header = ("encoder", "error", "explained", "PCA's", "random's", "heuristic's data", "PCA's")
+    output.table("Variance explained on held-out episodes, and on the heuristic's", header, rows)
+
+
+def _show_encoder(record: Record, output: Output) -> None:
     """Prints the errors of a trained encoder: by epoch, and by feature at the end."""
     epochs = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
+    told = ("train_loss", "test_mse", "test_denoising_mse")
     shown = sorted({*range(0, len(epochs), max(1, len(epochs) // 8)), len(epochs) - 1})
+    if epochs:
+        output.table(
+            f"{record.id}: mean squared error by epoch (scaled features)",
+            ("epoch", "training loss", "test, clean", "test, corrupted"),
+            [
+                (e["epoch"], *("" if e[name] is None else f"{e[name]:.5f}" for name in told))
+                for e in (epochs[i] for i in shown)
+            ],
+        )
     output.table(
-        f"{record.id}: mean squared error by epoch (scaled features)",
-        ("epoch", "train, corrupted", "test, clean", "test, corrupted"),
-        [
-            (e["epoch"], *(f"{e[m]:.5f}" for m in ("train_mse", "test_mse", "test_denoising_mse")))
-            for e in (epochs[i] for i in shown)
-        ],
-    )
-    output.table(
-        "Error of each feature on held-out episodes (scaled features)",
-        ("feature", "error", "variance", "explained"),
+        "Error of each feature (scaled): on held-out episodes, and on the heuristic's",
+        ("feature", "error", "PCA's", "variance", "explained", "heuristic's data", "PCA's"),
         [
             (
                 row["feature"],
                 f"{row['test_mse']:.5f}",
+                f"{row['pca_mse']:.5f}",
                 f"{row['test_variance']:.5f}",
                 f"{1 - row['test_mse'] / max(row['test_variance'], 1e-12):.3f}",
+                f"{row['heuristic_mse']:.5f}",
+                f"{row['pca_heuristic_mse']:.5f}",
             )
             for row in record.read("encoder_features", schema.ENCODER_FEATURES).to_pylist()
         ],
@@ -50,12 +74,13 @@ def show_encoder(record: Record, output: Output) -> None:
 
 
 def train_with_progress(
-    runs: Sequence[RunSettings], results: Results, jobs: int, output: Output
+    runs: Sequence[RunSettings], results: Results, jobs: int, output: Output, device: str = "cpu"
 ) -> dict[str, str]:
     """Does runs side by side and shows how far they are; returns what failed and why."""
-    from jbench.experiments.train import train
+    from jbench.experiments.train import batches, train
 
     jobs = min(jobs, len(runs))
+    at_a_time = sum(len(batch) for batch in batches(runs, jobs, device)[:jobs])
     first = runs[0]
     done = dict.fromkeys((run.id for run in runs), 0)
     told = False
@@ -66,7 +91,7 @@ def train_with_progress(
             nonlocal told
             if "seconds_per_step" in message and not told:
                 told = True
-                _say_how_long(runs, jobs, message["seconds_per_step"], output)
+                _say_how_long(runs, at_a_time, message["seconds_per_step"], output)
             if "control_steps" in message:
                 done[run.id] = min(message["control_steps"], run.steps)
                 note = f"seed {run.seed}: last return {message['episode_return']:.0f}"
@@ -75,21 +100,21 @@ def train_with_progress(
                 done[run.id] = run.steps
                 progress.update(sum(done.values()), f"seed {run.seed} finished")
 
-        return train(list(runs), results, jobs, on_message)
+        return train(runs, results, jobs, on_message, device)
 
 
 def _say_how_long(
-    runs: Sequence[RunSettings], jobs: int, seconds_per_step: float, output: Output
+    runs: Sequence[RunSettings], at_a_time: int, seconds_per_step: float, output: Output
 ) -> None:
-    rounds = -(-len(runs) // jobs)
+    rounds = -(-len(runs) // at_a_time)
     seconds = rounds * runs[0].steps * seconds_per_step
     less = ""
     if seconds > 600:
         less = " For less: fewer --steps (such as 300000), or fewer --seeds (such as 0-2)."
     output.say(
         f"{len(runs)} runs of {runs[0].steps:,} control steps at about "
-        f"{1 / seconds_per_step:.0f} steps/s each, evaluations included, {jobs} at a time: about "
-        f"{duration(seconds)}.{less}"
+        f"{1 / seconds_per_step:.0f} steps/s each, evaluations included, {at_a_time} at a time: "
+        f"about {duration(seconds)}.{less}"
     )
 
 

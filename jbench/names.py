@@ -14,12 +14,34 @@ TASKS = (
 ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
 
+ENCODER_KINDS = {
+    "dae": "jbench.encoders.dae:DenoisingAutoencoder",
+    "ae": "jbench.encoders.ae:Autoencoder",
+    "ddae": "jbench.encoders.ddae:DynamicDenoisingAutoencoder",
+    "vae": "jbench.encoders.vae:VariationalAutoencoder",
+    "lld-vae": "jbench.encoders.lld_vae:LocallyLinearVariationalAutoencoder",
+    "pca": "jbench.encoders.pca:PrincipalComponents",
+    "random": "jbench.encoders.random_projection:RandomProjection",
+}
+"""Our kinds of encoders, and where their classes are; other packages may offer more."""
+
+DEVICES = ("auto", "cpu", "cuda")
+"""Where to compute; auto is cuda where there is one."""
+
 CAMERAS = ("overhead", "tracking", "ego", "spectator")
 """The cameras of the model: the paper's three (section 4.1) and a fixed view from the side."""
 
 TimeLimit = Literal["bootstrap", "terminal"]
 TIME_LIMITS: tuple[TimeLimit, ...] = get_args(TimeLimit)
 """Whether the value of an episode's last state is bootstrapped, or nothing as after an end."""
+
+Engine = Literal["batched", "sb3"]
+ENGINES: tuple[Engine, ...] = get_args(Engine)
+"""What trains agents: ours, many seeds at a time, or stable-baselines3, one by one."""
+
+Precision = Literal["float32", "bfloat16"]
+PRECISIONS: tuple[Precision, ...] = get_args(Precision)
+"""Of the batched engine's products; what is kept is float32 in any case."""
 
 Base = Literal["published", "sb3"]
 BASES: tuple[Base, ...] = get_args(Base)

@@ -104,7 +104,7 @@ class Dataset:
 
 
 def find_dataset(results: Results, id: str | None = None) -> Dataset:
-    """Returns a dataset by its id, or the newest finished one.
+    """Returns a dataset by its id, or the newest finished one of the plain robot.
 
     Raises:
         RequestError: if there is none, or it is not finished; it says how to collect one.
@@ -131,4 +131,10 @@ def find_dataset(results: Results, id: str | None = None) -> Dataset:
             f"No finished dataset in {results.path}{reason}; run jbench collect first "
             "(--steps 100000 makes a small one)."
         )
-    return Dataset(max(finished, key=lambda record: record.manifest.updated))
+    plain = [record for record in finished if record.settings.get("augment") is None]
+    if not plain:
+        raise RequestError(
+            f"Every finished dataset in {results.path} is of an augmented robot; name one with "
+            f"--dataset: {', '.join(record.id for record in finished)}."
+        )
+    return Dataset(max(plain, key=lambda record: record.manifest.updated))

@@ -147,8 +147,9 @@ def find_encoder(results: Results, wanted: str, task: str) -> str:
 
     Args:
         results: where to look.
-        wanted: KIND:LATENTS, for the newest encoder of that kind and size trained on this task; a
-            number of latents alone, for a denoising autoencoder; or an encoder's id.
+        wanted: KIND:LATENTS, for the newest encoder of that kind and size trained on this task and
+            on the plain robot; a number of latents alone, for a denoising autoencoder; or an
+            encoder's id.
         task: that the agent will learn.
 
     Raises:
@@ -171,7 +172,11 @@ def find_encoder(results: Results, wanted: str, task: str) -> str:
             f"An encoder of {task} has 1 to {size} latents, the size of its observation; "
             f"type --encoder with such a number, as 12 or {kind}:12, or none."
         )
-    fitting = [r for r in results.scan("encoder")[0] if _fits(r, kind, task, latents)]
+    fitting = [
+        record
+        for record in results.scan("encoder")[0]
+        if _fits(record, kind, task, latents) and _of_plain_robot(results, record)
+    ]
     if not fitting:
         raise RequestError(
             f"No {kind} of {latents} latents for {task} in {results.path}; type "
@@ -183,6 +188,15 @@ def find_encoder(results: Results, wanted: str, task: str) -> str:
 def _command(kind: str) -> str:
     """Returns the verb that makes encoders of a kind."""
     return "train-dae" if kind == "dae" else f"train-encoder --kind {kind}"
+
+
+def _of_plain_robot(results: Results, record: Record) -> bool:
+    """Returns whether an encoder's dataset is of the plain robot, as far as is known."""
+    try:
+        dataset = results.find("dataset", str(record.settings.get("dataset")))
+    except (RequestError, WorkError):
+        return True
+    return dataset is None or dataset.settings.get("augment") is None
 
 
 def _fits(record: Record, kind: str, task: str, latents: int) -> bool:

@@ -6,7 +6,7 @@ from jbench.agents.settings import algorithm_settings, parse_overrides
 from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
 from jbench.experiments.settings import RunSettings
-from jbench.names import EPISODE_STEPS, FULL, Base, TimeLimit
+from jbench.names import EPISODE_STEPS, FULL, Base, Engine, Precision, TimeLimit
 from jbench.store import Results
 from jbench.validation import validated
 
@@ -26,6 +26,9 @@ def request_runs(
     evaluate_episodes: int,
     augment: int | None = None,
     robots: int = 1,
+    engine: Engine = "sb3",
+    precision: Precision = "float32",
+    parallel: int | None = None,
 ) -> list[RunSettings]:
     """Returns the settings of one run for each seed.
 
@@ -43,6 +46,9 @@ def request_runs(
         evaluate_episodes: episodes in an evaluation.
         augment: seed of the augmented robot; None for the plain one.
         robots: augmented robots, one after the other, the first of seed `augment` or else 0.
+        engine: what trains them.
+        precision: of the batched engine's products.
+        parallel: environments of each seed; None for the algorithm's own.
 
     Raises:
         RequestError: if there is no such encoder, setting or robot, no episode could end, or the
@@ -66,6 +72,9 @@ def request_runs(
         "hyperparameters": algorithm.model_dump(mode="json"),
         "augment": augment,
         "robots": robots,
+        "engine": engine,
+        "precision": precision,
+        "parallel": parallel,
     }
     runs = [validated(RunSettings, "the run", seed=seed, **shared) for seed in seeds]
     least = EPISODE_STEPS * runs[0].environments
@@ -75,3 +84,25 @@ def request_runs(
             f"{EPISODE_STEPS} control steps go on at a time; type --steps {least} or more."
         )
     return runs
+
+
+def find_device(engine: Engine, wanted: str) -> str:
+    """Returns the device to learn on, `cpu` or `cuda`.
+
+    Args:
+        engine: that trains.
+        wanted: one of `jbench.names.DEVICES`.
+
+    Raises:
+        RequestError: if it is not there, or not for this engine.
+    """
+    if engine == "sb3":
+        if wanted == "cuda":
+            raise RequestError("--device cuda is for --engine batched; stable-baselines3 gets cpu.")
+        return "cpu"
+    import torch
+
+    there = torch.cuda.is_available()
+    if wanted == "cuda" and not there:
+        raise RequestError("There is no CUDA device here; type --device cpu.")
+    return "cuda" if there and wanted != "cpu" else "cpu"

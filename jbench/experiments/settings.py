@@ -1,12 +1,12 @@
 """The settings of a run: one agent, one task, one seed."""
 
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from pydantic import BaseModel, Field, model_validator
 
 from jbench import validation
 from jbench.agents.settings import SETTINGS, AlgorithmSettings
-from jbench.names import EPISODE_STEPS, FULL, LARGEST_SEED, TimeLimit
+from jbench.names import EPISODE_STEPS, FULL, LARGEST_SEED, Engine, Precision, TimeLimit
 from jbench.store import settings_hash
 
 
@@ -21,7 +21,7 @@ class RunSettings(BaseModel):
     encoder: str | None = Field(default=None, description="id of the encoder")
     seed: int = Field(ge=0, le=LARGEST_SEED)
     steps: int = Field(gt=0, description="control steps over all environments; section 5.1: 5e6")
-    engine: Literal["sb3"] = "sb3"
+    engine: Engine = "sb3"
     time_limit: TimeLimit = "bootstrap"
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
     evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
@@ -40,6 +40,17 @@ class RunSettings(BaseModel):
         exclude_if=lambda robots: robots == 1,
         description="augmented robots, one after the other, of seeds that follow each other",
     )
+    precision: Precision = Field(
+        default="float32",
+        exclude_if=lambda precision: precision == "float32",
+        description="of the batched engine's products",
+    )
+    parallel: int | None = Field(
+        default=None,
+        ge=1,
+        exclude_if=lambda parallel: parallel is None,
+        description="environments of each seed; None for the algorithm's own",
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -49,6 +60,12 @@ class RunSettings(BaseModel):
         if several and values.get("augment") is None:
             return {**values, "augment": 0}
         return values
+
+    @model_validator(mode="after")
+    def _only_batched(self) -> Self:
+        if self.engine == "sb3" and (self.parallel is not None or self.precision != "float32"):
+            raise ValueError("--environments and --precision are for --engine batched")
+        return self
 
     @model_validator(mode="after")
     def _whole_episodes_on_each(self) -> Self:
@@ -77,7 +94,7 @@ class RunSettings(BaseModel):
     @property
     def environments(self) -> int:
         """How many environments the agent learns in at a time."""
-        return int(self.hyperparameters.get("n_envs", 1))
+        return self.parallel or int(self.hyperparameters.get("n_envs", 1))
 
     @property
     def episodes_on_each(self) -> int:

@@ -1,6 +1,7 @@
 """How long a run will take on this machine, measured within seconds on a throw-away agent."""
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -8,6 +9,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
 from jbench.encoders import Encoder
+from jbench.experiments.batch import engine_of
 from jbench.experiments.run import make_env
 from jbench.experiments.settings import RunSettings
 from jbench.names import EPISODE_STEPS
@@ -15,18 +17,49 @@ from jbench.names import EPISODE_STEPS
 _STEPS, _UPDATES = 300, 20
 
 
-def seconds_per_step(settings: RunSettings, encoder: Encoder | None) -> float:
-    """Returns the seconds that a control step of a run takes, updates and evaluations included.
+def seconds_per_step(
+    runs: Sequence[RunSettings], encoder: Encoder | None, device: str = "cpu"
+) -> float:
+    """Returns the seconds in which each of some runs advances a control step, evaluations included.
 
-    The agent that is measured is thrown away, and no generator of the run has been made yet, so
-    that the measurement changes nothing of the run.
+    The agents that are measured are thrown away, and no generator of the runs has been made yet, so
+    that the measurement changes nothing of them.
+
+    Args:
+        runs: that go on side by side in one process, of settings that differ in their seeds alone.
+        encoder: of their observations.
+        device: that the batched engine learns on.
     """
-    env = DummyVecEnv([lambda: make_env(settings, encoder)] * settings.environments)
-    measure = _on_policy if settings.algo == "ppo" else _off_policy
+    settings = runs[0]
     evaluation_steps = settings.evaluate_episodes * EPISODE_STEPS
     evaluations = max(1, settings.steps // settings.evaluate_every)
-    share = evaluations * evaluation_steps / settings.steps
-    return measure(settings, env) + share * _stepping(settings, encoder)
+    share = len(runs) * evaluations * evaluation_steps / settings.steps
+    if settings.engine == "batched":
+        learning = _batched(settings, len(runs), encoder, device)
+    else:
+        env = DummyVecEnv([lambda: make_env(settings, encoder)] * settings.environments)
+        learning = (_on_policy if settings.algo == "ppo" else _off_policy)(settings, env)
+    return learning + share * _stepping(settings, encoder)
+
+
+def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device: str) -> float:
+    """Returns the seconds of a control step of each seed, from a rollout with its updates."""
+    chosen = settings.hyperparameters
+    if settings.algo == "ppo":
+        rollout, patient = chosen["n_steps"] * settings.environments, settings
+    else:
+        rollout = max(chosen["train_freq"], _UPDATES)
+        changes = {"buffer_size": _STEPS, "learning_starts": chosen["batch_size"]}
+        patient = settings.model_copy(update={"hyperparameters": {**chosen, **changes}})
+    with engine_of(patient, list(range(seeds)), encoder, device) as engine:
+        if settings.algo != "ppo":
+            # Until there is something to learn from, and the first updates have been made.
+            for _ in engine.learn(chosen["batch_size"] + rollout):
+                pass
+        before, began = engine.control_steps, time.perf_counter()
+        for _ in engine.learn(before + rollout):
+            pass
+        return (time.perf_counter() - began) / (engine.control_steps - before)
 
 
 def _stepping(settings: RunSettings, encoder: Encoder | None) -> float:

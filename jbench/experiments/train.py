@@ -1,17 +1,20 @@
-"""Many runs side by side: one process of one thread for each core."""
+"""Many runs side by side: a process for each core, or one for a GPU."""
 
 import json
 import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from jbench.experiments.settings import RunSettings
 from jbench.store import Results
+from jbench.store.identity import canonical_json
 
 Message = dict[str, Any]
 """What a worker says: see `jbench.experiments.worker`."""
@@ -47,18 +50,21 @@ def plan(runs: list[RunSettings], results: Results) -> Plan:
 
 
 def train(
-    runs: list[RunSettings],
+    runs: Sequence[RunSettings],
     results: Results,
     jobs: int,
     on_message: Callable[[RunSettings, Message], None],
+    device: str = "cpu",
 ) -> dict[str, str]:
-    """Does runs side by side, each in a process of its own with one thread.
+    """Does runs side by side, in processes that have one thread each for learning.
 
     Args:
         runs: what to do.
         results: where they go.
-        jobs: how many at a time.
-        on_message: called, one call at a time, with each message of a run.
+        jobs: how many processes at a time.
+        on_message: called, one call at a time, with each message of a run; with the first run of a
+            process for those that are of all its runs.
+        device: that the batched engine learns on, `cpu` or `cuda`.
 
     Returns:
         A sentence for each run that failed, by its id; one failure does not stop the others.
@@ -66,21 +72,22 @@ def train(
     failures: dict[str, str] = {}
     turn = threading.Lock()
 
-    def work(settings: RunSettings) -> None:
-        failed: str | None = "its process ended without a word"
-        with _worker(settings, results) as messages:
+    def work(batch: Sequence[RunSettings]) -> None:
+        by_id = {run.id: run for run in batch}
+        failed = dict.fromkeys(by_id, "its process ended without a word")
+        with _worker(batch, results, device) as messages:
             for message in messages:
+                run = by_id[message.get("run", batch[0].id)]
                 if "failed" in message:
-                    failed = message["failed"]
+                    failed[run.id] = message["failed"]
                 elif "finished" in message:
-                    failed = None
+                    del failed[run.id]
                 with turn:
-                    on_message(settings, message)
-        if failed is not None:
-            failures[settings.id] = failed
+                    on_message(run, message)
+        failures.update(failed)
 
     with ThreadPoolExecutor(jobs) as pool:
-        futures = [pool.submit(work, settings) for settings in runs]
+        futures = [pool.submit(work, batch) for batch in batches(runs, jobs, device)]
         try:
             for future in futures:
                 future.result()
@@ -92,13 +99,43 @@ def train(
     return failures
 
 
+def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[RunSettings]]:
+    """Returns the runs by process: those that differ in their seeds alone may share one.
+
+    On a processor the seeds are dealt out to as many processes as go on at a time; on a GPU all go
+    into one. A run with stable-baselines3 has a process of its own.
+
+    Args:
+        runs: to do.
+        jobs: processes at a time.
+        device: `cpu` or `cuda`.
+    """
+    alike: dict[str, list[RunSettings]] = {}
+    for run in runs:
+        alone = run.engine != "batched"
+        key = run.id if alone else canonical_json({**run.model_dump(mode="json"), "seed": None})
+        alike.setdefault(key, []).append(run)
+    parts = 1 if device == "cuda" else jobs
+    return [
+        [group[i] for i in share]
+        for group in alike.values()
+        for share in np.array_split(np.arange(len(group)), min(parts, len(group)))
+    ]
+
+
 _running: set[subprocess.Popen[str]] = set()
 
 
 @contextmanager
-def _worker(settings: RunSettings, results: Results) -> Iterator[Iterator[Message]]:
+def _worker(
+    runs: Sequence[RunSettings], results: Results, device: str
+) -> Iterator[Iterator[Message]]:
     """Starts a worker; gives its messages as they come."""
-    request = {"results": str(results.path), "settings": settings.model_dump(mode="json")}
+    request = {
+        "results": str(results.path),
+        "device": device,
+        "runs": [run.model_dump(mode="json") for run in runs],
+    }
     threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     process = subprocess.Popen(
         [sys.executable, "-m", "jbench.experiments.worker", json.dumps(request)],

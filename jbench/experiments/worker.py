@@ -1,7 +1,11 @@
-"""One run in a process of its own: JSON lines on standard output, and it ends with its parent.
+"""Some runs in a process of their own: JSON lines on standard output, and it ends with its parent.
 
-`python -m jbench.experiments.worker '{"results": …, "settings": …}'`. Plain JSON instead of
-multiprocessing, which would pickle.
+`python -m jbench.experiments.worker '{"results": …, "device": …, "runs": […]}'`. Plain JSON instead
+of multiprocessing, which would pickle. Runs of the batched engine differ in their seeds alone; with
+stable-baselines3 there is one run.
+
+Messages: {"seconds_per_step": s} once, then for a run {"run": id} with {"control_steps": n,
+"episode_return": r}, {"failed": reason} or {"finished": true}.
 """
 
 import json
@@ -14,7 +18,7 @@ from typing import Any
 
 
 def main(argument: str) -> int:
-    """Does the run that the JSON argument describes; returns the exit code."""
+    """Does the runs that the JSON argument describes; returns the exit code."""
     # Ctrl-C reaches the whole group; the parent decides, and closes our standard input.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -22,34 +26,45 @@ def main(argument: str) -> int:
     import torch
 
     from jbench.errors import RequestError, WorkError
-    from jbench.experiments.run import load_encoder_of, run
     from jbench.experiments.settings import RunSettings
-    from jbench.experiments.speed import seconds_per_step
-    from jbench.store import Results
 
     torch.set_num_threads(1)
     request = json.loads(argument)
-    results = Results(Path(request["results"]))
-    settings = RunSettings(**request["settings"])
+    runs = [RunSettings(**settings) for settings in request["runs"]]
     try:
-        encoder = load_encoder_of(settings, results)
-        send({"seconds_per_step": seconds_per_step(settings, encoder)})
-        run(
-            settings,
-            results,
-            lambda steps, value: send({"control_steps": steps, "episode_return": value}),
-        )
+        failures = _train(runs, Path(request["results"]), request["device"], send)
     except (RequestError, WorkError) as error:
-        send({"failed": str(error)})
-        return 1
+        failures = {run.id: str(error) for run in runs}
     except Exception as error:
         import traceback
 
         traceback.print_exc()
-        send({"failed": f"{type(error).__name__}: {error}"})
-        return 1
-    send({"finished": True})
-    return 0
+        failures = {run.id: f"{type(error).__name__}: {error}" for run in runs}
+    for run in runs:
+        ended = {"failed": failures[run.id]} if run.id in failures else {"finished": True}
+        send({"run": run.id, **ended})
+    return 1 if failures else 0
+
+
+def _train(runs: list[Any], path: Path, device: str, send: Any) -> dict[str, str]:
+    """Trains the agents of all runs; returns a sentence for each that failed, by its id."""
+    from jbench.experiments.batch import run_batch
+    from jbench.experiments.run import load_encoder_of, run
+    from jbench.experiments.speed import seconds_per_step
+    from jbench.store import Results
+
+    results = Results(path)
+    encoder = load_encoder_of(runs[0], results)
+    send({"seconds_per_step": seconds_per_step(runs, encoder, device)})
+
+    def tell(settings: Any, steps: int, episode_return: float | None) -> None:
+        send({"run": settings.id, "control_steps": steps, "episode_return": episode_return})
+
+    if runs[0].engine == "batched":
+        return run_batch(runs, results, encoder, device=device, progress=tell)
+    for settings in runs:
+        run(settings, results, lambda steps, value: tell(settings, steps, value))  # noqa: B023
+    return {}
 
 
 def _sender() -> Any:

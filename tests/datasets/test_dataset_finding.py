@@ -13,9 +13,9 @@ from jbench.store import Results
 from jbench.tasks.features import State
 
 
-def add(results, id, updated="2020", finished=True):
+def add(results, id, updated="2020", finished=True, **settings):
     """An empty dataset that was last written then."""
-    record = results.create("dataset", id, {})
+    record = results.create("dataset", id, settings)
     if finished:
         record.finish({}, compact=False)
     path = record.path / "manifest.json"
@@ -47,6 +47,14 @@ def test_newest_finished_dataset_is_the_default(results):
     add(results, "random/d", "2024", finished=False)
     assert find_dataset(results).id == "random/b"
     assert find_dataset(results, "random/a").id == "random/a"
+
+
+def test_a_dataset_of_an_augmented_robot_is_meant_by_its_id_alone(results):
+    add(results, "random/augmented", "2024", augment=3)
+    assert "name one with --dataset: random/augmented." in refusal(results)
+    add(results, "random/plain", "2021", augment=None)
+    assert find_dataset(results).id == "random/plain"
+    assert find_dataset(results, "random/augmented").id == "random/augmented"
 
 
 def test_without_any_the_sentence_says_how_to_collect_one(results):

@@ -85,6 +85,13 @@ def test_number_means_the_newest_finished_autoencoder_of_that_size_and_task(resu
     assert find_encoder(results, "12", "move_to_pose") == "move_to_pose/dae12/f"
 
 
+def test_encoders_of_augmented_robots_are_meant_by_their_ids_alone(results):
+    results.create("dataset", "random/x", {"augment": 3})
+    add(results, "face_direction/dae12/a", "2021", dataset="random/plain")
+    add(results, "face_direction/dae12/b", "2025", dataset="random/x")
+    assert find_encoder(results, "12", "face_direction") == "face_direction/dae12/a"
+
+
 def test_kind_and_number_mean_the_newest_finished_encoder_of_both(results):
     add(results, "face_direction/lld-vae12/a", "2021", kind="lld-vae")
     add(results, "face_direction/lld-vae12/b", "2023", kind="lld-vae")

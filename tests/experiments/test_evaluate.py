@@ -92,7 +92,7 @@ def test_the_command_line_keeps_it_in_the_database(tmp_path, capsys):
         (["--policy", "../x"], "is not an id"),
         (["--task", "fly"], "No task 'fly'"),
         (["--episodes", "0"], "episodes of the evaluation can't be 0"),
-        (["--augment", "-1"], "augment of the evaluation can't be -1"),
+        (["--augment", "-1"], "--augment -1: type a whole number"),
         (["--target-yaw", "nan"], "type degrees"),
     ],
 )

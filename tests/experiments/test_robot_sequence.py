@@ -283,8 +283,8 @@ def test_robots_that_do_not_share_the_episodes_are_refused(robots, steps, told):
         ),
         (["--robots", "0"], "robots of the run can't be 0: "),
         (["--robots", "-1"], "robots of the run can't be -1: "),
-        (["--augment", "-1"], "augment of the run can't be -1: "),
-        (["--augment", "-1", "--robots", "2"], "augment of the run can't be -1: "),
+        (["--augment", "-1"], "--augment -1: type a whole number from 0 up"),
+        (["--augment", "-1", "--robots", "2"], "--augment -1: type a whole number"),
     ],
 )
 def test_what_cannot_be_trained_is_refused_in_a_sentence(arguments, said, tmp_path, capsys):

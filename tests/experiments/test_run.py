@@ -102,7 +102,7 @@ def test_a_finished_run_is_not_repeated(finished):
 def test_the_same_settings_give_the_same_rows_elsewhere(finished, tmp_path):
     _, record, _ = finished
     # Measuring the speed before, as the command line does, changes nothing of the run.
-    assert seconds_per_step(settings(), None) > 0
+    assert seconds_per_step([settings()], None) > 0
     again = run(settings(), Results(tmp_path))
     for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS)):
         first, second = (r.read(table, columns).drop(["wall_time"]) for r in (record, again))

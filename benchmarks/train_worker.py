@@ -1,0 +1,137 @@
+"""A process that trains on one core while it is told to, for `benchmarks/train.py`.
+
+    python benchmarks/train_worker.py '{"kind": "sb3", "algo": "td3", "seeds": [0], "core": 0}'
+
+It says {"ready": true} once all that happens only once has happened. Then it reads lines like
+{"seconds": 2} and answers each with the control steps of that time, by the clock and by the
+processor's time, which others on the machine do not take from it. SBX, which is JAX, lives in an
+environment of its own: only what a kind needs is imported.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+TASK = "face_direction"
+WARM_UP = 300  # control steps of each seed; updates begin after 256
+
+Request = dict[str, Any]
+Run = Callable[[float], int]
+"""Trains for some seconds, and returns the control steps that were made."""
+
+
+def settings_of(request: Request) -> Any:
+    """Returns the published settings, but with one update for each control step."""
+    from jbench.agents.settings import algorithm_settings
+
+    every = {"train_freq": 1, "gradient_steps": 1, "learning_starts": 256, "buffer_size": 100_000}
+    changes = {} if request["algo"] == "ppo" else every
+    return algorithm_settings(request["algo"], overrides=changes | request.get("changes", {}))
+
+
+def batched(request: Request) -> Run:
+    """Our engine: whole training of some seeds."""
+    from jbench.agents.batched.make import make_engine
+
+    engine = make_engine(
+        request["algo"], settings_of(request), TASK, request["seeds"], **request.get("options", {})
+    )
+    steps = engine.learn(10**12)
+    while engine.control_steps < WARM_UP:
+        next(steps)
+
+    def run(seconds: float) -> int:
+        first, end = engine.control_steps, time.perf_counter() + seconds
+        while time.perf_counter() < end:
+            next(steps)
+        return len(request["seeds"]) * (engine.control_steps - first)
+
+    return run
+
+
+def library(agent: Any) -> Run:
+    """An agent of stable-baselines3, or of SBX which has the same interface."""
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Until(BaseCallback):
+        def __init__(self, seconds: float, steps: int) -> None:
+            super().__init__()
+            self.end, self.steps, self.done = time.perf_counter() + seconds, steps, 0
+
+        def _on_step(self) -> bool:
+            self.done += self.training_env.num_envs
+            return self.done < self.steps or time.perf_counter() < self.end
+
+    agent.learn(10**12, Until(0, WARM_UP), log_interval=None)
+
+    def run(seconds: float) -> int:
+        until = Until(seconds, 0)
+        agent.learn(10**12, until, log_interval=None, reset_num_timesteps=False)
+        return until.done
+
+    return run
+
+
+def environment(count: int = 1) -> Any:
+    """Returns the environment that a library trains in."""
+    import gymnasium
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from jbench.tasks.gym import environment_id
+
+    made = environment_id(TASK)
+    return DummyVecEnv([lambda: gymnasium.make(made, disable_env_checker=True)] * count)
+
+
+def sb3(request: Request) -> Run:
+    """stable-baselines3 as `jbench train --engine sb3` has it."""
+    from jbench.agents import sb3 as ours
+
+    settings = settings_of(request)
+    env = environment(getattr(settings, "n_envs", 1))
+    return library(ours.build(request["algo"], settings, env, request["seeds"][0]))
+
+
+def sbx(request: Request) -> Run:
+    """SBX, with the same networks, batches and updates; its noise is left out."""
+    import sbx as jax_agents
+
+    algo = request["algo"]
+    arguments: dict[str, Any] = {
+        "policy_kwargs": {"net_arch": {"pi": [350, 250], "qf": [350, 250]}},
+        "learning_rate": 1e-4,
+        "batch_size": 256,
+        "learning_starts": 256,
+        "buffer_size": 100_000,
+        "train_freq": 1,
+        "gradient_steps": 1,
+    }
+    kind = {"ddpg": jax_agents.DDPG, "td3": jax_agents.TD3, "sac": jax_agents.SAC}[algo]
+    return library(kind("MlpPolicy", environment(), seed=request["seeds"][0], **arguments))
+
+
+KINDS = {"batched": batched, "sb3": sb3, "sbx": sbx}
+
+
+def main() -> None:
+    request = json.loads(sys.argv[1])
+    if "core" in request:
+        os.sched_setaffinity(0, {request["core"]})
+    if request["kind"] != "sbx" and "core" in request:
+        import torch
+
+        torch.set_num_threads(1)
+    run = KINDS[request["kind"]](request)
+    print(json.dumps({"ready": True}), flush=True)
+    for line in sys.stdin:
+        wall, processor = time.perf_counter(), time.process_time()
+        steps = run(json.loads(line)["seconds"])
+        wall, processor = time.perf_counter() - wall, time.process_time() - processor
+        print(json.dumps({"wall": steps / wall, "processor": steps / processor}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

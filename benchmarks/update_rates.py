@@ -1,0 +1,199 @@
+"""How fast updates are without the robots, and where the time of whole training goes.
+
+`benchmarks/train.py` prints these rows.
+"""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from statistics import median
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from jbench.agents.batched.engine import Engine
+from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.settings import algorithm_settings
+
+BATCH, OBSERVATION, HIDDEN = 256, 16, (350, 250)
+TRANSITIONS = 100_000
+BURST = 50  # updates at a time, as DDPG makes them
+BURSTS = 30
+
+
+def engine_with_transitions(seeds: int, algo: str = "ddpg", **options: Any) -> OffPolicyEngine:
+    """Returns agents whose replay buffers are full of random numbers."""
+    settings = algorithm_settings(algo, overrides={"buffer_size": TRANSITIONS})
+    engine = make_engine(algo, settings, "face_direction", range(seeds), **options)
+    assert isinstance(engine, OffPolicyEngine)
+    rows = torch.randn(1, TRANSITIONS, OBSERVATION + 2)
+    engine.restore_rows([rows] * seeds, TRANSITIONS)
+    return engine
+
+
+def products() -> Callable[[], None]:
+    """Returns a function that makes the products of matrices in an update of DDPG, no others."""
+
+    def matrix(*shape: int) -> Tensor:
+        return torch.randn(*shape)
+
+    first, second = HIDDEN
+    units, more, outputs = matrix(BATCH, first), matrix(BATCH, second), matrix(BATCH, 1)
+    weights, last = matrix(first, second), matrix(second, 1)
+    by_weights, by_last = matrix(first, second), matrix(second, 1)
+    inputs = {size: matrix(BATCH, size) for size in (OBSERVATION, OBSERVATION + 1)}
+    starts = {size: matrix(size, first) for size in inputs}
+
+    def forward(size: int) -> None:
+        torch.mm(inputs[size], starts[size], out=units)
+        torch.mm(units, weights, out=more)
+        torch.mm(more, last, out=outputs)
+
+    def backward() -> None:
+        torch.mm(outputs, last.mT, out=more)
+        torch.mm(more, weights.mT, out=units)
+
+    def by_parameters(size: int) -> None:
+        torch.mm(more.mT, outputs, out=by_last)
+        torch.mm(units.mT, more, out=by_weights)
+        torch.mm(inputs[size].mT, units, out=starts[size])
+
+    policy, value = inputs
+
+    def run() -> None:
+        # Both targets; the critic and its gradient; the actor's loss and its gradient.
+        for size in (policy, value, value):
+            forward(size)
+        backward()
+        by_parameters(value)
+        for size in (policy, value):
+            forward(size)
+        backward()
+        torch.mm(units, starts[value][-1:].mT)
+        backward()
+        by_parameters(policy)
+
+    return run
+
+
+def fraction_of_products(seeds: int, **options: Any) -> tuple[float, float, float]:
+    """Returns seconds of an update, of its products alone, and the second as a part of the first.
+
+    Both are made in turns, by this thread's own time: others on the machine count little.
+    """
+    engine, alone = engine_with_transitions(seeds, device="cpu", **options), products()
+    times: list[tuple[float, float]] = []
+    for burst in range(BURSTS // seeds + 2):
+        for group in engine._groups:
+            group.prepare(1 + burst * BURST, BURST)
+            began = time.thread_time()
+            group.run()
+            update = time.thread_time() - began
+            began = time.thread_time()
+            for _ in range(BURST):
+                alone()
+            times.append((update / BURST, (time.thread_time() - began) / BURST))
+    times = times[seeds:]
+    return (
+        median(update for update, _ in times),
+        median(its for _, its in times),
+        median(its / update for update, its in times),
+    )
+
+
+def cpu_rows() -> None:
+    """Prints the rows of one core, while a second process does the same on the next one."""
+    torch.set_num_threads(1)
+    with subprocess.Popen([sys.executable, __file__], stdout=subprocess.DEVNULL) as other:
+        for name, options in (("float32", {}), ("bfloat16", {"precision": "bfloat16"})):
+            update, alone, part = fraction_of_products(5, **options)
+            print(
+                f"DDPG's update in {name}: {update * 1e3:.2f} ms a core, its products alone in "
+                f"float32 {alone * 1e3:.2f} ms: {part:.2f} of the rate of products",
+                flush=True,
+            )
+        other.kill()
+
+
+def cuda_rows() -> None:
+    """Prints the rows of a GPU."""
+    print(torch.cuda.get_device_name(), flush=True)
+    for seeds in (10, 40):
+        for algo in ("ddpg", "td3", "sac"):
+            engine = engine_with_transitions(seeds, algo, device="cuda")
+            rates = []
+            for burst in range(12):
+                (group,) = engine._groups
+                group.prepare(1 + burst * BURST, BURST)
+                torch.cuda.synchronize()
+                began = time.perf_counter()
+                group.run()
+                torch.cuda.synchronize()
+                rates.append(seeds * BURST / (time.perf_counter() - began))
+            # The first bursts load and record.
+            print(f"{algo}, {seeds} seeds: {median(rates[3:]):,.0f} updates/s", flush=True)
+    for algo in ("ddpg", "td3", "sac", "ppo"):
+        for environments in (None, 8):
+            for overlap in (False, True) if algo != "ppo" else (False,):
+                _whole_training(algo, environments, overlap)
+
+
+def _whole_training(algo: str, environments: int | None, overlap: bool) -> None:
+    """Prints the control steps a second of ten seeds, and where the time goes."""
+    every = {} if algo == "ppo" else {"learning_starts": 500, "uniform_warmup": True}
+    settings = algorithm_settings(algo, overrides=every)
+    options: dict[str, Any] = {"environments": environments, "overlap": overlap}
+    with make_engine(algo, settings, "face_direction", range(10), device="cuda", **options) as it:
+        clock = Clock(it)
+        steps = it.learn(10**12)
+        while it.control_steps < 3000:
+            next(steps)
+        clock.reset()
+        first, began = it.control_steps, time.perf_counter()
+        while time.perf_counter() - began < 15:
+            next(steps)
+        took = time.perf_counter() - began
+        count = it.environments.observations.shape[1]
+        rate = 10 * (it.control_steps - first) / took
+        shares = ", ".join(f"{name} {spent / took:.0%}" for name, spent in clock.spent.items())
+        print(
+            f"{algo}, 10 seeds x {count}, overlap {overlap}: {rate:,.0f} control steps/s ({shares})"
+        )
+
+
+class Clock:
+    """Measures what the parts of an engine's loop take."""
+
+    PARTS = ("_choose", "_remember", "_learn")
+
+    def __init__(self, engine: Engine) -> None:
+        """Begins to measure."""
+        self.spent: dict[str, float] = {}
+        for name in self.PARTS:
+            self._watch(engine, name, name.strip("_"))
+        self._watch(engine.environments, "step", "robots")
+
+    def reset(self) -> None:
+        """Forgets what was measured."""
+        self.spent = dict.fromkeys(self.spent, 0.0)
+
+    def _watch(self, owner: Any, method: str, name: str) -> None:
+        function = getattr(owner, method)
+        self.spent[name] = 0.0
+
+        def watched(*arguments: Any) -> Any:
+            began = time.perf_counter()
+            result = function(*arguments)
+            self.spent[name] += time.perf_counter() - began
+            return result
+
+        setattr(owner, method, watched)
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    while True:
+        fraction_of_products(5)

@@ -1,0 +1,84 @@
+"""Deep deterministic policy gradient (Lillicrap et al., 2015, Algorithm 1)."""
+
+import torch
+from torch import Generator, Tensor
+
+from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.learner import (
+    OffPolicyLearner,
+    follow,
+    initialize_uniform,
+    tanh_gradient,
+)
+from jbench.agents.batched.network import Network
+from jbench.agents.batched.tensors import Part
+from jbench.agents.settings import DDPGSettings
+
+
+class DDPG(OffPolicyLearner):
+    """DDPG, for one seed or for a stack."""
+
+    losses = ("actor_loss", "critic_loss")
+    draws = 0
+
+    def __init__(
+        self,
+        settings: DDPGSettings,
+        observation_size: int,
+        part: Part,
+        low_precision: bool = False,
+    ) -> None:
+        """As for any learner."""
+        super().__init__(settings, observation_size, part, low_precision)
+        self._tau = settings.tau
+        # The actor's activations are needed until its gradient, those of the others before.
+        self.actor = self._network("actor", self.policy_sizes, tape="actor")
+        self.critic = self._network("critic", self.value_sizes, tape="critic")
+        self.actor_target = self._network(
+            "actor_target", self.policy_sizes, "critic", learned=False
+        )
+        self.critic_target = self._network(
+            "critic_target", self.value_sizes, "critic", learned=False
+        )
+        self._actor_adam = self._adam("actor", self.actor)
+        self._critic_adam = self._adam("critic", self.critic)
+
+    def initialize(self, generator: Generator) -> None:
+        """Draws the first parameters of one seed."""
+        for network, target in ((self.actor, self.actor_target), (self.critic, self.critic_target)):
+            initialize_uniform(network, generator)
+            target.values.copy_(network.values)
+
+    def act(self, observations: Tensor) -> Tensor:
+        """Returns mu(s)."""
+        return self.actor.forward(observations, exact=True).tanh_()
+
+    def policy(self) -> tuple[Network, str]:
+        """As `Learner.policy`."""
+        return self.actor, "tanh"
+
+    def update(self, batch: Batch, turn: bool = True) -> None:
+        """Learns from a minibatch of N transitions (s, a, r, s'), always in the same way."""
+        # y = r + gamma Q'(s', mu'(s'))
+        torch.tanh(self.actor_target.forward(batch.next_observations), out=batch.next_actions)
+        next_values = self.critic_target.forward(batch.next_pairs)
+        targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
+
+        # Update the critic by minimising the loss 1/N sum (y - Q(s, a))^2.
+        errors = self.critic.forward(batch.pairs) - targets
+        self.critic.backward(2 * errors * batch.share)
+        self._critic_adam.step()
+
+        # Update the actor by the policy gradient, the gradient of 1/N sum Q(s, mu(s)).
+        torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
+        losses = -self.critic.forward(batch.pairs)
+        descent = self.critic.last_input_gradient(-batch.share)
+        self.actor.backward(tanh_gradient(descent, batch.actions))
+        self._actor_adam.step()
+
+        # Update the target networks.
+        follow(self.critic_target, self.critic, self._tau)
+        follow(self.actor_target, self.actor, self._tau)
+
+        self._write_down("critic_loss", errors.square())
+        self._write_down("actor_loss", losses)

@@ -1,0 +1,151 @@
+"""What the update rules share: how their networks are made, and what they write down."""
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar
+
+import torch
+from torch import Generator, Tensor
+
+from jbench.agents.batched.adam import Adam
+from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.network import Network, Sizes, affines, parameter_count
+from jbench.agents.batched.tensors import Part
+from jbench.agents.settings import AlgorithmSettings
+
+
+class Learner:
+    """An update rule and its networks, for one seed or for a stack.
+
+    All that it must remember is kept by its `Part`; two learners of the same part are one.
+    """
+
+    losses: ClassVar[tuple[str, ...]]
+    """What an update writes down of itself, by the names of the database."""
+
+    def __init__(
+        self,
+        settings: AlgorithmSettings,
+        observation_size: int,
+        part: Part,
+        low_precision: bool = False,
+    ) -> None:
+        """Looks at the numbers of a part.
+
+        Args:
+            settings: of the algorithm.
+            observation_size: what the networks see.
+            part: whose numbers.
+            low_precision: whether hidden layers are multiplied in bfloat16.
+        """
+        self.part, self._low_precision = part, low_precision
+        self._learning_rate = settings.learning_rate
+        self.policy_sizes = (observation_size, *settings.hidden_layers, 1)
+        self.value_sizes = (observation_size + 1, *settings.hidden_layers, 1)
+        # Of each loss, the sum and the number of what was written down.
+        self._noted = part.keep("losses", len(self.losses), 2)
+        self._notes = dict(zip(self.losses, self._noted.unbind(dim=-2), strict=True))
+        note = part.scratch("note", 2).fill_(1)
+        self._note, self._noted_mean = note, note[..., 0]
+
+    def initialize(self, generator: Generator) -> None:
+        """Draws the first parameters of one seed."""
+        raise NotImplementedError
+
+    def act(self, observations: Tensor) -> Tensor:
+        """Returns the policy's actions (..., N, 1), without noise, for (..., N, inputs)."""
+        raise NotImplementedError
+
+    def policy(self) -> tuple[Network, str]:
+        """Returns the network of the deterministic policy and what bounds its first output.
+
+        The second is "tanh" or "clip".
+        """
+        raise NotImplementedError
+
+    def mean_losses(self) -> Tensor:
+        """Returns the mean (..., losses) of what was noted since `forget_losses`; nan for none."""
+        return self._noted[..., 0] / self._noted[..., 1]
+
+    def forget_losses(self, turns: Sequence[bool]) -> None:
+        """Begins new means, of the losses that updates of these turns will note."""
+        self._noted.zero_()
+
+    def _write_down(self, loss: str, values: Tensor) -> None:
+        """Notes the mean of (..., batch, 1) values as a loss."""
+        torch.mean(values, dim=(-2, -1), out=self._noted_mean)
+        self._notes[loss].add_(self._note)
+
+    def _network(self, name: str, sizes: Sizes, tape: str, learned: bool = True) -> Network:
+        """Returns a network whose parameters are kept under a name."""
+        count = parameter_count(sizes)
+        return Network(
+            self.part,
+            sizes,
+            self.part.keep(name, count),
+            self.part.scratch(f"{name}.gradient", count) if learned else None,
+            tape=tape,
+            low_precision=self._low_precision,
+        )
+
+    def _adam(self, name: str, network: Network) -> Adam:
+        """Returns the optimiser of a network, its moments kept under a name."""
+        assert network.gradient is not None
+        return Adam(self.part, name, network.values, network.gradient, self._learning_rate)
+
+
+class OffPolicyLearner(Learner):
+    """An update rule that learns from transitions, whichever policy made them."""
+
+    draws: ClassVar[int]
+    """Normal numbers that an update needs for each transition."""
+
+    random_policy: ClassVar[bool] = False
+    """Whether `explore` needs noise."""
+
+    def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
+        """Returns actions (..., N, 1) to learn from, before any action noise is added.
+
+        Args:
+            observations: (..., N, inputs).
+            noise: (..., N, 1) standard normal numbers, for a policy that is random itself.
+        """
+        return self.act(observations)
+
+    def turn(self, update: int, of_its_call: int) -> bool:
+        """Returns whether an update has to do all, or else what it does every time.
+
+        Args:
+            update: its number since the first, counted from 1.
+            of_its_call: its number among those that are due at a time, counted from 0.
+        """
+        return True
+
+    def update(self, batch: Batch, turn: bool = True) -> None:
+        """Learns from a minibatch of N transitions (s, a, r, s').
+
+        Args:
+            batch: of which actions and next actions are overwritten.
+            turn: what `turn` says.
+        """
+        raise NotImplementedError
+
+
+def initialize_uniform(network: Network, generator: Generator) -> None:
+    """Draws the first parameters of one seed's network on the CPU, as torch's linear layers do."""
+    for weight, bias in affines(network.values, network.sizes):
+        bound = 1 / math.sqrt(weight.shape[-2])
+        for parameters in (weight, bias):
+            drawn = torch.empty(parameters.shape, dtype=parameters.dtype)
+            parameters.copy_(torch.nn.init.uniform_(drawn, -bound, bound, generator=generator))
+
+
+def follow(target: Network, network: Network, tau: float) -> None:
+    """Moves the parameters of a target network a step of `tau` towards those of another."""
+    target.values.lerp_(network.values, tau)
+
+
+def tanh_gradient(gradient: Tensor, outputs: Tensor) -> Tensor:
+    """Returns the gradient by the inputs of tanh, given that by its outputs, and these."""
+    by_inputs: Tensor = torch.ops.aten.tanh_backward(gradient, outputs)
+    return by_inputs

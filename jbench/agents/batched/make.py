@@ -1,0 +1,107 @@
+"""Making an engine from what a user asks for."""
+
+import os
+from collections.abc import Sequence
+
+import torch
+
+from jbench.agents.batched.engine import Engine
+from jbench.agents.batched.environments import Environments, Models
+from jbench.agents.batched.learner import Learner
+from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.batched.on_policy import OnPolicyEngine
+from jbench.agents.batched.rules import LEARNERS
+from jbench.agents.batched.streams import Streams
+from jbench.agents.batched.team import Team
+from jbench.agents.batched.tensors import Tensors
+from jbench.agents.settings import AlgorithmSettings, OffPolicySettings, PPOSettings
+from jbench.encoders import Encoder
+from jbench.errors import RequestError
+from jbench.names import EPISODE_STEPS, TimeLimit
+
+DEVICES = ("auto", "cpu", "cuda")
+PRECISIONS = ("float32", "bfloat16")
+
+
+def make_engine(
+    algo: str,
+    settings: AlgorithmSettings,
+    task: str,
+    seeds: Sequence[int],
+    *,
+    environments: int | None = None,
+    time_limit: TimeLimit = "bootstrap",
+    encoder: Encoder | None = None,
+    models: Models | None = None,
+    device: str = "auto",
+    precision: str = "float32",
+    threads: int | None = None,
+    stacked: bool | None = None,
+    overlap: bool | None = None,
+    dtype: torch.dtype = torch.float32,
+    episode_steps: int = EPISODE_STEPS,
+) -> Engine:
+    """Returns agents of several seeds that have learned nothing yet.
+
+    Args:
+        algo: one of `jbench.names.ALGORITHMS`.
+        settings: of that algorithm.
+        task: one of `jbench.names.TASKS`.
+        seeds: one for each agent.
+        environments: of each agent; those of the settings for None: 1, and PPO's n_envs.
+        time_limit: whether the value of an episode's last state counts.
+        encoder: of the observations.
+        models: the robot of every episode; the plain one for None.
+        device: "cpu", "cuda", or "auto" for the second where there is one.
+        precision: "float32", or "bfloat16" for the products of hidden layers.
+        threads: how many robots are stepped at a time; None for one on a CPU, where the learning
+            takes the time and a process for each core is faster, and for all cores beside a GPU.
+        stacked: whether all seeds are computed at a time, or one after another; None for the
+            faster: the first on a GPU.
+        overlap: whether agents learn while their robots go on, with the policy of one rollout
+            before; None for doing so on a GPU. PPO never does.
+        dtype: of all numbers; other than float32 for tests.
+        episode_steps: in an episode; other than the tasks' own for tests.
+
+    Raises:
+        RequestError: if there is no such device or precision, or the environments are too many.
+    """
+    place = _device(device)
+    if precision not in PRECISIONS:
+        raise RequestError(f"No precision {precision!r}; there are {', '.join(PRECISIONS)}.")
+    gpu = place.type == "cuda"
+    count = environments or (settings.n_envs if isinstance(settings, PPOSettings) else 1)
+    streams = [Streams(seed, count) for seed in seeds]
+    worlds = Environments(
+        task,
+        [stream.environments for stream in streams],
+        encoder=encoder,
+        threads=threads or ((os.cpu_count() or 1) if gpu else 1),
+        models=models,
+        episode_steps=episode_steps,
+    )
+
+    def team() -> Team[Learner]:
+        return Team(
+            LEARNERS[algo],
+            settings,
+            worlds.size,
+            Tensors(len(seeds), dtype, place),
+            stacked=gpu if stacked is None else stacked,
+            low_precision=precision == "bfloat16",
+        )
+
+    if isinstance(settings, PPOSettings):
+        return OnPolicyEngine(settings, team(), worlds, streams, time_limit=time_limit)
+    assert isinstance(settings, OffPolicySettings)
+    actors = team() if (gpu if overlap is None else overlap) else None
+    return OffPolicyEngine(settings, team(), worlds, streams, time_limit=time_limit, actors=actors)
+
+
+def _device(name: str) -> torch.device:
+    if name not in DEVICES:
+        raise RequestError(f"No device {name!r}; there are {', '.join(DEVICES)}.")
+    there = torch.cuda.is_available()
+    if name == "cuda" and not there:
+        raise RequestError("There is no CUDA device here; type --device cpu.")
+    return torch.device("cuda" if there and name != "cpu" else "cpu")

@@ -1,0 +1,241 @@
+"""Stacked networks: layers of ReLU units, and their gradients written out.
+
+Autograd would allocate what it computes, and compute more than is needed. Here every activation
+has its place in memory, shared by all networks that do not need theirs at the same time, so that
+the work is that of the products of matrices (tested against autograd).
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from jbench.agents.batched.tensors import Part, aligned
+
+Sizes = tuple[int, ...]
+"""Inputs, units of each hidden layer, outputs."""
+
+
+class Affine(NamedTuple):
+    """Views of one layer's parameters in the flat ones of its network.
+
+    Attributes:
+        weight: (..., inputs, units), the transpose of torch's own.
+        bias: (..., units).
+    """
+
+    weight: Tensor
+    bias: Tensor
+
+
+def parameter_count(sizes: Sizes) -> int:
+    """Returns how many numbers the flat parameters of a network have, padding included."""
+    return sum(aligned(inputs * units) + aligned(units) for inputs, units in _padded(sizes))
+
+
+def affines(flat: Tensor, sizes: Sizes) -> list[Affine]:
+    """Returns the layers of a network in its (..., parameters) flat parameters."""
+    return [
+        Affine(weight[..., :inputs, :units], bias[..., :units])
+        for (weight, bias), inputs, units in zip(
+            _padded_affines(flat, sizes), sizes[:-1], sizes[1:], strict=True
+        )
+    ]
+
+
+class Network:
+    """A network of one seed, or of each seed of a stack."""
+
+    def __init__(
+        self,
+        part: Part,
+        sizes: Sizes,
+        values: Tensor,
+        gradient: Tensor | None = None,
+        *,
+        tape: str,
+        low_precision: bool = False,
+    ) -> None:
+        """Looks at parameters.
+
+        Args:
+            part: whose network it is.
+            sizes: of its layers.
+            values: (..., parameter_count(sizes)) all its parameters.
+            gradient: as `values`; where `backward` writes, None for a network that never learns.
+            tape: name of the memory for its activations. Of the networks that share a tape, only
+                the last that went forward can go backward.
+            low_precision: whether hidden layers are multiplied in bfloat16.
+        """
+        self.sizes, self.values, self.gradient = sizes, values, gradient
+        self._part, self._tape = part, tape
+        gradients = _padded_affines(values if gradient is None else gradient, sizes)
+        last = len(sizes) - 2
+        pairs = list(zip(_padded_affines(values, sizes), gradients, strict=True))
+        self._exact = [_Layer(*pair) for pair in pairs]
+        self._layers = [
+            _LowPrecisionLayer(*pair, part, f"{tape} {i}") if low_precision and 0 < i < last else it
+            for i, (pair, it) in enumerate(zip(pairs, self._exact, strict=True))
+        ]
+        self._memory: dict[int, _Memory] = {}
+        self._inputs, self._units = torch.empty(0), _Memory([], [], [])
+
+    def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
+        """Returns the outputs (..., batch, sizes[-1]) for inputs (..., batch, sizes[0]).
+
+        Args:
+            inputs: of each of a batch.
+            exact: whether in full precision whatever the network learns in. No way leads back.
+        """
+        layers = self._exact if exact else self._layers
+        self._inputs, self._units = inputs, self._memory_of(inputs.shape[-2])
+        before = inputs
+        for layer, units in zip(layers, self._units.units, strict=False):
+            before = layer.forward(before, units).clamp_min_(0)
+        return layers[-1].forward(before)
+
+    def backward(self, delta: Tensor) -> None:
+        """Writes the gradient of a loss, given its gradient by the last outputs, same shape."""
+        for i in range(len(self._layers) - 1, 0, -1):
+            self._layers[i].differentiate(delta, self._units.transposed[i - 1])
+            delta = self._through(i, delta)
+        self._layers[0].differentiate(delta, self._inputs.mT)
+
+    def last_input_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:
+        """Returns the gradient (..., batch, 1) by the last input, the parameters being constants.
+
+        Args:
+            delta: gradient of a loss by the last outputs, same shape.
+            rows: of the last batch, those that the loss depends on and `delta` is for; all for
+                None. Only for one seed.
+        """
+        for i in range(len(self._layers) - 1, 0, -1):
+            delta = self._through(i, delta, rows)
+        return self._layers[0].propagate_to_last(delta)
+
+    def _through(self, i: int, delta: Tensor, rows: Tensor | None = None) -> Tensor:
+        """Returns the gradient by the units before layer i, ReLU included."""
+        units, before = self._units.units[i - 1], self._units.deltas[i - 1]
+        if rows is not None:
+            units, before = units.index_select(0, rows), before[: len(rows)]
+        self._layers[i].propagate(delta, before)
+        # ReLU's derivative, from its own output: one pass over memory where a mask would be two.
+        torch.ops.aten.threshold_backward.grad_input(before, units, 0, grad_input=before)
+        return before
+
+    def _memory_of(self, batch: int) -> "_Memory":
+        if batch not in self._memory:
+            units, deltas = (
+                [
+                    self._part.scratch(f"{name} {i}", batch, aligned(size))
+                    for i, size in enumerate(self.sizes[1:-1])
+                ]
+                for name in (self._tape, "delta")
+            )
+            self._memory[batch] = _Memory(units, [unit.mT for unit in units], deltas)
+        return self._memory[batch]
+
+
+class _Memory(NamedTuple):
+    """Where a network computes a batch of one size, for each hidden layer.
+
+    Attributes:
+        units: (..., batch, units) what they give.
+        transposed: the same memory, (..., units, batch).
+        deltas: (..., batch, units) gradients by the units.
+    """
+
+    units: list[Tensor]
+    transposed: list[Tensor]
+    deltas: list[Tensor]
+
+
+class _Layer:
+    """One layer: what it computes, and both its gradients."""
+
+    def __init__(self, affine: Affine, gradient: Affine) -> None:
+        stacked = affine.weight.ndim == 3
+        self._affine = torch.baddbmm if stacked else torch.addmm
+        self._product = torch.bmm if stacked else torch.mm
+        self._weight, self._bias = affine.weight, affine.bias.unsqueeze(-2)
+        self._transposed, self._last_input = self._weight.mT, self._weight[..., -1:, :].mT
+        self._gradient = gradient
+
+    def forward(self, inputs: Tensor, out: Tensor | None = None) -> Tensor:
+        """Returns inputs @ weight + bias."""
+        return self._affine(self._bias, inputs, self._weight, out=out)
+
+    def differentiate(self, delta: Tensor, transposed: Tensor) -> None:
+        """Writes the gradient by the layer's parameters, given its inputs (..., inputs, batch)."""
+        self._product(transposed, delta, out=self._gradient.weight)
+        torch.sum(delta, dim=-2, out=self._gradient.bias)
+
+    def propagate(self, delta: Tensor, out: Tensor) -> None:
+        """Writes the gradient by the layer's inputs."""
+        self._product(delta, self._transposed, out=out)
+
+    def propagate_to_last(self, delta: Tensor) -> Tensor:
+        """Returns the gradient by the last of the layer's inputs alone."""
+        return self._product(delta, self._last_input)
+
+
+class _LowPrecisionLayer(_Layer):
+    """A layer whose products are of bfloat16 numbers; what it is given and gives is not.
+
+    What it rounded on the way forward serves on the way back.
+    """
+
+    def __init__(self, affine: Affine, gradient: Affine, part: Part, tape: str) -> None:
+        super().__init__(affine, gradient)
+        self._part, self._names = part, {name: f"{tape} {name}" for name in _ROUNDED}
+
+    def forward(self, inputs: Tensor, out: Tensor | None = None) -> Tensor:
+        """As `_Layer.forward`."""
+        assert out is not None
+        low_inputs = self._low("inputs", inputs).copy_(inputs)
+        low_weight = self._low("weight", self._weight).copy_(self._weight)
+        product = self._product(low_inputs, low_weight, out=self._low("outputs", out))
+        return out.copy_(product).add_(self._bias)
+
+    def differentiate(self, delta: Tensor, transposed: Tensor) -> None:
+        """As `_Layer.differentiate`."""
+        gradient = self._gradient.weight
+        low_inputs = self._low("inputs", transposed.mT)
+        low_delta = self._low("delta", delta).copy_(delta)
+        product = self._product(low_inputs.mT, low_delta, out=self._low("gradient", gradient))
+        gradient.copy_(product)
+        torch.sum(delta, dim=-2, out=self._gradient.bias)
+
+    def propagate(self, delta: Tensor, out: Tensor) -> None:
+        """As `_Layer.propagate`."""
+        low_delta = self._low("delta", delta).copy_(delta)
+        low_weight = self._low("weight", self._weight)
+        out.copy_(self._product(low_delta, low_weight.mT, out=self._low("by_inputs", out)))
+
+    def _low(self, name: str, like: Tensor) -> Tensor:
+        """Returns memory for bfloat16 numbers, shared by all layers at this place of a tape."""
+        return self._part.scratch(self._names[name], *like.shape[-2:], dtype=torch.bfloat16)
+
+
+_ROUNDED = ("inputs", "weight", "outputs", "delta", "gradient", "by_inputs")
+
+
+def _padded(sizes: Sizes) -> list[tuple[int, int]]:
+    """Returns inputs and units of each layer as they are kept.
+
+    Hidden units are filled up to whole vectors of the processor with ones that have no weights:
+    they are 0, and so are all gradients by them, and the products are faster by a tenth.
+    """
+    inner = [aligned(units) for units in sizes[1:-1]]
+    return list(zip((sizes[0], *inner), (*inner, sizes[-1]), strict=True))
+
+
+def _padded_affines(flat: Tensor, sizes: Sizes) -> list[Affine]:
+    start, views = 0, []
+    for inputs, units in _padded(sizes):
+        middle = start + aligned(inputs * units)
+        weight = flat[..., start : start + inputs * units]
+        bias = flat[..., middle : middle + units]
+        views.append(Affine(weight.view(*flat.shape[:-1], inputs, units), bias))
+        start = middle + aligned(units)
+    return views

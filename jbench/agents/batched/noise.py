@@ -1,0 +1,41 @@
+"""Noise on the actions of agents that explore."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench.agents.batched.streams import Streams
+from jbench.agents.settings import OffPolicySettings
+
+
+class ActionNoise:
+    """Normal noise, or that of an Ornstein-Uhlenbeck process, for each robot of each seed.
+
+    Attributes:
+        previous: (seeds, environments) last values of the process; zeros for normal noise.
+    """
+
+    def __init__(self, settings: OffPolicySettings, seeds: int, environments: int) -> None:
+        """Begins the processes at 0."""
+        self._kind = settings.action_noise
+        self._mean, self._sigma = settings.noise_mean, settings.noise_sigma
+        self._pull = settings.noise_theta * settings.noise_dt
+        self._step = settings.noise_sigma * math.sqrt(settings.noise_dt)
+        self.previous = np.zeros((seeds, environments))
+
+    def reset(self) -> None:
+        """Begins the processes anew, as an episode begins."""
+        self.previous[:] = 0
+
+    def draw(self, streams: Sequence[Streams]) -> NDArray[np.float64] | float:
+        """Returns the next (seeds, environments) noise, or 0 for none."""
+        if self._kind == "none":
+            return 0.0
+        environments = self.previous.shape[1]
+        normal = np.stack([each.actions.standard_normal(environments) for each in streams])
+        if self._kind == "normal":
+            return self._mean + self._sigma * normal
+        self.previous += self._pull * (self._mean - self.previous) + self._step * normal
+        return self.previous

@@ -1,0 +1,213 @@
+"""The loop of DDPG, TD3 and SAC: act, remember, and learn from memory now and then."""
+
+import contextlib
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from jbench.agents.batched.engine import Engine
+from jbench.agents.batched.environments import Environments, Step
+from jbench.agents.batched.noise import ActionNoise
+from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.batched.streams import Streams
+from jbench.agents.batched.team import Team
+from jbench.agents.batched.updates import Updates
+from jbench.agents.settings import OffPolicySettings
+from jbench.errors import RequestError
+from jbench.names import TimeLimit
+
+# What the agents that act take over from those that learn.
+_ADOPTED = ("actor", "losses")
+
+
+class OffPolicyEngine(Engine):
+    """Agents that learn from a replay buffer each.
+
+    Attributes:
+        replay: their transitions.
+    """
+
+    def __init__(
+        self,
+        settings: OffPolicySettings,
+        team: Team[Any],
+        environments: Environments,
+        streams: Sequence[Streams],
+        *,
+        time_limit: TimeLimit = "bootstrap",
+        actors: Team[Any] | None = None,
+    ) -> None:
+        """Begins with agents that know nothing, and no transitions.
+
+        Args:
+            settings: of the algorithm.
+            team: the agents.
+            environments: what they learn in.
+            streams: of every seed.
+            time_limit: whether the value of an episode's last state counts.
+            actors: more agents, to act while the others learn: the updates that are due after a
+                rollout are made during the next one, whose actions come from the policy before
+                these updates. None for agents that learn first and act then.
+
+        Raises:
+            RequestError: if the updates can't be shared out among so many environments.
+        """
+        seeds, count = environments.observations.shape[:2]
+        rollout_steps, self._due = _schedule(settings, count)
+        super().__init__(team, environments, streams, rollout_steps)
+        self._settings, self._own_actors = settings, actors
+        self._noise = ActionNoise(settings, seeds, count)
+        tensors = team.tensors
+        self.replay = ReplayBuffer(
+            seeds,
+            count,
+            settings.buffer_size,
+            environments.size,
+            flush_every=rollout_steps,
+            dtype=tensors.dtype,
+            device=tensors.device,
+            episode_steps=environments.episode_steps,
+        )
+        self._groups = [
+            Updates(settings, group, group.of(streams), self.replay, time_limit)
+            for group in team.groups
+        ]
+        self._gpu = torch.cuda.Stream() if tensors.device.type == "cuda" else None
+        self._thread = ThreadPoolExecutor(1)
+        self._under_way: Future[None] | None = None
+        self.replay.begin(environments.observations)
+        self._finish()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Ends the threads."""
+        self._thread.shutdown(cancel_futures=True)
+        super().__exit__(kind, error, traceback)
+
+    def replay_rows(self, seed: int, first: int = 0) -> Tensor:
+        """Returns a seed's replay rows (environments, rows, size + 2), `replay.row` excluded.
+
+        Args:
+            seed: its place.
+            first: number of the first row; older ones than count are left out.
+        """
+        self._settle()
+        return self.replay.rows_since(seed, first)
+
+    def restore_rows(self, rows: Sequence[Tensor], row: int) -> None:
+        """Puts back the replay rows of all seeds; `restore` must follow.
+
+        Args:
+            rows: (environments, rows, size + 2) of every seed.
+            row: what `replay.row` was.
+        """
+        for seed, its_rows in enumerate(rows):
+            self.replay.restore(seed, its_rows, row)
+
+    @property
+    def _actors(self) -> Team[Any]:
+        return self._team if self._own_actors is None else self._own_actors
+
+    def _choose(self, observations: Tensor) -> NDArray[np.floating]:
+        settings, shape = self._settings, observations.shape[:2]
+        if settings.uniform_warmup and self.control_steps < settings.learning_starts:
+            chosen = np.stack([each.actions.uniform(-1, 1, shape[1]) for each in self._streams])
+        else:
+            noise = self._policy_noise(shape)
+            chosen = self._actors.ask("explore", observations, noise)[..., 0].numpy()
+        noisy = chosen + self._noise.draw(self._streams)
+        return np.clip(noisy, -1, 1).astype(np.float32)
+
+    def _policy_noise(self, shape: Sequence[int]) -> Tensor:
+        """Returns standard normal numbers (seeds, environments, 1), zeros where none are needed."""
+        if not self._team.each[0].random_policy:
+            return torch.zeros(*shape, 1)
+        draws = [each.actions.standard_normal((shape[1], 1)) for each in self._streams]
+        return torch.from_numpy(np.stack(draws))
+
+    def _remember(self, observations: Tensor, actions: NDArray[np.floating], step: Step) -> None:
+        self.replay.add(actions, step.rewards, step.observations)
+        if step.episode_returns is not None:
+            self._noise.reset()
+            self.replay.begin(self.environments.observations)
+
+    def _learn(self) -> None:
+        self._finish()
+        self.replay.flush()
+        self._wait_for_gpu()
+        if self.control_steps <= self._settings.learning_starts:
+            return
+        first = self.updates + 1
+        self.updates += self._due
+        if self._own_actors is None:
+            self._update(first)
+        else:
+            self._under_way = self._thread.submit(self._update, first)
+
+    def _update(self, first: int) -> None:
+        """Makes the updates that are due."""
+        with contextlib.nullcontext() if self._gpu is None else torch.cuda.stream(self._gpu):
+            for group in self._groups:
+                group.prepare(first, self._due)
+            for group in self._groups:
+                group.run()
+        if self._gpu is not None:
+            self._gpu.synchronize()
+
+    def _settle(self) -> None:
+        if self._under_way is not None:
+            self._under_way.result()
+            self._under_way = None
+
+    def _finish(self) -> None:
+        self._settle()
+        if self._own_actors is None:
+            return
+        for name in _ADOPTED:
+            self._own_actors.tensors.kept[name].copy_(self._team.tensors.kept[name])
+        self._wait_for_gpu()
+
+    def _wait_for_gpu(self) -> None:
+        # The updates are on a stream of their own, which does not wait for what the others do.
+        if self._gpu is not None:
+            torch.cuda.synchronize()
+
+    def _loop_state(self, seed: int) -> dict[str, Tensor]:
+        state = {"noise": torch.from_numpy(self._noise.previous[seed])}
+        if self._own_actors is not None:
+            state |= {name: self._own_actors.tensors.kept[name][seed] for name in _ADOPTED}
+        return state
+
+    def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
+        self._noise.previous[seed] = tensors["noise"].numpy()
+        if self._own_actors is not None:
+            for name in _ADOPTED:
+                self._own_actors.tensors.kept[name][seed] = tensors[name]
+        self.replay.begin(self.environments.observations)
+
+
+def _schedule(settings: OffPolicySettings, environments: int) -> tuple[int, int]:
+    """Returns steps of each environment from one learning to the next, and updates then.
+
+    More environments take fewer steps each; the ratio of updates to control steps is that of the
+    settings.
+    """
+    steps = max(1, settings.train_freq // environments)
+    updates, rest = divmod(settings.gradient_steps * steps * environments, settings.train_freq)
+    if rest:
+        raise RequestError(
+            f"{environments} environments can't share {settings.gradient_steps} updates every "
+            f"{settings.train_freq} control steps: type a number of environments that divides "
+            f"{settings.train_freq}."
+        )
+    return steps, updates

@@ -1,0 +1,124 @@
+"""Off-policy updates: each seed draws its minibatches, each group of seeds learns from them."""
+
+from collections.abc import Hashable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.graphs import Captured
+from jbench.agents.batched.learner import OffPolicyLearner
+from jbench.agents.batched.replay import ReplayBuffer
+from jbench.agents.batched.streams import Streams
+from jbench.agents.batched.team import Group
+from jbench.agents.settings import OffPolicySettings
+from jbench.names import TimeLimit
+
+
+class Updates:
+    """The updates of one group of seeds.
+
+    Chance is drawn on the CPU for all updates that are due at a time; then each update finds its
+    share of it in the same memory, so that a GPU can repeat it without Python.
+    """
+
+    def __init__(
+        self,
+        settings: OffPolicySettings,
+        group: Group[OffPolicyLearner],
+        streams: Sequence[Streams],
+        replay: ReplayBuffer,
+        time_limit: TimeLimit,
+    ) -> None:
+        """Makes none yet.
+
+        Args:
+            settings: of the algorithm.
+            group: that learns.
+            streams: of the seeds of the group.
+            replay: the buffers of all seeds.
+            time_limit: whether the value of an episode's last state counts.
+        """
+        self._learner, self._streams, self._replay = group.learner, streams, replay
+        self._size, self._gamma = settings.batch_size, settings.gamma
+        self._terminal = time_limit == "terminal"
+        self._rows = replay.rows_of(group.seeds)
+        scratch, width = group.learner.part.scratch, self._rows.shape[-1]
+        self._batch = batch = Batch(
+            scratch("rows", self._size, width),
+            scratch("next_rows", self._size, width),
+            scratch("discounts", self._size, 1).fill_(self._gamma),
+            scratch("noise", self._size, group.learner.draws),
+        )
+        self._places, self._next_places = (
+            scratch(name, self._size, dtype=torch.int64) for name in ("places", "next_places")
+        )
+        # Where rows are found, and where they are put.
+        self._gathered = [
+            (places.view(-1), rows.view(-1, width))
+            for places, rows in (
+                (self._places, batch.rows),
+                (self._next_places, batch.next_rows),
+            )
+        ]
+        self._update = Captured(self._update_once, self._rows.device)
+        self._turns: list[bool] = []
+        self._chance: list[tuple[Tensor, Tensor]] = []
+
+    def prepare(self, first: int, count: int) -> None:
+        """Draws what a number of updates need of chance.
+
+        Args:
+            first: number of the first of them, counted from 1.
+            count: how many.
+        """
+        self._turns = [self._learner.turn(first + i, i) for i in range(count)]
+        self._chance = self._draw(count)
+
+    def run(self) -> None:
+        """Makes the updates that were prepared."""
+        self._learner.forget_losses(self._turns)
+        for i, turn in enumerate(self._turns):
+            for place, drawn in self._chance:
+                place.copy_(drawn[i])
+            self._update(turn)
+
+    def _update_once(self, turn: Hashable) -> None:
+        """Makes one update with the chance that lies ready."""
+        for places, rows in self._gathered:
+            torch.index_select(self._rows, 0, places, out=rows)
+        self._learner.update(self._batch, bool(turn))
+
+    def _draw(self, count: int) -> list[tuple[Tensor, Tensor]]:
+        """Returns places (..., size, any) for chance, each with (count, ..., size, any) of it."""
+        shape, noise = (count, self._size), self._batch.noise
+        drawn = [self._replay.draw(stream.updates, *shape) for stream in self._streams]
+        chance = [
+            (self._places, self._together([draws.rows for draws in drawn], offset=True)),
+            (self._next_places, self._together([draws.next_rows for draws in drawn], offset=True)),
+        ]
+        if self._terminal:
+            discounts = [np.where(draws.last, 0, self._gamma)[..., None] for draws in drawn]
+            chance.append((self._batch.discounts, self._together(discounts)))
+        if noise.shape[-1]:
+            size = (*shape, noise.shape[-1])
+            normal = [stream.updates.standard_normal(size, np.float32) for stream in self._streams]
+            chance.append((noise, self._together(normal)))
+        return chance
+
+    def _together(self, of_each: Sequence[NDArray[Any]], *, offset: bool = False) -> Tensor:
+        """Puts what each seed drew, (count, ...), in the layout of the group, on its device.
+
+        Args:
+            of_each: of each seed.
+            offset: whether these are rows of a seed's own buffer.
+        """
+        if not self._learner.part.lead:
+            return torch.from_numpy(of_each[0])
+        if offset:
+            rows = len(self._rows) // len(of_each)
+            of_each = [drawn + seed * rows for seed, drawn in enumerate(of_each)]
+        return torch.from_numpy(np.stack(of_each, axis=1)).to(self._rows.device)

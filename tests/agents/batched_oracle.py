@@ -1,0 +1,183 @@
+"""Agents of stable-baselines3 and our learners: the numbers of both under the same names."""
+
+import numpy as np
+import torch
+from stable_baselines3.common import policies
+from stable_baselines3.common.vec_env import DummyVecEnv
+from torch import nn
+
+from jbench.agents import sb3
+from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.network import affines
+from jbench.agents.batched.rules import LEARNERS
+from jbench.agents.batched.tensors import Tensors
+from jbench.agents.settings import algorithm_settings
+from jbench.tasks.gym import JitterbugEnv
+
+SIZE = 16  # of an observation of face_direction
+TRANSITIONS = 500
+MOMENTS = {"exp_avg": "first_moment", "exp_avg_sq": "second_moment"}
+
+
+def settings_of(algo, **overrides):
+    """Settings with small networks, and a step that leads somewhere within 100 updates."""
+    small = {"hidden_layers": [24, 20], "batch_size": 32, "learning_rate": 1e-3}
+    small |= {} if algo == "ppo" else {"buffer_size": TRANSITIONS}
+    return algorithm_settings(algo, overrides=small | overrides)
+
+
+def oracle_of(algo, settings, dtype, monkeypatch):
+    """An agent of stable-baselines3 that computes in the given precision."""
+    # It makes float32 of every observation.
+    monkeypatch.setattr(policies, "preprocess_obs", lambda observations, *_, **__: observations)
+    env = DummyVecEnv([lambda: JitterbugEnv("face_direction")] * getattr(settings, "n_envs", 1))
+    agent = sb3.build(algo, settings, env, seed=0)
+    agent.policy.to(dtype)
+    if getattr(agent, "log_ent_coef", None) is not None:
+        agent.log_ent_coef.data = agent.log_ent_coef.data.to(dtype)
+    if hasattr(agent, "ent_coef_tensor"):
+        agent.ent_coef_tensor = torch.tensor(settings.ent_coef, dtype=dtype)
+    buffer = agent.rollout_buffer if algo == "ppo" else agent.replay_buffer
+    buffer.to_torch = lambda array, copy=True: torch.tensor(array, dtype=dtype)
+    return agent
+
+
+def learners_of(algo, settings, dtype=torch.float32, seeds=1, **options):
+    """The tensors of some seeds, a learner for each of these, and one for all."""
+    tensors = Tensors(seeds, dtype)
+    parts = [*(tensors.of(seed) for seed in range(seeds)), tensors.all()]
+    *each, stack = (LEARNERS[algo](settings, SIZE, part, **options) for part in parts)
+    return tensors, each, stack
+
+
+def theirs(algo, agent):
+    """All numbers of an agent of stable-baselines3 by name."""
+    if algo == "ppo":
+        optimizers = [agent.policy.optimizer]
+    else:
+        optimizers = [agent.actor.optimizer, agent.critic.optimizer]
+    state = {p: known for optimizer in optimizers for p, known in optimizer.state.items()}
+    found = {}
+    for name, layers in _networks(algo, agent).items():
+        for i, modules in enumerate(layers):
+            for kind in ("weight", "bias"):
+                parameters = [getattr(module, kind) for module in modules]
+                found |= _with_moments(f"{name} {kind}{i}", parameters, state)
+    if algo == "ppo":
+        found |= _with_moments("log_sigma", [agent.policy.log_std], state)
+    if algo == "sac" and agent.ent_coef_optimizer is not None:
+        state = agent.ent_coef_optimizer.state
+        found |= _with_moments("log_temperature", [agent.log_ent_coef], state)
+    return found
+
+
+def _with_moments(name, parameters, state):
+    """Parameters that make one of ours, and Adam's moments of them unless they never learn."""
+    found = {name: torch.cat([p.detach() for p in parameters])}
+    for key, moment in MOMENTS.items() if "target" not in name else ():
+        moments = [state.get(p, {}).get(key, torch.zeros_like(p)) for p in parameters]
+        found[f"{name} {moment}"] = torch.cat(moments).detach()
+    return found
+
+
+def _networks(algo, agent):
+    """The oracle's networks by our names: of each layer, the linear modules that make it."""
+
+    def layers(modules, *heads):
+        inner = [[module] for module in modules if isinstance(module, nn.Linear)]
+        return inner + ([list(heads)] if heads else [])
+
+    if algo == "ppo":
+        net = agent.policy
+        return {
+            "actor": layers(net.mlp_extractor.policy_net, net.action_net),
+            "critic": layers(net.mlp_extractor.value_net, net.value_net),
+        }
+    critics = ["critic"] if algo == "ddpg" else ["critic1", "critic2"]
+    found = {name: layers(q) for name, q in zip(critics, agent.critic.q_networks, strict=True)}
+    for name, q in zip(critics, agent.critic_target.q_networks, strict=True):
+        found[f"{name}_target"] = layers(q)
+    if algo == "sac":
+        actor = agent.actor
+        return found | {"actor": layers(actor.latent_pi, actor.mu, actor.log_std)}
+    return found | {"actor": layers(agent.actor.mu), "actor_target": layers(agent.actor_target.mu)}
+
+
+def ours(algo, learner, tensors, seed=0):
+    """The numbers of a seed by the names of `theirs`, as views that can be written."""
+    kept = {name: tensor[seed] for name, tensor in tensors.kept.items()}
+    actor = learner.actor.values.shape[-1]
+    found = {}
+    for suffix in ("", *MOMENTS.values()):
+        flats = {}
+        for name, flat in kept.items():
+            network, _, moment = name.partition(".")
+            if moment == suffix:
+                flats[network] = flat
+        if algo == "ppo":
+            flat = flats.pop("policy")
+            flats |= {"actor": flat[:actor], "critic": flat[actor + 16 :]}
+            found |= {f"log_sigma {suffix}".strip(): flat[actor : actor + 1]}
+        if algo == "sac":
+            temperature = flats.pop("log_temperature", None)
+            if "log_temperature.steps" in kept:
+                found |= {f"log_temperature {suffix}".strip(): temperature}
+        flats.pop("losses", None)
+        for network, flat in flats.items():
+            sizes = learner.actor.sizes if network.startswith("actor") else learner.value_sizes
+            for i, affine in enumerate(affines(flat, sizes)):
+                found[f"{network} weight{i} {suffix}".strip()] = affine.weight.mT
+                found[f"{network} bias{i} {suffix}".strip()] = affine.bias
+    return found
+
+
+def same_start(algo, agent, learner, tensors):
+    """Gives a learner the first numbers of an agent."""
+    learner.initialize(torch.Generator().manual_seed(0))
+    mine = ours(algo, learner, tensors)
+    for name, value in theirs(algo, agent).items():
+        mine[name].copy_(value)
+
+
+def largest_difference(mine, their):
+    """How far apart two sets of numbers are, which must have the same names."""
+    assert mine.keys() == their.keys()
+    return max(float((mine[name].double() - their[name].double()).abs().max()) for name in mine)
+
+
+def transitions(seed=1):
+    """Observations, actions, rewards, next observations, ends; numbers of float32."""
+    random = np.random.default_rng(seed)
+    observations, following = random.normal(size=(2, TRANSITIONS, SIZE)).astype(np.float32)
+    actions = random.uniform(-1, 1, (TRANSITIONS, 1)).astype(np.float32)
+    rewards = random.uniform(0, 1, TRANSITIONS).astype(np.float32)
+    return observations, actions, rewards, following, random.uniform(size=TRANSITIONS) < 0.1
+
+
+def fill(agent, data):
+    """Puts transitions into an agent's replay buffer."""
+    for observation, action, reward, following, end in zip(*data, strict=True):
+        agent.replay_buffer.add(observation, following, action, reward, end, [{}])
+
+
+def next_batch(data, settings, draws, dtype, update):
+    """The batch that an agent will learn from; its next random numbers are those of an update."""
+    size = settings.batch_size
+
+    def same_numbers():
+        np.random.seed(update)
+        torch.manual_seed(update)
+
+    same_numbers()
+    indices = np.random.randint(0, TRANSITIONS, size=size)
+    noise = [torch.empty(size, 1, dtype=dtype).normal_() for _ in range(draws)]
+    same_numbers()
+    observations, actions, rewards, following, ends = (
+        torch.as_tensor(part[indices]).to(dtype) for part in data
+    )
+    return Batch(
+        torch.cat([observations, actions, rewards[:, None]], dim=1),
+        torch.cat([following, torch.zeros(size, 2, dtype=dtype)], dim=1),
+        settings.gamma * (1 - ends[:, None]),
+        torch.cat([torch.empty(size, 0, dtype=dtype), *noise], dim=1),
+    )

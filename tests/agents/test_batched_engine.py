@@ -1,0 +1,390 @@
+"""Seeds that learn side by side learn what each would learn alone, and again after a restart."""
+
+import json
+
+import numpy as np
+import pytest
+import safetensors.torch
+import torch
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from jbench.agents import sb3
+from jbench.agents.batched.engine import SeedState
+from jbench.agents.batched.environments import Environments
+from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.noise import ActionNoise
+from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.batched.streams import Streams
+from jbench.agents.policy import Policy
+from jbench.agents.settings import algorithm_settings
+from jbench.errors import RequestError
+from jbench.names import ALGORITHMS
+from jbench.tasks import model
+from jbench.tasks.gym import JitterbugEnv
+
+LENGTH = 30  # control steps of an episode
+SMALL = {
+    "ddpg": {"train_freq": 10, "gradient_steps": 5, "learning_starts": 16, "batch_size": 16},
+    "td3": {"train_freq": 12, "gradient_steps": 6, "learning_starts": 20, "batch_size": 16},
+    "sac": {"learning_starts": 50, "batch_size": 16},
+    "ppo": {"n_envs": 2, "n_steps": 20, "batch_size": 16, "n_epochs": 2},
+}
+STEPS = 100
+
+
+def settings_of(algo, **changes):
+    small = {"hidden_layers": [33, 20], "learning_rate": 1e-3} | SMALL[algo]
+    small |= {} if algo == "ppo" else {"buffer_size": 70}
+    return algorithm_settings(algo, overrides=small | changes)
+
+
+def engine_of(algo, seeds, *, task="face_direction", changes=None, **options):
+    settings = settings_of(algo, **(changes or {}))
+    options = {"device": "cpu", "episode_steps": LENGTH} | options
+    return make_engine(algo, settings, task, seeds, **options)
+
+
+class Doubling:
+    """An encoder: a product, and a function that is not linear."""
+
+    latent_size = 5
+
+    def encode(self, batch):
+        weights = torch.linspace(-1, 1, 80).view(16, 5)
+        return torch.tanh(2 * batch @ weights)
+
+
+def story(engine, place, steps=STEPS):
+    """All that a seed goes through: every observation, return and loss, its tensors at the end."""
+    seen, returns, losses = [], [], []
+    for ended in engine.learn(steps):
+        seen.append(engine.environments.observations[place].clone())
+        losses.append(engine.losses(place))
+        returns.append(None if ended is None else ended[place].tolist())
+    tensors, scalars = engine.state(place)
+    return torch.stack(seen), returns, losses, tensors, json.dumps(scalars)
+
+
+def assert_same(one, other):
+    assert torch.equal(one[0], other[0])
+    assert one[1:3] == other[1:3]
+    assert one[3].keys() == other[3].keys()
+    for name, tensor in one[3].items():
+        assert torch.equal(tensor, other[3][name]), name
+    assert one[4] == other[4]
+
+
+@pytest.mark.parametrize(
+    ("algo", "options"),
+    [
+        *((algo, {}) for algo in ALGORITHMS),
+        ("td3", {"precision": "bfloat16"}),
+        ("sac", {"environments": 3, "time_limit": "terminal"}),
+        ("ddpg", {"encoder": Doubling(), "overlap": True}),
+        ("ddpg", {"task": "move_to_pose"}),
+    ],
+)
+def test_a_seed_alone_is_the_seed_among_others_bit_for_bit(algo, options):
+    with (
+        engine_of(algo, [7, 5, 0, 3], **options) as together,
+        engine_of(algo, [3], **options) as (alone),
+    ):
+        among = story(together, 3)
+        assert_same(story(alone, 0), among)
+    assert any(among[1])
+    assert among[2][-1]
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_the_same_seeds_learn_the_same_again_and_others_do_not(algo):
+    stories = []
+    for seeds in ([0, 1], [0, 1]):
+        with engine_of(algo, seeds) as engine:
+            stories.append(story(engine, 1))
+    assert_same(*stories)
+    with engine_of(algo, [0, 2]) as engine:
+        assert not torch.equal(story(engine, 1)[0], stories[0][0])
+
+
+def kept_and_read(state):
+    """A state after a way through safetensors and JSON."""
+    tensors = safetensors.torch.load(safetensors.torch.save(state.tensors))
+    return SeedState(tensors, json.loads(json.dumps(state.scalars)))
+
+
+@pytest.mark.parametrize(
+    ("algo", "options", "stop"),
+    [
+        ("ddpg", {}, 60),
+        ("td3", {"time_limit": "terminal"}, 60),
+        ("td3", {"overlap": True}, 67),
+        ("sac", {"environments": 2}, 61),
+        ("ppo", {}, 80),
+        ("ppo", {"encoder": Doubling()}, 49),
+        ("ddpg", {"stacked": True}, 30),
+    ],
+)
+def test_an_engine_goes_on_where_another_one_stopped(algo, options, stop):
+    seeds = [0, 4]
+    with engine_of(algo, seeds, **options) as engine:
+        whole = story(engine, 1, 2 * STEPS)
+    with engine_of(algo, seeds, **options) as engine:
+        for _ in engine.learn(STEPS):
+            if engine.control_steps >= stop:
+                break
+        states = [kept_and_read(engine.state(place)) for place in range(2)]
+        rows, row = [], 0
+        if isinstance(engine, OffPolicyEngine):
+            rows = [engine.replay_rows(place) for place in range(2)]
+            row = engine.replay.row
+    with engine_of(algo, [8, 9], **options) as other:
+        if rows:
+            other.restore_rows(rows, row)
+        other.restore(states)
+        rest = story(other, 1, 2 * STEPS)
+    done = len(whole[0]) - len(rest[0])
+    assert 0 < done < len(whole[0])
+    assert_same((whole[0][done:], whole[1][done:], whole[2][done:], *whole[3:]), rest)
+
+
+def test_seeds_that_are_not_equally_far_do_not_go_on_together():
+    states = []
+    with engine_of("ppo", [0]) as engine:
+        for steps in (40, 80):
+            for _ in engine.learn(steps):
+                pass
+            states.append(engine.state(0))
+    with engine_of("ppo", [0, 1]) as engine, pytest.raises(ValueError, match="equally many"):
+        engine.restore(states)
+
+
+def always(robot):
+    return lambda episode: robot
+
+
+@pytest.mark.parametrize("augment", [None, 3])
+def test_robots_move_and_are_rewarded_as_in_the_gymnasium_environment(augment):
+    streams = [Streams(seed, 2) for seed in (3, 4)]
+    actions = np.random.default_rng(0).uniform(-1, 1, (2 * LENGTH + 1, 2, 2))
+    plain = [JitterbugEnv("move_to_pose", augment=augment) for _ in range(4)]
+    same = [generator for seed in (3, 4) for generator in Streams(seed, 2).environments]
+    for env, generator in zip(plain, same, strict=True):
+        env.np_random = generator
+    seen = [env.reset()[0] for env in plain]
+    with Environments(
+        "move_to_pose",
+        [stream.environments for stream in streams],
+        episode_steps=LENGTH,
+        threads=2,
+        models=None if augment is None else always(model.load(augment)),
+    ) as environments:
+        np.testing.assert_array_equal(environments.observations.reshape(4, -1), seen)
+        returns = np.zeros(4)
+        for number, held in enumerate(actions, 1):
+            step = environments.step(held)
+            done = [env.step(a) for env, a in zip(plain, held.reshape(4, 1), strict=True)]
+            np.testing.assert_array_equal(step.observations.reshape(4, -1), [d[0] for d in done])
+            np.testing.assert_array_equal(step.rewards.reshape(4), [d[1] for d in done])
+            returns += step.rewards.reshape(4)
+            assert (step.episode_returns is None) == (number % LENGTH != 0)
+            if step.episode_returns is not None:
+                np.testing.assert_array_equal(step.episode_returns.reshape(4), returns)
+                returns[:] = 0
+                seen = [env.reset()[0] for env in plain]
+                np.testing.assert_array_equal(environments.observations.reshape(4, -1), seen)
+    assert environments.episodes == 2
+
+
+def test_each_episode_has_its_own_robot():
+    robots = [model.load(1), model.load(2)]
+    with engine_of("ddpg", [0, 1], models=lambda episode: robots[min(episode, 1)]) as engine:
+        for _ in engine.learn(LENGTH):
+            pass
+        actions = np.full((2, 1), 0.7)
+        state = [kept_and_read(engine.state(place)) for place in range(2)]
+        engine.environments.step(actions)
+        seen = engine.environments.observations[:, 0]
+    with Environments(
+        "face_direction",
+        [Streams(seed, 1).environments for seed in (0, 1)],
+        models=always(robots[1]),
+    ) as others:
+        for place, (tensors, _) in enumerate(state):
+            world = {
+                name.removeprefix("environments/"): tensor.numpy()
+                for name, tensor in tensors.items()
+                if name.startswith("environments/")
+            }
+            others.restore(place, world, 1, 0)
+        others.step(actions)
+        assert torch.equal(others.observations[:, 0], seen)
+
+
+def test_an_evaluation_is_an_episode_of_the_policies_that_were_taken_out():
+    def worlds():
+        generators = [Streams(seed, 3).environments for seed in (5, 6)]
+        return Environments("face_direction", generators, episode_steps=LENGTH)
+
+    with engine_of("td3", [0, 1]) as engine, worlds() as one, worlds() as other:
+        for _ in engine.learn(50):
+            pass
+        returns = engine.evaluate(one)
+        policies = [engine.policy(place) for place in range(2)]
+        for _ in range(LENGTH):
+            seen = other.observations.numpy()
+            actions = np.stack([policies[place].act(seen[place])[:, 0] for place in range(2)])
+            step = other.step(actions)
+    np.testing.assert_allclose(returns, step.episode_returns, rtol=1e-4)
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])
+@pytest.mark.parametrize(("steps", "starts"), [(95, 0), (100, 60), (120, 119)])
+def test_updates_come_when_the_oracle_s_do(algo, steps, starts):
+    changes = {"learning_starts": starts, "hidden_layers": [4]}
+    settings = settings_of(algo, **changes)
+    env = DummyVecEnv([lambda: JitterbugEnv("face_direction")])
+    agent = sb3.build(algo, settings, env, 0)
+    agent.learn(steps, log_interval=None)
+    with engine_of(algo, [0], changes=changes) as engine:
+        for _ in engine.learn(steps):
+            pass
+    assert (engine.updates, engine.control_steps) == (agent._n_updates, agent.num_timesteps)
+
+
+@pytest.mark.parametrize(
+    ("environments", "changes", "updates"),
+    [
+        # The first updates come with the first rollout's end after 16 control steps.
+        (5, {}, 5 * (300 - 10) // 10),
+        (10, {}, 5 * (300 - 10) // 10),
+        (20, {}, 300 * 5 // 10),
+        (3, {"train_freq": 1, "gradient_steps": 2}, 2 * (300 - 15)),
+    ],
+)
+def test_more_environments_keep_the_ratio_of_updates_to_control_steps(
+    environments, changes, updates
+):
+    with engine_of("ddpg", [0], environments=environments, changes=changes) as engine:
+        for _ in engine.learn(300):
+            pass
+        assert (engine.control_steps, engine.updates) == (300, updates)
+
+
+def test_environments_that_cannot_share_updates_are_refused():
+    with pytest.raises(RequestError, match="3 environments can't share 5 updates every 10 control"):
+        engine_of("ddpg", [0], environments=3)
+
+
+class Given:
+    """A stream whose normal numbers are those that numpy's global generator will draw."""
+
+    def __init__(self, count):
+        np.random.seed(6)
+        self.actions = self
+        self.numbers = iter([np.random.normal() for _ in range(count)])
+        np.random.seed(6)
+
+    def standard_normal(self, count):
+        return np.array([next(self.numbers) for _ in range(count)])
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "td3"])
+def test_noise_is_the_oracle_s(algo):
+    settings = settings_of(algo)
+    ours, theirs = ActionNoise(settings, 1, 1), sb3._noise(settings)
+    stream = Given(100)
+    for number in range(100):
+        np.testing.assert_allclose(ours.draw([stream])[0], theirs(), rtol=1e-6)
+        if number == 60:
+            ours.reset()
+            theirs.reset()
+
+
+def actions_of(engine, steps):
+    """The actions of some control steps of an engine's first environment."""
+    taken = []
+    for _ in engine.learn(steps):
+        taken.append(float(engine.replay.rows_since(0, 0)[0, -1, -2]))
+    return taken
+
+
+def test_actions_before_learning_starts_are_uniform_or_the_policy_s():
+    changes = {"noise_sigma": 0.0, "noise_mean": 0.0, "learning_starts": 10_000}
+    with engine_of("td3", [0], changes=changes) as engine:
+        # The standard deviation of U(-1, 1) is 0.577; a new policy's actions are all alike.
+        assert 0.5 < np.std(actions_of(engine, 240)) < 0.65
+    with engine_of("ddpg", [0], changes=changes) as engine:
+        observation = engine.environments.observations[0].numpy()
+        (taken, *_) = actions_of(engine, 1)
+        assert taken == pytest.approx(float(engine.policy(0).act(observation)[0, 0]), abs=1e-6)
+
+
+def test_the_value_of_what_was_cut_off_counts_unless_the_time_limit_is_terminal():
+    rewards = {}
+    for limit in ("bootstrap", "terminal"):
+        with engine_of("ppo", [0], changes={"n_steps": 100}, time_limit=limit) as engine:
+            for ended in engine.learn(200):
+                if ended is not None:
+                    break
+            rows = engine.state(0).tensors["loop/rollout"]
+            rewards[limit] = rows[:, :, -1]
+            learner = engine._team.each[0]
+    # The last observations of the episodes, which the robots have left behind.
+    plain = [JitterbugEnv("face_direction") for _ in range(2)]
+    for env, generator in zip(plain, Streams(0, 2).environments, strict=True):
+        env.np_random = generator
+        env.reset()
+    for step in range(LENGTH):
+        last = [env.step(rows[e, step, -6:-5].numpy())[0] for e, env in enumerate(plain)]
+    values = learner.value(torch.from_numpy(np.stack(last)))[:, 0]
+    difference = rewards["bootstrap"] - rewards["terminal"]
+    assert difference.shape == (2, LENGTH)
+    assert not difference[:, :-1].any()
+    torch.testing.assert_close(difference[:, -1], 0.99 * values, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize("encoder", [None, Doubling()])
+def test_policies_that_are_taken_out_act_as_the_agents_do(algo, encoder):
+    with engine_of(algo, [0, 1, 2], encoder=encoder) as engine:
+        for _ in engine.learn(60):
+            pass
+        observations = np.random.default_rng(0).normal(size=(3, 8, 16)).astype(np.float32)
+        actions = engine.act(observations)
+        policies = [engine.policy(place) for place in range(3)]
+    assert actions.shape == (3, 8, 1)
+    assert abs(actions).max() <= 1
+    for place, policy in enumerate(policies):
+        files = policy.to_files()
+        kept = Policy.from_files(files["policy.safetensors"], files["policy.json"])
+        seen = torch.from_numpy(observations[place])
+        seen = seen if encoder is None else encoder.encode(seen)
+        np.testing.assert_allclose(kept.act(seen.numpy()), actions[place], atol=2e-6)
+    assert not np.array_equal(actions[0], actions[1])
+
+
+def test_while_agents_learn_others_act_with_what_was_learned_before():
+    changes = {"noise_sigma": 0.0, "noise_mean": 0.0, "learning_starts": 0}
+    with engine_of("ddpg", [0], changes=changes, overlap=True) as engine:
+        policies = []
+        observations = []
+        for _ in engine.learn(41):
+            observations.append(engine.environments.observations[0, 0].clone())
+            policies.append(engine.policy(0))
+        actions = engine.replay_rows(0)[0, :, -2]
+    # Rollouts are of 10 steps: after the 10th the first updates begin, and act from the 21st on.
+    for policy in policies[:20]:
+        np.testing.assert_array_equal(policy.weights[0], policies[0].weights[0])
+    assert not np.array_equal(policies[20].weights[0], policies[19].weights[0])
+    np.testing.assert_array_equal(policies[20].weights[0], policies[28].weights[0])
+    wanted = policies[15].act(observations[14].numpy())
+    assert float(actions[15]) == pytest.approx(float(wanted[0]), abs=1e-6)
+
+
+def test_wrong_requests_are_told_what_to_type():
+    for option, sentence in (
+        ({"device": "tpu"}, "No device 'tpu'; there are auto, cpu, cuda."),
+        ({"precision": "int8"}, "No precision 'int8'; there are float32, bfloat16."),
+    ):
+        with pytest.raises(RequestError, match=sentence):
+            engine_of("ddpg", [0], **option)

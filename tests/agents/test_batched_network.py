@@ -1,0 +1,91 @@
+"""Gradients that are written out are those that autograd finds."""
+
+import pytest
+import torch
+from torch import nn
+
+from jbench.agents.batched.network import Network, affines, parameter_count
+from jbench.agents.batched.tensors import Tensors
+
+SIZES = [(5, 1), (5, 20, 1), (17, 24, 20, 1), (16, 9, 33, 16, 2)]
+
+
+def network_of(sizes, dtype=torch.float64, seeds=None, **options):
+    """A network with random parameters, of one seed or of a stack."""
+    tensors = Tensors(seeds or 1, dtype)
+    part = tensors.all() if seeds else tensors.of(0)
+    count = parameter_count(sizes)
+    values, gradient = part.keep("values", count), part.scratch("gradient", count)
+    random = torch.Generator().manual_seed(0)
+    for weight, bias in affines(values, sizes):
+        for parameters in (weight, bias):
+            nn.init.normal_(parameters, 0, 0.3, generator=random)
+    return Network(part, sizes, values, gradient, tape="tape", **options)
+
+
+def in_torch(network, inputs):
+    """The outputs for inputs that autograd follows, and the parameters as leaves."""
+    leaves = [
+        [parameters.clone().requires_grad_() for parameters in affine]
+        for affine in affines(network.values, network.sizes)
+    ]
+    for weight, bias in leaves[:-1]:
+        inputs = (inputs @ weight + bias.unsqueeze(-2)).relu()
+    weight, bias = leaves[-1]
+    return inputs @ weight + bias.unsqueeze(-2), leaves
+
+
+@pytest.mark.parametrize("seeds", [None, 3])
+@pytest.mark.parametrize("sizes", SIZES)
+def test_gradients_are_those_of_autograd(sizes, seeds):
+    network = network_of(sizes, seeds=seeds)
+    lead = (seeds,) if seeds else ()
+    inputs = torch.randn(*lead, 30, sizes[0], dtype=torch.float64, requires_grad=True)
+    delta = torch.randn(*lead, 30, sizes[-1], dtype=torch.float64)
+    outputs, leaves = in_torch(network, inputs)
+    outputs.backward(delta)
+    plain = inputs.detach()
+    torch.testing.assert_close(network.forward(plain), outputs.detach())
+    network.backward(delta)
+    for ours, theirs in zip(affines(network.gradient, sizes), leaves, strict=True):
+        for gradient, leaf in zip(ours, theirs, strict=True):
+            torch.testing.assert_close(gradient, leaf.grad)
+    network.forward(plain)
+    torch.testing.assert_close(network.last_input_gradient(delta), inputs.grad[..., -1:])
+
+
+def test_padding_stays_zero():
+    network = network_of((16, 9, 33, 16, 2))
+    network.forward(torch.randn(8, 16, dtype=torch.float64))
+    network.backward(torch.randn(8, 2, dtype=torch.float64))
+    for flat in (network.values, network.gradient):
+        rest = flat.clone()
+        for affine in affines(rest, network.sizes):
+            for parameters in affine:
+                parameters.zero_()
+        assert not rest.any()
+    real = sum(p.numel() for affine in affines(network.values, network.sizes) for p in affine)
+    assert network.values.numel() > real
+
+
+def test_batches_of_another_size_use_other_memory():
+    network = network_of((5, 20, 1))
+    large, small = torch.randn(9, 5, dtype=torch.float64), torch.randn(2, 5, dtype=torch.float64)
+    first = network.forward(large).clone()
+    network.forward(small)
+    assert torch.equal(network.forward(large), first)
+
+
+def test_low_precision_is_that_of_bfloat16():
+    exact = network_of((17, 64, 48, 1), torch.float32)
+    rough = network_of((17, 64, 48, 1), torch.float32, low_precision=True)
+    random = torch.Generator().manual_seed(1)
+    inputs, delta = (torch.randn(100, size, generator=random) for size in (17, 1))
+    assert not torch.equal(exact.forward(inputs), rough.forward(inputs))
+    torch.testing.assert_close(rough.forward(inputs), exact.forward(inputs), rtol=0, atol=0.05)
+    for network in (exact, rough):
+        network.forward(inputs)
+        network.backward(delta)
+    error = (exact.gradient - rough.gradient).norm() / exact.gradient.norm()
+    # A few units change sides; 8 bits of each number are 0.4%.
+    assert 1e-5 < error < 0.05

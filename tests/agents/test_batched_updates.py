@@ -1,0 +1,245 @@
+"""The update rules do what stable-baselines3's do, number by number."""
+
+import numpy as np
+import pytest
+import torch
+from batched_oracle import (
+    SIZE,
+    fill,
+    largest_difference,
+    learners_of,
+    next_batch,
+    oracle_of,
+    ours,
+    same_start,
+    settings_of,
+    theirs,
+    transitions,
+)
+
+from jbench.agents import sb3
+from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.on_policy import minibatch_of
+from jbench.agents.batched.rollout import Rollout
+
+# The largest difference of any number after 1, 10 and 100 updates with a step of 1e-3. Numbers
+# are of the order of 0.1, so 1e-6 is what float32 rounds them to a few times over.
+PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
+PRECISIONS = pytest.mark.parametrize("dtype", PRECISION, ids=str)
+
+
+def learn_beside(algo, agent, learner, tensors, settings, updates):
+    """Lets both learn from the same batches; yields after each update."""
+    dtype, data = tensors.dtype, transitions()
+    fill(agent, data)
+    for update in range(1, updates + 1):
+        batch = next_batch(data, settings, learner.draws, dtype, update)
+        agent.train(gradient_steps=1, batch_size=settings.batch_size)
+        turn = learner.turn(update, 0)
+        learner.forget_losses([turn])
+        learner.update(batch, turn)
+        yield update
+
+
+@PRECISIONS
+@pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])
+def test_off_policy_updates_are_those_of_the_oracle(algo, dtype, monkeypatch):
+    settings = settings_of(algo)
+    agent = oracle_of(algo, settings, dtype, monkeypatch)
+    tensors, (learner,), _ = learners_of(algo, settings, dtype)
+    same_start(algo, agent, learner, tensors)
+    for update in learn_beside(algo, agent, learner, tensors, settings, 100):
+        if update in (1, 10, 100):
+            mine, their = ours(algo, learner, tensors), theirs(algo, agent)
+            assert largest_difference(mine, their) < PRECISION[dtype]
+    losses = dict(zip(learner.losses, learner.mean_losses().tolist(), strict=True))
+    assert losses == pytest.approx(sb3.losses(agent), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("algo", "changes"),
+    [
+        ("ddpg", {"hidden_layers": [16]}),
+        ("ddpg", {"hidden_layers": [20, 9, 12], "tau": 0.5, "gamma": 0.5}),
+        ("td3", {"policy_delay": 3, "target_policy_noise": 0.9, "target_noise_clip": 0.1}),
+        ("sac", {"ent_coef": 0.3}),
+        ("sac", {"target_entropy": "auto", "tau": 1.0}),
+    ],
+)
+def test_settings_change_updates_as_they_change_the_oracle_s(algo, changes, monkeypatch):
+    settings = settings_of(algo, **changes)
+    agent = oracle_of(algo, settings, torch.float64, monkeypatch)
+    tensors, (learner,), _ = learners_of(algo, settings, torch.float64)
+    same_start(algo, agent, learner, tensors)
+    for _ in learn_beside(algo, agent, learner, tensors, settings, 10):
+        pass
+    assert largest_difference(ours(algo, learner, tensors), theirs(algo, agent)) < 1e-10
+
+
+def test_sac_follows_with_its_targets_in_the_turns_of_each_call(monkeypatch):
+    settings = settings_of("sac", target_update_interval=3, gradient_steps=5)
+    agent = oracle_of("sac", settings, torch.float64, monkeypatch)
+    tensors, (learner,), _ = learners_of("sac", settings, torch.float64)
+    assert [learner.turn(7 + i, i) for i in range(5)] == [True, False, False, True, False]
+    same_start("sac", agent, learner, tensors)
+    data = transitions()
+    fill(agent, data)
+    # Of one call with several updates, the oracle's random numbers follow each other.
+    batch = next_batch(data, settings, 2, torch.float64, 1)
+    first = {name: value.clone() for name, value in theirs("sac", agent).items()}
+    agent.train(gradient_steps=1, batch_size=32)
+    learner.update(batch, turn=False)
+    mine, their = ours("sac", learner, tensors), theirs("sac", agent)
+    for name in mine:
+        wanted = first[name] if "target" in name else their[name]
+        torch.testing.assert_close(mine[name], wanted, rtol=0, atol=1e-10)
+
+
+def rollout_of(agent, settings, data):
+    """Puts transitions into an agent's rollout buffer, and returns them as a rollout of ours."""
+    buffer, random = agent.rollout_buffer, np.random.default_rng(5)
+    shape = (settings.n_steps, settings.n_envs)
+    buffer.reset()
+    observations, actions, rewards, *_ = (part[: shape[0] * shape[1]] for part in data)
+    buffer.observations = observations.reshape(*shape, SIZE)
+    buffer.actions = actions.reshape(*shape, 1)
+    buffer.rewards = rewards.reshape(shape)
+    buffer.values = random.normal(size=shape).astype(np.float32)
+    buffer.log_probs = random.normal(-1, 0.3, shape).astype(np.float32)
+    ends = random.uniform(size=shape[0]) < 0.1
+    buffer.episode_starts[1:] = ends[:-1, None]
+    buffer.pos, buffer.full = shape[0], True
+    ours_ = Rollout(1, shape[1], shape[0], SIZE)
+    for step in range(shape[0]):
+        answers = np.stack(
+            [buffer.actions[step, :, 0], buffer.log_probs[step], buffer.values[step]], axis=-1
+        )
+        ours_.add(
+            torch.from_numpy(buffer.observations[step][None].copy()),
+            torch.from_numpy(answers[None]),
+            torch.from_numpy(buffer.rewards[step][None].copy()),
+            bool(ends[step]),
+        )
+    last = torch.tensor([[0.3, -0.2]])
+    ours_.estimate(last, settings.gamma, settings.gae_lambda)
+    buffer.compute_returns_and_advantage(last, np.full(2, ends[-1]))
+    return ours_
+
+
+@pytest.mark.filterwarnings("ignore:You have specified a mini-batch")
+@PRECISIONS
+@pytest.mark.parametrize(
+    ("epochs", "batch_size", "changes"),
+    [
+        (1, 120, {}),
+        (5, 60, {}),
+        (25, 30, {"learning_rate": 3e-4}),
+        # The last minibatch of an epoch is smaller.
+        (3, 50, {"clip_range_vf": None}),
+        (3, 50, {"normalize_advantage": False, "vf_coef": 0.1, "max_grad_norm": 0.05}),
+        (3, 40, {"ent_coef": 0.0, "clip_range": 0.05}),
+    ],
+)
+def test_ppo_updates_are_those_of_the_oracle(epochs, batch_size, changes, dtype, monkeypatch):
+    changes = {"n_envs": 2, "n_steps": 60, "n_epochs": epochs, "batch_size": batch_size} | changes
+    settings = settings_of("ppo", **changes)
+    agent = oracle_of("ppo", settings, dtype, monkeypatch)
+    tensors, (learner,), _ = learners_of("ppo", settings, dtype)
+    same_start("ppo", agent, learner, tensors)
+    rollout = rollout_of(agent, settings, transitions())
+    rows = rollout.rows.flatten(0, 2).to(dtype)
+    np.random.seed(3)
+    agent.train()
+    np.random.seed(3)
+    for _ in range(epochs):
+        order = torch.from_numpy(np.random.permutation(120))
+        for places in order.split(batch_size):
+            learner.update(minibatch_of(rows[places]))
+    assert (
+        largest_difference(ours("ppo", learner, tensors), theirs("ppo", agent)) < (PRECISION[dtype])
+    )
+    losses = dict(zip(learner.losses, learner.mean_losses().tolist(), strict=True))
+    assert losses == pytest.approx(sb3.losses(agent), rel=1e-4, abs=1e-7)
+
+
+def test_advantages_are_those_of_the_oracle_to_the_last_bit(monkeypatch):
+    settings = settings_of("ppo", n_envs=2, n_steps=200, batch_size=100)
+    agent = oracle_of("ppo", settings, torch.float32, monkeypatch)
+    rollout = rollout_of(agent, settings, transitions())
+    assert rollout.ends.any()
+    buffer = agent.rollout_buffer
+    for column, wanted in ((-3, buffer.advantages), (-2, buffer.returns)):
+        np.testing.assert_array_equal(rollout.rows[0, :, :, column].numpy().T, wanted)
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
+def test_agents_act_as_the_oracle_does(algo, monkeypatch):
+    settings = settings_of(algo, **({"n_envs": 1} if algo == "ppo" else {}))
+    agent = oracle_of(algo, settings, torch.float64, monkeypatch)
+    tensors, (learner,), _ = learners_of(algo, settings, torch.float64)
+    same_start(algo, agent, learner, tensors)
+    observations = torch.from_numpy(transitions()[0][:40]).double()
+    acting = agent.policy if algo == "ppo" else agent.actor
+    wanted = acting._predict(observations, deterministic=True).detach()
+    torch.testing.assert_close(learner.act(observations), wanted.clamp(-1, 1))
+    torch.manual_seed(4)
+    noise = torch.empty(40, 1, dtype=torch.float64).normal_()
+    torch.manual_seed(4)
+    if algo == "ppo":
+        with torch.no_grad():
+            wanted = torch.cat([part.view(40, 1) for part in agent.policy(observations)[::2]], 1)
+            value = agent.policy.predict_values(observations)
+        torch.testing.assert_close(learner.explore(observations, noise)[:, :2], wanted)
+        torch.testing.assert_close(learner.explore(observations, noise)[:, 2:], value)
+    else:
+        wanted = agent.actor._predict(observations, deterministic=False).detach()
+        torch.testing.assert_close(learner.explore(observations, noise), wanted)
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
+def test_a_stack_learns_what_each_seed_learns_alone(algo):
+    settings = settings_of(algo)
+    (alone, each, _), (together, _, stack) = (
+        learners_of(algo, settings, torch.float64, seeds=3) for _ in range(2)
+    )
+    for seed, learner in enumerate(each):
+        learner.initialize(torch.Generator().manual_seed(seed))
+    for name, kept in alone.kept.items():
+        together.kept[name].copy_(kept)
+    random = torch.Generator().manual_seed(1)
+
+    def numbers(width):
+        return torch.randn(3, 20, width, generator=random, dtype=torch.float64)
+
+    for update in range(1, 6):
+        if algo == "ppo":
+            rows = numbers(SIZE + 6)
+            stack.update(minibatch_of(rows))
+            for seed, learner in enumerate(each):
+                learner.update(minibatch_of(rows[seed]))
+            continue
+        turn, draws = stack.turn(update, update - 1), stack.draws
+        parts = (numbers(SIZE + 2), numbers(SIZE + 2), numbers(1), numbers(draws))
+        for seed, learner in enumerate(each):
+            learner.update(Batch(*(part[seed].clone() for part in parts)), turn)
+        stack.update(Batch(*parts), turn)
+    for name, kept in alone.kept.items():
+        torch.testing.assert_close(together.kept[name], kept, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
+def test_first_weights_are_drawn_as_the_oracle_s(algo, monkeypatch):
+    settings = settings_of(algo, hidden_layers=[200, 100])
+    agent = oracle_of(algo, settings, torch.float32, monkeypatch)
+    tensors, (learner,), _ = learners_of(algo, settings)
+    learner.initialize(torch.Generator().manual_seed(0))
+    mine, their = ours(algo, learner, tensors), theirs(algo, agent)
+    for name, value in their.items():
+        if "moment" in name:
+            assert not mine[name].any()
+        elif value.numel() > 90:
+            assert mine[name].std().item() == pytest.approx(value.std().item(), rel=0.2)
+            assert mine[name].abs().max().item() == pytest.approx(value.abs().max().item(), rel=0.3)
+    for name in mine:
+        if "target" in name:
+            assert torch.equal(mine[name], mine[name.replace("_target", "")])

@@ -7,10 +7,8 @@ machine does disturbs all alike; a ratio is the median of those of neighbours in
 told by the clock and, for a machine that others use, by the processor's time. Then, which part of
 the rate of its own products of matrices DDPG's update reaches, and how many updates a second.
 
-SBX, which is JAX, needs an environment of its own, made once and named by --sbx-python:
-
-    python -m venv sbx && sbx/bin/pip install sbx-rl mujoco dm-control array-api-compat
-    python benchmarks/train.py --sbx-python sbx/bin/python
+SBX, which is JAX, needs an environment of its own: `--make-sbx DIR` makes it and compares with it,
+`--sbx-python DIR/bin/python` uses it again.
 
 With --device cuda: updates a second of 10 and 40 seeds, and whole training of ten seeds with one
 and eight environments each, with where the time goes.
@@ -23,11 +21,13 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
 HERE = Path(__file__).parent
+SBX = "sbx-rl==0.28.0"
 SEEDS = 10
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 CLOCKS = ("wall", "processor")
@@ -135,10 +135,20 @@ def compare(algo: str, arguments: argparse.Namespace) -> None:
         print(told, flush=True)
 
 
+def make_sbx(directory: Path) -> str:
+    """Makes an environment with SBX and what our robots need; returns its interpreter."""
+    needed = [f"{name}=={version(name)}" for name in ("mujoco", "dm-control", "array-api-compat")]
+    subprocess.run([sys.executable, "-m", "venv", directory], check=True)
+    python = str(directory / "bin" / "python")
+    subprocess.run([python, "-m", "pip", "install", "--quiet", SBX, *needed], check=True)
+    return python
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--algos", default="ddpg,td3,sac,ppo", help="those to compare")
     parser.add_argument("--sbx-python", help="interpreter of an environment with SBX")
+    parser.add_argument("--make-sbx", type=Path, metavar="DIR", help="makes such an environment")
     parser.add_argument("--rounds", type=int, default=7, help="turns of each contender")
     parser.add_argument("--seconds", type=float, default=3.0, help="that a turn takes")
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
@@ -148,6 +158,8 @@ def main() -> None:
     if arguments.device == "cuda":
         cuda_rows()
         return
+    if arguments.make_sbx is not None:
+        arguments.sbx_python = make_sbx(arguments.make_sbx)
     for algo in arguments.algos.split(","):
         compare(algo, arguments)
     cpu_rows()

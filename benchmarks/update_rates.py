@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from itertools import product
 from statistics import median
 from typing import Any
 
@@ -17,11 +18,14 @@ from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.settings import algorithm_settings
+from jbench.names import ALGORITHMS
 
 BATCH, OBSERVATION, HIDDEN = 256, 16, (350, 250)
 TRANSITIONS = 100_000
 BURST = 50  # updates at a time, as DDPG makes them
 BURSTS = 30
+SEEDS = 10
+WARM_UP = 3000  # control steps of each seed before whole training is measured
 
 
 def engine_with_transitions(seeds: int, algo: str = "ddpg", **options: Any) -> OffPolicyEngine:
@@ -118,50 +122,59 @@ def cpu_rows() -> None:
         other.kill()
 
 
-def cuda_rows() -> None:
-    """Prints the rows of a GPU."""
-    print(torch.cuda.get_device_name(), flush=True)
-    for seeds in (10, 40):
-        for algo in ("ddpg", "td3", "sac"):
-            engine = engine_with_transitions(seeds, algo, device="cuda")
-            rates = []
-            for burst in range(12):
-                (group,) = engine._groups
-                group.prepare(1 + burst * BURST, BURST)
-                torch.cuda.synchronize()
-                began = time.perf_counter()
-                group.run()
-                torch.cuda.synchronize()
-                rates.append(seeds * BURST / (time.perf_counter() - began))
-            # The first bursts load and record.
-            print(f"{algo}, {seeds} seeds: {median(rates[3:]):,.0f} updates/s", flush=True)
-    for algo in ("ddpg", "td3", "sac", "ppo"):
-        for environments in (None, 8):
-            for overlap in (False, True) if algo != "ppo" else (False,):
-                _whole_training(algo, environments, overlap)
+def cuda_rows(device: str = "cuda", seconds: float = 15.0) -> None:
+    """Prints the rows of a GPU; on the CPU, for a rehearsal, those of a stack."""
+    options: dict[str, Any] = {"device": device, "stacked": True}
+    precisions = ("float32", "tf32", "bfloat16") if device == "cuda" else ("float32",)
+    for algo, seeds, precision in product(("ddpg", "td3", "sac"), (10, 40), precisions):
+        rate = _updates_a_second(algo, seeds, precision=precision, **options)
+        print(f"{algo}, {seeds} seeds, {precision}: {rate:,.0f} updates/s", flush=True)
+    for algo, environments, overlap in product(ALGORITHMS, (None, 8), (False, True)):
+        if not (algo == "ppo" and overlap):
+            _whole_training(algo, seconds, environments=environments, overlap=overlap, **options)
 
 
-def _whole_training(algo: str, environments: int | None, overlap: bool) -> None:
+def _updates_a_second(algo: str, seeds: int, **options: Any) -> float:
+    """Returns the updates a second of all seeds, without robots."""
+    engine = engine_with_transitions(seeds, algo, **options)
+    (group,) = engine._groups
+    rates = []
+    for burst in range(BURSTS if options["device"] == "cuda" else 4):
+        group.prepare(1 + burst * BURST, BURST)
+        _wait(options["device"])
+        began = time.perf_counter()
+        group.run()
+        _wait(options["device"])
+        rates.append(seeds * BURST / (time.perf_counter() - began))
+    # The first bursts load and record.
+    return median(rates[3:])
+
+
+def _whole_training(algo: str, seconds: float, **options: Any) -> None:
     """Prints the control steps a second of ten seeds, and where the time goes."""
-    every = {} if algo == "ppo" else {"learning_starts": 500, "uniform_warmup": True}
-    settings = algorithm_settings(algo, overrides=every)
-    options: dict[str, Any] = {"environments": environments, "overlap": overlap}
-    with make_engine(algo, settings, "face_direction", range(10), device="cuda", **options) as it:
-        clock = Clock(it)
-        steps = it.learn(10**12)
-        while it.control_steps < 3000:
+    changes = {} if algo == "ppo" else {"learning_starts": 500, "buffer_size": TRANSITIONS}
+    settings = algorithm_settings(algo, overrides=changes)
+    with make_engine(algo, settings, "face_direction", range(SEEDS), **options) as engine:
+        clock, steps = Clock(engine), engine.learn(10**12)
+        while engine.control_steps < WARM_UP:
             next(steps)
         clock.reset()
-        first, began = it.control_steps, time.perf_counter()
-        while time.perf_counter() - began < 15:
+        first, began = engine.control_steps, time.perf_counter()
+        while time.perf_counter() - began < seconds:
             next(steps)
         took = time.perf_counter() - began
-        count = it.environments.observations.shape[1]
-        rate = 10 * (it.control_steps - first) / took
+        rate = SEEDS * (engine.control_steps - first) / took
         shares = ", ".join(f"{name} {spent / took:.0%}" for name, spent in clock.spent.items())
         print(
-            f"{algo}, 10 seeds x {count}, overlap {overlap}: {rate:,.0f} control steps/s ({shares})"
+            f"{algo}, {SEEDS} seeds of {engine.environments.observations.shape[1]} environments, "
+            f"overlap {options['overlap']}: {rate:,.0f} control steps/s ({shares})",
+            flush=True,
         )
+
+
+def _wait(device: str) -> None:
+    if device == "cuda":
+        torch.cuda.synchronize()
 
 
 class Clock:

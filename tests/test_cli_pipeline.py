@@ -128,7 +128,8 @@ def test_a_damaged_run_is_named_and_all_others_are_reported(pipeline, tmp_path):
     seeds = {(row["algo"], row["representation"]): row["seeds"] for row in table}
     assert seeds.pop(("td3", "full")) == 1
     assert set(seeds.values()) == {2}
-    queried = jbench("query", "SELECT count(*) AS n FROM runs", "--csv", results=copy)
+    counted = "SELECT count(DISTINCT run) AS n FROM episodes"
+    queried = jbench("query", counted, "--csv", results=copy)
     assert (queried.returncode, queried.stdout) == (1, "n\n15\n")
     assert part.name in queried.stderr
 

@@ -384,7 +384,8 @@ def test_while_agents_learn_others_act_with_what_was_learned_before():
 def test_wrong_requests_are_told_what_to_type():
     for option, sentence in (
         ({"device": "tpu"}, "No device 'tpu'; there are auto, cpu, cuda."),
-        ({"precision": "int8"}, "No precision 'int8'; there are float32, bfloat16."),
+        ({"precision": "int8"}, "No precision 'int8'; there are float32, tf32, bfloat16."),
+        ({"precision": "tf32"}, "Only a GPU has the precision tf32; type float32 or bfloat16."),
     ):
         with pytest.raises(RequestError, match=sentence):
             engine_of("ddpg", [0], **option)

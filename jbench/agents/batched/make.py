@@ -20,7 +20,10 @@ from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, TimeLimit
 
 DEVICES = ("auto", "cpu", "cuda")
-PRECISIONS = ("float32", "bfloat16")
+"""Where networks learn; auto is a GPU where there is one."""
+
+PRECISIONS = ("float32", "tf32", "bfloat16")
+"""Of products: all exact, all rounded to 10 bits (a GPU only), hidden layers to 8 bits."""
 
 
 def make_engine(
@@ -53,7 +56,7 @@ def make_engine(
         encoder: of the observations.
         models: the robot of every episode; the plain one for None.
         device: "cpu", "cuda", or "auto" for the second where there is one.
-        precision: "float32", or "bfloat16" for the products of hidden layers.
+        precision: one of `PRECISIONS`; the numbers that are learned are float32 in any case.
         threads: how many robots are stepped at a time; None for one on a CPU, where the learning
             takes the time and a process for each core is faster, and for all cores beside a GPU.
         stacked: whether all seeds are computed at a time, or one after another; None for the
@@ -70,6 +73,10 @@ def make_engine(
     if precision not in PRECISIONS:
         raise RequestError(f"No precision {precision!r}; there are {', '.join(PRECISIONS)}.")
     gpu = place.type == "cuda"
+    if precision == "tf32" and not gpu:
+        raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
+    if gpu:
+        torch.backends.cuda.matmul.fp32_precision = "tf32" if precision == "tf32" else "ieee"
     count = environments or (settings.n_envs if isinstance(settings, PPOSettings) else 1)
     streams = [Streams(seed, count) for seed in seeds]
     worlds = Environments(

@@ -34,7 +34,8 @@ def engine_with_transitions(seeds: int, algo: str = "ddpg", **options: Any) -> O
     engine = make_engine(algo, settings, "face_direction", range(seeds), **options)
     assert isinstance(engine, OffPolicyEngine)
     rows = torch.randn(1, TRANSITIONS, OBSERVATION + 2)
-    engine.restore_rows([rows] * seeds, TRANSITIONS)
+    for seed in range(seeds):
+        engine.restore_rows(seed, rows, TRANSITIONS)
     return engine
 
 

@@ -9,7 +9,17 @@ from typing import Annotated
 
 import typer
 
-from jbench import __version__, cli_data, cli_encoders, cli_policies, cli_store, names, parsing
+from jbench import (
+    __version__,
+    cli_data,
+    cli_encoders,
+    cli_policies,
+    cli_report,
+    cli_store,
+    cli_sweep,
+    names,
+    parsing,
+)
 from jbench.errors import RequestError, WorkError
 from jbench.options import AugmentOption, JsonOption, ResultsOption, TaskOption, complete
 from jbench.output import Output, printable
@@ -88,10 +98,10 @@ def train(
     engine: Annotated[
         str,
         typer.Option(
-            help="sb3: stable-baselines3, seed by seed; batched: ours, many seeds at a time.",
+            help="batched: ours, many seeds at a time; sb3: stable-baselines3, seed by seed.",
             autocompletion=complete(*names.ENGINES),
         ),
-    ] = "sb3",
+    ] = "batched",
     device: Annotated[
         str,
         typer.Option(
@@ -102,7 +112,7 @@ def train(
     precision: Annotated[
         str,
         typer.Option(
-            help="Of --engine batched: float32 or bfloat16.",
+            help="Of --engine batched: float32, bfloat16, or on a GPU tf32.",
             autocompletion=complete(*names.PRECISIONS),
         ),
     ] = "float32",
@@ -110,6 +120,10 @@ def train(
         int | None,
         typer.Option(help="Of each seed, with --engine batched; else the algorithm's own."),
     ] = None,
+    checkpoint_every: Annotated[
+        float,
+        typer.Option(min=0, help="Seconds between checkpoints, at least; --engine batched."),
+    ] = 60.0,
     jobs: Annotated[int, typer.Option(help="Processes at a time; 0 for one a core.")] = 0,
     results: ResultsOption = Path("results"),
     json: JsonOption = False,
@@ -122,7 +136,8 @@ def train(
 
     output, place = Output(json), Results(results)
     chosen = parsing.known("engine", engine, names.ENGINES)
-    place_of_work = find_device(chosen, parsing.known("device", device, names.DEVICES))
+    products = parsing.known("precision", precision, names.PRECISIONS)
+    place_of_work = find_device(chosen, parsing.known("device", device, names.DEVICES), products)
     runs = request_runs(
         place,
         algo=parsing.known("algorithm", algo, names.ALGORITHMS),
@@ -138,7 +153,7 @@ def train(
         augment=parsing.augmented(augment),
         robots=robots,
         engine=chosen,
-        precision=parsing.known("precision", precision, names.PRECISIONS),
+        precision=products,
         parallel=environments,
     )
     planned = plan(runs, place)
@@ -147,11 +162,17 @@ def train(
         rest = "" if planned.to_do else "; nothing to do"
         output.say(f"{count} of {of} runs are finished already and not repeated{rest}.")
     for run in planned.begun:
-        output.say(f"The run {run.id} was interrupted or failed; it starts over.")
+        if run.engine != "batched":  # whose runs go on, and say themselves from where
+            output.say(f"The run {run.id} was interrupted or failed; it starts over.")
     failures = {}
     if planned.to_do:
         failures = display.train_with_progress(
-            planned.to_do, place, parsing.all_cores(jobs), output, place_of_work
+            planned.to_do,
+            place,
+            parsing.all_cores(jobs),
+            output,
+            place_of_work,
+            checkpoint_every,
         )
     for run_id, reason in failures.items():
         output.warn(f"the run {run_id} failed: {reason}")
@@ -162,67 +183,11 @@ def train(
         raise WorkError(f"{len(failures)} of {len(runs)} runs failed.")
 
 
-for verb in (cli_policies.evaluate, cli_policies.render, cli_policies.view):
+for verb in (cli_sweep.sweep, cli_policies.evaluate, cli_policies.render, cli_policies.view):
     app.command()(verb)
 
 
-@app.command()
-def report(
-    task: Annotated[
-        str | None, typer.Option(help="Only this one.", autocompletion=complete(*names.TASKS))
-    ] = None,
-    algo: Annotated[
-        str | None,
-        typer.Option(help="Only this one.", autocompletion=complete(*names.ALGORITHMS)),
-    ] = None,
-    order: Annotated[
-        str,
-        typer.Option(
-            help="quantile-first (the paper's Figure 9) or smooth-first (Figure 8).",
-            autocompletion=complete(*names.ORDERS),
-        ),
-    ] = "quantile-first",
-    window: Annotated[int, typer.Option(help="Episodes in a moving average.")] = 100,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory to write to; else RESULTS/report.")
-    ] = None,
-    results: ResultsOption = Path("results"),
-    json: JsonOption = False,
-) -> None:
-    """Aggregate all runs into curves across seeds, figures and tables."""
-    from jbench import display
-    from jbench.report import write_report
-    from jbench.store import Results
-
-    output, place = Output(json), Results(results)
-    written = write_report(
-        place,
-        out or place.inside("report"),
-        order=parsing.known("value of --order", order, names.ORDERS),
-        window=window,
-        task=task and parsing.known("task", task, names.TASKS),
-        algo=algo and parsing.known("algorithm", algo, names.ALGORITHMS),
-    )
-    table = written.table.astype(object).where(written.table.notna(), None)
-    display.show_final_returns(table, output)
-    for note in written.notes:
-        output.say(f"Note: {note}")
-    page = next(path for path in written.files if path.name == "index.html")
-    output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
-    output.document(
-        {
-            "table": table.to_dict("records"),
-            "files": [str(path) for path in written.files],
-            "notes": written.notes,
-            "problems": written.problems,
-        }
-    )
-    for problem in written.problems:
-        output.warn(problem)
-    if written.problems:
-        raise WorkError(f"{len(written.problems)} records are damaged and left out; see above.")
-
-
+app.command()(cli_report.report)
 for verb in cli_store.VERBS:
     app.command()(verb)
 

@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from jbench.errors import WorkError
-from jbench.experiments.settings import RunSettings
+from jbench.experiments.settings import CHECKPOINT_EVERY, RunSettings
 from jbench.output import Output, duration
 from jbench.store import Record, Results, schema
 
@@ -74,16 +74,29 @@ def _show_encoder(record: Record, output: Output) -> None:
 
 
 def train_with_progress(
-    runs: Sequence[RunSettings], results: Results, jobs: int, output: Output, device: str = "cpu"
+    runs: Sequence[RunSettings],
+    results: Results,
+    jobs: int,
+    output: Output,
+    device: str = "cpu",
+    checkpoint_every: float = CHECKPOINT_EVERY,
 ) -> dict[str, str]:
-    """Does runs side by side and shows how far they are; returns what failed and why."""
+    """Does runs side by side and shows how far they are; returns what failed and why.
+
+    Runs that another process is doing are left to it, and named.
+    """
+    from jbench.experiments.memory import memory_sentence
     from jbench.experiments.train import batches, train
 
     jobs = min(jobs, len(runs))
-    at_a_time = sum(len(batch) for batch in batches(runs, jobs, device)[:jobs])
+    first_ones = [run for batch in batches(runs, jobs, device)[:jobs] for run in batch]
+    at_a_time = len(first_ones)
+    memory = memory_sentence(first_ones)
+    if memory is not None:
+        output.say(memory)
     first = runs[0]
     done = dict.fromkeys((run.id for run in runs), 0)
-    told = False
+    told, elsewhere = False, set()
     label = f"{first.algo} {first.task} {first.representation}"
     with output.progress(label, sum(run.steps for run in runs), "control steps") as progress:
 
@@ -92,6 +105,13 @@ def train_with_progress(
             if "seconds_per_step" in message and not told:
                 told = True
                 _say_how_long(runs, at_a_time, message["seconds_per_step"], output)
+            if "held" in message:
+                elsewhere.add(run.id)
+                output.say(f"Another process is doing the run {run.id}; it is left out here.")
+            if "goes_on_from" in message:
+                done[run.id] = message["goes_on_from"]
+                progress.begin(sum(done.values()))
+                output.say(_how_it_goes_on(run, message))
             if "control_steps" in message:
                 done[run.id] = min(message["control_steps"], run.steps)
                 note = f"seed {run.seed}: last return {message['episode_return']:.0f}"
@@ -100,7 +120,14 @@ def train_with_progress(
                 done[run.id] = run.steps
                 progress.update(sum(done.values()), f"seed {run.seed} finished")
 
-        return train(runs, results, jobs, on_message, device)
+        failures = train(runs, results, jobs, on_message, device, checkpoint_every)
+    return {id: reason for id, reason in failures.items() if id not in elsewhere}
+
+
+def _how_it_goes_on(run: RunSettings, message: Mapping[str, Any]) -> str:
+    steps = message["goes_on_from"]
+    how = f"goes on from control step {steps:,}" if steps else "starts over"
+    return f"The run {run.id} was interrupted or failed; it {how}. {message['because']}".rstrip()
 
 
 def _say_how_long(
@@ -143,7 +170,7 @@ def show_final_returns(table: pd.DataFrame, output: Output) -> None:
         rows.append(
             (
                 cell["task"],
-                cell["algo"],
+                cell["algo"] if cell["source"] == "ours" else f"{cell['source']}: {cell['algo']}",
                 " ".join(filter(None, (cell["representation"], cell["settings"]))),
                 cell["seeds"],
                 fewest if fewest == most else f"{fewest} to {most}",

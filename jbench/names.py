@@ -39,7 +39,7 @@ Engine = Literal["batched", "sb3"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
 """What trains agents: ours, many seeds at a time, or stable-baselines3, one by one."""
 
-Precision = Literal["float32", "bfloat16"]
+Precision = Literal["float32", "tf32", "bfloat16"]
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 """Of the batched engine's products; what is kept is float32 in any case."""
 
@@ -50,6 +50,12 @@ BASES: tuple[Base, ...] = get_args(Base)
 Order = Literal["quantile-first", "smooth-first"]
 ORDERS: tuple[Order, ...] = get_args(Order)
 """Whether quantiles across seeds come before the moving average (Figure 9) or after (Figure 8)."""
+
+SWEEPS = ("smoke", "fig7", "fig8", "fig9")
+"""The matrices of runs that are shipped: a small one, and those of the paper's figures."""
+
+EXECUTORS = ("local", "ray")
+"""Where the runs of a sweep go on: on this machine, or on a Ray cluster."""
 
 FULL = "full"
 """The representation of an agent that sees the whole observation, without an encoder."""

@@ -67,6 +67,9 @@ class Progress:
         """Shows that so much of the total is done, and a word beside it."""
         raise NotImplementedError
 
+    def begin(self, done: int) -> None:
+        """Counts the speed from here: so much was done before."""
+
 
 class _Lines(Progress):
     """A plain line now and then."""
@@ -75,6 +78,9 @@ class _Lines(Progress):
         self._what, self._total, self._unit = what, total, unit
         self._first: tuple[float, int] | None = None
         self._printed, self._ended = time.monotonic(), False
+
+    def begin(self, done: int) -> None:
+        self._first = (time.monotonic(), done)
 
     def update(self, done: int, note: str = "") -> None:
         now = time.monotonic()

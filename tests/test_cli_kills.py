@@ -7,6 +7,7 @@ import time
 
 from command_line import jbench, succeed, train
 
+from jbench.errors import WorkError
 from jbench.store import Results, schema
 from jbench.store.query import load
 
@@ -46,24 +47,65 @@ def test_killed_while_collecting_it_reads_and_continues(tmp_path):
     assert {path.name for path in tmp_path.rglob("steps-*.parquet")} == listed
 
 
-def test_killed_while_training_the_database_reads_and_the_run_starts_over(tmp_path):
-    arguments = train("td3", "none", "--steps", "6000", "--seeds", "0")
-    kill_when(arguments, tmp_path, lambda: any(tmp_path.rglob("manifest.json")))
-    (manifest,) = tmp_path.rglob("manifest.json")
-    results = Results(tmp_path)
-    record = results.find("run", manifest.parent.relative_to(tmp_path / "runs").as_posix())
-    assert record.status == "unfinished"
-    rows = record.read("episodes", schema.EPISODES)
-    assert set(rows["length"].to_pylist()) <= {1000}
-    # The worker ends with its parent: the lock is free and nobody writes any more.
-    deadline = time.monotonic() + 20
+def wait_until_free(record):
+    """Waits for the worker, which ends with its parent: then the lock is free."""
+    deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
         try:
             with record.lock():
-                break
-        except Exception:
+                return
+        except WorkError:
             time.sleep(0.1)
+
+
+def test_killed_while_training_the_database_reads_and_the_runs_go_on(tmp_path):
+    arguments = train("td3", "none", "--steps", "6000", "--seeds", "0-1", "--jobs", "1")
+    checkpoints = (*arguments, "--checkpoint-every", "0")
+    kill_when(checkpoints, tmp_path, lambda: len(list(tmp_path.rglob("checkpoint-*"))) >= 3)
+    results = Results(tmp_path)
+    found = results.scan("run")[0]
+    for record in found:
+        assert record.status == "unfinished"
+        assert set(record.read("episodes", schema.EPISODES)["length"].to_pylist()) <= {1000}
+        wait_until_free(record)
+    done = succeed(*arguments, results=tmp_path)
+    for record in found:
+        assert f"{record.id} was interrupted or failed; it goes on from control step" in done.stdout
+        ended = results.find("run", record.id)
+        assert ended.status == "finished"
+        assert ended.rows("episodes") == 6
+        (continued,) = ended.manifest.provenance["continued"]
+        assert continued["control_steps"] >= 1000
+        assert continued["changed"] == {}
+    assert not list(tmp_path.rglob("checkpoint-*"))
+
+
+def test_a_killed_run_of_stable_baselines3_starts_over_and_says_so(tmp_path):
+    arguments = train("td3", "none", "--steps", "6000", "--seeds", "0", "--engine", "sb3")
+    kill_when(arguments, tmp_path, lambda: any(tmp_path.rglob("manifest.json")))
+    (record,) = Results(tmp_path).scan("run")[0]
+    assert record.status == "unfinished"
+    wait_until_free(record)
     done = succeed(*arguments, results=tmp_path)
     assert "was interrupted or failed; it starts over" in done.stdout
-    assert results.find("run", record.id).status == "finished"
-    assert results.find("run", record.id).rows("episodes") == 6
+    ended = Results(tmp_path).find("run", record.id)
+    assert (ended.status, ended.rows("episodes")) == ("finished", 6)
+
+
+def test_a_run_that_another_process_is_doing_is_left_to_it_and_named(tmp_path):
+    arguments = train("td3", "none", "--steps", "100000", "--seeds", "0", "--checkpoint-every", "0")
+    command = [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(tmp_path)]
+    first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        deadline = time.monotonic() + 120
+        while not list(tmp_path.rglob("manifest.json")):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        (record,) = Results(tmp_path).scan("run")[0]
+        second = succeed(*arguments, results=tmp_path)
+        told = f"Another process is doing the run {record.id}; it is left out here."
+        assert told in second.stdout
+    finally:
+        first.kill()
+        first.wait()
+    wait_until_free(record)

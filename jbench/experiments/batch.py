@@ -1,27 +1,30 @@
 """Runs that differ in their seeds alone, side by side on the batched engine."""
 
 import contextlib
-from collections.abc import Callable, Sequence
-from functools import lru_cache
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
-from jbench.experiments.log import RunLog
-from jbench.experiments.settings import RunSettings
+from jbench.experiments.checkpoints import Checkpoint, load, read_replay, save
+from jbench.experiments.evaluator import Evaluator, robot_model
+from jbench.experiments.log import Pace, Position, RunLog
+from jbench.experiments.settings import CHECKPOINT_EVERY, RunSettings
 from jbench.names import EPISODE_STEPS
-from jbench.simulation import Robots
 from jbench.store import Record, Results
-from jbench.tasks import features, resets
-from jbench.tasks import model as robot
 
 Progress = Callable[[RunSettings, int, float], None]
 """Told after each training episode: the run, its control steps so far, and the return."""
+
+Notice = Callable[[RunSettings, int, str], None]
+"""Told of a run that was begun before: the control steps from which it goes on, and a sentence."""
 
 
 def run_batch(
@@ -30,18 +33,23 @@ def run_batch(
     encoder: Encoder | None,
     *,
     device: str = "auto",
+    checkpoint_every: float = CHECKPOINT_EVERY,
     progress: Progress = lambda run, steps, episode_return: None,
+    notice: Notice = lambda run, steps, sentence: None,
 ) -> dict[str, str]:
     """Trains and evaluates an agent for each run, and keeps what came out.
 
-    A run that is finished is left as it is; any other starts over.
+    A run that is finished is left as it is; one that was interrupted or failed goes on from its
+    last checkpoint, and ends in the same rows and weights as if it had never stopped.
 
     Args:
         runs: of settings that differ in their seeds alone.
         results: where they go.
         encoder: of their observations.
         device: to learn on: one of `jbench.names.DEVICES`.
+        checkpoint_every: seconds between two checkpoints, at least; 0 for each end of an episode.
         progress: told of each training episode.
+        notice: told of each run that was begun before.
 
     Returns:
         A sentence for each run that failed, by its id; one failure does not stop the others.
@@ -52,56 +60,127 @@ def run_batch(
     """
     failures: dict[str, str] = {}
     with contextlib.ExitStack() as locks:
-        begun = []
+        members = []
         for run in runs:
             try:
                 locks.enter_context(Record(results, "run", run.id).lock())
+                member = _begin(run, results, notice)
             except WorkError as error:
                 failures[run.id] = str(error)
                 continue
-            found = results.find("run", run.id)
-            if found is None or found.status != "finished":
-                record = results.create("run", run.id, run.model_dump(mode="json"))
-                begun.append((run, record))
-        if begun:
-            try:
-                failures |= _Batch(begun, encoder, device).train(progress)
-            except Exception as error:
-                for _, record in begun:
-                    with contextlib.suppress(WorkError):
-                        record.fail(f"{type(error).__name__}: {error}")
-                raise
+            if member is not None:
+                members.append(member)
+        try:
+            while members:
+                # Seeds that were stopped at different steps: those behind catch up first.
+                behind = min(member.control_steps for member in members)
+                ahead = {m.control_steps for m in members if m.control_steps > behind}
+                group = [member for member in members if member.control_steps == behind]
+                batch = _Batch(group, encoder, device, Pace(checkpoint_every))
+                failures |= batch.train(min(ahead, default=None), progress)
+                members = [m for m in members if m.record.status == "unfinished"]
+        except Exception as error:
+            for member in members:
+                with contextlib.suppress(WorkError):
+                    member.record.fail(f"{type(error).__name__}: {error}")
+            raise
     return failures
 
 
+@dataclass
+class _Member:
+    """A run of a batch."""
+
+    settings: RunSettings
+    record: Record
+    log: RunLog
+    checkpoint: Checkpoint | None = None
+
+    @property
+    def control_steps(self) -> int:
+        """From which it goes on."""
+        return 0 if self.checkpoint is None else self.checkpoint.position.control_steps
+
+
+def _begin(run: RunSettings, results: Results, notice: Notice) -> _Member | None:
+    """Returns a run that is to be done, from its last checkpoint or from nothing."""
+    record = results.find("run", run.id)
+    if record is not None and record.status == "finished":
+        return None
+    if record is not None:
+        try:
+            checkpoint, refused = load(record)
+            if checkpoint is not None:
+                log = RunLog(record, checkpoint.position)
+                changed = record.go_on({"control_steps": checkpoint.position.control_steps})
+                record.clean()
+                sentences = [*refused, *_changes(changed)]
+                notice(run, checkpoint.position.control_steps, " ".join(sentences))
+                return _Member(run, record, log, checkpoint)
+        except WorkError as error:  # rows are damaged
+            refused = [str(error).partition(";")[0] + "."]
+        notice(run, 0, " ".join(refused))
+    record = results.create("run", run.id, run.model_dump(mode="json"))
+    return _Member(run, record, RunLog(record))
+
+
+def _changes(changed: Mapping[str, Sequence[object]]) -> list[str]:
+    """Returns a sentence if versions or the processor are not those that a run began with."""
+    if not changed:
+        return []
+    told = ", ".join(f"{name} {before} is now {now}" for name, (before, now) in changed.items())
+    return [f"Since it began, {told}: it may end otherwise than without the interruption."]
+
+
 class _Batch:
-    """The runs of a batch while they go on."""
+    """The runs of a batch while they go on side by side, all at the same control step."""
 
     def __init__(
-        self, runs: Sequence[tuple[RunSettings, Record]], encoder: Encoder | None, device: str
+        self, members: Sequence[_Member], encoder: Encoder | None, device: str, pace: Pace
     ) -> None:
-        self._runs = [run for run, _ in runs]
-        self._records = [record for _, record in runs]
-        self._logs = [RunLog(record) for record in self._records]
+        self._members, self._pace = members, pace
         self._failures: dict[int, str] = {}
-        self._settings = settings = self._runs[0]
-        seeds = [np.random.SeedSequence(run.seed).generate_state(2) for run in self._runs]
+        self._settings = settings = members[0].settings
+        seeds = [np.random.SeedSequence(m.settings.seed).generate_state(2) for m in members]
         self._engine = engine_of(settings, [int(seed) for seed, _ in seeds], encoder, device)
         self._evaluator = Evaluator(settings, [int(seed) for _, seed in seeds])
+        if members[0].checkpoint is not None:
+            self._restore(members[0].checkpoint.position)
 
-    def train(self, progress: Progress) -> dict[str, str]:
-        """Goes from the first step to the last evaluation; returns what failed by the run's id."""
+    def train(self, until: int | None, progress: Progress) -> dict[str, str]:
+        """Goes on to a control step, or for None to the last evaluation.
+
+        Returns:
+            A sentence for each run that failed, by its id.
+        """
         with self._engine as engine:
             for returns in engine.learn(self._settings.steps):
                 if returns is not None:
                     self._note_episodes(returns, progress)
                 if self._evaluator.due(engine.control_steps):
                     self._evaluate()
-            if self._evaluator.last_steps < engine.control_steps:
-                self._evaluate()
-            for place in self._going_on():
-                self._finish(place)
-        return {self._runs[place].id: reason for place, reason in self._failures.items()}
+                if engine.control_steps == until:
+                    break
+                if returns is not None and self._pace.due():
+                    self._save()
+            if until is None:
+                self._end()
+            else:
+                self._save()
+        return {self._members[i].settings.id: reason for i, reason in self._failures.items()}
+
+    def _restore(self, position: Position) -> None:
+        """Puts everything where the checkpoints of the runs found it."""
+        checkpoints = [m.checkpoint for m in self._members if m.checkpoint is not None]
+        for place, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
+            if isinstance(self._engine, OffPolicyEngine):
+                row = checkpoint.replay_row
+                self._engine.restore_rows(place, read_replay(member.record, row), row)
+        self._engine.restore([checkpoint.state for checkpoint in checkpoints])
+        self._evaluator.restore(position.evaluations, position.last_evaluation)
+        for place, checkpoint in enumerate(checkpoints):
+            if not checkpoint.newest:
+                self._save_one(place, only=True)
 
     def _note_episodes(self, returns: NDArray[np.float64], progress: Progress) -> None:
         """Writes down the episodes (seeds, environments) that have just ended."""
@@ -112,29 +191,45 @@ class _Batch:
                 continue
             losses = self._engine.losses(place)
             for episode_return in returns[place].tolist():
-                self._logs[place].episode(steps, episode_return, EPISODE_STEPS, losses)
-                progress(self._runs[place], steps, episode_return)
+                self._members[place].log.episode(steps, episode_return, EPISODE_STEPS, losses)
+                progress(self._members[place].settings, steps, episode_return)
 
     def _evaluate(self) -> None:
         returns = self._evaluator(self._engine)
         for place in self._going_on():
             outcome = [(value, EPISODE_STEPS) for value in returns[place].tolist()]
-            self._logs[place].evaluation(self._engine.control_steps, outcome)
+            self._members[place].log.evaluation(self._engine.control_steps, outcome)
 
-    def _finish(self, place: int) -> None:
-        log, record = self._logs[place], self._records[place]
-        log.commit()
-        summary = {"wall_time": log.wall_time(), "steps_done": self._engine.control_steps}
-        record.finish(summary, self._engine.policy(place).to_files())
+    def _save(self) -> None:
+        """Commits a checkpoint of every run."""
+        began = time.perf_counter()
+        for place in self._going_on():
+            self._save_one(place)
+        self._pace.spent(time.perf_counter() - began)
+
+    def _save_one(self, place: int, *, only: bool = False) -> None:
+        member = self._members[place]
+        member.checkpoint = save(member.record, member.log, self._engine, place, only=only)
+
+    def _end(self) -> None:
+        """Makes the last evaluation, if it is not made yet, and ends all runs."""
+        steps = self._engine.control_steps
+        if self._evaluator.last_steps < steps:
+            self._evaluate()
+        for place in self._going_on():
+            log, record = self._members[place].log, self._members[place].record
+            log.commit()
+            summary = {"wall_time": log.wall_time(), "steps_done": steps}
+            record.finish(summary, self._engine.policy(place).to_files())
 
     def _fail(self, place: int, reason: str) -> None:
         """Gives one run up; the others go on."""
-        self._logs[place].commit()
-        self._records[place].fail(reason)
+        self._members[place].log.commit()
+        self._members[place].record.fail(reason)
         self._failures[place] = reason
 
     def _going_on(self) -> list[int]:
-        return [place for place in range(len(self._runs)) if place not in self._failures]
+        return [place for place in range(len(self._members)) if place not in self._failures]
 
 
 def engine_of(
@@ -160,75 +255,3 @@ def engine_of(
         device=device,
         precision=settings.precision,
     )
-
-
-def robot_model(settings: RunSettings, which: int) -> mujoco.MjModel:
-    """Returns the robot of a run, or one of several, the last for what lies beyond.
-
-    Args:
-        settings: of the run.
-        which: of its robots, counted from 0.
-    """
-    augment = settings.augment
-    return _model(None if augment is None else augment + min(which, settings.robots - 1))
-
-
-@lru_cache(maxsize=2)
-def _model(augment: int | None) -> mujoco.MjModel:
-    return robot.load(augment)
-
-
-class Evaluator:
-    """Episodes of the deterministic policies of all runs of a batch, side by side.
-
-    The robot is the one that the agents learn on at the time. Evaluation number k of a run draws
-    its episodes from a generator of its own, so that what came before does not matter.
-    """
-
-    def __init__(self, settings: RunSettings, seeds: Sequence[int]) -> None:
-        """Remembers what to evaluate.
-
-        Args:
-            settings: of the runs.
-            seeds: of their evaluations.
-        """
-        self._settings, self._seeds = settings, seeds
-        self.last_steps = self._done = 0
-
-    def due(self, control_steps: int) -> bool:
-        """Returns whether `evaluate_every` control steps have passed; then they count anew."""
-        every = self._settings.evaluate_every
-        if control_steps // every == self.last_steps // every:
-            return False
-        self.last_steps = control_steps
-        return True
-
-    def __call__(self, engine: Engine) -> NDArray[np.float64]:
-        """Returns the returns (runs, evaluate_episodes) of an evaluation."""
-        task, episodes = self._settings.task, self._settings.evaluate_episodes
-        shape = (len(self._seeds), episodes)
-        total = np.zeros(shape)
-        if not episodes:
-            return total
-        model = robot_model(self._settings, self._settings.robot_at(engine.control_steps))
-        quaternions, target = self._beginnings()
-        with Robots(model, total.size, threads=1) as robots:
-            state = robots.reset(quaternions)
-            for _ in range(EPISODE_STEPS):
-                seen = np.asarray(features.observation(task, state, target), np.float32)
-                actions = engine.act(seen.reshape(*shape, -1))
-                state = robots.step(actions.reshape(-1))
-                total += np.asarray(features.reward(task, state, target)).reshape(shape)
-        self._done += 1
-        return total
-
-    def _beginnings(self) -> tuple[NDArray[np.float64], features.Target]:
-        """Returns the poses (runs * episodes, 4) and targets of the next evaluation."""
-        quaternions, targets = [], []
-        for seed in self._seeds:
-            random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(self._done,)))
-            for _ in range(self._settings.evaluate_episodes):
-                quaternions.append(resets.draw_quaternion(random))
-                targets.append(resets.draw_target(self._settings.task, random))
-        positions, yaws = (np.stack(part) for part in zip(*targets, strict=True))
-        return np.stack(quaternions), features.Target(positions, yaws)

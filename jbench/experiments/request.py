@@ -1,5 +1,6 @@
 """From what a user asks for to the settings of the runs."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from jbench.agents.settings import algorithm_settings, parse_overrides
@@ -26,7 +27,7 @@ def request_runs(
     evaluate_episodes: int,
     augment: int | None = None,
     robots: int = 1,
-    engine: Engine = "sb3",
+    engine: Engine = "batched",
     precision: Precision = "float32",
     parallel: int | None = None,
 ) -> list[RunSettings]:
@@ -76,8 +77,21 @@ def request_runs(
         "precision": precision,
         "parallel": parallel,
     }
+    return runs_of(seeds, **shared)
+
+
+def runs_of(seeds: Sequence[int], **shared: Any) -> list[RunSettings]:
+    """Returns the settings of one run for each seed.
+
+    Args:
+        seeds: one for each run.
+        shared: the other fields of `RunSettings`.
+
+    Raises:
+        RequestError: if a value can't be, or no episode could end.
+    """
     runs = [validated(RunSettings, "the run", seed=seed, **shared) for seed in seeds]
-    least = EPISODE_STEPS * runs[0].environments
+    least, steps = EPISODE_STEPS * runs[0].environments, runs[0].steps
     if steps < least:
         raise RequestError(
             f"--steps {steps}: no episode would end, since {runs[0].environments} environments of "
@@ -86,15 +100,16 @@ def request_runs(
     return runs
 
 
-def find_device(engine: Engine, wanted: str) -> str:
+def find_device(engine: Engine, wanted: str, precision: Precision = "float32") -> str:
     """Returns the device to learn on, `cpu` or `cuda`.
 
     Args:
         engine: that trains.
         wanted: one of `jbench.names.DEVICES`.
+        precision: of its products.
 
     Raises:
-        RequestError: if it is not there, or not for this engine.
+        RequestError: if it is not there, or not for this engine or precision.
     """
     if engine == "sb3":
         if wanted == "cuda":
@@ -105,4 +120,7 @@ def find_device(engine: Engine, wanted: str) -> str:
     there = torch.cuda.is_available()
     if wanted == "cuda" and not there:
         raise RequestError("There is no CUDA device here; type --device cpu.")
-    return "cuda" if there and wanted != "cpu" else "cpu"
+    found = "cuda" if there and wanted != "cpu" else "cpu"
+    if precision == "tf32" and found == "cpu":
+        raise RequestError("Only a GPU has --precision tf32; type float32 or bfloat16.")
+    return found

@@ -13,10 +13,12 @@ from jbench.agents import sb3
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.errors import WorkError
-from jbench.experiments.log import RunLog
+from jbench.experiments.log import Pace, RunLog
 from jbench.experiments.settings import RunSettings
 from jbench.store import Record, Results
 from jbench.tasks.gym import environment_id
+
+_COMMIT_EVERY = 15.0  # s
 
 
 def run(
@@ -221,6 +223,7 @@ class _Recorder(BaseCallback):
     ) -> None:
         super().__init__()
         self._log, self._evaluator, self._progress = log, evaluator, progress
+        self._pace = Pace(_COMMIT_EVERY)
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:
@@ -233,6 +236,8 @@ class _Recorder(BaseCallback):
                     self.num_timesteps, episode_return, length, sb3.losses(self.model)
                 )
                 self._progress(self.num_timesteps, episode_return)
+                if self._pace.due():
+                    self._pace.spent(self._log.commit())
         if self._evaluator.due(self.num_timesteps):
             returns = self._evaluator(sb3.policy(self.model).act, self.num_timesteps)
             self._log.evaluation(self.num_timesteps, returns)

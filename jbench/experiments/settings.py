@@ -9,6 +9,9 @@ from jbench.agents.settings import SETTINGS, AlgorithmSettings
 from jbench.names import EPISODE_STEPS, FULL, LARGEST_SEED, Engine, Precision, TimeLimit
 from jbench.store import settings_hash
 
+CHECKPOINT_EVERY = 60.0
+"""Seconds between two checkpoints of a run, at least: a kill costs them and an episode more."""
+
 
 class RunSettings(BaseModel):
     """What a run is made of; the id is made from it."""
@@ -21,7 +24,7 @@ class RunSettings(BaseModel):
     encoder: str | None = Field(default=None, description="id of the encoder")
     seed: int = Field(ge=0, le=LARGEST_SEED)
     steps: int = Field(gt=0, description="control steps over all environments; section 5.1: 5e6")
-    engine: Engine = "sb3"
+    engine: Engine = "batched"
     time_limit: TimeLimit = "bootstrap"
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
     evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")

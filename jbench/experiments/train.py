@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jbench.experiments.settings import RunSettings
+from jbench.experiments.settings import CHECKPOINT_EVERY, RunSettings
 from jbench.store import Results
 from jbench.store.identity import canonical_json
 
@@ -55,6 +55,7 @@ def train(
     jobs: int,
     on_message: Callable[[RunSettings, Message], None],
     device: str = "cpu",
+    checkpoint_every: float = CHECKPOINT_EVERY,
 ) -> dict[str, str]:
     """Does runs side by side, in processes that have one thread each for learning.
 
@@ -65,6 +66,7 @@ def train(
         on_message: called, one call at a time, with each message of a run; with the first run of a
             process for those that are of all its runs.
         device: that the batched engine learns on, `cpu` or `cuda`.
+        checkpoint_every: seconds between two checkpoints of a run, at least.
 
     Returns:
         A sentence for each run that failed, by its id; one failure does not stop the others.
@@ -75,7 +77,7 @@ def train(
     def work(batch: Sequence[RunSettings]) -> None:
         by_id = {run.id: run for run in batch}
         failed = dict.fromkeys(by_id, "its process ended without a word")
-        with _worker(batch, results, device) as messages:
+        with worker(batch, results, device, checkpoint_every) as messages:
             for message in messages:
                 run = by_id[message.get("run", batch[0].id)]
                 if "failed" in message:
@@ -94,7 +96,7 @@ def train(
         except BaseException:
             # Ctrl-C: no new runs; those under way end as their standard input closes.
             pool.shutdown(wait=False, cancel_futures=True)
-            _stop_all()
+            stop_workers()
             raise
     return failures
 
@@ -127,13 +129,14 @@ _running: set[subprocess.Popen[str]] = set()
 
 
 @contextmanager
-def _worker(
-    runs: Sequence[RunSettings], results: Results, device: str
+def worker(
+    runs: Sequence[RunSettings], results: Results, device: str, checkpoint_every: float
 ) -> Iterator[Iterator[Message]]:
     """Starts a worker; gives its messages as they come."""
     request = {
         "results": str(results.path),
         "device": device,
+        "checkpoint_every": checkpoint_every,
         "runs": [run.model_dump(mode="json") for run in runs],
     }
     threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
@@ -155,6 +158,7 @@ def _worker(
         _running.discard(process)
 
 
-def _stop_all() -> None:
+def stop_workers() -> None:
+    """Kills the workers of this process; what they had not committed is lost."""
     for process in list(_running):
         process.kill()

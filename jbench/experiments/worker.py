@@ -5,7 +5,9 @@ of multiprocessing, which would pickle. Runs of the batched engine differ in the
 stable-baselines3 there is one run.
 
 Messages: {"seconds_per_step": s} once, then for a run {"run": id} with {"control_steps": n,
-"episode_return": r}, {"failed": reason} or {"finished": true}.
+"episode_return": r}, {"failed": reason}, with {"held": true} if another process does it, or
+{"finished": true}; and first, for one that was begun
+before, {"goes_on_from": n, "because": sentence or ""}.
 """
 
 import json
@@ -27,12 +29,13 @@ def main(argument: str) -> int:
 
     from jbench.errors import RequestError, WorkError
     from jbench.experiments.settings import RunSettings
+    from jbench.store import Results
 
     torch.set_num_threads(1)
     request = json.loads(argument)
     runs = [RunSettings(**settings) for settings in request["runs"]]
     try:
-        failures = _train(runs, Path(request["results"]), request["device"], send)
+        failures = _train(runs, request, send)
     except (RequestError, WorkError) as error:
         failures = {run.id: str(error) for run in runs}
     except Exception as error:
@@ -40,28 +43,52 @@ def main(argument: str) -> int:
 
         traceback.print_exc()
         failures = {run.id: f"{type(error).__name__}: {error}" for run in runs}
+    results = Results(Path(request["results"]))
     for run in runs:
-        ended = {"failed": failures[run.id]} if run.id in failures else {"finished": True}
-        send({"run": run.id, **ended})
+        send({"run": run.id, **_ended(run, results, failures.get(run.id))})
     return 1 if failures else 0
 
 
-def _train(runs: list[Any], path: Path, device: str, send: Any) -> dict[str, str]:
+def _ended(run: Any, results: Any, failure: str | None) -> dict[str, Any]:
+    """Returns the last message of a run; a failure that nobody has recorded yet is recorded."""
+    from jbench.experiments.standing import record_failure
+    from jbench.store.locks import HeldError
+
+    if failure is None:
+        return {"finished": True}
+    if failure == str(HeldError(f"the run {run.id}")):
+        return {"failed": failure, "held": True}
+    record_failure(run, results, failure)
+    return {"failed": failure}
+
+
+def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, str]:
     """Trains the agents of all runs; returns a sentence for each that failed, by its id."""
     from jbench.experiments.batch import run_batch
     from jbench.experiments.run import load_encoder_of, run
     from jbench.experiments.speed import seconds_per_step
     from jbench.store import Results
 
-    results = Results(path)
+    results, device = Results(Path(request["results"])), request["device"]
     encoder = load_encoder_of(runs[0], results)
     send({"seconds_per_step": seconds_per_step(runs, encoder, device)})
 
     def tell(settings: Any, steps: int, episode_return: float | None) -> None:
         send({"run": settings.id, "control_steps": steps, "episode_return": episode_return})
 
+    def tell_start(settings: Any, steps: int, sentence: str) -> None:
+        send({"run": settings.id, "goes_on_from": steps, "because": sentence})
+
     if runs[0].engine == "batched":
-        return run_batch(runs, results, encoder, device=device, progress=tell)
+        return run_batch(
+            runs,
+            results,
+            encoder,
+            device=device,
+            checkpoint_every=request["checkpoint_every"],
+            progress=tell,
+            notice=tell_start,
+        )
     for settings in runs:
         run(settings, results, lambda steps, value: tell(settings, steps, value))  # noqa: B023
     return {}

@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,11 +12,13 @@ import pyarrow as pa
 
 from jbench.names import ALGORITHMS, EPISODE_STEPS, FULL, TASKS
 from jbench.report.curves import FloatArray, IntArray
+from jbench.report.variants import comparable, variant_labels
 from jbench.store.identity import settings_hash
 
+OURS = "ours"
+"""The source of the runs of the results that are reported."""
+
 _KEY = ["task", "algo", "representation", "variant"]
-_NAMED_SETTINGS = 4
-_VALUE_LENGTH = 34
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,9 @@ class Cell:
         notes: what a reader should know, a clause each.
         robots: augmented robots that were learned on in turn; 0 for the plain robot.
         robot_episodes: episodes with each of them, in the longest run.
+        wall_time: (seeds, episodes) s since the run began at an episode's end; NaN past its end.
+        settings: of its runs, one seed's.
+        source: whose runs they are: `OURS`, or another name.
     """
 
     task: str
@@ -48,13 +53,44 @@ class Cell:
     control_steps: FloatArray
     lengths: IntArray
     notes: tuple[str, ...]
-    robots: int = 0
-    robot_episodes: int = 0
+    robots: int
+    robot_episodes: int
+    wall_time: FloatArray
+    settings: Mapping[str, Any]
+    source: str = OURS
 
     @property
     def name(self) -> str:
         """Names the cell for a reader."""
-        return f"{self.task} {self.algo} {self.representation} {self.label or self.variant}"
+        name = f"{self.task} {self.algo} {self.representation} {self.label or self.variant}"
+        return f"{self.prefix}{name}"
+
+    @property
+    def prefix(self) -> str:
+        """Whose runs they are, in front of a name; nothing for ours."""
+        return "" if self.source == OURS else f"{self.source}: "
+
+    @property
+    def seen(self) -> str:
+        """What its agents see, and the settings that set it apart from other variants."""
+        return ", ".join(filter(None, (self.representation, self.label)))
+
+    def same_but(self, other: "Cell", *names: str) -> bool:
+        """Returns whether two cells differ in nothing else than these settings.
+
+        Seeds, steps and how often agents are evaluated are no difference; nor is what can't stay
+        the same where a named setting does not, as the encoder of another representation.
+        """
+        mine, others = (comparable(cell.settings, *names) for cell in (self, other))
+        return mine == others
+
+
+class Recorded(NamedTuple):
+    """The episodes of a run, in their order; each (episodes,)."""
+
+    returns: FloatArray
+    control_steps: FloatArray
+    wall_time: FloatArray
 
 
 def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
@@ -69,16 +105,19 @@ def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
     return frame[~wanting].astype({"seed": np.int64}), problems
 
 
-def build_cells(runs: pd.DataFrame, episodes: pa.Table) -> tuple[list[Cell], list[str]]:
+def build_cells(
+    runs: pd.DataFrame, episodes: pa.Table, source: str = OURS
+) -> tuple[list[Cell], list[str]]:
     """Returns the cells in the order of the paper, and notes on runs that are in none.
 
     Args:
         runs: rows of the table `runs`, as `usable_runs` returns them.
         episodes: the table `episodes`, of these runs and perhaps of others.
+        source: of the cells.
     """
     recorded = _split_by_run(episodes)
     runs = runs.assign(
-        recorded=[len(recorded[run][0]) if run in recorded else 0 for run in runs["run"]]
+        recorded=[len(recorded[run].returns) if run in recorded else 0 for run in runs["run"]]
     )
     idle = runs[runs["recorded"] == 0]
     notes = [
@@ -90,49 +129,16 @@ def build_cells(runs: pd.DataFrame, episodes: pa.Table) -> tuple[list[Cell], lis
     for _, group in runs.groupby(_KEY[:3]):
         labels = variant_labels(dict(zip(group["variant"], group["settings"], strict=True)))
         cells += [
-            _build_cell(group[group["variant"] == variant], label, recorded)
+            _build_cell(group[group["variant"] == variant], label, recorded, source)
             for variant, label in labels.items()
         ]
-    return sorted(cells, key=_paper_order), notes
+    return sorted(cells, key=paper_order), notes
 
 
 def in_order(names: Iterable[str], known: tuple[str, ...]) -> list[str]:
     """Returns distinct names: the known ones in their order, then the others in the alphabet's."""
     distinct = set(names)
     return [name for name in known if name in distinct] + sorted(distinct - set(known))
-
-
-def variant_labels(settings: Mapping[str, str]) -> dict[str, str]:
-    """Returns a label for each variant: the settings that differ, as `learning_rate=0.001`.
-
-    Args:
-        settings: JSON of a run's settings, by variant.
-
-    Returns:
-        Labels by variant, in the order of the values that differ; "" for a lone variant.
-    """
-    flat = {variant: _flatten(json.loads(text)) for variant, text in settings.items()}
-    paths = list(dict.fromkeys(path for values in flat.values() for path in values))
-    differing = [
-        path
-        for path in paths
-        if path not in (("seed",), ("steps",))
-        and len({_exact(values.get(path, ...)) for values in flat.values()}) > 1
-    ]
-    names = _short_names(differing)
-    rows = sorted(
-        flat.items(), key=lambda item: ([_rank(item[1].get(path)) for path in differing], item[0])
-    )
-    labels = {
-        variant: ", ".join(
-            f"{names[path]}={_text(values.get(path, ...))}" for path in differing[:_NAMED_SETTINGS]
-        )
-        for variant, values in rows
-    }
-    # More settings than a label can name, or names cut short, must not make two curves one.
-    if len(differing) > _NAMED_SETTINGS or len(set(labels.values())) < len(labels):
-        labels = {variant: f"{label}, … ({variant})" for variant, label in labels.items()}
-    return labels
 
 
 def file_name(*parts: str) -> str:
@@ -144,7 +150,7 @@ def file_name(*parts: str) -> str:
 
 
 def _build_cell(
-    runs: pd.DataFrame, label: str, recorded: Mapping[str, tuple[FloatArray, FloatArray]]
+    runs: pd.DataFrame, label: str, recorded: Mapping[str, Recorded], source: str
 ) -> Cell:
     runs = runs.sort_values(
         ["seed", "recorded", "steps", "run"], ascending=[True, False, False, True]
@@ -152,11 +158,13 @@ def _build_cell(
     chosen = runs.drop_duplicates("seed")
     lengths = chosen["recorded"].to_numpy(np.int64)
     shape = (len(chosen), int(lengths.max()))
-    returns, control_steps = np.full(shape, np.nan), np.full(shape, np.nan)
+    returns, control_steps, wall_time = (np.full(shape, np.nan) for _ in range(3))
     for row, run in enumerate(chosen["run"]):
-        returns[row, : lengths[row]], control_steps[row, : lengths[row]] = recorded[run]
+        for whole, part in zip((returns, control_steps, wall_time), recorded[run], strict=True):
+            whole[row, : lengths[row]] = part
     first = chosen.iloc[0]
-    robots = _robots(json.loads(first["settings"]))
+    settings = json.loads(first["settings"])
+    robots = _robots(settings)
     planned = max(int(chosen["steps"].fillna(0).max()) // EPISODE_STEPS, shape[1])
     return Cell(
         **{name: str(first[name]) for name in _KEY},
@@ -168,6 +176,9 @@ def _build_cell(
         notes=tuple(_notes(runs, chosen, returns)),
         robots=robots,
         robot_episodes=-(-planned // robots) if robots else 0,
+        wall_time=wall_time,
+        settings=settings,
+        source=source,
     )
 
 
@@ -206,20 +217,29 @@ def _notes(runs: pd.DataFrame, chosen: pd.DataFrame, returns: FloatArray) -> lis
     return notes
 
 
-def _split_by_run(episodes: pa.Table) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Returns episode returns and control steps of each run, in the order of its episodes."""
-    run = episodes["run"].combine_chunks().dictionary_encode()
+def _split_by_run(episodes: pa.Table) -> dict[str, Recorded]:
+    """Returns the episodes of each run, in their order."""
+    run = episodes["run"]
+    if pa.types.is_dictionary(run.type):
+        run = run.unify_dictionaries().combine_chunks()
+    else:
+        run = run.combine_chunks().dictionary_encode()
     codes = run.indices.to_numpy()
     order = np.lexsort((episodes["episode"].to_numpy(), codes))
-    returns = episodes["episode_return"].to_numpy().astype(np.float64)[order]
-    control_steps = episodes["control_steps"].to_numpy().astype(np.float64)[order]
-    returns[~np.isfinite(returns)] = np.nan
+    columns = [
+        episodes[name].to_numpy().astype(np.float64, copy=False)[order]
+        for name in ("episode_return", "control_steps", "wall_time")
+    ]
+    columns[0][~np.isfinite(columns[0])] = np.nan
     ends = np.cumsum(np.bincount(codes, minlength=len(run.dictionary)))[:-1]
-    parts = zip(np.split(returns, ends), np.split(control_steps, ends), strict=True)
-    return dict(zip(run.dictionary.to_pylist(), parts, strict=False))
+    parts = zip(*(np.split(column, ends) for column in columns), strict=True)
+    return {
+        name: Recorded(*part) for name, part in zip(run.dictionary.to_pylist(), parts, strict=False)
+    }
 
 
-def _paper_order(cell: Cell) -> tuple[Any, ...]:
+def paper_order(cell: Cell) -> tuple[Any, ...]:
+    """Returns what cells are sorted by: task, algorithm and representation as in the paper."""
     # Stable, so that variants stay in the order of their labels.
     return (
         (TASKS.index(cell.task), "") if cell.task in TASKS else (len(TASKS), cell.task),
@@ -228,38 +248,5 @@ def _paper_order(cell: Cell) -> tuple[Any, ...]:
         else (len(ALGORITHMS), cell.algo),
         cell.representation != FULL,
         cell.representation,
+        cell.source,
     )
-
-
-def _flatten(settings: Mapping[str, Any], path: tuple[str, ...] = ()) -> dict[tuple[str, ...], Any]:
-    flat: dict[tuple[str, ...], Any] = {}
-    for name, value in settings.items():
-        if isinstance(value, Mapping) and value:
-            flat |= _flatten(value, (*path, name))
-        else:
-            flat[(*path, name)] = value
-    return flat
-
-
-def _short_names(paths: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
-    """Names a setting by its last part alone, where that is enough."""
-    last = [path[-1] for path in paths]
-    return {path: path[-1] if last.count(path[-1]) == 1 else ".".join(path) for path in paths}
-
-
-def _text(value: Any) -> str:
-    if value is ...:
-        return "(not set)"
-    text = value if isinstance(value, str) else json.dumps(value)
-    half = _VALUE_LENGTH // 2
-    return text if len(text) <= _VALUE_LENGTH else f"{text[:half]}…{text[-half:]}"
-
-
-def _exact(value: Any) -> str | None:
-    return None if value is ... else json.dumps(value)
-
-
-def _rank(value: Any) -> tuple[int, float, str]:
-    """Sorts numbers by size, before all else."""
-    number = isinstance(value, int | float)
-    return (0, value, "") if number else (1, 0.0, _text(value))

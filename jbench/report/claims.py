@@ -6,16 +6,19 @@ published curves.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 
 from jbench.names import FULL
 from jbench.report import statistics as st
-from jbench.report.cells import Cell
-from jbench.report.curves import FloatArray, final_returns
+from jbench.report.cells import OURS, Cell
+from jbench.report.comparisons import algorithm_pairs
+from jbench.report.curves import FloatArray
 from jbench.report.drawing import SOLVED
+from jbench.report.scores import Scores, common_episodes, scores_of
 
 Verdict = Literal["supported", "contradicted", "undecided"]
 
@@ -100,29 +103,6 @@ CLAIMS = {
 }
 
 
-class Scores(NamedTuple):
-    """What the seeds of a cell came to, up to the same control step as those compared with it.
-
-    Attributes:
-        task: what was learned.
-        algo: by which algorithm.
-        representation: `full`, or an encoder's kind and size.
-        final: (seeds,) mean return at the end.
-        area: (seeds,) mean return over all episodes.
-    """
-
-    task: str
-    algo: str
-    representation: str
-    final: FloatArray
-    area: FloatArray
-
-    @property
-    def name(self) -> str:
-        """Names the cell for a reader."""
-        return f"{self.task} {self.algo} {self.representation}"
-
-
 @dataclass(frozen=True)
 class Finding:
     """What one comparison says of a claim.
@@ -135,7 +115,9 @@ class Finding:
         verdict: on the claim, by this comparison.
         seeds_needed: of each cell, that would decide it at 80% power; None if it is decided, or
             if no number can be said.
+        episodes: of each seed that are compared; for (h), None.
         source: `ours`, or the figure of the paper.
+        remark: what a reader must know of this comparison; may be empty.
     """
 
     claim: str
@@ -144,37 +126,60 @@ class Finding:
     seeds: int
     verdict: Verdict
     seeds_needed: int | None
-    source: str = "ours"
-
-
-def scores_of(cell: Cell, episodes: int) -> Scores:
-    """Returns the scores of a cell from its first so many episodes."""
-    returns, steps = cell.returns[:, :episodes], cell.control_steps[:, :episodes]
-    lengths = np.minimum(cell.lengths, episodes)
-    final = final_returns(returns, steps, lengths)[0]
-    with np.errstate(invalid="ignore"):
-        area = np.nansum(returns, axis=1) / np.isfinite(returns).sum(axis=1)
-    known = np.isfinite(final) & np.isfinite(area)
-    return Scores(cell.task, cell.algo, cell.representation, final[known], area[known])
+    episodes: int | None = None
+    source: str = OURS
+    remark: str = ""
 
 
 def examine(cells: Sequence[Cell]) -> list[Finding]:
-    """Returns what our runs say of the claims (a) to (g), in their order.
+    """Returns what runs say of the claims (a) to (g), in their order.
 
-    Cells are compared where both are on the plain robot and differ in nothing else than the claim
-    speaks of; each pair is cut to the episodes that every seed of both has.
+    Cells are compared where both are of the same results, on the plain robot, and differ in nothing
+    else than the claim speaks of; each pair is cut to the episodes that every seed of both has.
     """
-    plain = [cell for cell in cells if not cell.robots]
-    findings = [*_of_representation(plain), *_of_algorithms(plain)]
-    for cell in plain:
-        scores = scores_of(cell, int(cell.lengths.min()))
-        findings.append(_above("g", scores.name, scores.final, SOLVED))
+    findings = []
+    for source in dict.fromkeys(cell.source for cell in cells):
+        plain = [cell for cell in cells if cell.source == source and not cell.robots]
+        found = [*_of_representation(plain), *_of_algorithms(plain), *map(_solved, plain)]
+        findings += [replace(finding, source=source) for finding in found]
     return sorted(findings, key=lambda finding: finding.claim)
+
+
+def _solved(cell: Cell) -> Finding:
+    scores = scores_of(cell, common_episodes(cell))
+    found = _above("g", scores.name, scores.final, SOLVED)
+    return replace(found, episodes=scores.episodes, remark=_cut(cell))
+
+
+def _cut(*cells: Cell) -> str:
+    """Says what is left out where some seed has fewer episodes than others."""
+    episodes, longest = common_episodes(*cells), max(int(cell.lengths.max()) for cell in cells)
+    if episodes == longest:
+        return ""
+    return f"the first {episodes} of {longest} episodes, which every seed has"
 
 
 def examine_heuristic(task: str, returns: FloatArray) -> Finding:
     """Returns what the (episodes,) returns of a task's hand-written policy say of claim (h)."""
     return _above("h", task, returns, SOLVED)
+
+
+def findings_frame(findings: Sequence[Finding]) -> pd.DataFrame:
+    """Returns a row for each finding: the exact numbers behind the tables.
+
+    Columns: claim (its letter), source, compared, seeds, episodes, effect, low, high (ends of the
+    interval: of 90% for claim a, else of 95%), verdict, seeds_needed, remark.
+    """
+    rows = [
+        (
+            *(one.claim, one.source, one.compared, one.seeds, one.episodes),
+            *(*one.effect[:3], one.verdict, one.seeds_needed, one.remark),
+        )
+        for one in findings
+    ]
+    columns = ["claim", "source", "compared", "seeds", "episodes", "effect", "low", "high"]
+    frame = pd.DataFrame(rows, columns=[*columns, "verdict", "seeds_needed", "remark"])
+    return frame.astype({"episodes": "Int64", "seeds_needed": "Int64"})
 
 
 def decide(
@@ -188,14 +193,18 @@ def decide(
         boundary: above which the claim holds.
         logarithmic: whether the effect is a ratio, whose distances are those of its logarithm.
     """
-    if effect.low > boundary:
+    if seeds >= st.DECIDING_SEEDS and effect.low > boundary:
         return "supported", None
-    if effect.high < boundary:
+    if seeds >= st.DECIDING_SEEDS and effect.high < boundary:
         return "contradicted", None
     distance, error = effect.value - boundary, effect.standard_error
     if logarithmic and effect.value > 0:
         distance, error = np.log(effect.value / boundary), error / effect.value
-    return "undecided", st.seeds_to_decide(distance, error, seeds)
+    return "undecided", _at_least(st.seeds_to_decide(distance, error, seeds))
+
+
+def _at_least(seeds: int | None) -> int | None:
+    return None if seeds is None else max(st.DECIDING_SEEDS, seeds)
 
 
 def decide_similar(
@@ -208,58 +217,65 @@ def decide_similar(
         outer: the difference with its 95% interval.
         seeds: of each group.
     """
-    if inner.low > -MARGIN and inner.high < MARGIN:
+    if seeds >= st.DECIDING_SEEDS and inner.low > -MARGIN and inner.high < MARGIN:
         return "supported", None
-    if outer.low > MARGIN or outer.high < -MARGIN:
+    if seeds >= st.DECIDING_SEEDS and (outer.low > MARGIN or outer.high < -MARGIN):
         return "contradicted", None
     distance = MARGIN - abs(inner.value)
-    return "undecided", st.seeds_to_decide(distance, inner.standard_error, seeds)
+    return "undecided", _at_least(st.seeds_to_decide(distance, inner.standard_error, seeds))
 
 
 def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
     """Gives (a) to (d): the reduced order against the full observation."""
-    gains: dict[tuple[str, str], tuple[Scores, Scores]] = {}
-    for full, reduced in _pairs(cells, lambda one, other: _reduces(one, other)):
-        pair = _compared(full, reduced)
-        gains[full.task, full.algo] = pair
-        yield from _reduced_findings(*pair)
-    for (task, algo), harder in gains.items():
-        easier = gains.get((EASIER, algo))
-        if task == HARDER and easier is not None:
-            groups = [[scores.area] for scores in (*harder[::-1], *easier[::-1])]
-            effect = st.estimate(_gain_of_gains, *groups)
-            seeds = min(len(scores.area) for scores in (*harder, *easier))
-            yield Finding(
-                "d", f"{algo}: {HARDER}, {EASIER}", effect, seeds, *decide(effect, seeds, 0)
-            )
+    pairs = list(_pairs(cells, _reduces))
+    for full, reduced in pairs:
+        yield from _reduced_findings(full, reduced)
+    for harder, easier in ((h, e) for h in pairs for e in pairs if _harder(h[0], e[0])):
+        scores = [*_compared(*harder)[::-1], *_compared(*easier)[::-1]]
+        effect = st.estimate(_gain_of_gains, *([one.area] for one in scores))
+        seeds = min(len(one.area) for one in scores)
+        compared = " ".join(filter(None, (harder[0].algo, harder[0].label)))
+        yield Finding(
+            *("d", f"{compared}: {HARDER} against {EASIER}", effect, seeds),
+            *decide(effect, seeds, 0),
+            episodes=min(one.episodes for one in scores),
+            remark="; ".join(filter(None, (_cut(*harder), _cut(*easier)))),
+        )
 
 
-def _reduced_findings(full: Scores, reduced: Scores) -> Iterator[Finding]:
-    compared = f"{reduced.name} against {FULL}"
-    seeds = min(len(full.final), len(reduced.final))
+def _reduced_findings(full: Cell, reduced: Cell) -> Iterator[Finding]:
+    theirs, ours = _compared(full, reduced)
+    compared = f"{ours.name} against {FULL}"
+    seeds = min(len(theirs.final), len(ours.final))
+    more: dict[str, Any] = {"episodes": ours.episodes, "remark": _cut(full, reduced)}
     iqm = st.difference(st.interquartile_mean)
-    final = [reduced.final], [full.final]
+    final = [ours.final], [theirs.final]
     inner = st.estimate(iqm, *final, confidence=0.9)
     similar = decide_similar(inner, st.estimate(iqm, *final), seeds)
-    yield Finding("a", compared, inner, seeds, *similar)
+    yield Finding("a", compared, inner, seeds, *similar, **more)
     spread = st.estimate(st.ratio(st.standard_deviation), *final)
     verdict, needed = decide(spread, seeds, 1.0, logarithmic=True)
-    yield Finding("b", compared, spread, seeds, _opposite(verdict), needed)
-    faster = st.estimate(iqm, [reduced.area], [full.area])
-    yield Finding("c", compared, faster, seeds, *decide(faster, seeds, 0))
+    yield Finding("b", compared, spread, seeds, _opposite(verdict), needed, **more)
+    faster = st.estimate(iqm, [ours.area], [theirs.area])
+    yield Finding("c", compared, faster, seeds, *decide(faster, seeds, 0), **more)
 
 
 def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
     """Gives (e) and (f): off-policy algorithms against PPO."""
-    for ppo, other in _pairs(cells, lambda one, two: _off_policy(one, two)):
+    both = algorithm_pairs(cells)
+    for ppo, other in (pair if pair[0].algo == ON_POLICY else pair[::-1] for pair in both):
+        if ppo.algo != ON_POLICY or other.algo not in OFF_POLICY:
+            continue
         theirs, ours = _compared(ppo, other)
         compared = f"{ours.name} against {ON_POLICY}"
         seeds = min(len(theirs.final), len(ours.final))
-        higher = st.estimate(st.difference(st.median), [ours.final], [theirs.final])
-        yield Finding("e", compared, higher, seeds, *decide(higher, seeds, 0))
-        wider = st.estimate(st.ratio(st.standard_deviation), [ours.final], [theirs.final])
+        more: dict[str, Any] = {"episodes": ours.episodes, "remark": _cut(ppo, other)}
+        final = [ours.final], [theirs.final]
+        higher = st.estimate(st.difference(st.median), *final)
+        yield Finding("e", compared, higher, seeds, *decide(higher, seeds, 0), **more)
+        wider = st.estimate(st.ratio(st.standard_deviation), *final)
         verdict = decide(wider, seeds, 1.0, logarithmic=True)
-        yield Finding("f", compared, wider, seeds, *verdict)
+        yield Finding("f", compared, wider, seeds, *verdict, **more)
 
 
 def _pairs(
@@ -269,18 +285,19 @@ def _pairs(
 
 
 def _reduces(full: Cell, reduced: Cell) -> bool:
-    same = (full.task, full.algo, full.label) == (reduced.task, reduced.algo, reduced.label)
-    return same and (full.representation, reduced.representation) == (FULL, REDUCED)
+    same = (full.task, full.algo) == (reduced.task, reduced.algo)
+    named = (full.representation, reduced.representation) == (FULL, REDUCED)
+    return same and named and full.same_but(reduced, "representation")
 
 
-def _off_policy(ppo: Cell, other: Cell) -> bool:
-    same = (ppo.task, ppo.representation) == (other.task, other.representation)
-    return same and ppo.algo == ON_POLICY and other.algo in OFF_POLICY
+def _harder(one: Cell, other: Cell) -> bool:
+    named = (one.task, other.task) == (HARDER, EASIER)
+    return named and one.algo == other.algo and one.same_but(other, "task")
 
 
 def _compared(one: Cell, other: Cell) -> tuple[Scores, Scores]:
     """Returns the scores of two cells over the episodes that every seed of both has."""
-    episodes = int(min(one.lengths.min(), other.lengths.min()))
+    episodes = common_episodes(one, other)
     return scores_of(one, episodes), scores_of(other, episodes)
 
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from jbench.names import Order
@@ -31,6 +30,8 @@ class Curve:
         control_steps: (points,) centre of each window, all environments.
         seeds: (points,) seeds that went through the whole window and have a return in it.
         quantiles: (5, points) episode return, a row for each of `QUANTILES`.
+        each: (seeds of the cell, points) mean return of each seed over the window; NaN where it
+            has not gone through all of it.
     """
 
     order: Order
@@ -38,6 +39,7 @@ class Curve:
     control_steps: FloatArray
     seeds: IntArray
     quantiles: FloatArray
+    each: FloatArray
 
     def quantile(self, percent: int) -> FloatArray:
         """Returns one of the `QUANTILES`, (points,)."""
@@ -62,20 +64,20 @@ def learning_curve(
         window: episodes to average; see `fitting_window` for what short runs get instead.
     """
     window = fitting_window(lengths, window)
-    smooth = moving_average(returns, window)
+    # A run that ended has no full window past its end, though part of one has returns.
+    past_end = np.arange(window - 1, returns.shape[1]) >= lengths[:, None]
+    each = np.where(past_end, np.nan, moving_average(returns, window))
     if order == "quantile-first":
         quantiles = moving_average(quantiles_across_seeds(returns), window)
     else:
-        # A run that ended has no full window past its end, though part of one has returns.
-        past_end = np.arange(window - 1, returns.shape[1]) >= lengths[:, None]
-        quantiles = quantiles_across_seeds(np.where(past_end, np.nan, smooth))
-    reached = np.arange(window - 1, returns.shape[1]) < lengths[:, None]
+        quantiles = quantiles_across_seeds(each)
     return Curve(
         order=order,
         window=window,
         control_steps=moving_average(np.nanmean(control_steps, axis=0), window),
-        seeds=np.sum(reached & np.isfinite(smooth), axis=0),
+        seeds=np.sum(np.isfinite(each), axis=0),
         quantiles=quantiles,
+        each=each,
     )
 
 
@@ -99,11 +101,33 @@ def moving_average(values: FloatArray, window: int) -> FloatArray:
         (..., episodes - window + 1); NaN where a window holds nothing else.
     """
     there = np.isfinite(values)
-    # Summed anew for each window: a running sum would leave rounding errors where returns are 0.
-    sums = sliding_window_view(np.where(there, values, 0.0), window, axis=-1).sum(axis=-1)
-    counts = sliding_window_view(there, window, axis=-1).sum(axis=-1)
+    if there.all():
+        return _window_sums(values, window) / window
+    sums = _window_sums(np.where(there, values, 0.0), window)
+    counts = _window_sums(there.astype(np.float64), window)
     means: FloatArray = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
     return means
+
+
+def _window_sums(values: FloatArray, window: int) -> FloatArray:
+    """Returns the sum over each full window of the last axis.
+
+    Sums of 1, 2, 4, … values are added up to the window. A running sum would be as quick, but leave
+    rounding errors where returns are 0.
+    """
+    count = values.shape[-1] - window + 1
+    total: FloatArray | None = None
+    size, start, doubled = 1, 0, values
+    while start < window:
+        if window & size:
+            part = doubled[..., start : start + count]
+            total = part.copy() if total is None else total + part
+            start += size
+        if start < window:
+            doubled = doubled[..., :-size] + doubled[..., size:]
+            size *= 2
+    assert total is not None
+    return total
 
 
 def quantiles_across_seeds(values: FloatArray) -> FloatArray:

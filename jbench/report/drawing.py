@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 
 from jbench.report.cells import Cell
 from jbench.report.curves import Curve, IntArray
+from jbench.report.panels import SCREEN, Sheet
 from jbench.report.published import PublishedCurve
 
 SOLVED = 900
@@ -19,8 +20,11 @@ BAND_SEEDS = 3
 SOLVED_COLOR = "#d00000"
 
 # Neither dashed, which is for published curves, nor dotted, for what fewer seeds have reached.
-_LINE_STYLES = ("-", "-.", (0, (8, 1.5)), (0, (6, 1.5, 1, 1.5, 1, 1.5)))
+LINE_STYLES = ("-", "-.", (0, (8, 1.5)), (0, (6, 1.5, 1, 1.5, 1, 1.5)))
 _MARKERS = ("", "o", "s", "^", "v")
+
+_EDGES = {False: "-", True: (0, (4, 3))}
+"""Style of the edges of a published band, by whether single seeds are drawn."""
 
 _WIDTH = 1.7
 _BAND_ALPHA = 0.13
@@ -34,6 +38,21 @@ class LearnedCurve(NamedTuple):
     curve: Curve
 
 
+class Manner(NamedTuple):
+    """How all figures of a report are drawn.
+
+    Attributes:
+        sheet: what they are made for.
+        each_seed: whether every seed is drawn, too, as a thin line.
+    """
+
+    sheet: Sheet = SCREEN
+    each_seed: bool = False
+
+
+ON_SCREEN = Manner()
+
+
 class Look(NamedTuple):
     """How a curve is told apart from others."""
 
@@ -42,7 +61,13 @@ class Look(NamedTuple):
 
 
 def draw_learned(
-    axes: Axes, item: LearnedCurve, look: Look, bands: Sequence[tuple[int, int]], name: str
+    axes: Axes,
+    item: LearnedCurve,
+    look: Look,
+    bands: Sequence[tuple[int, int]],
+    name: str,
+    *,
+    each_seed: bool = False,
 ) -> None:
     """Draws a curve: its label names what it is, its seeds, and its window if that is special."""
     curve = item.curve
@@ -59,6 +84,8 @@ def draw_learned(
             alpha=_BAND_ALPHA,
             linewidth=0,
         )
+    for row in curve.each[:, shown] if each_seed else ():
+        axes.plot(x, row, color=look.color, linewidth=0.5, alpha=0.45)
     whole = seeds == len(item.cell.seeds)
     # A dotted stretch begins and ends on the points of the solid ones beside it.
     partly = ~whole | np.r_[~whole[1:], False] | np.r_[False, ~whole[:-1]]
@@ -66,10 +93,10 @@ def draw_learned(
         x,
         np.where(whole, median, np.nan),
         color=look.color,
-        linestyle=_LINE_STYLES[look.style % len(_LINE_STYLES)],
+        linestyle=LINE_STYLES[look.style % len(LINE_STYLES)],
         linewidth=_WIDTH,
         # A run that is just long enough for one point would not show without a marker.
-        marker="o" if len(x) == 1 else _MARKERS[look.style // len(_LINE_STYLES) % len(_MARKERS)],
+        marker="o" if len(x) == 1 else _MARKERS[look.style // len(LINE_STYLES) % len(_MARKERS)],
         markersize=4,
         markevery=max(1, len(x) // 10),
         label=_label(item, name),
@@ -79,14 +106,24 @@ def draw_learned(
 
 
 def draw_published(
-    axes: Axes, curve: PublishedCurve, color: str, band: tuple[int, int], label: str
+    axes: Axes,
+    curve: PublishedCurve,
+    color: str,
+    band: tuple[int, int],
+    label: str,
+    *,
+    each_seed: bool = False,
 ) -> None:
-    """Draws one of the paper's curves, with the edges of its band; a label of "" is none."""
+    """Draws one of the paper's curves, with the edges of its band; a label of "" is none.
+
+    Beside single seeds, which are thin lines too, the edges are dashed.
+    """
     x = curve.control_steps
     axes.plot(x, curve.quantiles[50], color=color, linestyle="--", lw=1.0, label=label or None)
     for percent in band:
         if percent in curve.quantiles:
-            axes.plot(x, curve.quantiles[percent], color=color, linewidth=0.6, alpha=0.4)
+            edge, style = curve.quantiles[percent], _EDGES[each_seed]
+            axes.plot(x, edge, color=color, linewidth=0.6, linestyle=style, alpha=0.4)
 
 
 def draw_solved(axes: Axes) -> None:
@@ -94,18 +131,32 @@ def draw_solved(axes: Axes) -> None:
     axes.axhline(SOLVED, color=SOLVED_COLOR, linewidth=0.9)
 
 
-def draw_key(axes: Axes, bands: Sequence[tuple[int, int]], figure_names: Sequence[str]) -> None:
+def draw_solved_key(axes: Axes) -> None:
+    """Explains that line in a key."""
+    axes.plot([], [], color=SOLVED_COLOR, lw=0.9, label=f"solved: a return of {SOLVED}")
+
+
+def draw_key(
+    axes: Axes,
+    bands: Sequence[tuple[int, int]],
+    figure_names: Sequence[str],
+    *,
+    each_seed: bool = False,
+) -> None:
     """Explains the kinds of lines and bands, in no curve's colour.
 
     Args:
         axes: of the key; they are not shown.
         bands: of ours, the narrowest first, which is that of the published curves too.
         figure_names: of the paper, whose curves are shown.
+        each_seed: whether single seeds are shown.
     """
     empty: list[float] = []
     color = "0.25"
     axes.plot(empty, empty, color=color, lw=_WIDTH, label="ours: median across seeds")
     axes.plot(empty, empty, color=color, ls=":", lw=_WIDTH, label="ours: not all seeds got here")
+    if each_seed:
+        axes.plot(empty, empty, color=color, lw=0.5, alpha=0.6, label="ours: a single seed")
     for i, band in enumerate(bands):
         alpha, label = _BAND_ALPHA * (len(bands) + 1 - i), f"ours: {percentiles(band)}"
         axes.fill_between(empty, empty, color=color, alpha=alpha, lw=0, label=label)
@@ -116,8 +167,9 @@ def draw_key(axes: Axes, bands: Sequence[tuple[int, int]], figure_names: Sequenc
         axes.plot(empty, empty, color=color, ls="--", lw=1.0, label=label)
     if figure_names and not one_seed:
         label = f"{source}: {percentiles(bands[0])}"
-        axes.plot(empty, empty, color=color, lw=0.6, alpha=0.5, label=label)
-    axes.plot(empty, empty, color=SOLVED_COLOR, lw=0.9, label=f"solved: a return of {SOLVED}")
+        style = _EDGES[each_seed]
+        axes.plot(empty, empty, color=color, lw=0.6, ls=style, alpha=0.5, label=label)
+    draw_solved_key(axes)
 
 
 def _label(item: LearnedCurve, name: str) -> str:
@@ -127,7 +179,7 @@ def _label(item: LearnedCurve, name: str) -> str:
     if fewer < len(cell.seeds):
         seeds += f", {fewer} at the end"
     settings = f", {cell.label}" if cell.label else ""
-    return f"{name}{settings} ({seeds}, window {curve.window})"
+    return f"{cell.prefix}{name}{settings} ({seeds}, window {curve.window})"
 
 
 def _thinned(curve: Curve) -> IntArray:

@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from jbench.names import ENCODER_KINDS, TASKS
 from jbench.report import panels
-from jbench.report.cells import in_order, variant_labels
+from jbench.report.cells import in_order
+from jbench.report.variants import variant_labels
 from jbench.store.identity import settings_hash
 
 # Colours and markers of a kind are the same in every figure (Okabe and Ito, 2008).
@@ -74,7 +75,7 @@ def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.Da
     return ordered
 
 
-def draw(table: pd.DataFrame) -> dict[str, Figure]:
+def draw(table: pd.DataFrame, sheet: panels.Sheet = panels.SCREEN) -> dict[str, Figure]:
     """Returns the figure of error against number of latents, by file name; none without rows."""
     if table.empty:
         return {}
@@ -99,7 +100,7 @@ def draw(table: pd.DataFrame) -> dict[str, Figure]:
         "not give back; medians across seeds. A ddae is held against the state some steps later, "
         f"of which some can't be foreseen. Fractions below {_FLOOR:g} are drawn there.",
     )
-    panels.arrange(figure, axes, key, "Error against number of latents", footer)
+    panels.arrange(figure, axes, key, "Error against number of latents", footer, sheet)
     return {"encoders": figure}
 
 

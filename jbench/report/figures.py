@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from jbench.names import ALGORITHMS, FULL, TASKS, Order
 from jbench.report import drawing, panels
 from jbench.report.cells import in_order
-from jbench.report.drawing import LearnedCurve, percentiles
+from jbench.report.drawing import ON_SCREEN, LearnedCurve, Manner, percentiles
 from jbench.report.published import PPO_ENVIRONMENTS, PublishedCurve
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart too.
@@ -28,7 +28,11 @@ _CUT_NOTE = "Published curves are shown up to the last step of ours."
 
 
 def grid_figure(
-    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], order: Order, window: int
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    order: Order,
+    window: int,
+    manner: Manner = ON_SCREEN,
 ) -> Figure:
     """Draws a panel for each task and a curve for each algorithm, as the paper's Figure 9.
 
@@ -40,14 +44,16 @@ def grid_figure(
         published: the paper's curves.
         order: of quantiles and smoothing in ours.
         window: episodes that were to be averaged.
+        manner: of drawing.
     """
     present = in_order({cell.task for cell, _ in learned}, TASKS)
     tasks = present if len(present) == 1 else in_order({*present, *TASKS}, TASKS)
     colors = algorithm_colors([cell.algo for cell, _ in learned])
     figure, axes, key = panels.new_figure(len(tasks))
     for panel, task in zip(axes, tasks, strict=True):
-        _draw_task(panel, task, _shown_in_grid(learned, task), published, colors)
-    drawing.draw_key(key, [(10, 90)], ["Figure 9"])
+        shown = _shown_in_grid(learned, task)
+        _draw_task(panel, task, shown, published, colors, manner.each_seed)
+    drawing.draw_key(key, [(10, 90)], ["Figure 9"], each_seed=manner.each_seed)
     footer = [
         f"{order_text(order, window)} {band_text([(10, 90)])}",
         f"Published: Figure 9, full observation, 10 seeds, quantile-first, 100 episodes. "
@@ -55,12 +61,17 @@ def grid_figure(
     ]
     if any(cell.algo == "ppo" for cell, _ in learned):
         footer.append(_PPO_NOTE)
-    panels.arrange(figure, axes, key, "Episode return while learning the Jitterbug tasks", footer)
+    title = "Episode return while learning the Jitterbug tasks"
+    panels.arrange(figure, axes, key, title, footer, manner.sheet)
     return figure
 
 
 def comparison_figures(
-    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], order: Order, window: int
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    order: Order,
+    window: int,
+    manner: Manner = ON_SCREEN,
 ) -> dict[tuple[str, str], Figure]:
     """Draws full against encoded observations, as the paper's Figures 7 and 8.
 
@@ -69,10 +80,11 @@ def comparison_figures(
         published: the paper's curves.
         order: of quantiles and smoothing in ours.
         window: episodes that were to be averaged.
+        manner: of drawing.
 
     Returns:
-        Figures by task and algorithm: of those with several representations, or with one and a
-        figure in the paper to set it beside.
+        Figures by task and algorithm: of those with several representations or sources, or with one
+        and a figure in the paper to set it beside.
     """
     figures = {}
     for task, algo in dict.fromkeys((cell.task, cell.algo) for cell, _ in learned):
@@ -82,8 +94,9 @@ def comparison_figures(
             for curve in published
             if (curve.task, curve.algo) == (task, algo) and curve.figure in ("fig7", "fig8")
         ]
-        if theirs or len({item.cell.representation for item in ours}) > 1:
-            figures[task, algo] = _comparison_figure(ours, theirs, order, window)
+        kinds = {(item.cell.representation, item.cell.source) for item in ours}
+        if theirs or len(kinds) > 1:
+            figures[task, algo] = _comparison_figure(ours, theirs, order, window, manner)
     return figures
 
 
@@ -101,10 +114,14 @@ def display_name(algo: str) -> str:
 
 def _shown_in_grid(learned: Sequence[LearnedCurve], task: str) -> list[LearnedCurve]:
     ours = [item for item in learned if item.cell.task == task]
-    with_full = {item.cell.algo for item in ours if item.cell.representation == FULL}
+    with_full = {_learner(item) for item in ours if item.cell.representation == FULL}
     return [
-        item for item in ours if item.cell.representation == FULL or item.cell.algo not in with_full
+        item for item in ours if item.cell.representation == FULL or _learner(item) not in with_full
     ]
+
+
+def _learner(item: LearnedCurve) -> tuple[str, str]:
+    return item.cell.source, item.cell.algo
 
 
 def _draw_task(
@@ -113,6 +130,7 @@ def _draw_task(
     learned: Sequence[LearnedCurve],
     published: Sequence[PublishedCurve],
     colors: dict[str, str],
+    each_seed: bool,
 ) -> None:
     panels.style_panel(axes, task, _end(learned))
     drawing.draw_solved(axes)
@@ -128,14 +146,19 @@ def _draw_task(
             name = display_name(algo)
             if representation != FULL:
                 name += f" on {representation}"
-            drawing.draw_learned(axes, item, drawing.Look(colors[algo], style), ((10, 90),), name)
+            look = drawing.Look(colors[algo], style)
+            drawing.draw_learned(axes, item, look, ((10, 90),), name, each_seed=each_seed)
         for curve in published:
             if (curve.figure, curve.task, curve.algo) == ("fig9", task, algo):
-                drawing.draw_published(axes, curve, colors[algo], (10, 90), "")
+                drawing.draw_published(axes, curve, colors[algo], (10, 90), "", each_seed=each_seed)
 
 
 def _comparison_figure(
-    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], order: Order, window: int
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    order: Order,
+    window: int,
+    manner: Manner,
 ) -> Figure:
     task, algo = learned[0].cell.task, learned[0].cell.algo
     names = {item.cell.representation for item in learned}
@@ -147,22 +170,26 @@ def _comparison_figure(
     figure, (axes,), key = panels.new_figure(1)
     panels.style_panel(axes, f"{task}, {display_name(algo)}", _end(learned))
     drawing.draw_solved(axes)
+    bands, each = [(25, 75), (10, 90)], manner.each_seed
     for representation in dict.fromkeys(item.cell.representation for item in learned):
         same = [item for item in learned if item.cell.representation == representation]
         for style, item in enumerate(same):
             look = drawing.Look(colors[representation], style)
-            drawing.draw_learned(axes, item, look, ((10, 90), (25, 75)), representation)
+            drawing.draw_learned(axes, item, look, bands[::-1], representation, each_seed=each)
     for curve in sorted(published, key=lambda curve: curve.representation != FULL):
         seeds = "1 seed" if curve.figure == "fig7" else "10 seeds"
         label = f"published: {curve.representation} ({curve.figure_name}, {seeds})"
-        drawing.draw_published(axes, curve, colors[curve.representation], (25, 75), label)
+        drawing.draw_published(
+            *(axes, curve, colors[curve.representation], (25, 75), label), each_seed=each
+        )
     figure_names = sorted({curve.figure_name for curve in published})
-    drawing.draw_key(key, [(25, 75), (10, 90)], figure_names)
+    drawing.draw_key(key, bands, figure_names, each_seed=each)
     footer = [
-        f"{order_text(order, window)} {band_text([(25, 75), (10, 90)])}",
+        f"{order_text(order, window)} {band_text(bands)}",
         *_published_text(published),
     ]
-    panels.arrange(figure, [axes], key, "Full against encoded observations", footer)
+    title = "Full against encoded observations"
+    panels.arrange(figure, [axes], key, title, footer, manner.sheet)
     return figure
 
 

@@ -123,3 +123,9 @@ def best_median(
         and (median := curve.median_at(control_steps)) is not None
     ]
     return max(medians, default=None)
+
+
+def best_at_end(curves: Iterable[PublishedCurve], task: str) -> float | None:
+    """Returns the best published median of a task at the end of training, on the plain robot."""
+    medians = [float(c.quantiles[50][-1]) for c in curves if c.task == task and not c.sequence]
+    return max(medians, default=None)

@@ -12,7 +12,7 @@ new files beside the old ones, forces them to the disk, and only then replaces t
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from jbench.store import files, locks, parquet
 from jbench.store.identity import check_id
 from jbench.store.manifest import MANIFEST, SCHEMA_VERSION, FileEntry, Kind, Manifest, Status
 from jbench.store.older import upgraded
-from jbench.store.provenance import provenance
+from jbench.store.provenance import differences, provenance
 from jbench.store.tree import walk
 
 _LARGEST_MANIFEST = 1 << 26  # bytes; one that lists 100,000 files is half of it
@@ -132,7 +132,12 @@ class Record:
         return self.manifest.to_bytes() != before
 
     def append(
-        self, tables: Mapping[str, pa.Table], checkpoints: Mapping[str, bytes] | None = None
+        self,
+        tables: Mapping[str, pa.Table],
+        checkpoints: Mapping[str, bytes] | None = None,
+        *,
+        drop: Collection[str] = (),
+        anew: bool = False,
     ) -> None:
         """Adds rows to tables and replaces checkpoints: all of it or, if anything fails, nothing.
 
@@ -142,14 +147,21 @@ class Record:
                 work needs to go on after these rows. The file that had the role before is removed
                 once the manifest lists the new one. `read_file` finds it by its role; `finish`
                 drops it.
+            drop: roles of checkpoints that are no longer needed.
+            anew: whether these rows take the place of all that the tables have.
         """
         checkpoints = checkpoints or {}
         added = [self._write_part(name, rows) for name, rows in tables.items() if rows.num_rows]
         added += [self._write_checkpoint(role, content) for role, content in checkpoints.items()]
-        before = self.manifest.files
-        kept = [entry for entry in before if entry.role is None or entry.role not in checkpoints]
-        self._update(files=(*kept, *added))
-        listed = {entry.name for entry in self.manifest.files}
+        before, ended = self.manifest.files, {*checkpoints, *drop}
+        kept = [
+            entry
+            for entry in before
+            if entry.role not in ended and not (anew and entry.table in tables)
+        ]
+        # The same rows twice are the same file.
+        listed = {entry.name: entry for entry in (*kept, *added)}
+        self._update(files=tuple(listed.values()))
         files.remove(self.path / entry.name for entry in before if entry.name not in listed)
 
     def rows(self, table: str) -> int:
@@ -197,7 +209,28 @@ class Record:
 
     def has_checkpoint(self, role: str) -> bool:
         """Returns whether a checkpoint of that role is committed."""
-        return any(entry.role == role for entry in self.manifest.files)
+        return role in self.roles()
+
+    def roles(self) -> list[str]:
+        """Returns the roles of all checkpoints, in the order in which they were written."""
+        return [entry.role for entry in self.manifest.files if entry.role is not None]
+
+    def go_on(self, where: Mapping[str, Any]) -> dict[str, list[Any]]:
+        """Notes that unfinished or failed work is taken up again, and what is different by now.
+
+        Args:
+            where: it stands, as JSON values; the time and what differs are added.
+
+        Returns:
+            What differs of versions and processor: as it was when the work began, and as it is.
+        """
+        begun = self.manifest.provenance
+        changed = differences(begun, provenance())
+        note = {"at": _now(), **where, "changed": changed}
+        before = begun.get("continued")
+        continued = [*(before if isinstance(before, list) else []), note]
+        self._update(status="unfinished", summary={}, provenance={**begun, "continued": continued})
+        return changed
 
     def finish(
         self,

@@ -7,9 +7,23 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from jbench.errors import WorkError
+from jbench.store import files
 
 LOCK = "lock"
 """Name of that file."""
+
+
+class HeldError(WorkError):
+    """Another process holds the lock."""
+
+    def __init__(self, whose: str) -> None:
+        """Says so.
+
+        Args:
+            whose: what is written, such as `the run ID`.
+        """
+        super().__init__(f"Another process is writing {whose}; wait for it or stop it.")
+
 
 # A stranger's may be a link to a file elsewhere, or a pipe that one would wait for.
 _CAREFULLY = os.O_NOFOLLOW | os.O_NONBLOCK
@@ -24,7 +38,8 @@ def hold(directory: Path, whose: str) -> Iterator[None]:
         whose: what is written, for the error.
 
     Raises:
-        WorkError: if another process holds it, or it can't be opened.
+        HeldError: if another process holds it.
+        WorkError: if it can't be opened.
     """
     path = directory / LOCK
     try:
@@ -35,9 +50,7 @@ def hold(directory: Path, whose: str) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise WorkError(
-                f"Another process is writing {whose}; wait for it or stop it."
-            ) from None
+            raise HeldError(whose) from None
         yield
 
 
@@ -50,6 +63,43 @@ def is_held(directory: Path) -> bool:
     with os.fdopen(handle):
         try:
             fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except OSError:
+            return True
+    return False
+
+
+@contextlib.contextmanager
+def share(directory: Path) -> Iterator[None]:
+    """Marks a directory as in use while the block lasts; any number of processes may do so.
+
+    Args:
+        directory: which is made if it is not there.
+
+    Raises:
+        RequestError: if it can't be made.
+        WorkError: if the file system has no locks.
+    """
+    files.make_directory(directory)
+    path = directory / LOCK
+    with contextlib.ExitStack() as opened:
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | _CAREFULLY, 0o644)
+            opened.enter_context(os.fdopen(handle))
+            fcntl.flock(handle, fcntl.LOCK_SH)
+        except OSError as error:
+            raise WorkError(f"{path} can't be locked ({error.strerror}).") from None
+        yield
+
+
+def is_shared(directory: Path) -> bool:
+    """Returns whether some process marks a directory as in use, on whatever machine."""
+    try:
+        handle = os.open(directory / LOCK, os.O_RDWR | _CAREFULLY)
+    except OSError:
+        return False
+    with os.fdopen(handle):
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             return True
     return False

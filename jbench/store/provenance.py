@@ -5,6 +5,7 @@ import os
 import platform
 import subprocess
 import sys
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ _PACKAGES = (
     "stable-baselines3",
     "torch",
 )
+
+_DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKAGES}
 
 
 def provenance() -> dict[str, Any]:
@@ -33,6 +36,26 @@ def provenance() -> dict[str, Any]:
         "git_revision": git_revision(),
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
     }
+
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Returns what may round numbers differently: [before, now] of each that is not the same.
+
+    Args:
+        before: what `provenance` returned when the work was begun.
+        now: what it returns now.
+    """
+    then = {**before, **_packages(before)}
+    return {
+        name: [then.get(name), value]
+        for name, value in {**now, **_packages(now)}.items()
+        if name in _DECISIVE and then.get(name) != value
+    }
+
+
+def _packages(recorded: Mapping[str, Any]) -> Mapping[str, Any]:
+    packages = recorded.get("packages")
+    return packages if isinstance(packages, Mapping) else {}
 
 
 def cores() -> int:

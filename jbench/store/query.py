@@ -37,7 +37,11 @@ class Answer(NamedTuple):
 
 
 def load(
-    results: Results, names: Collection[str] = tuple(schema.TABLES), *, coded: bool = False
+    results: Results,
+    names: Collection[str] = tuple(schema.TABLES),
+    *,
+    coded: bool = False,
+    columns: Mapping[str, Sequence[str]] | None = None,
 ) -> Tables:
     """Reads and checks tables of a results directory; a damaged record is left out whole.
 
@@ -46,7 +50,9 @@ def load(
         names: of the tables. Files of others are not read, nor checked.
         coded: whether the ids in rows of files come as Arrow dictionaries, which need a tenth of
             the memory.
+        columns: of tables of files, to keep; of tables that are not named here, all.
     """
+    kept = columns or {}
     tables: dict[str, pa.Table] = {}
     problems: list[str] = []
     if "published" in names:
@@ -56,12 +62,11 @@ def load(
         if not wanted and table not in names:
             continue
         records, unreadable = results.scan(kind)
-        read, damaged = _read(records, wanted)
+        read, damaged = _read(records, wanted, kept)
         problems += unreadable + damaged
-        tables |= {
-            name: pa.concat_tables([columns.empty_table(), *(parts[name] for _, parts in read)])
-            for name, columns in wanted.items()
-        }
+        for name, whole in wanted.items():
+            empty = whole.empty_table().select(kept.get(name, whole.names))
+            tables[name] = pa.concat_tables([empty, *(parts[name] for _, parts in read)])
         if table in names:
             rows = [row for row, _ in read]
             tables[table] = pa.Table.from_pylist(rows, schema.TABLES[table])
@@ -160,14 +165,19 @@ def _plain(value: Any) -> Any:
 
 
 def _read(
-    records: Sequence[Record], schemas: Mapping[str, pa.Schema]
+    records: Sequence[Record],
+    schemas: Mapping[str, pa.Schema],
+    kept: Mapping[str, Sequence[str]],
 ) -> tuple[list[tuple[Row, dict[str, pa.Table]]], list[str]]:
     """Returns the row and the parts of each record, and a sentence for each damaged one."""
 
     def read(record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
         while True:
             try:
-                parts = {name: record.read(name, columns) for name, columns in schemas.items()}
+                parts = {
+                    name: record.read(name, columns).select(kept.get(name, columns.names))
+                    for name, columns in schemas.items()
+                }
                 return row_of(record), parts
             except WorkError as error:
                 if not record.refresh():

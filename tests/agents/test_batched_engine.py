@@ -138,8 +138,8 @@ def test_an_engine_goes_on_where_another_one_stopped(algo, options, stop):
             rows = [engine.replay_rows(place) for place in range(2)]
             row = engine.replay.row
     with engine_of(algo, [8, 9], **options) as other:
-        if rows:
-            other.restore_rows(rows, row)
+        for place, its_rows in enumerate(rows):
+            other.restore_rows(place, its_rows, row)
         other.restore(states)
         rest = story(other, 1, 2 * STEPS)
     done = len(whole[0]) - len(rest[0])

@@ -6,7 +6,8 @@ import torch
 from jbench.agents.policy import WEIGHTS, load_agent
 from jbench.agents.settings import algorithm_settings
 from jbench.errors import RequestError
-from jbench.experiments.batch import robot_model, run_batch
+from jbench.experiments.batch import run_batch
+from jbench.experiments.evaluator import robot_model
 from jbench.experiments.request import find_device
 from jbench.experiments.settings import RunSettings
 from jbench.experiments.speed import seconds_per_step
@@ -148,6 +149,8 @@ def test_settings_and_devices_that_do_not_go_together_are_refused():
     if not torch.cuda.is_available():
         with pytest.raises(RequestError, match="no CUDA device here; type --device cpu"):
             find_device("batched", "cuda")
+        with pytest.raises(RequestError, match="Only a GPU has --precision tf32"):
+            find_device("batched", "auto", "tf32")
 
 
 @pytest.mark.parametrize("algo", ["td3", "ppo"])

@@ -34,6 +34,7 @@ def settings(algo="td3", **changes):
         **{
             "task": "face_direction",
             "algo": algo,
+            "engine": "sb3",
             "seed": 0,
             "steps": 3000,
             "evaluate_every": 2000,

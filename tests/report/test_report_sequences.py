@@ -58,7 +58,8 @@ def test_the_figure_holds_ours_theirs_and_the_changes(fabric, sequences):
 def test_the_grid_has_one_robot_only(fabric, out):
     fabric.run(RETURNS, 0, **SAC)
     names = {path.name for path in write_report(fabric.results, out).figures}
-    assert names == {"robots-move_in_direction-sac.png", "robots-move_in_direction-sac.svg"}
+    drawn = ("matrix", "robots-move_in_direction-sac")
+    assert names == {f"{name}.{kind}" for name in drawn for kind in ("png", "svg")}
     fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
     names = {path.name for path in write_report(fabric.results, out).figures}
     assert {"figure9.svg", "robots-move_in_direction-sac.svg"} <= names

@@ -92,3 +92,45 @@ def test_killed_writer_leaves_rows_and_the_checkpoint_that_goes_with_them(result
         assert again.read_file(ROLE) == str(done).encode()
     again.clean()
     assert names(record.path) == {"manifest.json", *listed(record)}
+
+
+def test_roles_that_are_dropped_are_gone_with_their_files(results, record):
+    record.append({"t": numbers(1)}, {"replay-1.json": b"one", "replay-2.json": b"two"})
+    record.append({"t": numbers(2)}, {"replay-3.json": b"three"}, drop=["replay-1.json"])
+    again = results.find("run", "a/b")
+    assert again.roles() == ["replay-2.json", "replay-3.json"]
+    assert sorted(path.name[:8] for path in record.path.glob("replay-*")) == [
+        "replay-2",
+        "replay-3",
+    ]
+    assert read(again) == [1, 2]
+
+
+def test_rows_that_come_anew_take_the_place_of_all_that_there_were(results, record):
+    record.append({"t": numbers(1), "u": numbers(7)}, {ROLE: b"one"})
+    record.append({"t": numbers(2)})
+    record.append({"t": numbers(1, 2, 3)}, anew=True)
+    again = results.find("run", "a/b")
+    assert (read(again), read(again, "u")) == ([1, 2, 3], [7])
+    assert len(again.parts("t")) == 1
+    assert len(list(record.path.glob("t-*"))) == 1
+    assert again.has_checkpoint(ROLE)
+    # The same rows again are the same file, which stays.
+    record.append({"t": numbers(1, 2, 3)}, anew=True)
+    assert read(results.find("run", "a/b")) == [1, 2, 3]
+
+
+def test_work_that_goes_on_says_from_where_and_what_has_changed(results, record):
+    record.fail("no room")
+    known = record.manifest.provenance
+    assert record.go_on({"control_steps": 3000}) == {}
+    record._update(provenance={**record.manifest.provenance, "processor": "a toaster"})
+    assert record.go_on({"control_steps": 5000}) == {"processor": ["a toaster", known["processor"]]}
+    again = results.find("run", "a/b")
+    assert (again.status, again.manifest.summary) == ("unfinished", {})
+    first, second = again.manifest.provenance["continued"]
+    assert (first["control_steps"], first["changed"]) == (3000, {})
+    assert second["changed"] == {"processor": ["a toaster", known["processor"]]}
+    # A stranger may have written anything there.
+    record._update(provenance={"continued": 3, "packages": 4})
+    assert set(record.go_on({})) >= {"torch", "numpy", "python"}

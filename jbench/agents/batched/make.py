@@ -17,13 +17,7 @@ from jbench.agents.batched.tensors import Tensors
 from jbench.agents.settings import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.encoders import Encoder
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, TimeLimit
-
-DEVICES = ("auto", "cpu", "cuda")
-"""Where networks learn; auto is a GPU where there is one."""
-
-PRECISIONS = ("float32", "tf32", "bfloat16")
-"""Of products: all exact, all rounded to 10 bits (a GPU only), hidden layers to 8 bits."""
+from jbench.names import DEVICES, EPISODE_STEPS, PRECISIONS, TimeLimit
 
 
 def make_engine(
@@ -56,7 +50,7 @@ def make_engine(
         encoder: of the observations.
         models: the robot of every episode; the plain one for None.
         device: "cpu", "cuda", or "auto" for the second where there is one.
-        precision: one of `PRECISIONS`; the numbers that are learned are float32 in any case.
+        precision: one of `jbench.names.PRECISIONS`; what is learned is float32 in any case.
         threads: how many robots are stepped at a time; None for one on a CPU, where the learning
             takes the time and a process for each core is faster, and for all cores beside a GPU.
         stacked: whether all seeds are computed at a time, or one after another; None for the

@@ -104,15 +104,15 @@ class OffPolicyEngine(Engine):
         self._settle()
         return self.replay.rows_since(seed, first)
 
-    def restore_rows(self, rows: Sequence[Tensor], row: int) -> None:
-        """Puts back the replay rows of all seeds; `restore` must follow.
+    def restore_rows(self, seed: int, rows: Tensor, row: int) -> None:
+        """Puts back the replay rows of a seed; `restore` of all must follow.
 
         Args:
-            rows: (environments, rows, size + 2) of every seed.
-            row: what `replay.row` was.
+            seed: its place.
+            rows: (environments, rows, size + 2), the last of them before `row`.
+            row: what `replay.row` was, the same for all seeds.
         """
-        for seed, its_rows in enumerate(rows):
-            self.replay.restore(seed, its_rows, row)
+        self.replay.restore(seed, rows, row)
 
     @property
     def _actors(self) -> Team[Any]:

@@ -103,6 +103,11 @@ class ReplayBuffer:
         self._new[:, :, 0] = self._now
         self._flushed = self.row
 
+    @property
+    def oldest(self) -> int:
+        """Number of the oldest row that counts, or will be the oldest to count once it is full."""
+        return max(0, self.row - self._ring + 1)
+
     def transitions(self) -> int:
         """Returns how many each environment has had by the last `flush`."""
         return self._flushed - self._flushed // (self._episode_steps + 1)
@@ -136,7 +141,7 @@ class ReplayBuffer:
         else may be under way.
         """
         self.flush()
-        first = max(first, self.row - self._ring + 1)
+        first = max(first, self.oldest)
         places = torch.arange(first, self.row, device=self._rows.device) % self._ring
         return self._rows[seed].index_select(1, places).cpu()
 

@@ -1,0 +1,151 @@
+"""Measures what checkpoints cost: `python benchmarks/checkpoint.py`.
+
+Five seeds, which is what a process has of ten on two cores, at the paper's settings and with a full
+replay buffer of a million transitions. In turns: some control steps of training, and a checkpoint
+of all seeds after as many new rows as an episode has. Printed is the time of the checkpoints as a
+part of that of the training between them, at the shortest distance there is: one episode. `jbench
+train` makes them no more often than once in a minute, and never gives them more than 2% of its
+time. Then a run makes the checkpoints of a million control steps, without the training: bytes
+written, and how often each row of the replay buffer was.
+"""
+
+import argparse
+import os
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+os.environ.setdefault("MUJOCO_GL", "disable")
+
+import numpy as np
+import torch
+
+from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.settings import algorithm_settings
+from jbench.experiments.batch import engine_of
+from jbench.experiments.checkpoints import save
+from jbench.experiments.log import RunLog
+from jbench.experiments.settings import RunSettings
+from jbench.names import ALGORITHMS, EPISODE_STEPS
+from jbench.store import Record, Results, files
+
+SEEDS = 5
+TRAINED = 100  # control steps of a turn: DDPG's updates come that far apart
+FULL = 1_001_000  # rows of a million transitions: an episode of 1000 has 1001
+MILLION = 1_000_000
+
+
+class Written:
+    """Counts the bytes that are written from now on, by what they are."""
+
+    def __init__(self) -> None:
+        self.bytes: dict[str, int] = {}
+        original = files.write_atomic
+
+        def counted(path: Path, content: bytes) -> None:
+            kind = path.name.partition("-")[0].partition(".")[0]
+            self.bytes[kind] = self.bytes.get(kind, 0) + len(content)
+            original(path, content)
+
+        files.write_atomic = counted
+
+
+def settings_of(algo: str, seed: int) -> RunSettings:
+    """Returns a run of the paper's settings, whose updates begin at once."""
+    overrides = {"learning_starts": 256} if algo == "td3" else {}
+    return RunSettings(
+        task="face_direction",
+        algo=algo,
+        engine="batched",
+        seed=seed,
+        steps=5_000_000,
+        evaluate_every=50_000,
+        evaluate_episodes=10,
+        hyperparameters=algorithm_settings(algo, overrides=overrides).model_dump(mode="json"),
+    )
+
+
+def begin(path: Path, run: RunSettings) -> tuple[Record, RunLog]:
+    """Begins a run's record."""
+    record = Results(path).create("run", run.id, run.model_dump(mode="json"))
+    return record, RunLog(record)
+
+
+def cost(algo: str, rounds: int) -> None:
+    """Prints the time of checkpoints beside that of training."""
+    runs = [settings_of(algo, seed) for seed in range(SEEDS)]
+    shares, times = [], []
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        engine_of(runs[0], range(SEEDS), None, "cpu") as engine,
+    ):
+        begun = [begin(Path(folder), run) for run in runs]
+        if isinstance(engine, OffPolicyEngine):
+            for seed in range(SEEDS):
+                engine.restore_rows(seed, torch.randn(1, FULL, 18), FULL)
+            engine.replay.begin(engine.environments.observations)
+            # TD3 learns a thousand times after a thousand steps.
+            engine.control_steps = MILLION
+        steps = engine.learn(10**12)
+        turn = EPISODE_STEPS if algo in ("td3", "ppo") else TRAINED
+        for number in range(rounds + 1):
+            clock = time.perf_counter()
+            for _ in range(turn):
+                next(steps)
+            training = (time.perf_counter() - clock) * EPISODE_STEPS / turn
+            clock = time.perf_counter()
+            for place, (record, log) in enumerate(begun):
+                log.episode(number, 500.0, EPISODE_STEPS, engine.losses(place))
+                save(record, log, engine, place)
+            checkpoint = time.perf_counter() - clock
+            if number:  # the first one writes the whole buffer
+                shares.append(checkpoint / training)
+                times.append(checkpoint / SEEDS)
+    print(
+        f"{algo:5} a checkpoint of a seed takes {1000 * median(times):.1f} ms; one after each "
+        f"episode of each seed: {100 * median(shares):.2f}% of the training",
+        flush=True,
+    )
+
+
+def volume(algo: str) -> None:
+    """Prints what the checkpoints of a million control steps write, one for each episode."""
+    run = settings_of(algo, 0)
+    written = Written()
+    with tempfile.TemporaryDirectory() as folder, engine_of(run, [0], None, "cpu") as engine:
+        record, log = begin(Path(folder), run)
+        most, random = 0, np.random.default_rng(0)
+        for number in range(1, MILLION // EPISODE_STEPS + 1):
+            engine.control_steps = number * EPISODE_STEPS
+            if isinstance(engine, OffPolicyEngine):
+                for step in range(EPISODE_STEPS):
+                    if step % 50 == 0:
+                        engine.replay.flush()
+                    numbers = random.random((1, 1)), random.random((1, 1))
+                    engine.replay.add(*numbers, torch.zeros(1, 1, 16))
+                engine.replay.begin(torch.zeros(1, 1, 16))
+            log.episode(engine.control_steps, 500.0, EPISODE_STEPS, {})
+            save(record, log, engine, 0)
+            most = max(most, len(record.manifest.files))
+    told = ", ".join(f"{kind} {size / 1e6:.0f} MB" for kind, size in written.bytes.items())
+    print(f"{algo:5} a million control steps, {number} checkpoints: {told}; {most} files at most")
+    if "replay" in written.bytes:
+        times = written.bytes["replay"] / (4 * 18 * engine.replay.row)
+        print(f"{algo:5} each row of the replay buffer is written {times:.2f} times")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--algos", default=",".join(ALGORITHMS))
+    parser.add_argument("--rounds", type=int, default=7)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    for algo in arguments.algos.split(","):
+        cost(algo, arguments.rounds)
+    for algo in ("ddpg", "ppo"):
+        volume(algo)
+
+
+if __name__ == "__main__":
+    main()

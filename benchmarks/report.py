@@ -1,0 +1,137 @@
+"""Measures `jbench report` on generated results: `python benchmarks/report.py`.
+
+Makes results of 200 and of 2,000 runs of 5,000 episodes (five tasks, four algorithms; the runs are
+seeds, or with --variants also settings) and writes their report, each time in a process of its own.
+Prints seconds and peak memory of the whole command, its start included, the median of several
+rounds, the sizes in turn; how many times as long a run takes in the larger results; and where the
+time goes. The limits: 200 runs in less than 10 s on two cores and 1 GB, without the bootstrap of
+the claims, which is timed beside. It writes and removes about 0.5 GB.
+"""
+
+import argparse
+import cProfile
+import io
+import os
+import pstats
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from database import rows_of
+
+from jbench.names import ALGORITHMS, TASKS
+from jbench.store import Results, settings_hash
+
+MEASURED = """
+import resource, sys, time
+from jbench.cli import main
+began = time.perf_counter()
+code = main(sys.argv[1:])
+seconds = time.perf_counter() - began
+children = resource.getrusage(resource.RUSAGE_SELF)
+print(code, seconds, children.ru_utime + children.ru_stime, children.ru_maxrss, file=sys.stderr)
+"""
+
+
+class Measure(NamedTuple):
+    """Of one report: seconds by the clock and of the processor, and MB at the peak."""
+
+    seconds: float
+    processor: float
+    megabytes: float
+
+
+def settings_of(number: int, episodes: int, variants: int) -> dict[str, object]:
+    """Returns settings like those of a run of `jbench train`."""
+    number, variant = divmod(number, variants)
+    number, task = divmod(number, len(TASKS))
+    seed, algo = divmod(number, len(ALGORITHMS))
+    return {
+        **{"task": TASKS[task], "algo": ALGORITHMS[algo], "representation": "full"},
+        **{"encoder": None, "seed": seed, "steps": 1000 * episodes, "engine": "sb3"},
+        **{"time_limit": "bootstrap", "evaluate_every": 50000, "evaluate_episodes": 10},
+        "hyperparameters": {"hidden_layers": [350, 250], "learning_rate": 1e-4 * (1 + variant)},
+    }
+
+
+def generate(place: Path, runs: int, episodes: int, variants: int) -> None:
+    """Makes finished runs."""
+    results = Results(place)
+    for number in range(runs):
+        settings = settings_of(number, episodes, variants)
+        name = "/".join(str(settings[part]) for part in ("task", "algo", "representation"))
+        id = f"{name}/s{settings['seed']:02d}-{settings_hash(settings)}"
+        record = results.create("run", id, settings)
+        record.append({"episodes": rows_of(record.id, number, episodes)})
+        record.finish({"wall_time": 5.5 * episodes, "steps_done": 1000 * episodes})
+
+
+def measure(place: Path, *options: str) -> Measure:
+    """Writes a report in a process of its own."""
+    command = [sys.executable, "-c", MEASURED, "report", "--results", str(place), *options]
+    done = subprocess.run(command, capture_output=True, text=True)
+    code, *numbers = done.stderr.splitlines()[-1].split()
+    if code != "0":
+        raise SystemExit(done.stderr)
+    seconds, processor, kilobytes = map(float, numbers)
+    return Measure(seconds, processor, kilobytes / 1e3)
+
+
+def profile(place: Path, lines: int) -> str:
+    """Returns where the time of a report goes, function by function."""
+    from jbench.report import write_report
+
+    profiler = cProfile.Profile()
+    profiler.runcall(write_report, Results(place), place / "report")
+    told = io.StringIO()
+    pstats.Stats(profiler, stream=told).sort_stats("cumulative").print_stats("jbench", lines)
+    return told.getvalue()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, nargs="+", default=[200, 2000], help="sizes to compare")
+    parser.add_argument("--episodes", type=int, default=5000, help="of each run")
+    parser.add_argument("--variants", type=int, default=1, help="settings of each cell")
+    parser.add_argument("--rounds", type=int, default=3, help="of which the median is taken")
+    parser.add_argument("--profile", type=int, default=0, help="lines of a profile of the smallest")
+    parser.add_argument("--directory", type=Path, help="where to work; else a temporary one")
+    arguments = parser.parse_args()
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}", flush=True)
+    sizes = sorted(arguments.runs)
+    with tempfile.TemporaryDirectory(dir=arguments.directory) as directory:
+        places = {runs: Path(directory) / str(runs) for runs in sizes}
+        for runs, place in places.items():
+            generate(place, runs, arguments.episodes, arguments.variants)
+        for options in ((), ("--claims",)):
+            rounds = [
+                {runs: measure(place, *options) for runs, place in places.items()}
+                for _ in range(arguments.rounds)
+            ]
+            middle = {
+                runs: Measure(
+                    *(statistics.median(m) for m in zip(*(r[runs] for r in rounds), strict=True))
+                )
+                for runs in sizes
+            }
+            for runs, found in middle.items():
+                print(
+                    f"{' '.join(('jbench report', *options))}, {runs:,} runs x "
+                    f"{arguments.episodes:,} episodes: {found.seconds:.1f} s "
+                    f"({found.processor:.1f} s of the processor), {found.megabytes:,.0f} MB",
+                    flush=True,
+                )
+            if len(sizes) > 1:
+                ratio = middle[sizes[-1]].seconds / middle[sizes[0]].seconds
+                by_run = ratio / (sizes[-1] / sizes[0])
+                print(f"a run of the larger results takes {by_run:.2f} times as long", flush=True)
+        if arguments.profile:
+            print(profile(places[sizes[0]], arguments.profile))
+    print(f"load {os.getloadavg()[0]:.1f}")
+
+
+if __name__ == "__main__":
+    main()

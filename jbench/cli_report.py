@@ -1,0 +1,212 @@
+"""The verb of reports: parse, call one function, print."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from jbench import names, parsing
+from jbench.errors import RequestError, WorkError
+from jbench.options import JsonOption, ResultsOption, complete
+from jbench.output import Output
+
+if TYPE_CHECKING:
+    from jbench.report import Report, Request
+    from jbench.store import Results
+
+FORMATS = ("svg", "png", "pdf")
+
+
+def report(
+    task: Annotated[
+        str | None, typer.Option(help="Only this one.", autocompletion=complete(*names.TASKS))
+    ] = None,
+    algo: Annotated[
+        str | None,
+        typer.Option(help="Only this one.", autocompletion=complete(*names.ALGORITHMS)),
+    ] = None,
+    since: Annotated[
+        str | None, typer.Option(help="Only runs begun then or later: 2026-11-21, in UTC.")
+    ] = None,
+    claims: Annotated[
+        bool, typer.Option("--claims", help="Verdicts on the paper's claims.")
+    ] = False,
+    compare: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="A B",
+            help="Only these two: results directories, or settings: engine=sb3 engine=batched.",
+        ),
+    ] = None,
+    reference: Annotated[
+        bool, typer.Option("--reference", help="The runs shipped with jbench beside yours.")
+    ] = False,
+    order: Annotated[
+        str,
+        typer.Option(
+            help="quantile-first (the paper's Figure 9) or smooth-first (Figure 8).",
+            autocompletion=complete(*names.ORDERS),
+        ),
+    ] = "quantile-first",
+    window: Annotated[int, typer.Option(help="Episodes in a moving average.")] = 100,
+    each_seed: Annotated[
+        bool, typer.Option("--each-seed", help="Every seed as a thin line, too.")
+    ] = False,
+    format_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            help=f"Of the figures: {', '.join(FORMATS)}; repeatable. Else png and svg.",
+            autocompletion=complete(*FORMATS),
+        ),
+    ] = None,
+    columns: Annotated[
+        int | None, typer.Option(help="Figures for 1 or 2 columns of a paper; else for a screen.")
+    ] = None,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Again whenever runs go on, until Ctrl-C.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Directory to write to; else RESULTS/report (--compare: comparison)."),
+    ] = None,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Aggregate all runs into curves across seeds, statistics, figures, tables and a page."""
+    command = _command(locals())
+    from jbench.report import Request
+    from jbench.store import Results
+
+    output, place = Output(json), Results(results)
+    if watch and json:
+        raise RequestError("--watch and --json exclude each other; type one of them.")
+    request = Request(
+        order=parsing.known("value of --order", order, names.ORDERS),
+        window=window,
+        task=task and parsing.known("task", task, names.TASKS),
+        algo=algo and parsing.known("algorithm", algo, names.ALGORITHMS),
+        since=since,
+        claims=claims,
+        each_seed=each_seed,
+        formats=tuple(dict.fromkeys(format_ or ("png", "svg"))),
+        columns=columns,
+        reference=reference,
+        compare=compare,
+        command=command,
+    )
+    where = out or place.inside("comparison" if compare else "report")
+    if watch:
+        _watch(place, where, request, output)
+    else:
+        _report(place, where, request, output)
+
+
+def _report(place: "Results", out: Path, request: "Request", output: Output) -> None:
+    """Writes a report and prints what is in it."""
+    from jbench.report import write_report
+
+    written = write_report(place, out, request)
+    _show(written, output)
+    output.document(_document(written))
+    for problem in written.problems:
+        output.warn(problem)
+    if written.problems:
+        raise WorkError(
+            f"{len(written.problems)} records are damaged and left out; see above. `jbench verify` "
+            "says what is damaged, `jbench repair` sets it aside."
+        )
+
+
+def _watch(place: "Results", out: Path, request: "Request", output: Output) -> None:
+    """Writes a report whenever the results change, until Ctrl-C."""
+    from jbench.report.watch import watch
+
+    output.say("Watching; Ctrl-C ends it.")
+    try:
+        for _ in watch(place, request):
+            try:
+                _report(place, out, request, output)
+            except WorkError as error:
+                output.warn(str(error))
+            except RequestError as error:
+                _wait_or_refuse(error, output)
+    except KeyboardInterrupt:
+        output.say(f"No longer watching; the last report is in {out}.")
+
+
+def _wait_or_refuse(error: RequestError, output: Output) -> None:
+    """Says what is waited for, if runs that go on can put right what is wrong."""
+    from jbench.report.sources import NothingYetError
+
+    if not isinstance(error, NothingYetError):
+        raise error
+    output.say(f"Nothing to report yet: {error}")
+
+
+def _show(written: "Report", output: Output) -> None:
+    from jbench import display
+
+    table = written.table.astype(object).where(written.table.notna(), None)
+    display.show_final_returns(table, output)
+    for item in _told(written):
+        rows = [[_text(cell) for cell in row] for row in item.frame.itertuples(index=False)]
+        output.table(item.title, [str(name) for name in item.frame], rows)
+    for note in written.notes:
+        output.say(f"Note: {note}")
+    page = next(path for path in written.files if path.name == "index.html")
+    output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
+
+
+def _told(written: "Report") -> list[Any]:
+    """Returns the tables that are printed beside that of the final returns."""
+    from jbench.report import contents
+
+    wanted = ["verdicts"] if written.findings is not None else []
+    if written.compares:
+        wanted.append("comparisons")
+    return [item for item in contents.tables(written.document) if item.name in wanted]
+
+
+def _text(cell: object) -> str:
+    from jbench.report.tables import text_of
+
+    return text_of(cell)
+
+
+def _document(written: "Report") -> dict[str, Any]:
+    """Returns the JSON document."""
+    import json
+
+    from jbench.report.claims import findings_frame
+    from jbench.report.comparisons import comparisons_frame
+    from jbench.store.query import to_json
+
+    table = written.table.astype(object).where(written.table.notna(), None)
+    findings = written.findings
+    return {
+        "table": table.to_dict("records"),
+        "comparisons": json.loads(to_json(comparisons_frame(written.comparisons))),
+        **({} if findings is None else {"claims": json.loads(to_json(findings_frame(findings)))}),
+        "files": [str(path) for path in written.files],
+        "notes": list(written.notes),
+        "problems": list(written.problems),
+    }
+
+
+def _command(typed: dict[str, Any]) -> str:
+    """Returns the command line that makes this report again, without what is so by default."""
+    usual = {"order": "quantile-first", "window": 100, "results": Path("results")}
+    words = ["jbench", "report"]
+    for name, value in typed.items():
+        option = f"--{name.strip('_').replace('_', '-')}"
+        if name in ("json", "watch") or value in (None, False, usual.get(name)):
+            continue
+        if value is True:
+            words.append(option)
+        elif name == "format_":
+            words += [word for one in value for word in (option, one)]
+        else:
+            words += [option, *(value if isinstance(value, tuple) else [str(value)])]
+    return shlex.join(words)

@@ -1,0 +1,135 @@
+"""The verb that does a whole matrix of runs: parse, call one function, print."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from jbench import names, parsing
+from jbench.errors import RequestError, WorkError
+from jbench.options import JsonOption, ResultsOption, complete
+from jbench.output import Output
+
+if TYPE_CHECKING:
+    from jbench.experiments.executors import Executor
+
+
+def sweep(
+    matrix: Annotated[
+        str,
+        typer.Argument(
+            help=f"{', '.join(names.SWEEPS)}, or a FILE.toml.",
+            autocompletion=complete(*names.SWEEPS),
+        ),
+    ],
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only show what there is and how long the rest takes.")
+    ] = False,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Do runs again that have failed.")
+    ] = False,
+    seeds: Annotated[
+        str | None, typer.Option(help="Instead of the matrix's: like 0-9, or 0,2,5-7.")
+    ] = None,
+    steps: Annotated[
+        str | None, typer.Option(help="Control steps of each run, instead of the matrix's.")
+    ] = None,
+    executor: Annotated[
+        str,
+        typer.Option(
+            help="local: this machine; ray: a Ray cluster.",
+            autocompletion=complete(*names.EXECUTORS),
+        ),
+    ] = "local",
+    address: Annotated[
+        str | None,
+        typer.Option(help="Of the Ray cluster; else RAY_ADDRESS, else a Ray of this machine."),
+    ] = None,
+    gpus_per_task: Annotated[
+        float, typer.Option(help="With --executor ray: GPUs, or a share of one, for a process.")
+    ] = 0.0,
+    device: Annotated[
+        str,
+        typer.Option(
+            help="With --executor local, what the batched engine learns on: auto, cpu or cuda.",
+            autocompletion=complete(*names.DEVICES),
+        ),
+    ] = "auto",
+    checkpoint_every: Annotated[
+        float, typer.Option(min=0, help="Seconds between checkpoints of a run, at least.")
+    ] = 15.0,
+    jobs: Annotated[int, typer.Option(help="Processes at a time; 0 for one a core.")] = 0,
+    results: ResultsOption = Path("results"),
+    json: JsonOption = False,
+) -> None:
+    """Do a matrix of tasks, algorithms, representations and seeds; fill in only what is missing."""
+    from jbench.display_sweep import described, show_matrix, show_missing, sweep_with_view
+    from jbench.experiments.executors import Local
+    from jbench.experiments.matrix import all_runs, matrix_cells, read_matrix
+    from jbench.experiments.standing import cell_standings, failures_among, seconds_left
+    from jbench.store import Results
+
+    output, place = Output(json), Results(results)
+    changes: dict[str, Any] = {
+        **({} if seeds is None else {"seeds": parsing.seeds(seeds)}),
+        **({} if steps is None else {"steps": parsing.count("--steps", steps)}),
+    }
+    wanted = read_matrix(matrix, **changes)
+    parsing.known("executor", executor, names.EXECUTORS)
+    chosen = _device(executor, address, gpus_per_task, wanted.engine, device)
+    cores = parsing.all_cores(jobs)
+    at_a_time = cores if jobs or chosen == "cpu" else 1
+
+    def make() -> "Executor":
+        if executor == "local":
+            return Local(place, at_a_time, chosen, checkpoint_every)
+        from jbench.experiments.cluster import Ray
+
+        return Ray(place, address, jobs, gpus_per_task, checkpoint_every)
+
+    cells = matrix_cells(wanted, place)
+    runs = list(all_runs(cells))
+    failures: dict[str, str] = {}
+    if not dry_run:
+        failures |= sweep_with_view(wanted, cells, place, make, retry_failed, output)
+    standings = cell_standings(cells, place, at_a_time, chosen, quick=dry_run)
+    show_matrix(f"{matrix}: {len(runs)} runs", standings, at_a_time, dry_run, output)
+    missing = show_missing(wanted, cells, place, output)
+    failures |= failures_among(runs, place)
+    output.document(
+        {
+            "matrix": matrix,
+            "cells": described(standings),
+            "seconds_left": seconds_left(standings, at_a_time),
+            "made_first": missing,
+            "failures": failures,
+        }
+    )
+    if dry_run:
+        return
+    if failures:
+        raise WorkError(
+            f"{len(failures)} of {len(runs)} runs failed; --retry-failed does them again."
+        )
+    output.say("Next: jbench report")
+
+
+def _device(
+    executor: str, address: str | None, gpus_per_task: float, engine: names.Engine, device: str
+) -> str:
+    """Returns what the batched engine learns on, `cpu` or `cuda`."""
+    from jbench.experiments.request import find_device
+
+    parsing.known("device", device, names.DEVICES)
+    if executor == "local":
+        if address is not None or gpus_per_task:
+            raise RequestError("--address and --gpus-per-task are for --executor ray.")
+        return find_device(engine, device)
+    if device != "auto":
+        raise RequestError("--device is for --executor local; type --gpus-per-task.")
+    if not 0 <= gpus_per_task < math.inf:
+        raise RequestError(f"--gpus-per-task {gpus_per_task}: type 0 or more.")
+    if gpus_per_task and engine == "sb3":
+        raise RequestError("--gpus-per-task is for the batched engine; this matrix is of sb3.")
+    return "cuda" if gpus_per_task else "cpu"

@@ -1,0 +1,167 @@
+"""What `jbench sweep` does and shows: the matrix as a table, before and after its runs."""
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import (
+    AbstractContextManager,
+    closing,
+    contextmanager,
+    nullcontext,
+    redirect_stdout,
+)
+from typing import Any
+
+from jbench.display_live import sweep_view
+from jbench.experiments.executors import Executor
+from jbench.experiments.matrix import Cell, Matrix, all_runs
+from jbench.experiments.prepare import Show, missing_dataset, missing_encoders, prepare
+from jbench.experiments.standing import CellStanding, State, seconds_left, standing
+from jbench.experiments.sweep import sweep
+from jbench.output import Output, duration
+from jbench.store import Results
+from jbench.store.provenance import cores
+
+
+def sweep_with_view(
+    matrix: Matrix,
+    cells: Sequence[Cell],
+    results: Results,
+    make: Callable[[], Executor],
+    retry_failed: bool,
+    output: Output,
+) -> dict[str, str]:
+    """Does what is left of a matrix and shows how far it is; returns what failed now and why.
+
+    Args:
+        matrix: whose dataset and encoders are made first, where they are missing.
+        cells: of the matrix.
+        results: where all of it goes.
+        make: makes what does the runs; called if there are any to do.
+        retry_failed: whether runs that failed before are done again.
+        output: to print to.
+    """
+    runs = list(all_runs(cells))
+    before = {run.id: standing(run, results).state for run in runs}
+    _say_before(Counter(before.values()), retry_failed, output)
+    done = ("finished",) if retry_failed else ("finished", "failed")
+    to_do = [run for run in runs if before[run.id] not in done]
+    if not to_do:
+        return {}
+    wanted = {run.encoder for run in to_do}
+    encoders = missing_encoders((c for c in cells if c.runs[0].encoder in wanted), results)
+    with _document_alone(output), closing(make()) as executor:
+        dataset, show = matrix.dataset_settings, _shown(output)
+        unmade = prepare(encoders, dataset, results, cores(), show, output.say)
+        failures = {run.id: unmade[run.encoder] for run in to_do if run.encoder in unmade}
+        for encoder, reason in unmade.items():
+            output.warn(f"the runs on {encoder} are left out: {reason}")
+        left = [run for run in to_do if run.id not in failures]
+        with sweep_view(left, output) as view:
+            return failures | sweep(left, results, executor, view, _ids(before, "failed"))
+
+
+def _document_alone(output: Output) -> AbstractContextManager[Any]:
+    """Keeps standard output for the document, where there will be one: Ray prints to it."""
+    return redirect_stdout(sys.stderr) if output.as_json else nullcontext()
+
+
+def _say_before(states: Counter[State], retry_failed: bool, output: Output) -> None:
+    """Says what of a matrix is there already."""
+    of = states.total()
+    if states["finished"]:
+        rest = "; nothing to do" if states["finished"] == of else ""
+        output.say(
+            f"{states['finished']} of {of} runs are finished already and not repeated{rest}."
+        )
+    if states["partial"]:
+        output.say(f"{states['partial']} runs were interrupted, or another process does them.")
+    if states["failed"]:
+        how = "they are done again" if retry_failed else "--retry-failed does them again"
+        output.say(f"{states['failed']} runs have failed before; {how}.")
+
+
+def _shown(output: Output) -> Show:
+    @contextmanager
+    def show(what: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
+        with output.progress(what, total, unit) as progress:
+            yield progress.update
+
+    return show
+
+
+def _ids(states: Mapping[str, State], wanted: State) -> list[str]:
+    return [id for id, state in states.items() if state == wanted]
+
+
+def show_missing(
+    matrix: Matrix, cells: Sequence[Cell], results: Results, output: Output
+) -> list[str]:
+    """Says which dataset and encoders are missing and would be made first; returns their ids."""
+    encoders = missing_encoders(cells, results)
+    if not encoders:
+        return []
+    dataset = matrix.dataset_settings
+    missing = [encoder.id for encoder in encoders]
+    if missing_dataset(dataset, results):
+        missing.insert(0, dataset.id)
+        output.say(f"Made first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
+    output.say(f"Made first: the encoders {', '.join(encoder.id for encoder in encoders)}.")
+    return missing
+
+
+def show_matrix(
+    title: str, standings: Sequence[CellStanding], jobs: int, times: bool, output: Output
+) -> None:
+    """Prints a matrix: how many seeds of each cell are finished, and what is left.
+
+    Args:
+        title: of the table.
+        standings: of the cells.
+        jobs: processes at a time.
+        times: whether to say how long the rest takes.
+        output: to print to.
+    """
+    header = ["task", "algo", "representation", "finished", "partial", "failed", "missing"]
+    rows: list[list[object]] = [
+        [
+            *(each.cell.task, each.cell.algo, each.cell.representation),
+            *(each.finished, each.partial, each.failed, each.missing),
+        ]
+        for each in standings
+    ]
+    if times:
+        header += ["time left", "estimated from"]
+        for row, each in zip(rows, standings, strict=True):
+            row += [_time(each.seconds_left) if each.steps_left else "", each.estimate]
+    output.table(title, header, rows)
+    if times and any(each.steps_left for each in standings):
+        output.say(
+            f"Time left with {jobs} processes at a time: "
+            f"{_time(seconds_left(standings, jobs))}, the failed runs included."
+        )
+
+
+def described(standings: Sequence[CellStanding]) -> list[dict[str, Any]]:
+    """Returns what the JSON document says of the cells."""
+    return [
+        {
+            "task": each.cell.task,
+            "algo": each.cell.algo,
+            "representation": each.cell.representation,
+            "encoder": each.cell.runs[0].encoder,
+            "runs": [run.id for run in each.cell.runs],
+            "finished": each.finished,
+            "partial": each.partial,
+            "failed": each.failed,
+            "missing": each.missing,
+            "steps_left": each.steps_left,
+            "seconds_left": each.seconds_left,
+            "estimate": each.estimate,
+        }
+        for each in standings
+    ]
+
+
+def _time(seconds: float | None) -> str:
+    return "unknown" if seconds is None else duration(seconds)

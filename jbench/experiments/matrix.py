@@ -1,0 +1,298 @@
+"""A matrix of runs: tasks, algorithms, representations and seeds, read from a file of TOML.
+
+A run's id follows from the file alone: an encoder that is asked for as `dae12` is the one of the
+file's dataset and options, whatever others there are, so that a matrix that is typed again is the
+same matrix.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
+
+from jbench import parsing, validation
+from jbench.agents.settings import SETTINGS, algorithm_settings
+from jbench.datasets import DatasetSettings
+from jbench.encoders import load_encoder
+from jbench.encoders.kinds import find_kind, kind_names
+from jbench.encoders.settings import EncoderSettings, encoder_settings
+from jbench.errors import RequestError
+from jbench.experiments.request import runs_of
+from jbench.experiments.settings import RunSettings
+from jbench.names import (
+    ALGORITHMS,
+    BASES,
+    ENGINES,
+    FULL,
+    LARGEST_SEED,
+    PRECISIONS,
+    SWEEPS,
+    TASKS,
+    TIME_LIMITS,
+    Base,
+    Engine,
+    Precision,
+    TimeLimit,
+)
+from jbench.store import Results
+
+_REPRESENTATION = re.compile(r"([a-z][a-z0-9-]*?):?([0-9]+)")
+
+
+def _whole(value: Any) -> Any:
+    """Returns 5e6, which TOML calls a float, as a whole number."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+_Count = Annotated[PositiveInt, BeforeValidator(_whole)]
+_Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
+# Lists are what TOML has, and tuples are what does not change.
+_Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+
+
+class Evaluation(BaseModel):
+    """The table [evaluation]."""
+
+    model_config = validation.SETTINGS
+
+    every: _Count = Field(default=50_000, description="control steps between evaluations")
+    episodes: NonNegativeInt = Field(default=10, description="in an evaluation; 0 for none")
+
+
+class DatasetPart(BaseModel):
+    """The table [dataset]: what encoders that are missing are trained on."""
+
+    model_config = validation.SETTINGS
+
+    steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.2")
+    seed: _Seed = 0
+
+
+class EncoderPart(BaseModel):
+    """The table [encoder]: how encoders that are missing are trained."""
+
+    model_config = validation.SETTINGS
+
+    seed: _Seed = 0
+    options: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="by kind, those that are not at their defaults"
+    )
+
+
+class Matrix(BaseModel):
+    """What a file of TOML asks for; `docs/sweeps.md` has every key."""
+
+    model_config = validation.SETTINGS
+
+    tasks: _Names
+    algos: _Names
+    representations: _Names = (FULL,)
+    seeds: tuple[_Seed, ...] = Field(default=tuple(range(10)), strict=False, min_length=1)
+    steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.1")
+    engine: Engine = "batched"
+    precision: Precision = "float32"
+    environments: PositiveInt | None = Field(
+        default=None, description="of each seed, with the batched engine; None: the algorithm's own"
+    )
+    time_limit: TimeLimit = "bootstrap"
+    settings: Base = Field(default="published", description="whose defaults apply")
+    hyperparameters: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="by algorithm, those that are not at their defaults"
+    )
+    evaluation: Evaluation = Evaluation()
+    dataset: DatasetPart = DatasetPart()
+    encoder: EncoderPart = EncoderPart()
+
+    @property
+    def dataset_settings(self) -> DatasetSettings:
+        """The settings of the dataset of its encoders."""
+        return validation.validated(
+            DatasetSettings, "[dataset]", steps=self.dataset.steps, seed=self.dataset.seed
+        )
+
+
+class Cell(NamedTuple):
+    """The runs of a matrix that differ in their seeds alone.
+
+    Attributes:
+        task, algo: of the runs.
+        representation: as the file names it: full, dae12, or the id of an encoder.
+        encoder: settings of the encoder that is made if it is missing; None for the full
+            observation, and for an encoder that is named by its id.
+        runs: one for each seed.
+    """
+
+    task: str
+    algo: str
+    representation: str
+    encoder: EncoderSettings | None
+    runs: list[RunSettings]
+
+
+def read_matrix(name: str, **changes: Any) -> Matrix:
+    """Returns a matrix.
+
+    Args:
+        name: one of `jbench.names.SWEEPS`, or the path of a file that ends in .toml.
+        changes: values of keys that replace the file's.
+
+    Raises:
+        RequestError: if there is no such matrix, or something in it can't be; one sentence that
+            names it.
+    """
+    text = _text(name)
+    try:
+        return _matrix({**tomllib.loads(text), **changes}, name)
+    except tomllib.TOMLDecodeError as error:
+        raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
+
+
+def matrix_cells(matrix: Matrix, results: Results) -> list[Cell]:
+    """Returns the cells of a matrix, task by task, in the order of the file.
+
+    Args:
+        matrix: to go through.
+        results: where encoders are that are named by their ids.
+
+    Raises:
+        RequestError: if a run or an encoder of it can't be.
+    """
+    cells = []
+    for task in dict.fromkeys(matrix.tasks):
+        for algo in dict.fromkeys(matrix.algos):
+            for name in dict.fromkeys(matrix.representations):
+                if "/" not in name or name.split("/")[0] == task:
+                    cells.append(_cell(matrix, results, task, algo, name))
+    return cells
+
+
+def _text(name: str) -> str:
+    if name in SWEEPS:
+        return (resources.files("jbench.experiments") / "sweeps" / f"{name}.toml").read_text()
+    path = Path(name)
+    if path.suffix != ".toml":
+        try:
+            parsing.known("matrix", name, SWEEPS)
+        except RequestError as error:
+            raise RequestError(f"{str(error).rstrip('.')}; or type a FILE.toml.") from None
+    try:
+        return path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is no text"
+        raise RequestError(f"{name} can't be read ({reason}).") from None
+
+
+def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
+    """Returns what a file says, checked."""
+    try:
+        _check_keys(Matrix, content, "")
+        for key, known in _NAMES.items():
+            if isinstance(content.get(key), str):
+                parsing.known(key, content[key], known)
+        seeds = content.get("seeds")
+        given = {"seeds": parsing.seeds(seeds)} if isinstance(seeds, str) else {}
+        matrix = validation.validated(Matrix, "the matrix", **{**content, **given})
+        _check_names(matrix)
+    except RequestError as error:
+        raise RequestError(f"{name}: {error}") from None
+    return matrix
+
+
+_NAMES = {
+    "engine": ENGINES,
+    "precision": PRECISIONS,
+    "time_limit": TIME_LIMITS,
+    "settings": BASES,
+}
+
+
+def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -> None:
+    """Refuses keys that there are not, and misses those that there must be."""
+    for key, value in content.items():
+        parsing.known(f"key{where}", key, tuple(kind.model_fields))
+        inner = kind.model_fields[key].annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            if not isinstance(value, Mapping):
+                raise RequestError(f"{key} is a table: write [{key}] and its keys below it.")
+            _check_keys(inner, value, f" of [{key}]")
+    for key, field in kind.model_fields.items():
+        if field.is_required() and key not in content:
+            example = {"tasks": TASKS[1], "algos": ALGORITHMS[0]}[key]
+            raise RequestError(f'the key {key} is missing; write {key} = ["{example}"].')
+
+
+def _check_names(matrix: Matrix) -> None:
+    """Refuses names that there are not."""
+    for task in matrix.tasks:
+        parsing.known("task", task, TASKS)
+    for algo in (*matrix.algos, *matrix.hyperparameters):
+        parsing.known("algorithm", algo, ALGORITHMS)
+    for algo, overrides in matrix.hyperparameters.items():
+        for key in overrides:
+            parsing.known(f"setting of {algo}", key, tuple(SETTINGS[algo].model_fields))
+    for kind, options in matrix.encoder.options.items():
+        for key in options:
+            parsing.known(f"option of {kind}", key, tuple(find_kind(kind).model_fields))
+    for name in matrix.representations:
+        task, slash, _ = name.partition("/")
+        if slash and task not in matrix.tasks:
+            raise RequestError(f"the encoder {name} is of {task}, which is not among the tasks.")
+        if not slash and name != FULL:
+            _kind_and_latents(name)
+
+
+def _kind_and_latents(name: str) -> tuple[str, int]:
+    """Returns what a representation such as dae12 or dae:12 is made of."""
+    found = _REPRESENTATION.fullmatch(name)
+    if found is None:
+        # Where it is no kind and number: the word `full`, or a kind without its number.
+        parsing.known("representation", name, (FULL, *(f"{kind}12" for kind in kind_names())))
+    assert found is not None
+    kind, latents = found.groups()
+    find_kind(kind)
+    return kind, int(latents)
+
+
+def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
+    """Returns a cell of the matrix."""
+    encoder, encoder_id, representation = None, None, FULL
+    if "/" in name:
+        encoder_id, (_, description) = name, load_encoder(results, name)
+        representation = f"{description['kind']}{description['latents']}"
+    elif name != FULL:
+        kind, latents = _kind_and_latents(name)
+        encoder = encoder_settings(
+            kind,
+            matrix.encoder.options.get(kind, {}),
+            task=task,
+            dataset=matrix.dataset_settings.id,
+            latents=latents,
+            seed=matrix.encoder.seed,
+        )
+        encoder_id, representation = encoder.id, encoder.representation
+    algorithm = algorithm_settings(algo, matrix.settings, matrix.hyperparameters.get(algo))
+    runs = runs_of(
+        list(matrix.seeds),
+        task=task,
+        algo=algo,
+        representation=representation,
+        encoder=encoder_id,
+        steps=matrix.steps,
+        time_limit=matrix.time_limit,
+        evaluate_every=matrix.evaluation.every,
+        evaluate_episodes=matrix.evaluation.episodes,
+        hyperparameters=algorithm.model_dump(mode="json"),
+        engine=matrix.engine,
+        precision=matrix.precision,
+        parallel=matrix.environments,
+    )
+    return Cell(task, algo, name, encoder, runs)
+
+
+def all_runs(cells: Sequence[Cell]) -> Iterator[RunSettings]:
+    """Gives the runs of all cells, each once."""
+    yield from {run.id: run for cell in cells for run in cell.runs}.values()

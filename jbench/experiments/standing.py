@@ -1,0 +1,223 @@
+"""How far the runs of a matrix are, as the results hold them, and how long the rest will take."""
+
+import contextlib
+import json
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+from jbench.errors import RequestError, WorkError
+from jbench.experiments.matrix import Cell
+from jbench.experiments.settings import RunSettings
+from jbench.names import EPISODE_STEPS
+from jbench.store import Record, Results, canonical_json, locks
+from jbench.store.provenance import cores, processor
+
+State = Literal["finished", "partial", "failed", "missing"]
+
+# What makes no difference to how long a control step takes.
+_FREE = ("task", "representation", "encoder", "seed", "steps", "augment", "robots")
+
+
+class Standing(NamedTuple):
+    """How far a run is.
+
+    Attributes:
+        state: of it.
+        steps_left: control steps that are still to be done.
+        error: of a failed run; what is wrong with a record that can't be read.
+    """
+
+    state: State
+    steps_left: int
+    error: str = ""
+
+
+class CellStanding(NamedTuple):
+    """How far a cell is.
+
+    Attributes:
+        cell: of the matrix.
+        finished, partial, failed, missing: how many of its seeds.
+        steps_left: control steps of the runs that are not finished, all together.
+        seconds_left: s on this machine; None where nothing like it has been measured.
+        estimate: where that is from: "measured runs", "a quick measurement" or "unknown"; empty
+            where nothing is left.
+    """
+
+    cell: Cell
+    finished: int
+    partial: int
+    failed: int
+    missing: int
+    steps_left: int
+    seconds_left: float | None
+    estimate: str
+
+
+def standing(run: RunSettings, results: Results) -> Standing:
+    """Returns how far a run is."""
+    try:
+        record = results.find("run", run.id)
+    except WorkError as error:
+        return Standing("failed", run.steps, str(error))
+    if record is None:
+        return Standing("missing", run.steps)
+    if record.status == "finished":
+        return Standing("finished", 0)
+    done = record.rows("episodes") * EPISODE_STEPS if record.roles() else 0
+    left = max(0, run.steps - done)
+    if record.status == "failed":
+        return Standing("failed", left, str(record.manifest.summary.get("error")))
+    return Standing("partial", left)
+
+
+def is_elsewhere(run: RunSettings, results: Results) -> bool:
+    """Returns whether some process does a run at this moment."""
+    return locks.is_held(Record(results, "run", run.id).path)
+
+
+def record_failure(run: RunSettings, results: Results, reason: str) -> None:
+    """Marks a run as failed, unless it is marked already, finished, or another process does it."""
+    with contextlib.suppress(RequestError, WorkError):
+        record = Record(results, "run", run.id)
+        with record.lock():
+            found = results.find("run", run.id)
+            if found is None:
+                found = results.create("run", run.id, run.model_dump(mode="json"))
+            if found.status == "unfinished":
+                found.fail(reason)
+
+
+def cell_standings(
+    cells: Sequence[Cell], results: Results, jobs: int, device: str = "cpu", quick: bool = True
+) -> list[CellStanding]:
+    """Returns how far each cell is, and how long the rest of it takes this machine.
+
+    Args:
+        cells: of a matrix.
+        results: that hold its runs, and others like them that were measured.
+        jobs: processes that will go on at a time.
+        device: that the batched engine will learn on.
+        quick: whether what no run has measured is measured now, within seconds for each algorithm.
+    """
+    measured = _Measured(results)
+    quickly: dict[str, float | None] = {}
+    told = []
+    for cell in cells:
+        found = [standing(run, results) for run in cell.runs]
+        states = [each.state for each in found]
+        left = sum(each.steps_left for each in found)
+        seconds, source = measured.seconds_per_step(cell.runs[0]), "measured runs"
+        if seconds is None and left and quick:
+            likeness = _likeness(cell.runs[0].model_dump(mode="json"))
+            if likeness not in quickly:
+                quickly[likeness] = _quick_measurement(cell.runs[0], device)
+            seconds, source = quickly[likeness], "a quick measurement"
+        if seconds is None:
+            source = "unknown"
+        told.append(
+            CellStanding(
+                cell,
+                finished=states.count("finished"),
+                partial=states.count("partial"),
+                failed=states.count("failed"),
+                missing=states.count("missing"),
+                steps_left=left,
+                seconds_left=None if seconds is None else left * seconds / _at_once(cell, jobs),
+                estimate=source if left else "",
+            )
+        )
+    return told
+
+
+def seconds_left(standings: Sequence[CellStanding], jobs: int) -> float | None:
+    """Returns the seconds that a matrix still takes, its processes never idle; None if unknown.
+
+    Args:
+        standings: of its cells.
+        jobs: processes at a time.
+    """
+    work = 0.0
+    for each in standings:
+        if each.seconds_left is None:
+            return None
+        work += each.seconds_left * _at_once(each.cell, jobs)
+    return work / jobs
+
+
+def _at_once(cell: Cell, jobs: int) -> int:
+    """Returns how many processes the seeds of a cell are dealt out to."""
+    return min(jobs, len(cell.runs))
+
+
+class _Measured:
+    """Seconds of a processor core for each control step, from the finished runs of this machine."""
+
+    def __init__(self, results: Results) -> None:
+        self._exact: dict[str, list[float]] = {}
+        self._alike: dict[str, list[float]] = {}
+        for record in results.scan("run")[0]:
+            seconds = _core_seconds_per_step(record)
+            if seconds is not None:
+                self._exact.setdefault(_but_seed(record.settings), []).append(seconds)
+                self._alike.setdefault(_likeness(record.settings), []).append(seconds)
+
+    def seconds_per_step(self, run: RunSettings) -> float | None:
+        """Returns the median over the runs of the same settings, else over those like them."""
+        settings = run.model_dump(mode="json")
+        found = self._exact.get(_but_seed(settings)) or self._alike.get(_likeness(settings))
+        return statistics.median(found) if found else None
+
+
+def _but_seed(settings: Mapping[str, Any]) -> str:
+    return canonical_json({**settings, "seed": None})
+
+
+def _likeness(settings: Mapping[str, Any]) -> str:
+    return canonical_json({name: settings[name] for name in sorted({*settings} - {*_FREE})})
+
+
+def _core_seconds_per_step(record: Record) -> float | None:
+    """Returns the seconds of a core that a control step of a finished run took, if they are known.
+
+    The runs of a process share its one core, and each has its whole time as its own.
+    """
+    provenance, summary = record.manifest.provenance, record.manifest.summary
+    here = (provenance.get("processor"), provenance.get("cores")) == (processor(), cores())
+    time, steps = summary.get("wall_time"), summary.get("steps_done")
+    known = isinstance(time, int | float) and isinstance(steps, int | float) and steps > 0
+    if record.status != "finished" or not here or not known:
+        return None
+    return float(time / steps) / _runs_of_its_process(provenance.get("command"))  # type: ignore[operator]
+
+
+def _runs_of_its_process(command: Any) -> int:
+    """Returns how many runs a worker was given, as its recorded command says; else 1."""
+    if isinstance(command, Sequence) and len(command) == 2:
+        with contextlib.suppress(ValueError, TypeError, KeyError):
+            return max(1, len(json.loads(command[1])["runs"]))
+    return 1
+
+
+def _quick_measurement(run: RunSettings, device: str) -> float | None:
+    """Returns the seconds of a control step of a throw-away agent; None if it can't be made."""
+    import torch
+
+    from jbench.experiments.speed import seconds_per_step
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        # An encoder may not be there yet; what it costs is little beside the agent's learning.
+        return seconds_per_step([run], None, device)
+    except (RequestError, WorkError, RuntimeError):
+        return None
+    finally:
+        torch.set_num_threads(before)
+
+
+def failures_among(runs: Iterable[RunSettings], results: Results) -> dict[str, str]:
+    """Returns the errors of those of some runs that have failed, by their ids."""
+    found = {run.id: standing(run, results) for run in runs}
+    return {id: each.error for id, each in found.items() if each.state == "failed"}

@@ -1,0 +1,97 @@
+"""Data to download from a page: links that hold the rows themselves, and need no script."""
+
+import base64
+import gzip
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pandas as pd
+
+from jbench.report.document import Value
+from jbench.report.page.text import html
+from jbench.store import query
+
+CELLS = 600_000
+"""Cells of all tables to download from one page together, each of 2 to 6 bytes when packed."""
+
+PACKED = 50_000
+"""Bytes of CSV from which it is packed; a script unpacks it, and without one it is a .gz file."""
+
+_DIGITS = 9  # significant, of each number
+
+
+def link(name: str, frame: pd.DataFrame, cells: int) -> str:
+    """Returns a link to a table as CSV, as HTML.
+
+    Args:
+        name: of the file, without its ending.
+        frame: the rows, with `Value` cells or without.
+        cells: the most that go into the page. Of a larger table every k-th row does, and the link
+            says so.
+    """
+    if frame.empty:
+        return ""
+    step = -(-frame.size // cells)
+    # Surrogates that are no text can't be encoded.
+    content = query.to_csv(flat(frame.iloc[::step])).encode(errors="backslashreplace")
+    said = f"CSV, {_size(len(content))}"
+    if step > 1:
+        said += f"; row 1 of every {step} of {len(frame):,}, to keep the page small"
+    if len(content) >= PACKED:
+        ending = ".csv.gz"
+        packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
+        address = f"data:application/gzip;base64,{packed}"
+    else:
+        ending = ".csv"
+        safe = quote(content, safe=" ,.;:()[]{}*!$@=+/?'")
+        address = f"data:text/csv;charset=utf-8,{safe}"
+    return (
+        f'<a class="download" download="{html(name)}{ending}" href="{html(address)}">'
+        f'Download data</a> <span class="soft">({said})</span>'
+    )
+
+
+def flat(frame: pd.DataFrame) -> pd.DataFrame:
+    """Returns a table of plain cells: a column of `Value` cells gives its texts and its numbers."""
+    names: list[str] = []
+    columns: dict[int, pd.Series[Any]] = {}
+    for i, name in enumerate(frame.columns):
+        for suffix, column in _flat_column(frame.iloc[:, i].reset_index(drop=True)):
+            new = f"{name}{suffix}"
+            while new in names:
+                new += "'"
+            columns[len(names)] = column
+            names.append(new)
+    # As objects: pandas' own texts can't hold all that a stranger's settings can.
+    return pd.DataFrame(columns).set_axis(pd.Index(names, dtype=object), axis=1)
+
+
+def _flat_column(column: "pd.Series[Any]") -> Iterator[tuple[str, "pd.Series[Any]"]]:
+    """Yields the columns of plain cells that hold a column, each with what its name ends with."""
+    if column.dtype.kind == "f":
+        yield "", pd.Series(_rounded(column.to_numpy(float)))
+    elif column.dtype != object:
+        yield "", column
+    else:
+        texts = [cell.text if isinstance(cell, Value) else cell for cell in column]
+        yield "", pd.Series(texts, dtype=object)
+        numbers = [cell.sort if isinstance(cell, Value) else cell for cell in column]
+        values = any(isinstance(cell, Value) for cell in column)
+        if values and any(isinstance(n, int | float) and not np.isnan(n) for n in numbers):
+            yield " (number)", pd.Series(numbers, dtype=object)
+
+
+def _rounded(values: "np.ndarray[Any, np.dtype[np.float64]]") -> Any:
+    """Returns numbers of so many digits, which take half the room of all 17."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        digits = _DIGITS - 1 - np.floor(np.log10(np.abs(values)))
+        scale = 10.0 ** np.abs(digits)
+        up = digits >= 0
+        rounded = np.where(up, np.round(values * scale) / scale, np.round(values / scale) * scale)
+    return np.where(np.isfinite(rounded), rounded, values)
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{max(1, round(count / 1e3))} KB"

@@ -1,0 +1,312 @@
+"use strict";
+
+// Tables sort by their headings: up, down, and back to the order of the page.
+
+const collator = new Intl.Collator("en", { numeric: true });
+
+function sortKey(cell) {
+  if (cell === undefined || "missing" in cell.dataset) return null;
+  const said = cell.dataset.sort;
+  return said !== undefined && !Number.isNaN(Number(said)) ? Number(said) : said ?? cell.textContent;
+}
+
+// Numbers come before texts; what is missing comes last in either direction.
+function compare(a, b, direction) {
+  if (a === null || b === null) return (a === null) - (b === null);
+  if (typeof a !== typeof b) return direction * (typeof a === "number" ? -1 : 1);
+  return direction * (typeof a === "number" ? Math.sign(a - b) || 0 : collator.compare(a, b));
+}
+
+function makeSortable(table) {
+  const body = table.tBodies[0];
+  const original = [...body.rows];
+  const headings = [...table.tHead.rows[0].cells];
+  const next = { none: "ascending", ascending: "descending", descending: "none" };
+  headings.forEach((heading, column) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.append(...heading.childNodes);
+    heading.append(button);
+    heading.classList.add("sorts");
+    heading.setAttribute("aria-sort", "none");
+    button.addEventListener("click", () => {
+      const order = next[heading.getAttribute("aria-sort")];
+      headings.forEach((other) => other.setAttribute("aria-sort", "none"));
+      heading.setAttribute("aria-sort", order);
+      const rows = original.map((row) => ({ row, key: sortKey(row.cells[column]) }));
+      const direction = order === "ascending" ? 1 : -1;
+      if (order !== "none") rows.sort((one, other) => compare(one.key, other.key, direction));
+      body.append(...rows.map((entry) => entry.row));
+    });
+  });
+}
+
+// Figures show the values under the pointer, or under the arrow keys.
+
+const TIP_ROWS = 14;
+const REACH = 12; // points of the SVG: a line that has no value as near as this has none here
+
+const MARGIN = 4; // points of the SVG about a panel, whose values can be on its edge
+
+function make(name, parent, kind, text) {
+  const element = document.createElement(name);
+  if (kind) element.className = kind;
+  if (text !== undefined) element.textContent = text;
+  parent.append(element);
+  return element;
+}
+
+function makeMark(name, parent, attributes) {
+  const element = document.createElementNS(parent.namespaceURI, name);
+  Object.entries(attributes).forEach(([key, value]) => element.setAttribute(key, value));
+  parent.append(element);
+  return element;
+}
+
+const tip = make("div", document.body, "tip");
+tip.setAttribute("role", "status");
+tip.hidden = true;
+let shownBy = null; // the figure whose values the tip shows, or showed last
+
+function place(axis, value, start, end) {
+  const scaled = axis.log ? Math.log10 : (number) => number;
+  const [low, high] = axis.limits.map(scaled);
+  return start + ((scaled(value) - low) / (high - low)) * (end - start);
+}
+
+function inWords(value) {
+  if (value !== 0 && Math.abs(value) < 1e-4) return value.toExponential(3);
+  return value.toLocaleString("en", { maximumSignificantDigits: 5 });
+}
+
+function named(axis, value) {
+  const width = Math.abs(axis.limits[1] - axis.limits[0]);
+  const tick = (axis.ticks ?? []).find(([at]) => Math.abs(at - value) < width * 1e-6);
+  return tick ? tick[1] : inWords(value * axis.unit);
+}
+
+function labelled(axis, value) {
+  return [axis.label, named(axis, value)].filter((text) => text).join(": ");
+}
+
+// Adds to a panel where its values are in the SVG.
+function placeValues(panel) {
+  const [left, top, right, bottom] = panel.box;
+  panel.lines.forEach((line) => {
+    line.at = line.x.map((x, i) => [
+      place(panel.x, x, left, right),
+      place(panel.y, line.y[i], bottom, top),
+    ]);
+  });
+  if (panel.grid) {
+    panel.columns = panel.grid.x.map((x) => place(panel.x, x, left, right));
+    panel.rows = panel.grid.y.map((y) => place(panel.y, y, bottom, top));
+  }
+}
+
+function nearest(line, x) {
+  let best = 0;
+  line.at.forEach((at, i) => {
+    if (Math.abs(at[0] - x) < Math.abs(line.at[best][0] - x)) best = i;
+  });
+  return best;
+}
+
+function between(edges, value) {
+  return edges.findIndex((edge, i) => i > 0 && (value - edge) * (value - edges[i - 1]) <= 0) - 1;
+}
+
+class Figure {
+  constructor(drawing, panels) {
+    this.drawing = drawing;
+    this.svg = drawing.querySelector("svg");
+    this.panels = panels;
+    this.panel = 0;
+    this.index = -1;
+    panels.forEach(placeValues);
+    drawing.tabIndex = 0;
+    drawing.setAttribute("role", "application");
+    drawing.setAttribute(
+      "aria-label",
+      "Figure with values: left and right arrows go through them, up and down through the panels.",
+    );
+    drawing.addEventListener("pointermove", (event) => this.point(event));
+    drawing.addEventListener("pointerdown", (event) => this.point(event));
+    drawing.addEventListener("pointerleave", () => this.byKey() || this.hide());
+    drawing.addEventListener("keydown", (event) => this.key(event));
+    drawing.addEventListener("focus", () => this.byKey() && this.step(0));
+    drawing.addEventListener("blur", () => this.hide());
+  }
+
+  // Says whether somebody reads the figure with the keyboard.
+  byKey() {
+    return this.drawing.matches(":focus-visible");
+  }
+
+  point(event) {
+    const matrix = this.svg.getScreenCTM().inverse();
+    const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix);
+    const inside = ({ box: [left, top, right, bottom] }) =>
+      x >= left - MARGIN && x <= right + MARGIN && y >= top - MARGIN && y <= bottom + MARGIN;
+    const panel = this.panels.find(inside);
+    if (panel) this.show(panel, x, y);
+    else this.hide();
+  }
+
+  key(event) {
+    const moves = { ArrowLeft: -1, ArrowRight: 1 };
+    const turns = { ArrowUp: -1, ArrowDown: 1 };
+    if (event.key === "Escape") this.hide();
+    if (event.key in turns) {
+      const count = this.panels.length;
+      this.panel = (this.panel + turns[event.key] + count) % count;
+      this.index = -1;
+    }
+    if (!(event.key in moves) && !(event.key in turns)) return;
+    event.preventDefault();
+    this.step(moves[event.key] ?? 0, event.shiftKey);
+  }
+
+  // Goes through the values of the panel's longest line, or its cells; with Shift one by one.
+  step(direction, single) {
+    const panel = this.panels[this.panel];
+    const longest = panel.lines.reduce((a, b) => (b.at.length > a.at.length ? b : a), { at: [] });
+    const cells = panel.grid ? panel.grid.values.flat() : [];
+    const count = panel.grid ? cells.length : longest.at.length;
+    const pace = single || panel.grid ? 1 : Math.max(1, Math.round(count / 40));
+    const start = panel.grid ? 0 : count - 1;
+    this.index = this.index < 0 ? start : this.index + direction * pace;
+    this.index = Math.min(count - 1, Math.max(0, this.index));
+    if (!panel.grid) return this.show(panel, ...longest.at[this.index]);
+    const width = panel.columns.length - 1;
+    const [column, row] = [this.index % width, Math.floor(this.index / width)];
+    const middle = (edges, i) => (edges[i] + edges[i + 1]) / 2;
+    this.show(panel, middle(panel.columns, column), middle(panel.rows, row));
+  }
+
+  show(panel, x, y) {
+    shownBy?.hide();
+    shownBy = this;
+    this.mark = makeMark("g", this.svg, { class: "mark" });
+    const said = panel.grid ? this.cell(panel, x, y) : this.values(panel, x, y);
+    if (!said) return this.hide();
+    tip.hidden = false;
+    this.placeTip(...said);
+  }
+
+  hide() {
+    this.mark?.remove();
+    if (shownBy !== this) return;
+    tip.hidden = true;
+    tip.replaceChildren();
+  }
+
+  // Says the value of a heat map's cell; returns the place of the tip, or nothing.
+  cell(panel, x, y) {
+    const [column, row] = [between(panel.columns, x), between(panel.rows, y)];
+    const value = panel.grid.values[row]?.[column];
+    if (value === undefined || value === null) return null;
+    const [left, right] = [panel.columns[column], panel.columns[column + 1]];
+    const [bottom, top] = [panel.rows[row], panel.rows[row + 1]];
+    const [x0, y0] = [Math.min(left, right), Math.min(top, bottom)];
+    const size = { width: Math.abs(right - left), height: Math.abs(top - bottom) };
+    makeMark("rect", this.mark, { x: x0, y: y0, ...size });
+    const middle = (edges, i) => (edges[i] + edges[i + 1]) / 2;
+    if (panel.title) make("p", tip, "title", panel.title);
+    make("p", tip, "", labelled(panel.x, middle(panel.grid.x, column)));
+    make("p", tip, "", labelled(panel.y, middle(panel.grid.y, row)));
+    make("p", tip, "near", `${panel.grid.label || "value"}: ${inWords(value)}`);
+    return [(left + right) / 2, Math.min(top, bottom)];
+  }
+
+  // Says the values of all lines near here; returns the place of the tip, or nothing.
+  values(panel, x, y) {
+    const rows = panel.lines
+      .map((line) => ({ line, i: nearest(line, x) }))
+      .filter(({ line, i }) => Math.abs(line.at[i][0] - x) <= REACH)
+      .sort((a, b) => b.line.y[b.i] - a.line.y[a.i]);
+    if (!rows.length) return null;
+    const distance = ({ line, i }) => Math.hypot(line.at[i][0] - x, line.at[i][1] - y);
+    const near = rows.reduce((a, b) => (distance(b) < distance(a) ? b : a));
+    const [nearX] = near.line.at[near.i];
+    const [, top, , bottom] = panel.box;
+    makeMark("line", this.mark, { x1: nearX, x2: nearX, y1: top, y2: bottom });
+    if (panel.title) make("p", tip, "title", panel.title);
+    make("p", tip, "", labelled(panel.x, near.line.x[near.i]));
+    const list = make("ul", tip);
+    const shown = new Set([...rows.slice(0, TIP_ROWS - 1), near]);
+    rows.filter((row) => shown.has(row)).forEach((row) => this.row(panel, list, row, near));
+    if (rows.length > shown.size) make("p", tip, "soft", `and ${rows.length - shown.size} more`);
+    return [nearX, Math.min(Math.max(near.line.at[near.i][1], top), bottom)];
+  }
+
+  row(panel, list, { line, i }, near) {
+    const item = make("li", list, line === near.line ? "near" : "");
+    make("span", item, "swatch").style.background = line.color;
+    make("span", item, "", line.label);
+    const bands = line.bands
+      .map((band) => band[i])
+      .filter((band) => band)
+      .map(([low, high]) => ` [${inWords(low * panel.y.unit)}, ${inWords(high * panel.y.unit)}]`);
+    // Lines that were sampled elsewhere say where.
+    const apart = Math.abs(line.at[i][0] - near.line.at[near.i][0]) > 1;
+    const where = apart ? ` at ${named(panel.x, line.x[i])}` : "";
+    make("span", item, "value", named(panel.y, line.y[i]) + bands.join("") + where);
+    const [cx, cy] = line.at[i];
+    const dot = makeMark("circle", this.mark, { cx, cy, r: line === near.line ? 3.5 : 2.5 });
+    dot.style.fill = line.color;
+  }
+
+  placeTip(x, y) {
+    const at = new DOMPoint(x, y).matrixTransform(this.svg.getScreenCTM());
+    tip.style.left = "0"; // its width must not be that at its last place
+    const { width, height } = tip.getBoundingClientRect();
+    const room = { x: document.documentElement.clientWidth - width - 8, y: innerHeight - height - 8 };
+    const left = at.x + 16 <= room.x ? at.x + 16 : at.x - 16 - width;
+    tip.style.left = `${Math.max(8, Math.min(left, room.x))}px`;
+    tip.style.top = `${Math.max(8, Math.min(at.y - height / 2, room.y))}px`;
+  }
+}
+
+// Large data are packed in their links; here they are unpacked before they are saved.
+
+async function unpack(link) {
+  const packed = Uint8Array.from(atob(link.href.split(",")[1]), (byte) => byte.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const address = URL.createObjectURL(await new Response(stream).blob());
+  const plain = document.createElement("a");
+  plain.href = address;
+  plain.download = link.download.replace(/\.gz$/, "");
+  plain.click();
+  setTimeout(() => URL.revokeObjectURL(address), 60000);
+}
+
+function unpackOnClick(link) {
+  link.addEventListener("click", (event) => {
+    event.preventDefault();
+    unpack(link);
+  });
+}
+
+// The page follows the system's choice of light or dark until the button says otherwise.
+
+function addThemeButton() {
+  const button = make("button", document.querySelector("nav"), "theme");
+  button.type = "button";
+  button.title = "Light or dark";
+  button.setAttribute("aria-label", button.title);
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  button.addEventListener("click", () => {
+    const root = document.documentElement;
+    const now = root.dataset.theme ?? (dark.matches ? "dark" : "light");
+    root.dataset.theme = now === "dark" ? "light" : "dark";
+  });
+}
+
+addThemeButton();
+document.querySelectorAll("table.sortable").forEach(makeSortable);
+document.querySelectorAll("a[download$='.csv.gz']").forEach(unpackOnClick);
+document.querySelectorAll("script.values").forEach((block) => {
+  const drawing = block.parentElement.querySelector(".drawing");
+  new Figure(drawing, JSON.parse(block.textContent));
+});

@@ -1,0 +1,129 @@
+"""Tables of a page, which sort where scripts run."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from jbench.report.document import Value
+from jbench.report.page.text import html
+
+_WORDY = 36  # characters from which a cell has several lines
+_NAME = 12  # characters from which a heading has room for two words beside each other
+_LONG = 200  # characters from which it is a box that scrolls
+_PAGE = 132  # characters of a line on paper
+_COLUMN = 16  # characters that a text is broken into
+
+
+def table(frame: pd.DataFrame, label: str) -> str:
+    """Returns a table as HTML, in a box that scrolls where the page is too narrow for it.
+
+    Each cell that can't be sorted by its text says in `data-sort` what it is sorted by; a missing
+    one has `data-missing` and comes last.
+
+    Args:
+        frame: as in `document.TableItem`.
+        label: what a screen reader calls the box.
+    """
+    columns = [frame.iloc[:, i].tolist() for i in range(frame.shape[1])]
+    numeric = [_is_numeric(column) for column in columns]
+    heads = [
+        f'<th scope="col"{_class(_names(number=right, named=len(str(name)) > _NAME))}>'
+        f"{html(name)}</th>"
+        for name, right in zip(frame.columns, numeric, strict=True)
+    ]
+    rows = [
+        "<tr>"
+        + "".join(
+            _cell(cell, right, i == 0)
+            for i, (cell, right) in enumerate(zip(row, numeric, strict=True))
+        )
+        + "</tr>"
+        for row in zip(*columns, strict=True)
+    ]
+    return "\n".join(
+        [
+            f'<div class="scroll" role="region" aria-label="{html(label)}" tabindex="0">',
+            '<table class="sortable">',
+            f"<thead><tr>{''.join(heads)}</tr></thead>",
+            "<tbody>",
+            *rows,
+            "</tbody>",
+            "</table>",
+            "</div>",
+        ]
+    )
+
+
+def is_wide(frame: pd.DataFrame) -> bool:
+    """Says whether a table needs a page turned on its side when it is printed."""
+    width = 0
+    for i, name in enumerate(frame.columns):
+        cells = frame.iloc[:, i].tolist()
+        texts = ["" if _is_missing(cell) else _shown(cell)[0] for cell in cells]
+        # Headings and texts break between words, numbers don't.
+        words = max(map(len, str(name).split()), default=0)
+        longest = max(map(len, texts), default=0)
+        width += max(words, longest if _is_numeric(cells) else min(_COLUMN, longest)) + 2
+    return width > _PAGE
+
+
+def number_text(value: Any) -> str:
+    """Returns a number as a reader wants it: the data to download keep the exact one."""
+    if isinstance(value, int | np.integer) or (value == round(value) and abs(value) < 1e15):
+        return f"{int(value):,}"
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+
+
+def _cell(cell: Any, right: bool, first: bool) -> str:
+    tag = 'th scope="row"' if first else "td"
+    close = "th" if first else "td"
+    if _is_missing(cell):
+        return f"<{tag}{_class('number' if right else '')} data-missing></{close}>"
+    text, sort = _shown(cell)
+    best = isinstance(cell, Value) and cell.best
+    wordy = not right and len(text) > _WORDY and not first
+    names = _names(number=right, best=best, wordy=wordy)
+    inner = f"<strong>{html(text)}</strong>" if best else html(text)
+    if len(text) > _LONG:
+        inner = f'<div class="long" tabindex="0">{inner}</div>'
+    missing = sort is not None and not isinstance(sort, str) and math.isnan(sort)
+    sorting = " data-missing" if missing else ""
+    if sort is not None and not missing:
+        sorting = f' data-sort="{html(sort)}"'
+    return f"<{tag}{_class(names)}{sorting}>{inner}</{close}>"
+
+
+def _shown(cell: Any) -> tuple[str, float | str | None]:
+    """Returns a cell's text, and what it is sorted by if that is not the text."""
+    if isinstance(cell, Value):
+        return cell.text, cell.sort if isinstance(cell.sort, str) else float(cell.sort)
+    if isinstance(cell, bool | np.bool_):
+        return ("yes" if cell else "no"), None
+    if isinstance(cell, int | float | np.integer | np.floating):
+        value = float(cell)
+        return (number_text(cell) if math.isfinite(value) else str(value)), value
+    return str(cell), None
+
+
+def _is_missing(cell: Any) -> bool:
+    if isinstance(cell, Value | str | list | tuple | dict):
+        return False
+    return bool(pd.isna(cell))
+
+
+def _is_numeric(column: Sequence[Any]) -> bool:
+    """Says whether all that is there in a column is sorted as a number."""
+    present = [cell for cell in column if not _is_missing(cell)]
+    sorts = [_shown(cell)[1] for cell in present]
+    return bool(sorts) and all(isinstance(sort, float) for sort in sorts)
+
+
+def _names(**kinds: bool) -> str:
+    return " ".join(name for name, has in kinds.items() if has)
+
+
+def _class(names: str) -> str:
+    return f' class="{names}"' if names else ""

@@ -1,0 +1,211 @@
+"""The page as a whole: one HTML file that needs nothing else and asks no network for anything."""
+
+import base64
+import hashlib
+from collections.abc import Iterator, Sequence
+from importlib import resources
+
+import pandas as pd
+
+from jbench.report.document import Document, FigureItem, Section, TableItem
+from jbench.report.page import colors, downloads, tables, values, vector
+from jbench.report.page.budget import share_each
+from jbench.report.page.text import html, identifier, json_block, paragraphs
+
+_PROVENANCE = "Where each run comes from: what made it, with which versions, on which machine."
+_ABOUT = (
+    "Everything is in this one file; it loads nothing and sends nothing. Values under the pointer "
+    "are those of single points, at most {} of each line, evenly taken; the data to download have "
+    "the others."
+)
+_PAPER = (515, 570)  # points: width and height of a figure on paper, and
+_PAPER_TURNED = (770, 425)  # those of one on a page turned on its side
+_PIXELS = 4 / 3  # of a point
+
+
+def render_document(document: Document) -> str:
+    """Returns the page of a report as HTML: the same text for the same document.
+
+    Everything is in it: style, script, figures and the data to download. Its
+    Content-Security-Policy allows this very style and script and nothing else, so that nothing
+    is loaded, nothing is sent, and text in the results can't become a script. Without a script it
+    is a plain document.
+    """
+    parts = _Parts(document)
+    body = "\n".join(_body(document, parts))
+    style = "\n".join([_asset("style.css"), *parts.styles, colors.rules(parts.colors)])
+    script = _asset("script.js")
+    policy = "; ".join(
+        [
+            "default-src 'none'",
+            f"style-src '{_hash(style)}'",
+            f"script-src '{_hash(script)}'",
+            "img-src data:",
+            "base-uri 'none'",
+            "form-action 'none'",
+        ]
+    )
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<meta name="referrer" content="no-referrer">
+<link rel="icon" href="data:,">
+<title>{html(document.title)}</title>
+<style>{style}</style>
+</head>
+<body>
+{body}
+<script>{script}</script>
+</body>
+</html>
+"""
+
+
+class _Parts:
+    """What the parts of a page share: ids, room for data, and the styles that they need.
+
+    Attributes:
+        cells: of a table to download.
+        corners: of a figure before it becomes a picture.
+        points: of a line under the pointer.
+        colors: of all figures.
+        styles: rules of single figures.
+    """
+
+    def __init__(self, document: Document) -> None:
+        items = [item for section in document.sections for item in section.items]
+        figures = [item for item in items if isinstance(item, FigureItem)]
+        frames = [item.frame for item in items if isinstance(item, TableItem)]
+        frames += [item.data for item in figures if item.data is not None]
+        tables_of_data = [frame.size for frame in (*frames, document.provenance)]
+        self.cells = share_each(tables_of_data, downloads.CELLS)
+        self.corners = share_each([vector.corners(i.figure) for i in figures], vector.CORNERS)
+        self.points = values.points_each(item.figure for item in figures)
+        self.colors: set[str] = set()
+        self.styles: list[str] = []
+        self._ids = {"to-summary", "to-problems", "to-notes", "to-provenance"}
+
+    def id(self, name: str) -> str:
+        """Returns an id of the page like a name, that no other part has."""
+        base = new = identifier(name)
+        count = 1
+        while new in self._ids:
+            count += 1
+            new = f"{base}-{count}"
+        self._ids.add(new)
+        return new
+
+
+def _body(document: Document, parts: _Parts) -> Iterator[str]:
+    made = f'<p class="made">Made by <code>{html(document.command)}</code></p>'
+    ids = [parts.id(f"to-{section.title}") for section in document.sections]
+    links = [
+        ("to-summary", "Summary"),
+        *((id, section.title) for id, section in zip(ids, document.sections, strict=True)),
+        *([("to-notes", "Notes")] if document.notes else []),
+        ("to-provenance", "Provenance"),
+    ]
+    yield f"<header>\n<h1>{html(document.title)}</h1>\n{made}\n</header>"
+    yield '<nav aria-label="Contents"><ul>'
+    yield from (f'<li><a href="#{id}">{html(title)}</a></li>' for id, title in links)
+    yield "</ul></nav>\n<main>"
+    yield f'<section id="to-summary" class="summary">\n<h2>Summary</h2>\n{_list(document.summary)}'
+    yield "</section>"
+    if document.problems:
+        yield '<section id="to-problems" class="problems">\n<h2>Problems</h2>'
+        yield f"{_list(document.problems)}</section>"
+    for id, section in zip(ids, document.sections, strict=True):
+        yield from _section(id, section, made, parts)
+    if document.notes:
+        yield '<section id="to-notes" class="notes">\n<h2>Notes</h2>'
+        yield f"{_list(document.notes)}</section>"
+    yield from _provenance(document.provenance, made, parts)
+    yield f"</main>\n<footer>{html(_ABOUT.format(parts.points))}</footer>"
+
+
+def _section(id: str, section: Section, made: str, parts: _Parts) -> Iterator[str]:
+    yield f'<section id="{id}">\n<h2>{html(section.title)}</h2>'
+    yield paragraphs(section.text)
+    for item in section.items:
+        if isinstance(item, FigureItem):
+            yield from _figure(item, made, parts)
+        else:
+            yield from _table(item, made, parts)
+    yield "</section>"
+
+
+def _figure(item: FigureItem, made: str, parts: _Parts) -> Iterator[str]:
+    id = parts.id(item.name)
+    drawing = vector.draw(item.figure, f"{id}-", item.title, parts.corners)
+    parts.colors |= drawing.colors
+    # A phone shows a figure no smaller than can be read, and scrolls it.
+    parts.styles.append(
+        f"#{id} svg{{width:{drawing.width * _PIXELS:.0f}px}}"
+        f"@media screen and (max-width:48rem){{#{id} svg{{width:{drawing.width:.0f}px}}}}"
+    )
+    wide = " wide" if _is_wide(drawing) else ""
+    panels = values.panels(item.figure, parts.points)
+    yield f'<figure id="{id}" class="item{wide}">\n<h3>{html(item.title)}</h3>'
+    yield f'<div class="scroll drawing">{drawing.svg}</div>'
+    if panels:
+        yield f'<script type="application/json" class="values">{json_block(panels)}</script>'
+    yield f"<figcaption>\n<p>{html(item.caption)}</p>"
+    yield _foot(item.name, item.data, made, parts)
+    yield "</figcaption>\n</figure>"
+
+
+def _is_wide(drawing: vector.Drawing) -> bool:
+    """Says whether a figure is printed much larger on a page that is turned on its side."""
+    upright, turned = (
+        min(1, width / drawing.width, height / drawing.height)
+        for width, height in (_PAPER, _PAPER_TURNED)
+    )
+    return turned > 1.35 * upright
+
+
+def _table(item: TableItem, made: str, parts: _Parts) -> Iterator[str]:
+    wide = " wide" if tables.is_wide(item.frame) else ""
+    yield f'<div id="{parts.id(item.name)}" class="item{wide}">\n<h3>{html(item.title)}</h3>'
+    yield tables.table(item.frame, item.title)
+    yield f'<div class="caption">\n<p>{html(item.caption)}</p>'
+    yield _foot(item.name, item.frame, made, parts)
+    yield "</div>\n</div>"
+
+
+def _provenance(frame: pd.DataFrame, made: str, parts: _Parts) -> Iterator[str]:
+    wide = ' class="wide"' if tables.is_wide(frame) else ""
+    yield f'<section id="to-provenance"{wide}>\n<h2>Provenance</h2>'
+    if frame.empty:
+        yield "<p>There are no runs.</p>\n</section>"
+        return
+    yield f"<p>{html(_PROVENANCE)}</p>"
+    yield f'<div class="item">\n{tables.table(frame, "Provenance")}'
+    yield f'<div class="caption">{_foot("provenance", frame, made, parts)}</div>\n</div>'
+    yield "</section>"
+
+
+def _foot(name: str, frame: pd.DataFrame | None, made: str, parts: _Parts) -> str:
+    """Returns what stands below an item: its data, and the command that made it."""
+    link = "" if frame is None else downloads.link(name, frame, parts.cells)
+    data = f'<p class="data">{link}</p>' if link else ""
+    return f'<div class="foot">{data}{made}</div>'
+
+
+def _list(sentences: Sequence[str]) -> str:
+    items = "\n".join(f"<li>{html(sentence)}</li>" for sentence in sentences)
+    return f"<ul>\n{items}\n</ul>\n" if items else ""
+
+
+def _asset(name: str) -> str:
+    text = resources.files("jbench.report.page").joinpath(name).read_text("utf-8")
+    return f"\n{text}"
+
+
+def _hash(content: str) -> str:
+    """Returns the content of an element as a Content-Security-Policy names it."""
+    digest = hashlib.sha256(content.encode()).digest()
+    return f"sha256-{base64.b64encode(digest).decode()}"

@@ -1,0 +1,132 @@
+"""Performance profiles: which share of runs ends above any return one may ask for."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from jbench.names import TASKS
+from jbench.report import panels
+from jbench.report import statistics as st
+from jbench.report.cells import OURS, Cell, in_order
+from jbench.report.curves import FloatArray
+from jbench.report.drawing import LINE_STYLES, SOLVED, SOLVED_COLOR, Manner, draw_solved_key
+from jbench.report.figures import algorithm_colors, display_name
+from jbench.report.scores import scores_of
+
+THRESHOLDS: FloatArray = np.linspace(0, 1000, 201)
+"""Episode returns at which a profile is drawn."""
+
+_RESAMPLES = 1000  # for a band; an interval in a table has more
+_ALL = "all tasks together"
+
+_Kind = tuple[str, str, str]
+"""Source, algorithm, and what is seen."""
+
+
+def profiles_figure(cells: Sequence[Cell], manner: Manner) -> panels.PanelFigure | None:
+    """Draws the performance profiles of cells (Agarwal et al., 2021, section 4.2).
+
+    A panel for each task, and one for all tasks together with those algorithms and representations
+    that have learned each of them; there, every task counts the same. None where no seed of these
+    cells has a final return.
+    """
+    groups = _groups(cells)
+    if not groups:
+        return None
+    kinds = list(dict.fromkeys(kind for lines in groups.values() for kind in lines))
+    colors = algorithm_colors([algo for _, algo, _ in kinds])
+    figure, axes, key = panels.new_figure(len(groups))
+    for panel, (task, lines) in zip(axes, groups.items(), strict=True):
+        _style(panel, task)
+        for kind, strata in lines.items():
+            same = [one for one in kinds if one[1] == kind[1]]
+            style = LINE_STYLES[same.index(kind) % len(LINE_STYLES)]
+            _draw(panel, _label(kind, strata), strata, colors[kind[1]], style)
+    key.plot([], [], color="0.25", lw=1.5, label="share of runs that end above a return")
+    key.fill_between([], [], color="0.25", alpha=0.2, lw=0, label="its uncertainty (95% interval)")
+    draw_solved_key(key)
+    footer = (
+        "Read upwards from a return: the share of runs that end above it. A line above another "
+        "everywhere belongs to the better runs; lines that cross are better in different ways. "
+        f"Bands: uncertainty (95% interval) at each return alone, drawn from {st.LEAST_SEEDS} "
+        "seeds up. A final return is the mean of a run's last 100 episodes, or last quarter.",
+    )
+    panels.arrange(figure, axes, key, "Performance profiles", footer, manner.sheet)
+    return figure
+
+
+def profiles_frame(cells: Sequence[Cell]) -> pd.DataFrame:
+    """Returns what is drawn: task, source, algo, representation, seeds, return and share."""
+    parts = [
+        pd.DataFrame(
+            {
+                **{"task": task, "source": kind[0], "algo": kind[1], "representation": kind[2]},
+                "seeds": sum(len(seeds) for seeds in strata),
+                "episode_return": THRESHOLDS,
+                "share_above": st.performance_profile(strata, THRESHOLDS),
+            }
+        )
+        for task, lines in _groups(cells).items()
+        for kind, strata in lines.items()
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _groups(cells: Sequence[Cell]) -> dict[str, dict[_Kind, list[FloatArray]]]:
+    """Returns the final returns by task and kind; a stratum for each task."""
+    finals: dict[str, dict[_Kind, list[FloatArray]]] = {}
+    tasks = in_order({cell.task for cell in cells}, TASKS)
+    for task in tasks:
+        for cell in (cell for cell in cells if cell.task == task):
+            final = scores_of(cell, int(cell.lengths.max())).final
+            if len(final):
+                kind = cell.source, cell.algo, cell.seen
+                finals.setdefault(task, {}).setdefault(kind, []).append(final)
+    if len(finals) > 1:
+        shared = [k for k in next(iter(finals.values())) if all(k in f for f in finals.values())]
+        if shared:
+            finals[_ALL] = {k: [f[k][0] for f in finals.values()] for k in shared}
+    return finals
+
+
+def _draw(axes: Axes, label: str, strata: Sequence[FloatArray], color: str, style: object) -> None:
+    share = st.performance_profile(strata, THRESHOLDS)
+    if min(len(seeds) for seeds in strata) >= st.LEAST_SEEDS:
+        low, high = _interval(strata)
+        axes.fill_between(THRESHOLDS, low, high, color=color, alpha=0.15, linewidth=0)
+    axes.plot(THRESHOLDS, share, color=color, linestyle=style, linewidth=1.5, label=label)
+
+
+def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Returns the ends of the 95% interval at each threshold, by the stratified bootstrap.
+
+    At one threshold, how many of n resampled seeds lie above it is a binomial number, so that no
+    seeds need to be drawn.
+    """
+    random = np.random.default_rng(np.random.SeedSequence(0))
+    size = _RESAMPLES, len(THRESHOLDS)
+    drawn = np.zeros(size)
+    for seeds in strata:
+        share = st.performance_profile([seeds], THRESHOLDS)
+        drawn += random.binomial(len(seeds), share, size) / len(seeds) / len(strata)
+    low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
+    return low, high
+
+
+def _style(axes: Axes, task: str) -> None:
+    panels.dress(axes, task)
+    axes.axvline(SOLVED, color=SOLVED_COLOR, linewidth=0.9)
+    axes.set_xlim(0, 1000)
+    axes.set_ylim(-0.02, 1.02)
+    axes.set_xlabel("final return", fontsize=panels.SMALL)
+    axes.set_ylabel("share of runs above", fontsize=panels.SMALL)
+
+
+def _label(kind: _Kind, strata: Sequence[FloatArray]) -> str:
+    source, algo, seen = kind
+    runs = sum(len(seeds) for seeds in strata)
+    counted = f"{runs} seeds" if len(strata) == 1 else f"{runs} runs on {len(strata)} tasks"
+    name = f"{display_name(algo)}, {seen} ({'1 seed' if runs == 1 else counted})"
+    return name if source == OURS else f"{source}: {name}"

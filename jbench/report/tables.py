@@ -1,0 +1,110 @@
+"""Tables that can be pasted: Markdown, LaTeX and CSV of the tables of a document."""
+
+import math
+import re
+from typing import Any
+
+import pandas as pd
+
+from jbench.report.document import TableItem, Value
+
+_LATEX = {
+    **{"&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}"},
+    **{"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"},
+    **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': "''"},
+    **{"\N{EN DASH}": "--", "\N{HORIZONTAL ELLIPSIS}": r"\dots{}"},
+}
+_MARKDOWN = re.compile(r"([\\|*`<]|(?<=\])\()")
+
+
+def to_markdown(item: TableItem) -> str:
+    """Returns a table in the Markdown of GitHub, its caption above; the best in bold."""
+    frame = item.frame
+    numeric = [_is_numeric(frame[name]) for name in frame]
+    lines = [_row([_markdown(str(name)) for name in frame])]
+    lines.append(_row(["---:" if right else "---" for right in numeric]))
+    for row in frame.itertuples(index=False):
+        texts = (_markdown(text_of(cell)) for cell in row)
+        lines.append(
+            _row([f"**{t}**" if is_best(c) else t for t, c in zip(texts, row, strict=True)])
+        )
+    return "\n".join([f"{_markdown(item.title)}. {_markdown(item.caption)}", "", *lines, ""])
+
+
+def to_latex(item: TableItem) -> str:
+    """Returns a table for LaTeX with the package booktabs, its caption above; the best in bold."""
+    frame = item.frame
+    columns = "".join("r" if _is_numeric(frame[name]) else "l" for name in frame)
+    lines = [_latex_row([_latex(str(name)) for name in frame]), r"\midrule"]
+    for row in frame.itertuples(index=False):
+        texts = (_latex(text_of(cell)) for cell in row)
+        lines.append(
+            _latex_row(
+                [rf"\textbf{{{t}}}" if is_best(c) else t for t, c in zip(texts, row, strict=True)]
+            )
+        )
+    return "\n".join(
+        [
+            r"% Needs \usepackage{booktabs}.",
+            r"\begin{table}",
+            r"\centering",
+            rf"\caption{{{_latex(f'{item.title}. {item.caption}')}}}",
+            rf"\label{{tab:{re.sub('[^A-Za-z0-9-]', '-', item.name)}}}",
+            rf"\begin{{tabular}}{{{columns}}}",
+            r"\toprule",
+            *lines,
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table}",
+            "",
+        ]
+    )
+
+
+def to_csv(item: TableItem) -> str:
+    """Returns a table as CSV, its cells as they are shown."""
+    texts = item.frame.map(text_of)
+    return texts.to_csv(index=False, lineterminator="\n")
+
+
+FORMATS = {"md": to_markdown, "tex": to_latex, "csv": to_csv}
+"""What makes the files of a table, by their ending."""
+
+
+def text_of(cell: Any) -> str:
+    """Returns a cell as a reader wants it; what is missing as nothing."""
+    if isinstance(cell, Value):
+        return cell.text
+    if cell is None or cell is pd.NA or (isinstance(cell, float) and math.isnan(cell)):
+        return ""
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+
+
+def is_best(cell: Any) -> bool:
+    """Returns whether a cell is shown as the best of its kind."""
+    return isinstance(cell, Value) and cell.best
+
+
+def _is_numeric(column: "pd.Series[Any]") -> bool:
+    """Returns whether a column is aligned to the right: numbers, and what is sorted by numbers."""
+    cells = [cell for cell in column if text_of(cell)]
+    kinds = [cell.sort if isinstance(cell, Value) else cell for cell in cells]
+    return bool(cells) and all(not isinstance(kind, str) for kind in kinds)
+
+
+def _row(texts: list[str]) -> str:
+    return f"| {' | '.join(texts)} |"
+
+
+def _markdown(text: str) -> str:
+    return _MARKDOWN.sub(r"\\\1", " ".join(text.split())).replace("&", "&amp;")
+
+
+def _latex(text: str) -> str:
+    return "".join(_LATEX.get(character, character) for character in " ".join(text.split()))
+
+
+def _latex_row(texts: list[str]) -> str:
+    line = " & ".join(texts)
+    # After the end of a row, a bracket or a star would be taken for an option of it.
+    return rf"{'{}' if line.startswith(('[', '*')) else ''}{line} \\"

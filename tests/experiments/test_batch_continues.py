@@ -1,0 +1,94 @@
+"""Runs of the batched engine that are killed end as if they had never been."""
+
+import itertools
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from kills import KILLS
+
+from jbench.agents.policy import WEIGHTS
+from jbench.agents.settings import algorithm_settings
+from jbench.experiments.settings import RunSettings
+from jbench.store import Results, schema
+
+SMALL = {
+    "ddpg": {"train_freq": 10, "gradient_steps": 2, "buffer_size": 125},
+    "td3": {"learning_starts": 50, "train_freq": 30, "gradient_steps": 2},
+    "sac": {"learning_starts": 50, "train_freq": 10, "gradient_steps": 2},
+    "ppo": {"n_envs": 2, "n_steps": 24},
+}
+
+
+def settings(algo, seed, **changes):
+    overrides = {"hidden_layers": [8], "batch_size": 16, **SMALL[algo]}
+    chosen = algorithm_settings(algo, overrides=overrides).model_dump(mode="json")
+    return RunSettings(
+        **{
+            "task": "face_direction",
+            "algo": algo,
+            "engine": "batched",
+            "seed": seed,
+            "steps": 400,
+            "evaluate_every": 150,
+            "evaluate_episodes": 1,
+            "hyperparameters": chosen,
+            **changes,
+        }
+    )
+
+
+def outcome(path, run):
+    """Returns all rows of a finished run but their times, and its weights."""
+    record = Results(path).find("run", run.id)
+    assert record.status == "finished"
+    assert record.roles() == []
+    rows = [
+        {name: value for name, value in row.items() if name != "wall_time"}
+        for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS))
+        for row in record.read(table, columns).to_pylist()
+    ]
+    return rows, record.read_file(WEIGHTS)
+
+
+def kill(path, runs, **request):
+    """Does runs in processes that are killed; returns what `kills.py` says of it."""
+    asked = {"path": str(path), "runs": [run.model_dump(mode="json") for run in runs], **request}
+    script = Path(__file__).with_name("kills.py")
+    done = subprocess.run(
+        [sys.executable, str(script), json.dumps(asked)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert answer["problems"] == []
+    for folder, steps in enumerate(answer["steps"]):
+        # What was committed is never lost.
+        assert all(
+            before <= after
+            for pair in itertools.pairwise(steps)
+            for before, after in zip(*pair, strict=True)
+        )
+        for run in runs:
+            assert outcome(path / str(folder), run) == outcome(path / "whole", run)
+    return answer
+
+
+@pytest.mark.parametrize("encoder", [None, 3])
+@pytest.mark.parametrize("algo", SMALL)
+def test_killed_at_random_moments_a_batch_ends_as_if_it_had_not_been(algo, encoder, tmp_path):
+    runs = [settings(algo, seed) for seed in (0, 3)]
+    answer = kill(tmp_path, runs, encoder=encoder, at="random")
+    assert answer["kills"] == KILLS
+    reached = {steps for folder in answer["steps"] for both in folder for steps in both}
+    # Some of them in the middle, or nothing would have been tried.
+    assert reached & set(range(50, 400, 50))
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "ppo"])
+def test_killed_at_each_point_of_writing_a_run_ends_as_if_it_had_not_been(algo, tmp_path):
+    run = settings(algo, 1, steps=200, evaluate_every=50)
+    answer = kill(tmp_path, [run], at="writes")
+    # Of one checkpoint alone there are some dozens.
+    assert answer["kills"] > 40

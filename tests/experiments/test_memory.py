@@ -1,0 +1,41 @@
+"""What runs will take of memory is said before."""
+
+from jbench.agents.settings import algorithm_settings
+from jbench.experiments.memory import memory_sentence, replay_bytes
+from jbench.experiments.settings import RunSettings
+
+
+def run(algo="ddpg", seed=0, **changes):
+    return RunSettings(
+        **{
+            "task": "face_direction",
+            "algo": algo,
+            "engine": "batched",
+            "seed": seed,
+            "steps": 5_000_000,
+            "evaluate_every": 50_000,
+            "evaluate_episodes": 10,
+            "hyperparameters": algorithm_settings(algo).model_dump(mode="json"),
+            **changes,
+        }
+    )
+
+
+def test_a_replay_buffer_is_a_million_rows_of_observation_action_and_reward():
+    assert replay_bytes(run()) == 1_000_000 * (16 + 2) * 4
+    assert replay_bytes(run(steps=300_000)) == 300_000 * 18 * 4
+    assert replay_bytes(run("ppo")) == 0
+
+
+def test_ten_seeds_are_too_few_to_speak_of_and_a_thousand_are_not():
+    ten = [run(seed=seed) for seed in range(10)]
+    assert memory_sentence(ten) is None
+    # 7.2 GB
+    told = memory_sentence([run(seed=seed) for seed in range(100)])
+    assert told is not None
+    assert told.startswith("The replay buffers of 100 runs will take up to 7.2 GB of memory")
+    # 72 TB are nowhere: half a million runs.
+    told = memory_sentence([run()] * 1_000_000)
+    assert "72000.0 GB" in told
+    assert "fewer --seeds at a time, or --set buffer_size=" in told
+    assert memory_sentence([run(engine="sb3")] * 1000) is None

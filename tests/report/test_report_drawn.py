@@ -1,0 +1,219 @@
+"""Figures of statistics: profiles, wall time, the matrix; single seeds, sizes and formats."""
+
+import itertools
+import re
+
+import numpy as np
+import pytest
+
+from jbench.report import Request, matrix, panels, profiles, walltime, write_report
+from jbench.report.drawing import ON_SCREEN, SOLVED, Manner
+from jbench.report.figures import ALGORITHM_COLORS, comparison_figures, grid_figure
+
+RETURNS = np.linspace(0, 800, 40)
+
+
+def seeds(fabric, finals, **settings):
+    for seed, final in enumerate(finals):
+        fabric.run(np.full(40, float(final)), seed, **settings)
+
+
+def cells(fabric):
+    return fabric.cells()[0]
+
+
+def line(axes, start):
+    (found,) = [x for x in axes.lines if str(x.get_label()).startswith(start)]
+    return found
+
+
+class TestProfiles:
+    def test_a_line_is_the_share_of_seeds_above_each_return(self, fabric):
+        seeds(fabric, [101, 301, 501, 701])
+        figure = profiles.profiles_figure(cells(fabric), ON_SCREEN)
+        drawn = line(figure.axes[0], "TD3, full (4 seeds)")
+        share = dict(zip(drawn.get_xdata(), drawn.get_ydata(), strict=True))
+        assert [share[x] for x in (0, 100, 200, 400, 600, 800)] == [1, 1, 0.75, 0.5, 0.25, 0]
+
+    def test_its_band_is_an_interval_and_two_seeds_have_none(self, fabric):
+        seeds(fabric, [101, 301, 501, 701])
+        seeds(fabric, [100, 200], algo="sac")
+        axes = profiles.profiles_figure(cells(fabric), ON_SCREEN).axes[0]
+        (band,) = axes.collections
+        low, high = band.get_datalim(axes.transData).intervaly
+        assert (low, high) == (0, 1)
+        # Half of four seeds: the bootstrap's 2.5% and 97.5% of a binomial(4, 1/2) / 4.
+        vertices = band.get_paths()[0].vertices
+        at_400 = vertices[vertices[:, 0] == 400][:, 1]
+        assert (at_400.min(), at_400.max()) == (0, 1)
+
+    def test_tasks_count_the_same_where_all_are_together(self, fabric):
+        seeds(fabric, [500])
+        seeds(fabric, [100, 100, 100], task="move_to_pose")
+        seeds(fabric, [100], task="move_to_pose", algo="sac")
+        figure = profiles.profiles_figure(cells(fabric), ON_SCREEN)
+        titles = [axes.get_title(loc="left") for axes in figure.axes]
+        assert titles[:3] == ["face_direction", "move_to_pose", "all tasks together"]
+        together = line(figure.axes[2], "TD3, full (4 runs on 2 tasks)")
+        assert together.get_ydata()[together.get_xdata() == 200].tolist() == [0.5]
+        assert not [x for x in figure.axes[2].lines if "SAC" in str(x.get_label())]
+
+    def test_the_frame_is_what_is_drawn(self, fabric):
+        seeds(fabric, [101, 301])
+        frame = profiles.profiles_frame(cells(fabric))
+        assert len(frame) == len(profiles.THRESHOLDS)
+        assert frame.loc[frame["episode_return"] == 200, "share_above"].tolist() == [0.5]
+        assert set(frame["seeds"]) == {2}
+
+
+class TestWallTime:
+    def test_the_median_return_stands_at_the_median_time_of_the_seeds(self, fabric, published):
+        for seed in range(3):
+            fabric.run(RETURNS, seed)
+        (item,) = fabric.learned(window=4)
+        times, median = walltime.timed_curve(item)
+        # Each episode of the fabric ends a second after the one before, the first at 0 s.
+        assert times.tolist() == list(range(3, 40))
+        assert median.tolist() == item.curve.quantile(50).tolist()
+        figure = walltime.wall_time_figure([item], ["a processor"], ON_SCREEN)
+        drawn = line(figure.axes[0], "TD3, full (3 seeds)")
+        assert (drawn.get_xdata()[0], drawn.get_xdata()[-1]) == (3, 39)
+        assert figure.axes[0].get_xlabel() == "wall time of a run (seconds)"
+        assert "a processor" in figure.caption
+
+    def test_it_ends_where_the_first_seed_does(self, fabric):
+        fabric.run(RETURNS, 0)
+        fabric.run(RETURNS[:20], 1)
+        (item,) = fabric.learned(window=4)
+        assert walltime.timed_curve(item)[0].tolist() == list(range(3, 20))
+
+    def test_runs_without_times_are_not_drawn(self, fabric):
+        fabric.run(RETURNS, 0)
+        (item,) = fabric.learned(window=4)
+        item.cell.wall_time[:] = np.nan
+        assert walltime.wall_time_figure([item], [], ON_SCREEN) is None
+
+
+class TestMatrix:
+    def test_a_field_says_median_spread_and_n(self, fabric):
+        seeds(fabric, np.arange(0, 1100, 100))
+        seeds(fabric, [5], task="move_to_pose", algo="sac")
+        figure = matrix.matrix_figure(cells(fabric), panels.SCREEN)
+        texts = {text.get_text() for text in figure.axes[0].texts}
+        assert texts == {"500\n[100, 900]\nn = 11", "5\n[5, 5]\nn = 1"}
+        (image,) = figure.axes[0].images
+        shown = image.get_array().filled(-1)
+        assert shown.tolist() == [[500, -1], [-1, 5]]
+
+    def test_long_names_are_cut_and_leave_room(self, fabric):
+        seeds(fabric, [1], task="t" * 300, algo="$a$" * 100)
+        figure = matrix.matrix_figure(cells(fabric), panels.SCREEN)
+        panels.to_png(figure)
+        width, height = figure.axes[0].get_window_extent().size
+        assert min(width, height) > 50
+
+
+class TestEachSeed:
+    def test_every_seed_is_a_thin_line_without_a_label(self, fabric, published):
+        for seed in range(3):
+            fabric.run(RETURNS + 10 * seed, seed)
+        plain, thin = (
+            grid_figure(fabric.learned(window=4), published, "quantile-first", 4, manner)
+            for manner in (ON_SCREEN, Manner(each_seed=True))
+        )
+        added = len(thin.axes[0].lines) - len(plain.axes[0].lines)
+        assert added == 3
+        (item,) = fabric.learned(window=4)
+        drawn = [x for x in thin.axes[0].lines if x.get_linewidth() == 0.5]
+        assert {x.get_color() for x in drawn} == {ALGORITHM_COLORS["td3"]}
+        for row, one in zip(item.curve.each, drawn, strict=True):
+            assert one.get_ydata().tolist() == row.tolist()
+            assert str(one.get_label()).startswith("_")
+        key = [text.get_text() for text in thin.axes[-1].get_legend().get_texts()]
+        assert "ours: a single seed" in key
+
+    def test_a_seed_that_ended_early_ends_early(self, fabric, published):
+        fabric.run(RETURNS, 0)
+        fabric.run(RETURNS[:20], 1)
+        (item,) = fabric.learned(window=4)
+        assert np.isfinite(item.curve.each).sum(axis=1).tolist() == [37, 17]
+
+
+class TestSizesAndFormats:
+    @pytest.mark.parametrize(("columns", "width"), [(1, 3.5), (2, 7.15)])
+    def test_figures_are_as_wide_as_columns_and_nothing_is_cut_or_covered(
+        self, fabric, published, columns, width
+    ):
+        for algo, task in itertools.product(("td3", "ppo"), ("face_direction", "move_to_pose")):
+            seeds(fabric, [500, 600, 700], task=task, algo=algo)
+        seeds(fabric, [500, 600, 700], representation="dae12")
+        manner = Manner(panels.SHEETS[columns], each_seed=True)
+        options = fabric.learned(), published, "quantile-first", 100, manner
+        figures = [grid_figure(*options), *comparison_figures(*options).values()]
+        figures.append(profiles.profiles_figure(cells(fabric), manner))
+        for figure in figures:
+            panels.to_png(figure)
+            assert figure.get_size_inches()[0] == pytest.approx(width)
+            assert figure.texts == []
+            assert figure.caption
+            renderer = figure.canvas.get_renderer()
+            boxes = [axes.get_window_extent(renderer) for axes in figure.axes if axes.axison]
+            boxes += [
+                axes.get_legend().get_window_extent(renderer)
+                for axes in figure.axes
+                if axes.get_legend()
+            ]
+            for box in boxes:
+                assert box.x0 >= 0
+                assert box.y0 >= 0
+                assert box.x1 <= figure.bbox.x1 + 1
+                assert box.y1 <= figure.bbox.y1
+            assert not [1 for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
+
+    def test_only_the_formats_asked_for_are_written_and_earlier_ones_go(self, fabric, out):
+        seeds(fabric, [500, 600, 700])
+        write_report(fabric.results, out)
+        report = write_report(fabric.results, out, Request(formats=("pdf",)))
+        assert {path.suffix for path in report.figures} == {".pdf"}
+        assert sorted(report.files) == sorted(out.iterdir())
+
+    @pytest.mark.parametrize("name", ["svg", "pdf", "png"])
+    def test_a_figure_is_the_same_bytes_each_time(self, fabric, published, name):
+        seeds(fabric, [500, 600, 700])
+        made = [
+            panels.FORMATS[name](figure)
+            for _ in range(2)
+            for figure in (
+                profiles.profiles_figure(cells(fabric), ON_SCREEN),
+                matrix.matrix_figure(cells(fabric), panels.SCREEN),
+            )
+        ]
+        assert made[:2] == made[2:]
+        assert not re.search(rb"CreationDate|dc:date|Matplotlib v\d", made[0])
+
+    @pytest.mark.parametrize(
+        ("wrong", "said"),
+        [
+            ({"columns": 3}, "--columns 3: type 1 or 2"),
+            ({"formats": ("gif",)}, "no format 'gif'; choose png, svg, pdf"),
+            ({"formats": ()}, "need a format"),
+        ],
+    )
+    def test_what_there_is_not(self, wrong, said):
+        from jbench.errors import RequestError
+
+        with pytest.raises(RequestError, match=said):
+            Request(**wrong)
+
+
+def test_text_around_panels_can_be_taken_out_and_is_kept_as_the_caption(fabric, published):
+    seeds(fabric, [500])
+    figure = grid_figure(fabric.learned(), published, "quantile-first", 100)
+    height = figure.get_size_inches()[1]
+    panels.without_text(figure)
+    assert figure.texts == []
+    assert figure.get_size_inches()[1] < height
+    assert "Order: quantile-first" in figure.caption
+    assert f"solved: a return of {SOLVED}" in [
+        text.get_text() for text in figure.axes[-1].get_legend().get_texts()
+    ]

@@ -1,0 +1,205 @@
+"""Honest at the edges: what is odd is shown for what it is, and none crashes."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from jbench.errors import RequestError, WorkError
+from jbench.report import Request, contents, tables, write_report
+from jbench.report.report import gather
+from jbench.report.scores import statistics_frame
+from jbench.store import schema
+
+ALL = Request(window=4, claims=True, each_seed=True, formats=("svg",))
+FLAT = np.full(40, 500.0)
+
+
+class Reported:
+    """A report that is not written to any file: what it is made of, and what it says."""
+
+    def __init__(self, fabric):
+        self.made_of = gather(fabric.results, ALL)
+        self.document = contents.document(self.made_of)
+        self.rows = self.made_of.table.to_dict("records")
+        self.summary = " ".join(self.document.summary)
+        frame = statistics_frame(self.made_of.statistics)
+        self.statistics = frame.set_index(["measure", "statistic"])
+
+    def table(self, name):
+        (found,) = [item for item in contents.tables(self.document) if item.name == name]
+        return tables.to_markdown(found)
+
+    def findings(self, claim):
+        return [f for f in self.made_of.findings if (f.claim, f.source) == (claim, "ours")]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_and_two_seeds_have_no_interval_no_band_and_no_verdict(fabric, count):
+    for seed in range(count):
+        fabric.run(FLAT + 400 + seed, seed)
+    report = Reported(fabric)
+    (row,) = report.rows
+    assert row["seeds"] == count
+    assert f"only {count} seed" in row["notes"]
+    assert report.statistics["low"].isna().all()
+    (solved,) = report.findings("g")
+    assert (solved.verdict, solved.seeds, solved.seeds_needed) == ("undecided", count, None)
+    assert "that is not sure" in report.summary
+
+
+@pytest.mark.parametrize(("count", "verdict"), [(5, "undecided"), (6, "supported")])
+def test_five_seeds_decide_nothing_and_six_may(fabric, count, verdict):
+    for seed in range(count):
+        fabric.run(FLAT + 450 + seed, seed)
+    report = Reported(fabric)
+    (solved,) = report.findings("g")
+    assert solved.verdict == verdict
+    assert ("that is not sure" in report.summary) == (count == 5)
+
+
+def test_unequal_lengths_are_named_and_what_is_compared_is_said(fabric):
+    for seed in range(3):
+        fabric.run(FLAT, seed)
+        fabric.run(FLAT[: 20 + seed], seed, representation="dae12")
+    report = Reported(fabric)
+    notes = {row["representation"]: row["notes"] for row in report.rows}
+    assert "seeds of unequal length, 20 to 22 episodes" in notes["dae12"]
+    (similar,) = report.findings("a")
+    assert similar.remark == "the first 20 of 40 episodes, which every seed has"
+    assert re.search(r"\| 3, 3 \| 20 \|.*\| 20 episodes \|", report.table("comparisons"))
+
+
+@pytest.mark.parametrize("status", ["failed", "unfinished"])
+def test_a_run_that_failed_or_goes_on_counts_and_is_named(fabric, status):
+    fabric.run(FLAT, 0)
+    fabric.run(FLAT[:30], 1, status=status, steps=40_000)
+    report = Reported(fabric)
+    (row,) = report.rows
+    assert (row["seeds"], row["episodes_min"], row["episodes_max"]) == (2, 30, 40)
+    assert f"seed 1 {status} after 30 episodes" in row["notes"]
+    assert f"Of all runs, 1 {status}." in report.summary
+
+
+def test_returns_that_are_no_numbers_are_counted_out_aloud(fabric):
+    fabric.run(np.r_[FLAT[:39], math.nan], 0)
+    fabric.run(np.full(40, math.nan), 1)
+    fabric.run(np.r_[math.inf, FLAT[:39]], 2)
+    report = Reported(fabric)
+    (row,) = report.rows
+    for part in ("seed 0 has 1 returns", "seed 1 has 40 returns", "seed 2 has 1 returns"):
+        assert part in row["notes"]
+    assert row["final_return_median"] == 500
+    # Seed 1 has no final return at all: n says so.
+    assert report.statistics.loc[("final_return", "median"), "seeds"] == 2
+    assert "500 [500, 500], n = 2" in report.table("final_returns")
+
+
+def test_nothing_but_returns_that_are_no_numbers(fabric, out):
+    fabric.run(np.full(40, math.nan))
+    report = Reported(fabric)
+    assert math.isnan(report.rows[0]["final_return_median"])
+    assert "| TD3 | full |  |" in report.table("final_returns")
+    assert write_report(fabric.results, out, ALL).figures
+
+
+def test_a_cell_in_one_representation_only_has_no_ratio_and_no_comparison(fabric):
+    for seed in range(3):
+        fabric.run(FLAT, seed, representation="dae12")
+    report = Reported(fabric)
+    assert report.made_of.comparisons == []
+    assert not report.findings("a")
+    assert not any("ratio" in statistic for _, statistic in report.statistics.index)
+    assert "| TD3 | dae12 | 500" in report.table("final_returns")
+
+
+def test_seeds_that_are_all_alike_decide_nothing_about_their_spread(fabric):
+    for seed in range(6):
+        fabric.run(FLAT, seed)
+        fabric.run(FLAT, seed, representation="dae12")
+    (spread,) = Reported(fabric).findings("b")
+    assert math.isnan(spread.effect.value)
+    assert spread.verdict == "undecided"
+
+
+def test_augmented_robots_are_cells_of_their_own_and_test_no_claim(fabric):
+    for seed in range(3):
+        fabric.run(FLAT, seed)
+        fabric.run(FLAT + 100, seed, representation="dae12", augment=3)
+        fabric.run(FLAT + 100, seed, augment=0, robots=2)
+    report = Reported(fabric)
+    assert len(report.rows) == 3
+    assert not report.findings("a")
+    # Of the three, only the cell on the plain robot.
+    assert len(report.findings("g")) == 1
+    told = [row["notes"] for row in report.rows]
+    assert sum("learned on 2 augmented robots in turn" in notes for notes in told) == 1
+
+
+def test_two_engines_are_two_variants(fabric):
+    for seed in range(3):
+        fabric.run(FLAT, seed, engine="sb3")
+        fabric.run(FLAT + 100, seed, engine="batched")
+    report = Reported(fabric)
+    assert [(row["settings"], row["seeds"]) for row in report.rows] == [
+        ("engine=batched", 3),
+        ("engine=sb3", 3),
+    ]
+    (one,) = report.made_of.comparisons
+    assert {one.ours.settings["engine"], one.theirs.settings["engine"]} == {"sb3", "batched"}
+
+
+def evaluated(fabric, policy, returns, **settings):
+    """Adds an evaluation of a policy on face_direction, with these episode returns."""
+    id = f"face_direction/{policy}/e{len(returns)}-{len(settings)}"
+    settings = {"task": "face_direction", "policy": policy, "episodes": len(returns), **settings}
+    record = fabric.results.create("evaluation", id, settings)
+    columns = {
+        "evaluation": [id] * len(returns),
+        "episode": range(len(returns)),
+        "episode_return": returns,
+        "length": [1000] * len(returns),
+    }
+    names = schema.POLICY_EPISODES.names
+    rows = [{n: columns[n][i] if n in columns else 0.0 for n in names} for i in range(len(returns))]
+    record.append({"policy_episodes": pa.Table.from_pylist(rows, schema.POLICY_EPISODES)})
+    record.finish({"median": float(np.median(returns))})
+
+
+def test_the_heuristics_are_judged_by_their_longest_evaluation_on_the_plain_robot(fabric):
+    fabric.run(FLAT)
+    evaluated(fabric, "heuristic", [100.0] * 4)
+    evaluated(fabric, "heuristic", [950.0, 960.0, 970.0, 940.0, 930.0, 980.0])
+    evaluated(fabric, "heuristic", [1.0] * 9, augment=3)
+    evaluated(fabric, "random", [2.0] * 9)
+    report = Reported(fabric)
+    (found,) = report.findings("h")
+    assert (found.compared, found.seeds, found.verdict) == ("face_direction", 6, "supported")
+    assert found.effect.value == 955
+    (note,) = [note for note in report.document.notes if "Claim (h)" in note]
+    assert "not tested on move_from_origin, move_in_direction" in note
+
+
+class TestDatabases:
+    def test_an_empty_one_says_what_to_type(self, fabric, out):
+        with pytest.raises(RequestError, match="run `jbench train"):
+            write_report(fabric.results, out, ALL)
+
+    def test_a_damaged_one_says_what_to_do(self, fabric, out):
+        record = fabric.run(FLAT)
+        (record.path / "manifest.json").write_text("{")
+        with pytest.raises(WorkError, match="`jbench repair` sets it aside"):
+            write_report(fabric.results, out, ALL)
+
+    def test_settings_and_provenance_of_a_stranger_may_say_anything(self, fabric):
+        for seed, robots in enumerate((0, "many", [1], None, -3)):
+            record = fabric.run(FLAT, seed, augment="x", robots=robots, steps=40_000)
+            path = record.path / "manifest.json"
+            manifest = json.loads(path.read_text())
+            path.write_text(json.dumps({**manifest, "provenance": {"packages": [], "command": 3}}))
+        report = Reported(fabric)
+        assert sum(row["seeds"] for row in report.rows) == 5
+        assert len(report.document.provenance) == 5

@@ -1,0 +1,154 @@
+"""Whose runs are reported: those since a date, two sides, the shipped ones."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jbench.errors import RequestError
+from jbench.report import Request, sources, write_report
+from jbench.report.report import gather
+
+FLAT = np.full(40, 500.0)
+
+
+def learned(made_of):
+    return [
+        (i.cell.source, i.cell.task, i.cell.algo, i.cell.representation, len(i.cell.seeds))
+        for i in made_of.learned
+    ]
+
+
+def begun(record, when):
+    path = record.path / "manifest.json"
+    manifest = json.loads(path.read_text())
+    path.write_text(json.dumps({**manifest, "created": when}))
+
+
+class TestSince:
+    @pytest.fixture
+    def dated(self, fabric):
+        for seed, when in enumerate(("2026-11-19T23:59:59+00:00", "2026-11-20T00:00:00+00:00")):
+            begun(fabric.run(FLAT, seed), when)
+        return fabric.results
+
+    @pytest.mark.parametrize(
+        ("since", "seeds"),
+        [("2026-11-19", [0, 1]), ("2026-11-20", [1]), ("2026-11-20T01:00:00+01:00", [1])],
+    )
+    def test_runs_begun_earlier_are_left_out_and_it_is_said(self, dated, since, seeds):
+        made_of = gather(dated, Request(since=since))
+        assert made_of.learned[0].cell.seeds.tolist() == seeds
+        assert any("begun before" in note for note in made_of.notes) == (len(seeds) == 1)
+
+    def test_nothing_since_then(self, dated):
+        with pytest.raises(RequestError, match="No run was begun since 2026-12-01; 2 runs"):
+            gather(dated, Request(since="2026-12-01"))
+
+    def test_what_is_no_date(self):
+        with pytest.raises(RequestError, match="--since yesterday: type a date"):
+            Request(since="yesterday")
+
+
+class TestCompare:
+    @pytest.fixture
+    def both(self, fabric):
+        for seed in range(3):
+            fabric.run(FLAT + seed, seed, engine="sb3", hyperparameters={"tau": 0.5})
+            fabric.run(FLAT + 100 + seed, seed, engine="batched", hyperparameters={"tau": 0.5})
+            fabric.run(FLAT, seed, engine="sb3", hyperparameters={"tau": 0.25})
+        return fabric.results
+
+    def test_two_values_of_a_setting(self, both):
+        made_of = gather(both, Request(compare=("engine=batched", "engine=sb3")))
+        (one,) = made_of.comparisons
+        assert (one.ours.source, one.theirs.source) == ("engine=batched", "engine=sb3")
+        assert (one.difference.value, one.improvement.value) == (100, 1)
+        # The runs of another tau have no counterpart, and are shown for what they are.
+        assert len(made_of.learned) == 3
+        assert any(note.startswith("Only in engine=sb3:") for note in made_of.notes)
+
+    @pytest.mark.parametrize("typed", ["tau=0.25", "tau=2.5e-1", "hyperparameters.tau=0.25"])
+    def test_a_setting_of_the_algorithm_by_its_last_name(self, both, typed):
+        other = f"{typed.split('=')[0]}=0.5, engine=sb3"
+        (one,) = gather(both, Request(compare=(typed, other))).comparisons
+        assert one.ours.settings["hyperparameters"] == {"tau": 0.25}
+        assert one.theirs.settings["engine"] == "sb3"
+
+    @pytest.mark.parametrize(
+        ("compare", "said"),
+        [
+            (("engine=none", "engine=sb3"), "No run has engine=none; there are batched, sb3"),
+            (("speed=1", "engine=sb3"), "No run has a setting 'speed'; there are algo, .*tau"),
+            (("nowhere", "engine=sb3"), "there is no such directory; type two results dir"),
+            (("tau=0.25, engine=batched", "tau=0.5"), "no run with an episode of tau=0.25"),
+        ],
+    )
+    def test_what_can_not_be_compared(self, both, compare, said):
+        with pytest.raises(RequestError, match=said):
+            gather(both, Request(compare=compare))
+
+    def test_the_same_twice_is_refused(self):
+        with pytest.raises(RequestError, match="type two that differ"):
+            Request(compare=("a", "a"))
+
+    def test_two_directories(self, fabric, tmp_path, out):
+        other = type(fabric)(tmp_path / "other")
+        for seed in range(3):
+            fabric.run(FLAT, seed)
+            other.run(FLAT - 200, seed, steps=99_000)
+        other.run(FLAT, 0, algo="sac")
+        sides = str(tmp_path / "results"), str(tmp_path / "other")
+        report = write_report(fabric.results, out, Request(compare=sides))
+        (one,) = report.comparisons
+        assert one.difference.value == 200
+        assert set(report.table["source"]) == set(sides)
+        assert any("Only in" in note and "sac" in note for note in report.notes)
+        page = (out / "index.html").read_text()
+        assert "the interquartile means differ by +200" in page
+        assert "comparison-face_direction-td3.png" in {path.name for path in report.figures}
+
+    def test_a_near_miss_says_what_differs(self, fabric, tmp_path):
+        other = type(fabric)(tmp_path / "other")
+        fabric.run(FLAT)
+        other.run(FLAT, time_limit="terminal")
+        sides = str(tmp_path / "results"), str(tmp_path / "other")
+        with pytest.raises(RequestError, match=r"time_limit=bootstrap.*time_limit=terminal"):
+            gather(fabric.results, Request(compare=sides))
+
+    def test_a_directory_without_runs(self, fabric, tmp_path):
+        fabric.run(FLAT)
+        (tmp_path / "empty").mkdir()
+        sides = str(tmp_path / "results"), str(tmp_path / "empty")
+        with pytest.raises(RequestError, match=r"no run with an episode of .*empty"):
+            gather(fabric.results, Request(compare=sides))
+
+
+class TestReference:
+    def test_shipped_runs_are_cells_of_their_own(self, fabric, tmp_path):
+        shipped = type(fabric)(tmp_path / "reference")
+        for seed in range(2):
+            fabric.run(FLAT, seed)
+            shipped.run(FLAT, seed)
+        shipped.run(FLAT, algo="sac")
+        found = sources.reference(Request(), tmp_path / "reference")
+        assert [(c.source, c.algo, len(c.seeds)) for c in found.cells] == [
+            ("reference", "sac", 1),
+            ("reference", "td3", 2),
+        ]
+        assert sources.reference(Request(algo="td3"), tmp_path / "reference").cells != []
+        assert sources.reference(Request(algo="ppo"), tmp_path / "reference").cells == []
+
+    def test_a_version_without_them_says_so(self, tmp_path):
+        for place in (tmp_path / "nowhere", tmp_path):
+            found = sources.reference(Request(), place)
+            assert found.cells == []
+            assert "ships no reference runs" in found.notes[-1]
+
+    def test_they_are_never_mixed_with_the_users(self, fabric):
+        for seed in range(3):
+            fabric.run(FLAT, seed)
+        alone = learned(gather(fabric.results, Request()))
+        beside = learned(gather(fabric.results, Request(reference=True)))
+        assert [cell for cell in beside if cell[0] == "ours"] == alone
+        assert {cell[0] for cell in beside} <= {"ours", "reference"}

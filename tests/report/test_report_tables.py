@@ -1,0 +1,108 @@
+"""Tables that are pasted: what Markdown, LaTeX and CSV make of them."""
+
+import csv
+import io
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jbench.report import tables, wording
+from jbench.report.document import TableItem, Value
+from jbench.report.scores import Statistic
+from jbench.report.statistics import Estimate
+
+
+def item(**columns):
+    return TableItem("final_returns", "Final & last", "50% of_them.", pd.DataFrame(columns))
+
+
+PLAIN = item(
+    task=["a_b", "c|d"],
+    median=[Value("668 [659, 676], n = 2", 668.0), Value("9", 9.0, best=True)],
+    rest=[1.25, None],
+)
+
+
+def test_markdown_is_a_table_with_the_best_in_bold():
+    lines = tables.to_markdown(PLAIN).splitlines()
+    assert lines[0] == "Final &amp; last. 50% of_them."
+    assert lines[2:] == [
+        "| task | median | rest |",
+        "| --- | ---: | ---: |",
+        "| a_b | 668 [659, 676], n = 2 | 1.25 |",
+        r"| c\|d | **9** |  |",
+    ]
+
+
+def test_markdown_makes_no_tag_no_link_and_no_new_row_of_a_name():
+    (row,) = tables.to_markdown(item(name=["<b>x</b>\n| [a](http://b) *"])).splitlines()[4:]
+    assert row == r"| \<b>x\</b> \| [a]\(http://b) \* |"
+
+
+def test_latex_is_booktabs_escaped_with_the_best_in_bold():
+    text = tables.to_latex(PLAIN)
+    assert r"\caption{Final \& last. 50\% of\_them.}" in text
+    assert r"\begin{tabular}{lrr}" in text
+    for rule in (r"\toprule", r"\midrule", r"\bottomrule"):
+        assert text.count(rule) == 1
+    assert r"a\_b & 668 [659, 676], n = 2 & 1.25 \\" in text
+    assert r"c\textbar{}d & \textbf{9} &  \\" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [
+        (r"\input{x}", r"\textbackslash{}input\{x\}"),
+        ("$a^2_b$ #1 ~ %", r"\$a\textasciicircum{}2\_b\$ \#1 \textasciitilde{} \%"),
+        ("1\N{EN DASH}2 <>", r"1--2 \textless{}\textgreater{}"),
+    ],
+)
+def test_latex_obeys_no_name(name, written):
+    assert rf"{written} & 1 \\" in tables.to_latex(item(name=[name], n=[1]))
+
+
+def test_a_row_that_begins_with_a_bracket_is_no_option_of_the_row_before():
+    assert r"{}[1, 2] & 3 \\" in tables.to_latex(item(band=["[1, 2]"], n=[3]))
+
+
+def test_csv_has_the_cells_as_they_are_shown():
+    (first, second) = csv.DictReader(io.StringIO(tables.to_csv(PLAIN)))
+    assert first == {"task": "a_b", "median": "668 [659, 676], n = 2", "rest": "1.25"}
+    assert second == {"task": "c|d", "median": "9", "rest": ""}
+
+
+class TestWording:
+    @pytest.mark.parametrize(
+        ("found", "said"),
+        [
+            (Estimate(668.4, 640.2, 690.6, 1.0), "668 [640, 691]"),
+            (Estimate(668.4, math.nan, math.nan, math.nan), "668"),
+            (Estimate(1234567.0, 10.0, math.inf, math.nan), "1,234,567 [10, not reached]"),
+            (Estimate(math.inf, 10.0, math.inf, math.nan), "not reached [10, not reached]"),
+            (Estimate(math.inf, math.inf, math.inf, math.nan), "not reached"),
+        ],
+    )
+    def test_an_estimate_is_said_with_its_interval(self, found, said):
+        assert wording.estimate(found).text == said
+
+    def test_nothing_is_said_of_nothing(self):
+        assert wording.estimate(None) is None
+        assert wording.estimate(Estimate(math.nan, math.nan, math.nan, math.nan)) is None
+        assert wording.spread(np.array([])) is None
+        assert wording.reached(None) is None
+
+    def test_differences_have_a_sign_and_no_minus_zero(self):
+        assert [wording.signed(x) for x in (12.4, -12.4, 0.2, -0.2)] == ["+12", "-12", "0", "0"]
+        assert wording.whole(-0.3) == "0"
+        assert wording.millions(2_154_321) == "2.15"
+
+    def test_a_spread_says_its_seeds_and_one_seed_has_none(self):
+        assert wording.spread(np.arange(11.0) * 10).text == "50 [10, 90], n = 11"
+        assert wording.spread(np.array([7.0])).text == "7, n = 1"
+
+    def test_how_many_reach_a_threshold(self):
+        nothing = Estimate(math.inf, math.inf, math.inf, math.nan)
+        one = Statistic("steps_to_solved", "median", nothing, 10, 3, 900.0, 40)
+        assert wording.reached(one).text == "3 of 10"

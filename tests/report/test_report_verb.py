@@ -1,0 +1,126 @@
+"""`jbench report` as its users type it."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from jbench.cli import main
+from jbench.report.watch import fingerprint, watch
+
+FLAT = np.full(40, 500.0)
+
+
+@pytest.fixture
+def filled(fabric):
+    for seed in range(3):
+        fabric.run(FLAT + seed, seed)
+        fabric.run(FLAT + 50 + seed, seed, representation="dae12")
+    return fabric.results.path
+
+
+def typed(results, *arguments):
+    return main(["report", *arguments, "--results", str(results)])
+
+
+def test_claims_are_in_the_document_the_files_and_the_page(filled, capsys):
+    assert typed(filled, "--claims", "--json", "--format", "svg", "--window", "4") == 0
+    said = json.loads(capsys.readouterr().out)
+    ours = {c["claim"]: c for c in said["claims"] if c["source"] == "ours"}
+    assert set(ours) == set("abcg")
+    assert ours["c"]["effect"] == pytest.approx(50)
+    assert ours["c"]["verdict"] == "undecided"  # of three seeds
+    assert ours["c"]["seeds_needed"] >= 6
+    (one,) = said["comparisons"]
+    assert one["probability_of_improvement"] == 1
+    out = filled / "report"
+    assert "With the reduced order learning is slightly faster. ours: undecided 1" in (
+        out / "index.html"
+    ).read_text().replace("\n", " ")
+    assert (out / "claims.tex").exists()
+    command = "jbench report --claims --window 4 --format svg --results"
+    assert command in (out / "index.html").read_text()
+    assert str(out / "report.json") in said["files"]
+
+
+def test_without_claims_nothing_is_said_of_them(filled, capsys):
+    assert typed(filled, "--json", "--format", "svg") == 0
+    assert "claims" not in json.loads(capsys.readouterr().out)
+    assert not (filled / "report" / "claims.csv").exists()
+
+
+def test_two_sides_are_compared_and_the_report_is_left_alone(filled, capsys):
+    sides = ("--compare", "representation=dae12", "representation=full")
+    assert typed(filled, *sides, "--format", "svg") == 0
+    said = capsys.readouterr().out
+    assert "1.00 [1.00, 1.00]" in said
+    assert (filled / "comparison" / "index.html").exists()
+    assert not (filled / "report").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--compare", "a=1", "engine=cpu"), "No run has a setting 'a'"),
+        (("--since", "now"), "--since now: type a date"),
+        (("--format", "gif"), "There is no format 'gif'"),
+        (("--columns", "3"), "--columns 3: type 1 or 2"),
+        (("--window", "0"), "A window of 0 episodes"),
+        (("--watch", "--json"), "--watch and --json exclude each other"),
+        (("--watch", "--since", "now"), "--since now"),
+    ],
+)
+def test_a_wrong_request_gets_one_sentence(filled, capsys, arguments, says):
+    assert typed(filled, *arguments) == 2
+    printed = capsys.readouterr()
+    assert says in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+
+
+class TestWatch:
+    def test_it_goes_on_when_a_record_is_committed_and_only_then(self, fabric, filled):
+        from jbench.report import Request
+
+        turns = watch(fabric.results, Request(), look_every=0.01)
+        next(turns)
+        before = fingerprint([filled])
+        assert fingerprint([filled]) == before
+        fabric.run(FLAT, 9)
+        assert fingerprint([filled]) != before
+        next(turns)
+
+    def test_it_reports_again_while_runs_go_on_and_ends_on_ctrl_c(self, fabric):
+        fabric.results.path.mkdir()
+        command = [sys.executable, "-m", "jbench.cli", "report", "--watch", "--format", "svg"]
+        process = subprocess.Popen(
+            [*command, "--results", str(fabric.results.path)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            wait_for(process, "Nothing to report yet: There are no runs")
+            fabric.run(FLAT, 0)
+            wait_for(process, "Wrote ")
+            fabric.run(FLAT, 1)
+            # The run may be seen before its episodes are: then there is a report more in between.
+            wait_for(process, r"td3 +full +2 ")
+            wait_for(process, "Wrote ")
+            process.send_signal(signal.SIGINT)
+            said, _ = process.communicate(timeout=120)
+        finally:
+            process.kill()
+        assert process.returncode == 0
+        assert "No longer watching; the last report is in" in said
+
+
+def wait_for(process, text):
+    """Reads what the process prints up to the first line that matches."""
+    if any(re.search(text, line) for line in process.stdout):
+        return
+    raise AssertionError(f"{text!r} was never said: {process.stderr.read()}")

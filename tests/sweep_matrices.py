@@ -1,0 +1,145 @@
+"""A small matrix of runs, and what the processes of its sweep are doing."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from jbench.experiments.matrix import all_runs, matrix_cells, read_matrix
+from jbench.store import Results, locks, schema
+
+SMALL = """
+tasks = ["face_direction"]
+algos = [{algos}]
+representations = [{representations}]
+seeds = "{seeds}"
+steps = {steps}
+
+[evaluation]
+every = 2000
+episodes = 1
+
+[dataset]
+steps = 4000
+
+[hyperparameters.td3]
+hidden_layers = [8]
+batch_size = 16
+learning_starts = 500
+train_freq = 100
+gradient_steps = {gradient_steps}
+
+[hyperparameters.ppo]
+hidden_layers = [8]
+batch_size = 64
+n_envs = 2
+n_steps = 128
+"""
+
+
+def write_matrix(
+    path, *, algos='"td3"', representations='"full"', seeds="0-1", steps=2000, gradient_steps=2
+):
+    """Writes a matrix of tiny networks into a file; returns its name."""
+    text = SMALL.format(
+        algos=algos,
+        representations=representations,
+        seeds=seeds,
+        steps=steps,
+        gradient_steps=gradient_steps,
+    )
+    file = path / "small.toml"
+    file.write_text(text)
+    return str(file)
+
+
+def runs_of_matrix(matrix, path):
+    """The settings of all runs of a matrix."""
+    return list(all_runs(matrix_cells(read_matrix(matrix), Results(path))))
+
+
+_started = []
+
+
+def start(*arguments, results):
+    """Starts a sweep in a process of its own, and a group of its own."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "jbench.cli", "sweep", *arguments, "--results", str(results)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    _started.append(process)
+    return process
+
+
+def end_all():
+    """Kills what a test that fails leaves behind, stopped processes among it."""
+    while _started:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(_started.pop().pid, signal.SIGKILL)
+
+
+def ended(process):
+    """Waits for a process; returns what it printed, both streams together."""
+    out, err = process.communicate(timeout=600)
+    return out + err
+
+
+def wait_until(true, process=None, seconds=300):
+    """Waits for a condition, which the process must live to see; returns what it is."""
+    deadline = time.monotonic() + seconds
+    while not (found := true()):
+        assert time.monotonic() < deadline
+        assert process is None or process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    return found
+
+
+def held(runs, path):
+    """Those of some runs that a process is writing."""
+    return [run for run in runs if locks.is_held(Path(path) / "runs" / run.id)]
+
+
+def committed(run, path):
+    """How many episodes of a run are committed."""
+    record = Results(path).find("run", run.id)
+    return 0 if record is None else record.rows("episodes")
+
+
+def states(runs, path):
+    """The state of each run in the results."""
+    return [getattr(Results(path).find("run", run.id), "status", None) for run in runs]
+
+
+def rows(runs, path):
+    """All rows of some runs but their times, and their weights' checksums."""
+    kept = []
+    for run in runs:
+        record = Results(path).find("run", run.id)
+        for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS)):
+            kept += record.read(table, columns).drop(["wall_time"]).to_pylist()
+        weights = (f for f in record.manifest.files if f.name == "policy.safetensors")
+        kept += [file.sha256 for file in weights]
+    return kept
+
+
+def workers(process):
+    """The ids of the worker processes below a process, and the JSON of each."""
+    found = {}
+    waiting = [process if isinstance(process, int) else process.pid]
+    while waiting:
+        pid = waiting.pop()
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+            if b"jbench.experiments.worker" in command:
+                # Not those below it: what it starts has its name for a moment.
+                found[pid] = command[-2].decode()
+                continue
+            for task in Path(f"/proc/{pid}/task").iterdir():
+                waiting += map(int, (task / "children").read_text().split())
+    return found

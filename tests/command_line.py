@@ -3,6 +3,17 @@
 import subprocess
 import sys
 
+# What is started in the background of a script ignores Ctrl-C, and so do its children: this does
+# not, wherever the tests were started.
+INTERRUPTIBLE = (
+    sys.executable,
+    "-c",
+    "import signal, sys\n"
+    "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "from jbench.cli import main\n"
+    "sys.exit(main(sys.argv[1:]))\n",
+)
+
 
 def jbench(*arguments, results=None, cwd=None):
     """Runs the command line; returns the finished process."""

@@ -4,9 +4,10 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
+
+from command_line import INTERRUPTIBLE
 
 from jbench.experiments.matrix import all_runs, matrix_cells, read_matrix
 from jbench.store import Results, locks, schema
@@ -67,7 +68,7 @@ _started = []
 def start(*arguments, results):
     """Starts a sweep in a process of its own, and a group of its own."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "jbench.cli", "sweep", *arguments, "--results", str(results)],
+        [*INTERRUPTIBLE, "sweep", *arguments, "--results", str(results)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

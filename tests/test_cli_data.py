@@ -4,10 +4,10 @@ import json
 import shutil
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
+from command_line import INTERRUPTIBLE
 
 from jbench.cli import main
 from jbench.datasets import DatasetSettings, collect
@@ -52,16 +52,9 @@ def refused(capsys, *arguments):
 
 
 def test_stopped_by_ctrl_c_it_says_that_it_goes_on(tmp_path):
-    # What is started in the background of a script ignores Ctrl-C, and so do its children.
-    script = (
-        "import signal, sys\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from jbench.cli import main\n"
-        "sys.exit(main(sys.argv[1:]))\n"
-    )
     arguments = ["collect", "--steps", "500000", "--results", str(tmp_path)]
     with subprocess.Popen(
-        [sys.executable, "-c", script, *arguments], stderr=subprocess.PIPE, text=True
+        [*INTERRUPTIBLE, *arguments], stderr=subprocess.PIPE, text=True
     ) as process:
         try:
             deadline = time.monotonic() + 120

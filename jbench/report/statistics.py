@@ -33,6 +33,7 @@ _NUMBERS_AT_A_TIME = 1 << 21  # of resampled scores: what stays in a processor's
 
 # Quantiles of the normal distribution: of a two-sided test at 5%, and of a power of 80%.
 _SIGNIFICANCE, _POWER = 1.959964, 0.841621
+_MOST_SEEDS = 1_000_000  # that anyone could be told to train
 
 
 class Estimate(NamedTuple):
@@ -238,12 +239,15 @@ def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int |
         seeds: of each group at present.
 
     Returns:
-        Seeds for each group, or None where no number would do: no distance, or nothing known.
+        Seeds for each group, or None where no number would do: no distance, nothing known, or more
+        than a million.
     """
     if not (np.isfinite(distance) and np.isfinite(standard_error)) or distance == 0:
         return None
-    needed = seeds * ((_SIGNIFICANCE + _POWER) * standard_error / distance) ** 2
-    return max(LEAST_SEEDS, int(np.ceil(needed)))
+    root = abs((_SIGNIFICANCE + _POWER) * standard_error / distance)
+    if root > np.sqrt(_MOST_SEEDS / seeds):
+        return None
+    return max(LEAST_SEEDS, int(np.ceil(seeds * root**2)))
 
 
 def _over_tasks(average: Callable[..., FloatArray], values: Sequence[FloatArray]) -> FloatArray:

@@ -110,4 +110,6 @@ def test_seeds_to_decide():
     assert st.seeds_to_decide(1.0, 1.0, 10) == 79
     assert st.seeds_to_decide(10.0, 1.0, 10) == st.LEAST_SEEDS
     assert st.seeds_to_decide(0.0, 1.0, 10) is None
+    # 10 * (2.8 / 1e-300) ** 2 is no number of seeds.
+    assert st.seeds_to_decide(1e-300, 1.0, 10) is None
     assert st.seeds_to_decide(1.0, np.nan, 10) is None

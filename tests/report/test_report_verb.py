@@ -4,10 +4,10 @@ import json
 import re
 import signal
 import subprocess
-import sys
 
 import numpy as np
 import pytest
+from command_line import INTERRUPTIBLE
 
 from jbench.cli import main
 from jbench.report.watch import fingerprint, watch
@@ -96,7 +96,7 @@ class TestWatch:
 
     def test_it_reports_again_while_runs_go_on_and_ends_on_ctrl_c(self, fabric):
         fabric.results.path.mkdir()
-        command = [sys.executable, "-m", "jbench.cli", "report", "--watch", "--format", "svg"]
+        command = [*INTERRUPTIBLE, "report", "--watch", "--format", "svg"]
         process = subprocess.Popen(
             [*command, "--results", str(fabric.results.path)],
             stdout=subprocess.PIPE,

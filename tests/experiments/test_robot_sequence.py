@@ -20,7 +20,7 @@ from jbench.report.cells import build_cells, usable_runs
 from jbench.report.curves import learning_curve
 from jbench.report.drawing import LearnedCurve
 from jbench.report.published import read_published, read_sequences
-from jbench.report.report import summary_table
+from jbench.report.summaries import summary_table
 from jbench.store import Results, query, schema
 from jbench.tasks import model
 
@@ -47,6 +47,7 @@ def settings(algo="td3", overrides=TD3, **changes):
         **{
             "task": "move_in_direction",
             "algo": algo,
+            "engine": "sb3",
             "seed": 0,
             "steps": 4000,
             "evaluate_every": 2000,

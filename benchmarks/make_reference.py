@@ -2,8 +2,8 @@
 
 Copies manifests and tables of the finished runs of a results directory into `jbench/reference/`,
 which is shipped with jbench and shown by `jbench report --reference`. Policies are left out: they
-are most of a run's bytes. Encoders, which runs on latents name, are left out too. What is there
-already stays.
+are most of a run's bytes. Encoders, which runs on latents name, are left out too, and so are the
+workers' commands, which name places on the machine that made them. What is there already stays.
 """
 
 import argparse
@@ -23,7 +23,9 @@ def keep(record: Record, target: Results) -> None:
     files.make_directory(path)
     for entry in rows:
         files.copy_atomic(record.path / entry.name, path / entry.name, entry.sha256)
-    files.write_atomic(path / MANIFEST, manifest.model_copy(update={"files": rows}).to_bytes())
+    known = {name: said for name, said in manifest.provenance.items() if name != "command"}
+    kept = manifest.model_copy(update={"files": rows, "provenance": known})
+    files.write_atomic(path / MANIFEST, kept.to_bytes())
     print(f"{record.id}: {record.rows('episodes')} episodes")
 
 

@@ -21,7 +21,14 @@ from jbench import (
     parsing,
 )
 from jbench.errors import RequestError, WorkError
-from jbench.options import AugmentOption, JsonOption, ResultsOption, TaskOption, complete
+from jbench.options import (
+    AugmentOption,
+    JobsOption,
+    JsonOption,
+    ResultsOption,
+    TaskOption,
+    complete,
+)
 from jbench.output import Output, printable
 
 app = typer.Typer(
@@ -124,7 +131,7 @@ def train(
         float,
         typer.Option(min=0, help="Seconds between checkpoints, at least; --engine batched."),
     ] = 60.0,
-    jobs: Annotated[int, typer.Option(help="Processes at a time; 0 for one a core.")] = 0,
+    jobs: JobsOption = 0,
     results: ResultsOption = Path("results"),
     json: JsonOption = False,
 ) -> None:

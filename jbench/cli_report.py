@@ -8,7 +8,13 @@ import typer
 
 from jbench import names, parsing
 from jbench.errors import RequestError, WorkError
-from jbench.options import JsonOption, ResultsOption, complete
+from jbench.options import (
+    JsonOption,
+    OneAlgorithmOption,
+    OneTaskOption,
+    ResultsOption,
+    complete,
+)
 from jbench.output import Output
 
 if TYPE_CHECKING:
@@ -19,13 +25,8 @@ FORMATS = ("svg", "png", "pdf")
 
 
 def report(
-    task: Annotated[
-        str | None, typer.Option(help="Only this one.", autocompletion=complete(*names.TASKS))
-    ] = None,
-    algo: Annotated[
-        str | None,
-        typer.Option(help="Only this one.", autocompletion=complete(*names.ALGORITHMS)),
-    ] = None,
+    task: OneTaskOption = None,
+    algo: OneAlgorithmOption = None,
     since: Annotated[
         str | None, typer.Option(help="Only runs begun then or later: 2026-11-21, in UTC.")
     ] = None,

@@ -10,20 +10,21 @@ import typer
 
 from jbench import names, parsing
 from jbench.errors import RequestError, WorkError
-from jbench.options import JsonOption, ResultsOption, complete
+from jbench.options import (
+    JsonOption,
+    OneAlgorithmOption,
+    OneTaskOption,
+    ResultsOption,
+    complete,
+)
 from jbench.output import Output, Progress, duration, short
 
 STATUSES = ("unfinished", "finished", "failed")
 
 
 def runs(
-    task: Annotated[
-        str | None, typer.Option(help="Only this one.", autocompletion=complete(*names.TASKS))
-    ] = None,
-    algo: Annotated[
-        str | None,
-        typer.Option(help="Only this one.", autocompletion=complete(*names.ALGORITHMS)),
-    ] = None,
+    task: OneTaskOption = None,
+    algo: OneAlgorithmOption = None,
     representation: Annotated[
         str | None, typer.Option(help="Only this one: full, or as dae12.")
     ] = None,

@@ -86,7 +86,7 @@ def train_with_progress(
     Runs that another process is doing are left to it, and named.
     """
     from jbench.experiments.memory import memory_sentence
-    from jbench.experiments.train import batches, train
+    from jbench.experiments.train import batches, how_it_goes_on, train
 
     jobs = min(jobs, len(runs))
     first_ones = [run for batch in batches(runs, jobs, device)[:jobs] for run in batch]
@@ -96,14 +96,12 @@ def train_with_progress(
         output.say(memory)
     first = runs[0]
     done = dict.fromkeys((run.id for run in runs), 0)
-    told, elsewhere = False, set()
+    elsewhere = set()
     label = f"{first.algo} {first.task} {first.representation}"
     with output.progress(label, sum(run.steps for run in runs), "control steps") as progress:
 
         def on_message(run: RunSettings, message: dict[str, Any]) -> None:
-            nonlocal told
-            if "seconds_per_step" in message and not told:
-                told = True
+            if "seconds_per_step" in message:
                 _say_how_long(runs, at_a_time, message["seconds_per_step"], output)
             if "held" in message:
                 elsewhere.add(run.id)
@@ -111,7 +109,7 @@ def train_with_progress(
             if "goes_on_from" in message:
                 done[run.id] = message["goes_on_from"]
                 progress.begin(sum(done.values()))
-                output.say(_how_it_goes_on(run, message))
+                output.say(how_it_goes_on(run, message))
             if "control_steps" in message:
                 done[run.id] = min(message["control_steps"], run.steps)
                 note = f"seed {run.seed}: last return {message['episode_return']:.0f}"
@@ -122,12 +120,6 @@ def train_with_progress(
 
         failures = train(runs, results, jobs, on_message, device, checkpoint_every)
     return {id: reason for id, reason in failures.items() if id not in elsewhere}
-
-
-def _how_it_goes_on(run: RunSettings, message: Mapping[str, Any]) -> str:
-    steps = message["goes_on_from"]
-    how = f"goes on from control step {steps:,}" if steps else "starts over"
-    return f"The run {run.id} was interrupted or failed; it {how}. {message['because']}".rstrip()
 
 
 def _say_how_long(

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jbench.experiments.settings import RunSettings
-from jbench.experiments.train import Message
+from jbench.experiments.train import Message, how_it_goes_on
 from jbench.output import Output, duration, printable
 
 _PLAIN_EVERY = 60.0  # s between plain lines, where there is no terminal
@@ -115,8 +115,7 @@ class SweepView:
             if message.get("episode_return") is not None:
                 batch.returns[run.id] = message["episode_return"]
         if "goes_on_from" in message:
-            how = f"goes on from control step {steps:,}" if steps else "starts over"
-            self.note(f"The run {run.id} {how}. {message['because']}".rstrip())
+            self.note(how_it_goes_on(run, message))
         self._print_now_and_then()
 
     def ends(self, runs: Sequence[RunSettings]) -> None:

@@ -22,6 +22,13 @@ TaskOption = Annotated[
     str,
     typer.Option(help=f"{', '.join(names.TASKS)}.", autocompletion=complete(*names.TASKS)),
 ]
+OneTaskOption = Annotated[
+    str | None, typer.Option(help="Only this one.", autocompletion=complete(*names.TASKS))
+]
+OneAlgorithmOption = Annotated[
+    str | None, typer.Option(help="Only this one.", autocompletion=complete(*names.ALGORITHMS))
+]
+JobsOption = Annotated[int, typer.Option(help="Processes at a time; 0 for one a core.")]
 PolicyOption = Annotated[
     str,
     typer.Option(

@@ -22,3 +22,14 @@ def rendering():
     """Skips the test on a machine that cannot draw pictures off the screen."""
     if os.environ["MUJOCO_GL"].lower() in _NO_RENDERER:
         pytest.skip("no off-screen renderer: install libosmesa6")
+
+
+@pytest.fixture
+def one_thread():
+    """Keeps torch to one thread: a machine that is busy waits for the second one longest."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)

@@ -49,6 +49,17 @@ def test_the_pipeline_leaves_every_run_finished(pipeline):
     )
 
 
+def test_each_record_tells_what_was_typed_that_made_it(pipeline):
+    store = Results(pipeline)
+    records = [one for kind in ("dataset", "encoder", "run") for one in store.scan(kind)[0]]
+    typed = {tuple(record.manifest.provenance["command"]) for record in records}
+    where = ("--results", str(pipeline))
+    trained = [train(algo, encoder) for algo in TRAINING for encoder in ("none", "5")]
+    assert {(*command[1:],) for command in typed} == {
+        (*command, *where) for command in (COLLECT, TRAIN_DAE, *trained)
+    }
+
+
 def test_the_report_shows_every_cell(pipeline, tmp_path):
     done = succeed("report", "--json", "--out", str(tmp_path / "report"), results=pipeline)
     said = json.loads(done.stdout)

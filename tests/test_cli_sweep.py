@@ -120,7 +120,7 @@ def test_ctrl_c_ends_it_and_typed_again_it_goes_on(tmp_path, results):
     again = start(matrix, results=results)
     printed = ended(again)
     assert again.returncode == 0
-    assert f"The run {run.id} goes on from control step" in printed
+    assert f"{run.id} was interrupted or failed; it goes on from control step" in printed
     assert committed(run, results) == 4
 
 

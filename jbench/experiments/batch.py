@@ -36,7 +36,7 @@ def run_batch(
     checkpoint_every: float = CHECKPOINT_EVERY,
     progress: Progress = lambda run, steps, episode_return: None,
     notice: Notice = lambda run, steps, sentence: None,
-) -> dict[str, str]:
+) -> dict[str, WorkError]:
     """Trains and evaluates an agent for each run, and keeps what came out.
 
     A run that is finished is left as it is; one that was interrupted or failed goes on from its
@@ -52,13 +52,13 @@ def run_batch(
         notice: told of each run that was begun before.
 
     Returns:
-        A sentence for each run that failed, by its id; one failure does not stop the others.
+        The error of each run that failed, by its id; one failure does not stop the others.
 
     Raises:
         RequestError: if the device is not there, or the settings can't be shared out.
         WorkError: if the results can't be written.
     """
-    failures: dict[str, str] = {}
+    failures: dict[str, WorkError] = {}
     with contextlib.ExitStack() as locks:
         members = []
         for run in runs:
@@ -66,7 +66,7 @@ def run_batch(
                 locks.enter_context(Record(results, "run", run.id).lock())
                 member = _begin(run, results, notice)
             except WorkError as error:
-                failures[run.id] = str(error)
+                failures[run.id] = error
                 continue
             if member is not None:
                 members.append(member)
@@ -139,7 +139,7 @@ class _Batch:
         self, members: Sequence[_Member], encoder: Encoder | None, device: str, pace: Pace
     ) -> None:
         self._members, self._pace = members, pace
-        self._failures: dict[int, str] = {}
+        self._failures: dict[int, WorkError] = {}
         self._settings = settings = members[0].settings
         seeds = [np.random.SeedSequence(m.settings.seed).generate_state(2) for m in members]
         self._engine = engine_of(settings, [int(seed) for seed, _ in seeds], encoder, device)
@@ -147,11 +147,11 @@ class _Batch:
         if members[0].checkpoint is not None:
             self._restore(members[0].checkpoint.position)
 
-    def train(self, until: int | None, progress: Progress) -> dict[str, str]:
+    def train(self, until: int | None, progress: Progress) -> dict[str, WorkError]:
         """Goes on to a control step, or for None to the last evaluation.
 
         Returns:
-            A sentence for each run that failed, by its id.
+            The error of each run that failed, by its id.
         """
         with self._engine as engine:
             for returns in engine.learn(self._settings.steps):
@@ -167,7 +167,7 @@ class _Batch:
                 self._end()
             else:
                 self._save()
-        return {self._members[i].settings.id: reason for i, reason in self._failures.items()}
+        return {self._members[place].settings.id: e for place, e in self._failures.items()}
 
     def _restore(self, position: Position) -> None:
         """Puts everything where the checkpoints of the runs found it."""
@@ -216,17 +216,18 @@ class _Batch:
         steps = self._engine.control_steps
         if self._evaluator.last_steps < steps:
             self._evaluate()
+        together = len(self._members)
         for place in self._going_on():
             log, record = self._members[place].log, self._members[place].record
             log.commit()
-            summary = {"wall_time": log.wall_time(), "steps_done": steps}
+            summary = {"wall_time": log.wall_time(), "steps_done": steps, "together": together}
             record.finish(summary, self._engine.policy(place).to_files())
 
     def _fail(self, place: int, reason: str) -> None:
         """Gives one run up; the others go on."""
         self._members[place].log.commit()
         self._members[place].record.fail(reason)
-        self._failures[place] = reason
+        self._failures[place] = WorkError(reason)
 
     def _going_on(self) -> list[int]:
         return [place for place in range(len(self._members)) if place not in self._failures]

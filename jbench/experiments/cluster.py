@@ -20,7 +20,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.experiments.settings import CHECKPOINT_EVERY, RunSettings
 from jbench.experiments.standing import standing
 from jbench.experiments.train import Message, worker
-from jbench.store import Results, locks, schema
+from jbench.store import Results, locks, provenance, schema
 
 _ANSWERS_WITHIN = 10.0  # s; a cluster that is there
 _LOOK_EVERY = 2.0  # s between two looks at the results while a task goes on
@@ -75,6 +75,7 @@ class Ray:
             "results": str(self._results.path),
             "device": self.device,
             "checkpoint_every": self._checkpoint_every,
+            "command": provenance.command(),
             "runs": [run.model_dump(mode="json") for run in runs],
         }
         task = self._task.remote(json.dumps(request))
@@ -192,7 +193,7 @@ def do_batch(request: str) -> str:
     """Does runs in a process of the node that Ray calls this on.
 
     Args:
-        request: JSON, as `jbench.experiments.worker` takes it.
+        request: JSON, as `jbench.experiments.worker` takes it, and the command that was typed.
 
     Returns:
         JSON: the last message of each run that had one.
@@ -207,7 +208,8 @@ def do_batch(request: str) -> str:
             "there: all nodes must share it, with flock (docs/sweeps.md)"
         )
         return json.dumps([{"run": run.id, "failed": reason} for run in runs])
-    with worker(runs, Results(path), asked["device"], asked["checkpoint_every"]) as messages:
+    given = asked["device"], asked["checkpoint_every"]
+    with worker(runs, Results(path), *given, command=asked["command"]) as messages:
         return json.dumps([m for m in messages if "failed" in m or "finished" in m])
 
 

@@ -31,7 +31,27 @@ def _model(augment: int | None) -> mujoco.MjModel:
     return robot.load(augment)
 
 
-class Evaluator:
+class Schedule:
+    """When a run is evaluated.
+
+    Attributes:
+        last_steps: control steps at the last evaluation.
+    """
+
+    def __init__(self, settings: RunSettings) -> None:
+        """Counts from the beginning."""
+        self._settings, self.last_steps = settings, 0
+
+    def due(self, control_steps: int) -> bool:
+        """Returns whether `evaluate_every` control steps have passed; then they count anew."""
+        every = self._settings.evaluate_every
+        if control_steps // every == self.last_steps // every:
+            return False
+        self.last_steps = control_steps
+        return True
+
+
+class Evaluator(Schedule):
     """Episodes of the deterministic policies of all runs of a batch, side by side.
 
     The robot is the one that the agents learn on at the time. Evaluation number k of a run draws
@@ -45,20 +65,12 @@ class Evaluator:
             settings: of the runs.
             seeds: of their evaluations.
         """
-        self._settings, self._seeds = settings, seeds
-        self.last_steps = self._done = 0
+        super().__init__(settings)
+        self._seeds, self._done = seeds, 0
 
     def restore(self, done: int, last_steps: int) -> None:
         """Goes on after so many evaluations, the last one at some control step."""
         self._done, self.last_steps = done, last_steps
-
-    def due(self, control_steps: int) -> bool:
-        """Returns whether `evaluate_every` control steps have passed; then they count anew."""
-        every = self._settings.evaluate_every
-        if control_steps // every == self.last_steps // every:
-            return False
-        self.last_steps = control_steps
-        return True
 
     def __call__(self, engine: Engine) -> NDArray[np.float64]:
         """Returns the returns (runs, evaluate_episodes) of an evaluation."""

@@ -115,12 +115,9 @@ def find_device(engine: Engine, wanted: str, precision: Precision = "float32") -
         if wanted == "cuda":
             raise RequestError("--device cuda is for --engine batched; stable-baselines3 gets cpu.")
         return "cpu"
-    import torch
+    from jbench.agents.batched.make import device_of
 
-    there = torch.cuda.is_available()
-    if wanted == "cuda" and not there:
-        raise RequestError("There is no CUDA device here; type --device cpu.")
-    found = "cuda" if there and wanted != "cpu" else "cpu"
+    found = device_of(wanted).type
     if precision == "tf32" and found == "cpu":
         raise RequestError("Only a GPU has --precision tf32; type float32 or bfloat16.")
     return found

@@ -13,6 +13,7 @@ from jbench.agents import sb3
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.errors import WorkError
+from jbench.experiments.evaluator import Schedule
 from jbench.experiments.log import Pace, RunLog
 from jbench.experiments.settings import RunSettings
 from jbench.store import Record, Results
@@ -167,7 +168,7 @@ class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
         return observation, reward, terminated or truncated, False, info
 
 
-class Evaluator:
+class Evaluator(Schedule):
     """Episodes of a deterministic policy in a seeded environment of its own.
 
     Its robot is the one that the agent learns on at the time.
@@ -175,18 +176,11 @@ class Evaluator:
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         """Makes the environment; every evaluation goes through episodes of its own."""
-        self._settings, self._encoder, self._robot = settings, encoder, 0
-        self._episodes, self._every = settings.evaluate_episodes, settings.evaluate_every
+        super().__init__(settings)
+        self._encoder, self._robot = encoder, 0
+        self._episodes = settings.evaluate_episodes
         self._env = make_env(settings, encoder)
         self._env.reset(seed=seed)
-        self.last_steps = 0
-
-    def due(self, control_steps: int) -> bool:
-        """Returns whether `evaluate_every` control steps have passed; then they count anew."""
-        if control_steps // self._every == self.last_steps // self._every:
-            return False
-        self.last_steps = control_steps
-        return True
 
     def __call__(
         self, act: Callable[[Any], Any], control_steps: int = 0

@@ -1,5 +1,6 @@
 """The settings of a run: one agent, one task, one seed."""
 
+from collections.abc import Mapping
 from typing import Any, Self
 
 from pydantic import BaseModel, Field, model_validator
@@ -7,10 +8,15 @@ from pydantic import BaseModel, Field, model_validator
 from jbench import validation
 from jbench.agents.settings import SETTINGS, AlgorithmSettings
 from jbench.names import EPISODE_STEPS, FULL, LARGEST_SEED, Engine, Precision, TimeLimit
-from jbench.store import settings_hash
+from jbench.store import canonical_json, settings_hash
 
 CHECKPOINT_EVERY = 60.0
 """Seconds between two checkpoints of a run, at least: a kill costs them and an episode more."""
+
+
+def but_seed(settings: Mapping[str, Any]) -> str:
+    """Returns what is the same text for the settings of runs that differ in their seeds alone."""
+    return canonical_json({**settings, "seed": None})
 
 
 class RunSettings(BaseModel):

@@ -1,14 +1,13 @@
 """How far the runs of a matrix are, as the results hold them, and how long the rest will take."""
 
 import contextlib
-import json
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 from jbench.errors import RequestError, WorkError
 from jbench.experiments.matrix import Cell
-from jbench.experiments.settings import RunSettings
+from jbench.experiments.settings import RunSettings, but_seed
 from jbench.names import EPISODE_STEPS
 from jbench.store import Record, Results, canonical_json, locks
 from jbench.store.provenance import cores, processor
@@ -160,18 +159,14 @@ class _Measured:
         for record in results.scan("run")[0]:
             seconds = _core_seconds_per_step(record)
             if seconds is not None:
-                self._exact.setdefault(_but_seed(record.settings), []).append(seconds)
+                self._exact.setdefault(but_seed(record.settings), []).append(seconds)
                 self._alike.setdefault(_likeness(record.settings), []).append(seconds)
 
     def seconds_per_step(self, run: RunSettings) -> float | None:
         """Returns the median over the runs of the same settings, else over those like them."""
         settings = run.model_dump(mode="json")
-        found = self._exact.get(_but_seed(settings)) or self._alike.get(_likeness(settings))
+        found = self._exact.get(but_seed(settings)) or self._alike.get(_likeness(settings))
         return statistics.median(found) if found else None
-
-
-def _but_seed(settings: Mapping[str, Any]) -> str:
-    return canonical_json({**settings, "seed": None})
 
 
 def _likeness(settings: Mapping[str, Any]) -> str:
@@ -189,15 +184,9 @@ def _core_seconds_per_step(record: Record) -> float | None:
     known = isinstance(time, int | float) and isinstance(steps, int | float) and steps > 0
     if record.status != "finished" or not here or not known:
         return None
-    return float(time / steps) / _runs_of_its_process(provenance.get("command"))  # type: ignore[operator]
-
-
-def _runs_of_its_process(command: Any) -> int:
-    """Returns how many runs a worker was given, as its recorded command says; else 1."""
-    if isinstance(command, Sequence) and len(command) == 2:
-        with contextlib.suppress(ValueError, TypeError, KeyError):
-            return max(1, len(json.loads(command[1])["runs"]))
-    return 1
+    together = summary.get("together")
+    shared = together if isinstance(together, int) and together > 0 else 1
+    return float(time / steps) / shared  # type: ignore[operator]
 
 
 def _quick_measurement(run: RunSettings, device: str) -> float | None:

@@ -12,12 +12,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jbench.experiments.settings import CHECKPOINT_EVERY, RunSettings
-from jbench.store import Results
-from jbench.store.identity import canonical_json
+from jbench.experiments.settings import CHECKPOINT_EVERY, RunSettings, but_seed
+from jbench.store import Results, provenance
 
 Message = dict[str, Any]
 """What a worker says: see `jbench.experiments.worker`."""
+
+
+def how_it_goes_on(run: RunSettings, message: Message) -> str:
+    """Returns the sentence for a worker's message about a run that was begun before."""
+    steps = message["goes_on_from"]
+    how = f"goes on from control step {steps:,}" if steps else "starts over"
+    return f"The run {run.id} was interrupted or failed; it {how}. {message['because']}".rstrip()
 
 
 class Plan(NamedTuple):
@@ -77,7 +83,8 @@ def train(
     def work(batch: Sequence[RunSettings]) -> None:
         by_id = {run.id: run for run in batch}
         failed = dict.fromkeys(by_id, "its process ended without a word")
-        with worker(batch, results, device, checkpoint_every) as messages:
+        measure = batch is work_of_each[0]
+        with worker(batch, results, device, checkpoint_every, measure) as messages:
             for message in messages:
                 run = by_id[message.get("run", batch[0].id)]
                 if "failed" in message:
@@ -88,8 +95,9 @@ def train(
                     on_message(run, message)
         failures.update(failed)
 
+    work_of_each = batches(runs, jobs, device)
     with ThreadPoolExecutor(jobs) as pool:
-        futures = [pool.submit(work, batch) for batch in batches(runs, jobs, device)]
+        futures = [pool.submit(work, batch) for batch in work_of_each]
         try:
             for future in futures:
                 future.result()
@@ -115,7 +123,7 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
     alike: dict[str, list[RunSettings]] = {}
     for run in runs:
         alone = run.engine != "batched"
-        key = run.id if alone else canonical_json({**run.model_dump(mode="json"), "seed": None})
+        key = run.id if alone else but_seed(run.model_dump(mode="json"))
         alike.setdefault(key, []).append(run)
     parts = 1 if device == "cuda" else jobs
     return [
@@ -130,22 +138,38 @@ _running: set[subprocess.Popen[str]] = set()
 
 @contextmanager
 def worker(
-    runs: Sequence[RunSettings], results: Results, device: str, checkpoint_every: float
+    runs: Sequence[RunSettings],
+    results: Results,
+    device: str,
+    checkpoint_every: float,
+    measure: bool = False,
+    command: Sequence[str] | None = None,
 ) -> Iterator[Iterator[Message]]:
-    """Starts a worker; gives its messages as they come."""
+    """Starts a worker; gives its messages as they come.
+
+    Args:
+        runs: that it does.
+        results: where they go.
+        device: that the batched engine learns on.
+        checkpoint_every: seconds between two checkpoints of a run, at least.
+        measure: whether it measures first how long a control step takes, and says so.
+        command: what was typed, for the records; that of this process if None.
+    """
     request = {
         "results": str(results.path),
         "device": device,
         "checkpoint_every": checkpoint_every,
+        "measure": measure,
         "runs": [run.model_dump(mode="json") for run in runs],
     }
     threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    typed = json.dumps(provenance.command() if command is None else list(command))
     process = subprocess.Popen(
         [sys.executable, "-m", "jbench.experiments.worker", json.dumps(request)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, **threads, "MUJOCO_GL": "disable"},
+        env={**os.environ, **threads, "MUJOCO_GL": "disable", provenance.COMMAND: typed},
     )
     _running.add(process)
     try:

@@ -4,10 +4,10 @@
 of multiprocessing, which would pickle. Runs of the batched engine differ in their seeds alone; with
 stable-baselines3 there is one run.
 
-Messages: {"seconds_per_step": s} once, then for a run {"run": id} with {"control_steps": n,
-"episode_return": r}, {"failed": reason}, with {"held": true} if another process does it, or
-{"finished": true}; and first, for one that was begun
-before, {"goes_on_from": n, "because": sentence or ""}.
+Messages: {"seconds_per_step": s} where "measure" asks for it; for a run that was begun before,
+{"run": id, "goes_on_from": n, "because": sentence or ""}; then for each run {"run": id} with
+{"control_steps": n, "episode_return": r}, {"failed": reason}, with {"held": true} if another
+process does it, or {"finished": true}.
 """
 
 import json
@@ -37,41 +37,44 @@ def main(argument: str) -> int:
     try:
         failures = _train(runs, request, send)
     except (RequestError, WorkError) as error:
-        failures = {run.id: str(error) for run in runs}
+        failures = dict.fromkeys((run.id for run in runs), error)
     except Exception as error:
         import traceback
 
         traceback.print_exc()
-        failures = {run.id: f"{type(error).__name__}: {error}" for run in runs}
+        told = WorkError(f"{type(error).__name__}: {error}")
+        failures = dict.fromkeys((run.id for run in runs), told)
     results = Results(Path(request["results"]))
     for run in runs:
         send({"run": run.id, **_ended(run, results, failures.get(run.id))})
     return 1 if failures else 0
 
 
-def _ended(run: Any, results: Any, failure: str | None) -> dict[str, Any]:
+def _ended(run: Any, results: Any, failure: Exception | None) -> dict[str, Any]:
     """Returns the last message of a run; a failure that nobody has recorded yet is recorded."""
     from jbench.experiments.standing import record_failure
     from jbench.store.locks import HeldError
 
     if failure is None:
         return {"finished": True}
-    if failure == str(HeldError(f"the run {run.id}")):
-        return {"failed": failure, "held": True}
-    record_failure(run, results, failure)
-    return {"failed": failure}
+    if isinstance(failure, HeldError):
+        return {"failed": str(failure), "held": True}
+    record_failure(run, results, str(failure))
+    return {"failed": str(failure)}
 
 
-def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, str]:
-    """Trains the agents of all runs; returns a sentence for each that failed, by its id."""
+def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any]:
+    """Trains the agents of all runs; returns the error of each that failed, by its id."""
     from jbench.experiments.batch import run_batch
     from jbench.experiments.run import load_encoder_of, run
-    from jbench.experiments.speed import seconds_per_step
     from jbench.store import Results
 
     results, device = Results(Path(request["results"])), request["device"]
     encoder = load_encoder_of(runs[0], results)
-    send({"seconds_per_step": seconds_per_step(runs, encoder, device)})
+    if request["measure"]:
+        from jbench.experiments.speed import seconds_per_step
+
+        send({"seconds_per_step": seconds_per_step(runs, encoder, device)})
 
     def tell(settings: Any, steps: int, episode_return: float | None) -> None:
         send({"run": settings.id, "control_steps": steps, "episode_return": episode_return})

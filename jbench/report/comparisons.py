@@ -198,5 +198,5 @@ def best_of(cells: Sequence[Cell]) -> Cell | None:
 
 
 def _median(cell: Cell) -> float:
-    final = scores_of(cell, int(cell.lengths.max())).final
+    final = scores_of(cell).final
     return float(np.median(final)) if len(final) else float("nan")

@@ -33,7 +33,7 @@ def matrix_figure(cells: Sequence[Cell], sheet: panels.Sheet) -> Figure:
     axes = figure.add_subplot()
     for cell in cells:
         place = rows.index(_row(cell)), tasks.index(cell.task)
-        final = scores_of(cell, int(cell.lengths.max())).final
+        final = scores_of(cell).final
         if len(final):
             low, medians[place], high = np.percentile(final, (10, 50, 90))
             text = f"{medians[place]:.0f}\n[{low:.0f}, {high:.0f}]\nn = {len(final)}"

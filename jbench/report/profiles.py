@@ -80,7 +80,7 @@ def _groups(cells: Sequence[Cell]) -> dict[str, dict[_Kind, list[FloatArray]]]:
     tasks = in_order({cell.task for cell in cells}, TASKS)
     for task in tasks:
         for cell in (cell for cell in cells if cell.task == task):
-            final = scores_of(cell, int(cell.lengths.max())).final
+            final = scores_of(cell).final
             if len(final):
                 kind = cell.source, cell.algo, cell.seen
                 finals.setdefault(task, {}).setdefault(kind, []).append(final)

@@ -98,8 +98,10 @@ class Summary:
         return next(found, None)
 
 
-def scores_of(cell: Cell, episodes: int) -> Scores:
-    """Returns the scores of a cell from its first so many episodes."""
+def scores_of(cell: Cell, episodes: int | None = None) -> Scores:
+    """Returns the scores of a cell from its first so many episodes, or from all."""
+    if episodes is None:
+        episodes = int(cell.lengths.max())
     returns, steps = cell.returns[:, :episodes], cell.control_steps[:, :episodes]
     lengths = np.minimum(cell.lengths, episodes)
     final = final_returns(returns, steps, lengths)[0]
@@ -186,7 +188,7 @@ _CELL = ("source", "task", "algo", "representation", "variant", "label")
 def _locations(item: LearnedCurve, half_best: float | None) -> Iterator[Statistic]:
     """Gives where the seeds' scores lie; robots learned on in turn have no steps to a return."""
     cell, curve = item
-    whole = scores_of(cell, int(cell.lengths.max()))
+    whole = scores_of(cell)
     yield from _of_seeds("final_return", whole.final, _LOCATIONS, whole.episodes)
     yield from _of_seeds("area", whole.area, _LOCATIONS, whole.episodes)
     thresholds = {"steps_to_solved": float(SOLVED), "steps_to_half_best": half_best}
@@ -197,7 +199,7 @@ def _locations(item: LearnedCurve, half_best: float | None) -> Iterator[Statisti
 
 
 def _spreads(cell: Cell) -> Iterator[Statistic]:
-    whole = scores_of(cell, int(cell.lengths.max()))
+    whole = scores_of(cell)
     if len(whole.final) > 1:
         yield from _of_seeds("final_return", whole.final, SPREADS, whole.episodes)
 

@@ -36,7 +36,7 @@ def final_returns(learned: Sequence[LearnedCurve]) -> TableItem:
     best = [best_of([c for c in cells if c.task == task and c.robots <= 1]) for task in tasks]
     rows: dict[tuple[object, ...], dict[str, object]] = {}
     for cell, named in zip(cells, wording.names(cells, task=False), strict=True):
-        final = scores_of(cell, int(cell.lengths.max())).final
+        final = scores_of(cell).final
         row = rows.setdefault(tuple(named.values()), dict(named))
         row[cell.task] = wording.spread(final, best=any(cell is one for one in best))
     heading = [name for name in next(iter(rows.values())) if name not in tasks] + tasks

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from types import TracebackType
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.closing import Closing
 from jbench.names import PHYSICS_STEPS
 from jbench.tasks import model as robot
 from jbench.tasks.features import State
@@ -20,7 +20,7 @@ Choice = NDArray[np.bool_] | NDArray[np.integer] | Sequence[int]
 """Some of the robots: a mask (count,), or their numbers."""
 
 
-class Robots:
+class Robots(Closing):
     """A number of robots in a world of their own each, with one batch of states for all.
 
     Use it as a context manager: it holds threads. The threads do not change the result, which is
@@ -66,16 +66,7 @@ class Robots:
         self._waiting: Iterator[tuple[mujoco.MjModel, NDArray[np.float64]]] | None = None
         self._helping: list[Future[None]] = []
 
-    def __enter__(self) -> "Robots":
-        """Returns itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Ends the threads."""
         self._helpers.shutdown(cancel_futures=True)
 

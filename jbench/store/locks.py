@@ -56,16 +56,7 @@ def hold(directory: Path, whose: str) -> Iterator[None]:
 
 def is_held(directory: Path) -> bool:
     """Returns whether some process holds the lock of a directory; changes nothing."""
-    try:
-        handle = os.open(directory / LOCK, os.O_RDONLY | _CAREFULLY)
-    except OSError:
-        return False
-    with os.fdopen(handle):
-        try:
-            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except OSError:
-            return True
-    return False
+    return _refuses(directory, os.O_RDONLY, fcntl.LOCK_SH)
 
 
 @contextlib.contextmanager
@@ -93,13 +84,24 @@ def share(directory: Path) -> Iterator[None]:
 
 def is_shared(directory: Path) -> bool:
     """Returns whether some process marks a directory as in use, on whatever machine."""
+    return _refuses(directory, os.O_RDWR, fcntl.LOCK_EX)
+
+
+def _refuses(directory: Path, access: int, kind: int) -> bool:
+    """Returns whether there is a lock in a directory that can't be had for a moment.
+
+    Args:
+        directory: of the lock.
+        access: with which its file is opened; some file systems want more of it than others.
+        kind: of lock to ask for.
+    """
     try:
-        handle = os.open(directory / LOCK, os.O_RDWR | _CAREFULLY)
+        handle = os.open(directory / LOCK, access | _CAREFULLY)
     except OSError:
         return False
     with os.fdopen(handle):
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, kind | fcntl.LOCK_NB)
         except OSError:
             return True
     return False

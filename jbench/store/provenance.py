@@ -1,6 +1,7 @@
 """Where and by what a record was made: kept beside its settings, never in its id."""
 
 import importlib.metadata
+import json
 import os
 import platform
 import subprocess
@@ -20,11 +21,14 @@ _PACKAGES = (
     "torch",
 )
 
+COMMAND = "JBENCH_COMMAND"
+"""Environment variable of a worker: JSON, what was typed that started it."""
+
 _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKAGES}
 
 
 def provenance() -> dict[str, Any]:
-    """Returns versions, processor, threads, git revision and the command, as JSON values."""
+    """Returns versions, processor, threads, git revision and what was typed, as JSON values."""
     return {
         "jbench": importlib.metadata.version("jbench"),
         "python": platform.python_version(),
@@ -34,8 +38,15 @@ def provenance() -> dict[str, Any]:
         "cores": cores(),
         "threads": os.environ.get("OMP_NUM_THREADS"),
         "git_revision": git_revision(),
-        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "command": command(),
     }
+
+
+def command() -> list[str]:
+    """Returns what was typed that this process does, be it a worker of another one."""
+    given = os.environ.get(COMMAND)
+    typed: list[str] = sys.argv if given is None else json.loads(given)
+    return [Path(typed[0]).name, *typed[1:]]
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:

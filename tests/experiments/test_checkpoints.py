@@ -27,10 +27,6 @@ def short_episodes(monkeypatch):
         monkeypatch.setattr(module, "EPISODE_STEPS", EPISODE)
     shorter = functools.partial(batch.make_engine, episode_steps=EPISODE)
     monkeypatch.setattr(batch, "make_engine", shorter)
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def do(path, runs, **more):

@@ -34,14 +34,6 @@ TD3 = {
 }
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 def settings(algo="td3", overrides=TD3, **changes):
     return RunSettings(
         **{

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import torch
 
 from jbench.agents.policy import load_agent
 from jbench.agents.settings import algorithm_settings
@@ -16,14 +15,6 @@ from jbench.experiments.train import plan
 from jbench.store import Results, schema
 
 SMALL = {"hidden_layers": [8], "batch_size": 8}
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def settings(algo="td3", **changes):

@@ -23,6 +23,10 @@ def test_they_are_whole(runs):
     assert {record.status for record in runs} == {"finished"}
 
 
+def test_no_place_of_the_machine_that_made_them_is_named(runs):
+    assert all("command" not in record.manifest.provenance for record in runs)
+
+
 # Figure 9 at 100,000 control steps: the 10th and the 90th percentile of ten seeds.
 @pytest.mark.parametrize(
     ("algo", "low", "high"), [("td3", 766.07, 971.14), ("sac", 840.23, 951.93)]

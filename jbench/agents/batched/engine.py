@@ -1,9 +1,8 @@
 """Agents of several seeds that learn one task side by side: the loop, and all of its state."""
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from jbench.agents.batched.environments import Environments, Step
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.policy import Policy
+from jbench.closing import Closing
 
 _AGENT, _WORLD, _LOOP = "agent/", "environments/", "loop/"
 
@@ -31,7 +31,7 @@ class SeedState(NamedTuple):
     scalars: dict[str, Any]
 
 
-class Engine(ABC):
+class Engine(Closing):
     """Agents of several seeds that learn side by side; each learns what it would learn alone.
 
     Use it as a context manager: it holds threads.
@@ -63,18 +63,9 @@ class Engine(ABC):
         self._collected = 0
         team.initialize(streams)
 
-    def __enter__(self) -> "Engine":
-        """Returns itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Ends the threads."""
-        self.environments.__exit__(kind, error, traceback)
+        self.environments.close()
 
     def learn(self, steps: int) -> Iterator[NDArray[np.float64] | None]:
         """Learns until each seed has had so many control steps, to the end of a rollout.

@@ -1,7 +1,6 @@
 """The robots that the agents of several seeds learn on, all stepped together."""
 
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import NamedTuple
 
 import mujoco
@@ -11,6 +10,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.closing import Closing
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import Robots
@@ -36,7 +36,7 @@ class Step(NamedTuple):
     episode_returns: NDArray[np.float64] | None
 
 
-class Environments:
+class Environments(Closing):
     """Seeds x environments robots on one task, in whole episodes.
 
     Use it as a context manager: it holds threads.
@@ -79,18 +79,9 @@ class Environments:
         self._returns = np.zeros(self._shape)
         self._begin_episodes()
 
-    def __enter__(self) -> "Environments":
-        """Returns itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Ends the threads."""
-        self._robots.__exit__(kind, error, traceback)
+        self._robots.close()
 
     @property
     def size(self) -> int:
@@ -168,7 +159,7 @@ class Environments:
         """Takes the robot of an episode, where it is another one."""
         wanted = self._models(episode)
         if wanted is not self._model:
-            self._robots.__exit__(None, None, None)
+            self._robots.close()
             self._model = wanted
             self._robots = self._new_robots()
 

@@ -63,7 +63,7 @@ def make_engine(
     Raises:
         RequestError: if there is no such device or precision, or the environments are too many.
     """
-    place = _device(device)
+    place = device_of(device)
     if precision not in PRECISIONS:
         raise RequestError(f"No precision {precision!r}; there are {', '.join(PRECISIONS)}.")
     gpu = place.type == "cuda"
@@ -99,7 +99,12 @@ def make_engine(
     return OffPolicyEngine(settings, team(), worlds, streams, time_limit=time_limit, actors=actors)
 
 
-def _device(name: str) -> torch.device:
+def device_of(name: str) -> torch.device:
+    """Returns the device of a name in `jbench.names.DEVICES`.
+
+    Raises:
+        RequestError: if there is no such device.
+    """
     if name not in DEVICES:
         raise RequestError(f"No device {name!r}; there are {', '.join(DEVICES)}.")
     there = torch.cuda.is_available()

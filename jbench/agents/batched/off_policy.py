@@ -3,7 +3,6 @@
 import contextlib
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -84,15 +83,10 @@ class OffPolicyEngine(Engine):
         self.replay.begin(environments.observations)
         self._finish()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Ends the threads."""
         self._thread.shutdown(cancel_futures=True)
-        super().__exit__(kind, error, traceback)
+        super().close()
 
     def replay_rows(self, seed: int, first: int = 0) -> Tensor:
         """Returns a seed's replay rows (environments, rows, size + 2), `replay.row` excluded.

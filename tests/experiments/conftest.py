@@ -1,0 +1,8 @@
+"""What the tests of experiments share."""
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def _one_thread(one_thread):
+    """Every test of these learns."""

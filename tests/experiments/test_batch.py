@@ -2,14 +2,13 @@
 
 import pytest
 import torch
+from small_runs import rows, small_run
 
 from jbench.agents.policy import WEIGHTS, load_agent
-from jbench.agents.settings import algorithm_settings
 from jbench.errors import RequestError
 from jbench.experiments.batch import run_batch
 from jbench.experiments.evaluator import robot_model
 from jbench.experiments.request import find_device
-from jbench.experiments.settings import RunSettings
 from jbench.experiments.speed import seconds_per_step
 from jbench.experiments.train import batches, plan
 from jbench.store import Results, schema
@@ -23,30 +22,9 @@ SMALL = {
 
 
 def settings(algo="td3", seed=0, **changes):
-    overrides = {"hidden_layers": [8], "batch_size": 16, **SMALL[algo]}
-    chosen = algorithm_settings(algo, overrides=overrides).model_dump(mode="json")
-    return RunSettings(
-        **{
-            "task": "face_direction",
-            "algo": algo,
-            "engine": "batched",
-            "seed": seed,
-            "steps": 2000,
-            "evaluate_every": 1000,
-            "evaluate_episodes": 2,
-            "hyperparameters": chosen,
-            **changes,
-        }
-    )
-
-
-def rows(record):
-    """Returns all rows but their times."""
-    return [
-        {name: value for name, value in row.items() if name != "wall_time"}
-        for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS))
-        for row in record.read(table, columns).to_pylist()
-    ]
+    lengths = {"steps": 2000, "evaluate_every": 1000, "evaluate_episodes": 2}
+    about = {"engine": "batched", "seed": seed, **lengths, **changes}
+    return small_run(algo, {"batch_size": 16, **SMALL[algo]}, **about)
 
 
 @pytest.mark.parametrize("algo", SMALL)

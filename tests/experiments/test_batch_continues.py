@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 from kills import KILLS
+from small_runs import rows, small_run
 
 from jbench.agents.policy import WEIGHTS
-from jbench.agents.settings import algorithm_settings
-from jbench.experiments.settings import RunSettings
-from jbench.store import Results, schema
+from jbench.store import Results
 
 SMALL = {
     "ddpg": {"train_freq": 10, "gradient_steps": 2, "buffer_size": 125},
@@ -23,21 +22,9 @@ SMALL = {
 
 
 def settings(algo, seed, **changes):
-    overrides = {"hidden_layers": [8], "batch_size": 16, **SMALL[algo]}
-    chosen = algorithm_settings(algo, overrides=overrides).model_dump(mode="json")
-    return RunSettings(
-        **{
-            "task": "face_direction",
-            "algo": algo,
-            "engine": "batched",
-            "seed": seed,
-            "steps": 400,
-            "evaluate_every": 150,
-            "evaluate_episodes": 1,
-            "hyperparameters": chosen,
-            **changes,
-        }
-    )
+    lengths = {"steps": 400, "evaluate_every": 150, "evaluate_episodes": 1}
+    about = {"engine": "batched", "seed": seed, **lengths, **changes}
+    return small_run(algo, {"batch_size": 16, **SMALL[algo]}, **about)
 
 
 def outcome(path, run):
@@ -45,12 +32,7 @@ def outcome(path, run):
     record = Results(path).find("run", run.id)
     assert record.status == "finished"
     assert record.roles() == []
-    rows = [
-        {name: value for name, value in row.items() if name != "wall_time"}
-        for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS))
-        for row in record.read(table, columns).to_pylist()
-    ]
-    return rows, record.read_file(WEIGHTS)
+    return rows(record), record.read_file(WEIGHTS)
 
 
 def kill(path, runs, **request):

@@ -8,11 +8,11 @@ import pyarrow as pa
 import pytest
 import torch
 from pydantic import ValidationError
+from small_runs import small_run
 
 from jbench import cli
 from jbench.agents import sb3
 from jbench.agents.policy import load_agent
-from jbench.agents.settings import algorithm_settings
 from jbench.experiments import run as running
 from jbench.experiments.run import make_env, make_training_env, run
 from jbench.experiments.settings import RunSettings
@@ -26,7 +26,6 @@ from jbench.tasks import model
 
 # Rollouts of 700 steps do not end where a robot's share does; after each there is an update.
 TD3 = {
-    "hidden_layers": [8],
     "batch_size": 8,
     "learning_starts": 500,
     "train_freq": 700,
@@ -35,21 +34,9 @@ TD3 = {
 
 
 def settings(algo="td3", overrides=TD3, **changes):
-    return RunSettings(
-        **{
-            "task": "move_in_direction",
-            "algo": algo,
-            "engine": "sb3",
-            "seed": 0,
-            "steps": 4000,
-            "evaluate_every": 2000,
-            "evaluate_episodes": 1,
-            "hyperparameters": algorithm_settings(algo, overrides=overrides).model_dump(
-                mode="json"
-            ),
-            **changes,
-        }
-    )
+    lengths = {"steps": 4000, "evaluate_every": 2000, "evaluate_episodes": 1}
+    about = {"task": "move_in_direction", "engine": "sb3", **lengths, **changes}
+    return small_run(algo, overrides, **about)
 
 
 def shape(env_or_model):

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from small_runs import small_run
 
 from jbench.agents.policy import load_agent
-from jbench.agents.settings import algorithm_settings
 from jbench.errors import RequestError, WorkError
 from jbench.experiments.run import make_env, run
 from jbench.experiments.settings import RunSettings
@@ -14,28 +14,13 @@ from jbench.experiments.speed import seconds_per_step
 from jbench.experiments.train import plan
 from jbench.store import Results, schema
 
-SMALL = {"hidden_layers": [8], "batch_size": 8}
+TD3 = {"learning_starts": 1500, "train_freq": 500, "gradient_steps": 5}
 
 
-def settings(algo="td3", **changes):
-    overrides = {**SMALL, **changes.pop("overrides", {})}
-    if algo == "td3":
-        overrides = {"learning_starts": 1500, "train_freq": 500, "gradient_steps": 5, **overrides}
-    return RunSettings(
-        **{
-            "task": "face_direction",
-            "algo": algo,
-            "engine": "sb3",
-            "seed": 0,
-            "steps": 3000,
-            "evaluate_every": 2000,
-            "evaluate_episodes": 2,
-            "hyperparameters": algorithm_settings(algo, overrides=overrides).model_dump(
-                mode="json"
-            ),
-            **changes,
-        }
-    )
+def settings(algo="td3", overrides=None, **changes):
+    lengths = {"steps": 3000, "evaluate_every": 2000, "evaluate_episodes": 2}
+    chosen = {"batch_size": 8, **(TD3 if algo == "td3" else {}), **(overrides or {})}
+    return small_run(algo, chosen, **{"engine": "sb3", **lengths, **changes})
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import pandas as pd
 
 from jbench.report import figure_items, table_items, wording
 from jbench.report.behaviour import Behaviour
+from jbench.report.cells import Cell
 from jbench.report.claims import CLAIMS, Finding
 from jbench.report.comparisons import Comparison
 from jbench.report.document import Document, Item, Section, TableItem
@@ -211,10 +212,7 @@ def _what_was_run(made_of: Material) -> str:
     tasks = len({cell.task for cell in cells})
     return (
         f"{_counted(runs, 'run')} in {_counted(len(cells), 'cell')} on {_counted(tasks, 'task')}: "
-        + "; ".join(
-            f"{cell.task} {display_name(cell.algo)} {cell.seen}, n = {len(cell.seeds)}"
-            for cell in cells[:_MOST_NAMED]
-        )
+        + "; ".join(f"{_named(cell)}, n = {len(cell.seeds)}" for cell in cells[:_MOST_NAMED])
         + (f"; and {len(cells) - _MOST_NAMED} more" if len(cells) > _MOST_NAMED else "")
         + (f". Of all runs, {' and '.join(going)}." if going else ".")
     )
@@ -242,9 +240,12 @@ def _what_is_solved(made_of: Material) -> str:
 def _told(summary: Summary) -> str:
     one = summary.get("final_return", "median")
     value = wording.of_statistic(one)
-    cell = summary.cell
-    seen = f"{cell.prefix}{cell.task} {display_name(cell.algo)} {cell.seen}"
-    return f"{seen} ({value.text if value else ''}, n = {len(cell.seeds)})"
+    told = value.text if value else ""
+    return f"{_named(summary.cell)} ({told}, n = {len(summary.cell.seeds)})"
+
+
+def _named(cell: Cell) -> str:
+    return f"{cell.prefix}{cell.task} {display_name(cell.algo)} {cell.seen}"
 
 
 def _how_they_compare(found: Sequence[Comparison]) -> Iterator[str]:
@@ -268,9 +269,10 @@ def _verdict(letter: str, findings: Sequence[Finding]) -> str:
     said = []
     for source in dict.fromkeys(f.source for f in ours):
         counts = Counter(f.verdict for f in ours if f.source == source)
-        told = ", ".join(f"{name} {count}" for name, count in counts.most_common())
+        told = ", ".join(f"{count} {name}" for name, count in counts.most_common())
         said.append(f"{source}: {told}")
-    return f"{'; '.join(said)}."
+    sentence = "; ".join(said)
+    return f"{sentence[0].upper()}{sentence[1:]}."
 
 
 def _counted(count: int, noun: str) -> str:

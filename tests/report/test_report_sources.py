@@ -7,6 +7,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.report import Request, sources, write_report
+from jbench.report.contents import document
 from jbench.report.report import gather
 
 FLAT = np.full(40, 500.0)
@@ -152,3 +153,11 @@ class TestReference:
         beside = learned(gather(fabric.results, Request(reference=True)))
         assert [cell for cell in beside if cell[0] == "ours"] == alone
         assert {cell[0] for cell in beside} <= {"ours", "reference"}
+
+    def test_the_summary_tells_whose_runs_are_meant(self, fabric):
+        fabric.run(FLAT, task="face_direction")
+        first = document(gather(fabric.results, Request(reference=True))).summary[0]
+        named = first.partition(": ")[2].rstrip(".").split("; ")
+        shipped = {name for name in named if name.startswith("reference: face_direction")}
+        assert {*named} - shipped == {"face_direction TD3 full, n = 1"}
+        assert "reference: face_direction TD3 full, engine=sb3, n = 3" in shipped

@@ -38,7 +38,7 @@ def test_claims_are_in_the_document_the_files_and_the_page(filled, capsys):
     (one,) = said["comparisons"]
     assert one["probability_of_improvement"] == 1
     out = filled / "report"
-    assert "With the reduced order learning is slightly faster. ours: undecided 1" in (
+    assert "With the reduced order learning is slightly faster. Ours: 1 undecided" in (
         out / "index.html"
     ).read_text().replace("\n", " ")
     assert (out / "claims.tex").exists()

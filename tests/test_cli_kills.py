@@ -59,7 +59,7 @@ def wait_until_free(record):
 
 
 def test_killed_while_training_the_database_reads_and_the_runs_go_on(tmp_path):
-    arguments = train("td3", "none", "--steps", "6000", "--seeds", "0-1", "--jobs", "1")
+    arguments = train("td3", "none", "--steps", "6000", "--jobs", "1")
     checkpoints = (*arguments, "--checkpoint-every", "0")
     kill_when(checkpoints, tmp_path, lambda: len(list(tmp_path.rglob("checkpoint-*"))) >= 3)
     results = Results(tmp_path)

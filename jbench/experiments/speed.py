@@ -48,8 +48,11 @@ def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device:
     if settings.algo == "ppo":
         rollout, patient = chosen["n_steps"] * settings.environments, settings
     else:
-        rollout = max(chosen["train_freq"], _UPDATES)
-        changes = {"buffer_size": _STEPS, "learning_starts": chosen["batch_size"]}
+        # As many control steps for an update, but fewer of both at a time.
+        fewer = max(1, chosen["gradient_steps"] // _UPDATES)
+        often = {name: max(1, chosen[name] // fewer) for name in ("train_freq", "gradient_steps")}
+        rollout = max(often["train_freq"], _UPDATES)
+        changes = {"buffer_size": _STEPS, "learning_starts": chosen["batch_size"], **often}
         patient = settings.model_copy(update={"hyperparameters": {**chosen, **changes}})
     with engine_of(patient, list(range(seeds)), encoder, device) as engine:
         if settings.algo != "ppo":

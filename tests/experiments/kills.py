@@ -34,7 +34,7 @@ from jbench.experiments.checkpoints import load
 from jbench.store import Results, files
 from jbench.store.verify import verify
 
-KILLS, EPISODE = 20, 50
+KILLS, EPISODE = 10, 50
 
 
 class Squashed(Encoder):

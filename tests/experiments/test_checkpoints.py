@@ -1,6 +1,5 @@
 """Checkpoints of runs: what is written, what is refused, and from where a run goes on."""
 
-import functools
 import json
 
 import pytest
@@ -8,25 +7,17 @@ import safetensors.torch
 import torch
 from test_batch_continues import outcome, settings
 
-from jbench.experiments import batch, checkpoints, evaluator, log
-from jbench.experiments import settings as run_settings
+from jbench.experiments import checkpoints, log
 from jbench.experiments.batch import run_batch
 from jbench.experiments.checkpoints import _next_piece, _Piece, load
 from jbench.store import Results, schema
-
-EPISODE = 50
 
 
 class Stopped(BaseException):
     """What a test stops a run with, as Ctrl-C would."""
 
 
-@pytest.fixture(autouse=True)
-def short_episodes(monkeypatch):
-    for module in (batch, evaluator, run_settings):
-        monkeypatch.setattr(module, "EPISODE_STEPS", EPISODE)
-    shorter = functools.partial(batch.make_engine, episode_steps=EPISODE)
-    monkeypatch.setattr(batch, "make_engine", shorter)
+pytestmark = pytest.mark.usefixtures("short_episodes")
 
 
 def do(path, runs, **more):

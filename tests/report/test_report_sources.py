@@ -160,4 +160,4 @@ class TestReference:
         named = first.partition(": ")[2].rstrip(".").split("; ")
         shipped = {name for name in named if name.startswith("reference: face_direction")}
         assert {*named} - shipped == {"face_direction TD3 full, n = 1"}
-        assert "reference: face_direction TD3 full, engine=sb3, n = 3" in shipped
+        assert any(name.endswith("n = 5") for name in shipped)

@@ -2,8 +2,8 @@
 
 Copies manifests and tables of the finished runs of a results directory into `jbench/reference/`,
 which is shipped with jbench and shown by `jbench report --reference`. Policies are left out: they
-are most of a run's bytes. Encoders, which runs on latents name, are left out too, and so are the
-workers' commands, which name places on the machine that made them. What is there already stays.
+are most of a run's bytes. Encoders, which runs on latents name, are left out too, and so is what
+was typed, which names places on the machine that made them. What is there already stays.
 """
 
 import argparse

@@ -8,7 +8,7 @@ import typer
 
 from jbench import names, parsing
 from jbench.errors import RequestError, WorkError
-from jbench.options import JsonOption, ResultsOption, complete
+from jbench.options import JobsOption, JsonOption, ResultsOption, complete
 from jbench.output import Output
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def sweep(
     checkpoint_every: Annotated[
         float, typer.Option(min=0, help="Seconds between checkpoints of a run, at least.")
     ] = 15.0,
-    jobs: Annotated[int, typer.Option(help="Processes at a time; 0 for one a core.")] = 0,
+    jobs: JobsOption = 0,
     results: ResultsOption = Path("results"),
     json: JsonOption = False,
 ) -> None:

@@ -127,9 +127,12 @@ def _say_how_long(
 ) -> None:
     rounds = -(-len(runs) // at_a_time)
     seconds = rounds * runs[0].steps * seconds_per_step
-    less = ""
-    if seconds > 600:
-        less = " For less: fewer --steps (such as 300000), or fewer --seeds (such as 0-2)."
+    smaller = {
+        "fewer --steps (such as 300000)": runs[0].steps > 300_000,
+        "fewer --seeds (such as 0-2)": len(runs) > 3,
+    }
+    fewer = ", or ".join(way for way, is_less in smaller.items() if is_less)
+    less = f" For less: {fewer}." if fewer and seconds > 600 else ""
     output.say(
         f"{len(runs)} runs of {runs[0].steps:,} control steps at about "
         f"{1 / seconds_per_step:.0f} steps/s each, evaluations included, {at_a_time} at a time: "

@@ -19,8 +19,8 @@ from typing import Any
 from jbench.errors import RequestError, WorkError
 from jbench.experiments.settings import CHECKPOINT_EVERY, RunSettings
 from jbench.experiments.standing import standing
-from jbench.experiments.train import Message, worker
-from jbench.store import Results, locks, provenance, schema
+from jbench.experiments.train import Message, worker, worker_request
+from jbench.store import Results, locks, schema
 
 _ANSWERS_WITHIN = 10.0  # s; a cluster that is there
 _LOOK_EVERY = 2.0  # s between two looks at the results while a task goes on
@@ -71,14 +71,8 @@ class Ray:
 
     def do(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
         """Does the runs in a task; see `Executor`. How far it is, the results tell."""
-        request = {
-            "results": str(self._results.path),
-            "device": self.device,
-            "checkpoint_every": self._checkpoint_every,
-            "command": provenance.command(),
-            "runs": [run.model_dump(mode="json") for run in runs],
-        }
-        task = self._task.remote(json.dumps(request))
+        request = worker_request(runs, self._results, self.device, self._checkpoint_every)
+        task = self._task.remote(request)
         self._tasks.add(task)
         try:
             seen: dict[str, str] = {}
@@ -193,7 +187,7 @@ def do_batch(request: str) -> str:
     """Does runs in a process of the node that Ray calls this on.
 
     Args:
-        request: JSON, as `jbench.experiments.worker` takes it, and the command that was typed.
+        request: JSON, as `worker_request` returns it.
 
     Returns:
         JSON: the last message of each run that had one.
@@ -208,8 +202,7 @@ def do_batch(request: str) -> str:
             "there: all nodes must share it, with flock (docs/sweeps.md)"
         )
         return json.dumps([{"run": run.id, "failed": reason} for run in runs])
-    given = asked["device"], asked["checkpoint_every"]
-    with worker(runs, Results(path), *given, command=asked["command"]) as messages:
+    with worker(request) as messages:
         return json.dumps([m for m in messages if "failed" in m or "finished" in m])
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 from jbench.experiments.settings import CHECKPOINT_EVERY, RunSettings
-from jbench.experiments.train import Message, stop_workers, worker
+from jbench.experiments.train import Message, stop_workers, worker, worker_request
 from jbench.store import Results
 
 
@@ -52,7 +52,8 @@ class Local:
 
     def do(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
         """Does the runs in a process; see `Executor`."""
-        with worker(runs, self._results, self.device, self._checkpoint_every) as messages:
+        request = worker_request(runs, self._results, self.device, self._checkpoint_every)
+        with worker(request) as messages:
             # One that was started while all were stopped is among nobody's victims.
             if not self._stopped:
                 yield from messages

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jbench.experiments.settings import CHECKPOINT_EVERY, RunSettings, but_seed
-from jbench.store import Results, provenance
+from jbench.store import Results
 
 Message = dict[str, Any]
 """What a worker says: see `jbench.experiments.worker`."""
@@ -84,7 +84,8 @@ def train(
         by_id = {run.id: run for run in batch}
         failed = dict.fromkeys(by_id, "its process ended without a word")
         measure = batch is work_of_each[0]
-        with worker(batch, results, device, checkpoint_every, measure) as messages:
+        request = worker_request(batch, results, device, checkpoint_every, measure)
+        with worker(request) as messages:
             for message in messages:
                 run = by_id[message.get("run", batch[0].id)]
                 if "failed" in message:
@@ -136,16 +137,14 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
 _running: set[subprocess.Popen[str]] = set()
 
 
-@contextmanager
-def worker(
+def worker_request(
     runs: Sequence[RunSettings],
     results: Results,
     device: str,
     checkpoint_every: float,
     measure: bool = False,
-    command: Sequence[str] | None = None,
-) -> Iterator[Iterator[Message]]:
-    """Starts a worker; gives its messages as they come.
+) -> str:
+    """Returns what a worker is asked for, as JSON; it knows what was typed here, for the records.
 
     Args:
         runs: that it does.
@@ -153,23 +152,28 @@ def worker(
         device: that the batched engine learns on.
         checkpoint_every: seconds between two checkpoints of a run, at least.
         measure: whether it measures first how long a control step takes, and says so.
-        command: what was typed, for the records; that of this process if None.
     """
     request = {
         "results": str(results.path),
         "device": device,
         "checkpoint_every": checkpoint_every,
         "measure": measure,
+        "command": sys.argv,
         "runs": [run.model_dump(mode="json") for run in runs],
     }
+    return json.dumps(request)
+
+
+@contextmanager
+def worker(request: str) -> Iterator[Iterator[Message]]:
+    """Starts a worker for what `worker_request` returned; gives its messages as they come."""
     threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-    typed = json.dumps(provenance.command() if command is None else list(command))
     process = subprocess.Popen(
-        [sys.executable, "-m", "jbench.experiments.worker", json.dumps(request)],
+        [sys.executable, "-m", "jbench.experiments.worker", request],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, **threads, "MUJOCO_GL": "disable", provenance.COMMAND: typed},
+        env={**os.environ, **threads, "MUJOCO_GL": "disable"},
     )
     _running.add(process)
     try:

@@ -1,8 +1,8 @@
 """Some runs in a process of their own: JSON lines on standard output, and it ends with its parent.
 
-`python -m jbench.experiments.worker '{"results": …, "device": …, "runs": […]}'`. Plain JSON instead
-of multiprocessing, which would pickle. Runs of the batched engine differ in their seeds alone; with
-stable-baselines3 there is one run.
+`python -m jbench.experiments.worker JSON`, where JSON is what `worker_request` returns; plain JSON
+instead of multiprocessing, which would pickle. Runs of the batched engine differ in their seeds
+alone; with stable-baselines3 there is one run.
 
 Messages: {"seconds_per_step": s} where "measure" asks for it; for a run that was begun before,
 {"run": id, "goes_on_from": n, "because": sentence or ""}; then for each run {"run": id} with
@@ -33,6 +33,8 @@ def main(argument: str) -> int:
 
     torch.set_num_threads(1)
     request = json.loads(argument)
+    # Records tell what a person typed.
+    sys.argv = request["command"]
     runs = [RunSettings(**settings) for settings in request["runs"]]
     try:
         failures = _train(runs, request, send)

@@ -1,7 +1,6 @@
 """Where and by what a record was made: kept beside its settings, never in its id."""
 
 import importlib.metadata
-import json
 import os
 import platform
 import subprocess
@@ -21,9 +20,6 @@ _PACKAGES = (
     "torch",
 )
 
-COMMAND = "JBENCH_COMMAND"
-"""Environment variable of a worker: JSON, what was typed that started it."""
-
 _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKAGES}
 
 
@@ -38,15 +34,8 @@ def provenance() -> dict[str, Any]:
         "cores": cores(),
         "threads": os.environ.get("OMP_NUM_THREADS"),
         "git_revision": git_revision(),
-        "command": command(),
+        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
     }
-
-
-def command() -> list[str]:
-    """Returns what was typed that this process does, be it a worker of another one."""
-    given = os.environ.get(COMMAND)
-    typed: list[str] = sys.argv if given is None else json.loads(given)
-    return [Path(typed[0]).name, *typed[1:]]
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:

@@ -15,7 +15,6 @@ Its answer is JSON: {"kills": n, "folders": n, "steps": for each folder, after e
 control steps of every run's last checkpoint, "problems": what `jbench verify` says after each}.
 """
 
-import functools
 import json
 import os
 import random
@@ -26,15 +25,16 @@ import traceback
 from pathlib import Path
 
 import torch
+from small_runs import shorten_episodes
 
 from jbench.encoders import Encoder
-from jbench.experiments import batch, evaluator, settings
 from jbench.experiments.batch import run_batch
 from jbench.experiments.checkpoints import load
+from jbench.experiments.settings import RunSettings
 from jbench.store import Results, files
 from jbench.store.verify import verify
 
-KILLS, EPISODE = 10, 50
+KILLS = 20
 
 
 class Squashed(Encoder):
@@ -112,7 +112,7 @@ class Killer:
 
     def __init__(self, request):
         self._path, self._at = Path(request["path"]), request["at"]
-        self._runs = [settings.RunSettings(**run) for run in request["runs"]]
+        self._runs = [RunSettings(**run) for run in request["runs"]]
         self._encoder = Squashed(request["encoder"]) if request.get("encoder") else None
         self._draw, self._longest = random.Random(0), 0.0
         self.kills, self.steps, self.problems = 0, [], []
@@ -180,10 +180,7 @@ def steps_of(run, results):
 
 def main(request):
     torch.set_num_threads(1)
-    # Each module knows it by itself.
-    for module in (batch, evaluator, settings):
-        module.EPISODE_STEPS = EPISODE
-    batch.make_engine = functools.partial(batch.make_engine, episode_steps=EPISODE)
+    shorten_episodes()
     killer = Killer(request)
     killer.whole()
     folders = 0

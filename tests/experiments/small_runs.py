@@ -1,8 +1,22 @@
 """Settings of runs that take a moment, and what such a run has come to."""
 
+import functools
+
 from jbench.agents.settings import algorithm_settings
+from jbench.experiments import batch, evaluator, settings
 from jbench.experiments.settings import RunSettings
 from jbench.store import schema
+
+EPISODE = 50
+
+
+def shorten_episodes(set_attribute=setattr):
+    """Makes the batched engine's episodes `EPISODE` control steps long."""
+    # Each module knows their length by itself.
+    for module in (batch, evaluator, settings):
+        set_attribute(module, "EPISODE_STEPS", EPISODE)
+    shorter = functools.partial(batch.make_engine, episode_steps=EPISODE)
+    set_attribute(batch, "make_engine", shorter)
 
 
 def small_run(algo, overrides, **changes):

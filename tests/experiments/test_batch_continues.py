@@ -57,7 +57,6 @@ def kill(path, runs, **request):
     return answer
 
 
-# With and without an encoder: twenty kills for each algorithm.
 @pytest.mark.parametrize("encoder", [None, 3])
 @pytest.mark.parametrize("algo", SMALL)
 def test_killed_at_random_moments_a_batch_ends_as_if_it_had_not_been(algo, encoder, tmp_path):

@@ -19,7 +19,7 @@ def keep(record: Record, target: Results) -> None:
     """Copies the rows of a run, and a manifest that lists them alone."""
     manifest = record.manifest
     rows = tuple(entry for entry in manifest.files if entry.table is not None)
-    path = Record(target, "run", record.id).path
+    path = target.record("run", record.id).path
     files.make_directory(path)
     for entry in rows:
         files.copy_atomic(record.path / entry.name, path / entry.name, entry.sha256)

@@ -77,9 +77,7 @@ def collect(
     Raises:
         WorkError: if another process collects it, or the disk is full.
     """
-    record = Record(results, "dataset", settings.id)
-    with record.lock():
-        found = results.find("dataset", settings.id)
+    with results.hold("dataset", settings.id) as found:
         if found is not None and found.status == "finished":
             return found
         record = found or results.create("dataset", settings.id, settings.model_dump())

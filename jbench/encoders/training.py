@@ -60,9 +60,7 @@ def train_encoder(
         *(settings.dataset, settings.task, settings.seed),
     ):
         raise ValueError(f"these are not the states of {settings.id}")
-    record = Record(results, "encoder", settings.id)
-    with record.lock():
-        found = results.find("encoder", settings.id)
+    with results.hold("encoder", settings.id) as found:
         if found is not None and found.status == "finished":
             return found
         kind = make_kind(settings.kind, settings.options)

@@ -63,8 +63,8 @@ def run_batch(
         members = []
         for run in runs:
             try:
-                locks.enter_context(Record(results, "run", run.id).lock())
-                member = _begin(run, results, notice)
+                found = locks.enter_context(results.hold("run", run.id))
+                member = _begin(run, found, results, notice)
             except WorkError as error:
                 failures[run.id] = error
                 continue
@@ -102,9 +102,10 @@ class _Member:
         return 0 if self.checkpoint is None else self.checkpoint.position.control_steps
 
 
-def _begin(run: RunSettings, results: Results, notice: Notice) -> _Member | None:
+def _begin(
+    run: RunSettings, record: Record | None, results: Results, notice: Notice
+) -> _Member | None:
     """Returns a run that is to be done, from its last checkpoint or from nothing."""
-    record = results.find("run", run.id)
     if record is not None and record.status == "finished":
         return None
     if record is not None:

@@ -61,10 +61,8 @@ def evaluate(
         RequestError: if there is no such policy for this task.
         WorkError: if another process does this evaluation, or it can't be written.
     """
-    record = Record(results, "evaluation", settings.id)
     policy = find_policy(results, settings.policy, settings.task, settings.seed)
-    with record.lock():
-        found = results.find("evaluation", settings.id)
+    with results.hold("evaluation", settings.id) as found:
         if found is not None and found.status == "finished":
             return found
         record = results.create("evaluation", settings.id, settings.model_dump())

@@ -39,9 +39,7 @@ def run(
     Raises:
         WorkError: if another process does this run, or its results can't be written.
     """
-    record = Record(results, "run", settings.id)
-    with record.lock():
-        found = results.find("run", settings.id)
+    with results.hold("run", settings.id) as found:
         if found is not None and found.status == "finished":
             return found
         record = results.create("run", settings.id, settings.model_dump(mode="json"))

@@ -73,19 +73,15 @@ def standing(run: RunSettings, results: Results) -> Standing:
 
 def is_elsewhere(run: RunSettings, results: Results) -> bool:
     """Returns whether some process does a run at this moment."""
-    return locks.is_held(Record(results, "run", run.id).path)
+    return locks.is_held(results.record("run", run.id).path)
 
 
 def record_failure(run: RunSettings, results: Results, reason: str) -> None:
     """Marks a run as failed, unless it is marked already, finished, or another process does it."""
-    with contextlib.suppress(RequestError, WorkError):
-        record = Record(results, "run", run.id)
-        with record.lock():
-            found = results.find("run", run.id)
-            if found is None:
-                found = results.create("run", run.id, run.model_dump(mode="json"))
-            if found.status == "unfinished":
-                found.fail(reason)
+    with contextlib.suppress(RequestError, WorkError), results.hold("run", run.id) as found:
+        record = found or results.create("run", run.id, run.model_dump(mode="json"))
+        if record.status == "unfinished":
+            record.fail(reason)
 
 
 def cell_standings(

@@ -9,7 +9,8 @@ import numpy as np
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.store import schema
-from jbench.store.database import Record, Results
+from jbench.store.database import Results
+from jbench.store.record import Record
 
 _MOST_EPISODES = 100  # in the mean of the last returns; the paper's moving average
 

@@ -11,8 +11,9 @@ import numpy as np
 import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
-from jbench.store.database import Record, Results
+from jbench.store.database import Results
 from jbench.store.manifest import KINDS
+from jbench.store.record import Record
 from jbench.store.repair import Aside
 from jbench.store.verify import examine
 
@@ -91,9 +92,8 @@ def _merge_one(results: Results, source: Results, other: Record, aside: Aside) -
     if faults:
         raise WorkError(str(faults[0]))
     other.refresh()
-    own = Record(results, other.kind, other.id)
-    with own.lock():
-        found = results.find(other.kind, other.id)
+    own = results.record(other.kind, other.id)
+    with results.hold(other.kind, other.id) as found:
         outcome: Outcome = "copied" if found is None else _choice(found, other)
         if outcome == "replaced":
             aside.take_record(own.path)

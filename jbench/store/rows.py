@@ -8,9 +8,9 @@ import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.store import schema
-from jbench.store.database import Record
 from jbench.store.identity import settings_hash
 from jbench.store.manifest import Kind
+from jbench.store.record import Record
 
 Row = dict[str, Any]
 """Values by column."""

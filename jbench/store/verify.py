@@ -20,9 +20,10 @@ import pyarrow.parquet as pq
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import files, locks, schema
-from jbench.store.database import Record, Results
+from jbench.store.database import Results
 from jbench.store.identity import settings_hash
 from jbench.store.manifest import KINDS, MANIFEST, SCHEMA_VERSION, FileEntry, Kind, VersionError
+from jbench.store.record import Record
 from jbench.store.rows import row_of
 from jbench.store.tree import Folder, walk
 

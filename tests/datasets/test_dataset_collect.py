@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from jbench.datasets import DatasetSettings, collect
 from jbench.errors import WorkError
-from jbench.store import Record, Results
+from jbench.store import Results
 
 # One episode to a file; a line is printed as each is committed.
 COLLECTING = """
@@ -133,7 +133,7 @@ def test_finished_dataset_is_returned_untouched(six_episodes, collect_in_files_o
 
 
 def test_two_processes_do_not_collect_the_same_dataset(tmp_path, collect_in_files_of):
-    held = Record(Results(tmp_path), "dataset", DatasetSettings(seed=3, steps=1000).id)
+    held = Results(tmp_path).record("dataset", DatasetSettings(seed=3, steps=1000).id)
     with held.lock(), pytest.raises(WorkError, match="Another process is writing the dataset"):
         collect_in_files_of(1, tmp_path, 1000)
     assert {path.name for path in held.path.iterdir()} == {"lock"}

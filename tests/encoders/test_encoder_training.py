@@ -20,7 +20,7 @@ from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.encoders.states import Shard, States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import RequestError, WorkError
-from jbench.store import Record, Results, query, schema
+from jbench.store import Results, query, schema
 from jbench.tasks.features import feature_labels
 
 CPU = torch.device("cpu")
@@ -388,7 +388,7 @@ def test_states_of_another_seed_are_not_taken_for_the_settings_own(trained, resu
 
 
 def test_two_processes_do_not_train_the_same_encoder(trained, results):
-    held = Record(results, "encoder", trained.settings.id)
+    held = results.record("encoder", trained.settings.id)
     with held.lock(), pytest.raises(WorkError, match="Another process is writing the encoder"):
         train_encoder(trained.settings, trained.states, results)
 

@@ -13,7 +13,7 @@ from jbench.experiments.standing import (
     seconds_left,
     standing,
 )
-from jbench.store import Record, Results, schema
+from jbench.store import Results, schema
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def test_a_failure_is_recorded_once_and_of_no_finished_run(results, cell):
     begin(results, failed).fail("the first reason")
     for run in (finished, failed, new):
         record_failure(run, results, "another reason")
-    with Record(results, "run", held.id).lock():
+    with results.record("run", held.id).lock():
         assert is_elsewhere(held, results)
         record_failure(held, results, "another reason")
     assert not is_elsewhere(held, results)

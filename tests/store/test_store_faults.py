@@ -9,7 +9,7 @@ from store_faults import PREAMBLE, run_script
 from store_rows import add_run, alter_manifest, listed, manifest_of, names, numbers, read
 
 from jbench.errors import RequestError, WorkError
-from jbench.store import Record, Results
+from jbench.store import Results
 from jbench.store.listing import list_runs
 
 APPENDING = """
@@ -177,7 +177,7 @@ def test_clock_set_back_while_a_record_is_written_changes_nothing_but_its_dates(
 
 def test_two_writers_of_one_record_are_one_after_the_other(results):
     script = """
-record = Record(results, "run", "a/b")
+record = results.record("run", "a/b")
 while True:
     try:
         with record.lock():
@@ -212,7 +212,7 @@ def test_reader_of_a_record_that_is_joined_meanwhile_finds_its_rows(results, rec
 
 
 def test_new_directories_are_made_with_all_their_parents(tmp_path):
-    deep = Record(Results(tmp_path / "x" / "y"), "run", "a/b")
+    deep = Results(tmp_path / "x" / "y").record("run", "a/b")
     with deep.lock():
         assert os.listdir(deep.path) == ["lock"]
 

@@ -13,7 +13,7 @@ import pytest
 from store_rows import listed, names, numbers, read
 
 from jbench.errors import WorkError
-from jbench.store import Record, Results
+from jbench.store import Results
 
 # Rows of one append have the same number; it is printed once the append has returned.
 APPENDING = """
@@ -38,7 +38,7 @@ while True:
 """
 
 HOLDING = """
-with Record(results, "run", "a/b").lock():
+with results.record("run", "a/b").lock():
     print("held", flush=True)
     time.sleep(600)
 """
@@ -128,23 +128,23 @@ def test_append_without_room_for_its_second_table_commits_neither(results, recor
 
 
 def test_lock_is_refused_while_another_process_holds_it_and_free_once_it_is_killed(results):
-    record = Record(results, "run", "a/b")
+    record = results.record("run", "a/b")
     with process_of(results, HOLDING) as process:
         assert process.stdout.readline() == "held\n"
         with pytest.raises(WorkError, match="Another process is writing the run a/b; wait"):
             record.lock().__enter__()
-        with Record(results, "run", "a/c").lock():
+        with results.record("run", "a/c").lock():
             pass  # another record's lock is another lock
     with record.lock(), pytest.raises(WorkError, match="Another process"):
         record.lock().__enter__()
 
 
 def test_lock_is_let_go_after_an_error(results):
-    record = Record(results, "run", "a/b")
+    record = results.record("run", "a/b")
     with pytest.raises(KeyError), record.lock():
         raise KeyError
     with record.lock(), pytest.raises(WorkError, match="Another process"):
-        Record(Results(results.path), "run", "a/b").lock().__enter__()
+        Results(results.path).record("run", "a/b").lock().__enter__()
 
 
 def test_a_process_that_ends_right_after_reading_ends_well(tmp_path):

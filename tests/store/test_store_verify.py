@@ -219,7 +219,7 @@ def test_record_that_is_being_written_has_no_leftovers(results):
 
 
 WRITING = """
-with Record(results, "run", sys.argv[2]).lock():
+with results.record("run", sys.argv[2]).lock():
     record = results.find("run", sys.argv[2])
     print("begun", flush=True)
     while True:

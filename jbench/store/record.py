@@ -1,0 +1,327 @@
+"""A record: its manifest and its files.
+
+The manifest is the commit: a file that it does not list does not exist for a reader. A writer puts
+new files beside the old ones, forces them to the disk, and only then replaces the manifest.
+"""
+
+import contextlib
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from jbench.errors import WorkError
+from jbench.store import files, locks, parquet
+from jbench.store.manifest import MANIFEST, SCHEMA_VERSION, FileEntry, Kind, Manifest, Status
+from jbench.store.older import upgraded
+from jbench.store.provenance import differences, provenance
+
+_LARGEST_MANIFEST = 1 << 26  # bytes; one that lists 100,000 files is half of it
+
+
+class Record:
+    """A dataset, an encoder or a run: its manifest and its files."""
+
+    manifest: Manifest
+
+    def __init__(self, path: Path, kind: Kind, id: str) -> None:
+        """Names a record, as `Results.record` does; `create` and `load` give it its manifest."""
+        self.path, self.kind, self.id = path, kind, id
+
+    def create(self, settings: Mapping[str, Any]) -> None:
+        """Starts the record, or starts an unfinished one over: what it had is given up."""
+        files.make_directory(self.path)
+        now = _now()
+        self._commit(
+            Manifest(
+                kind=self.kind,
+                id=self.id,
+                settings=dict(settings),
+                provenance=provenance(),
+                created=now,
+                updated=now,
+            )
+        )
+        self.clean()
+
+    def load(self) -> bool:
+        """Reads the manifest; returns whether there is one.
+
+        Raises:
+            WorkError: if it can't be read, or is another record's.
+        """
+        path = self.path / MANIFEST
+        try:
+            with files.open_plain(path) as file:
+                content = file.read(_LARGEST_MANIFEST + 1)
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        except OSError as error:
+            raise WorkError(f"{path} can't be read ({error.strerror}).") from None
+        if len(content) > _LARGEST_MANIFEST:
+            raise WorkError(f"{path} is larger than any manifest; it is not read.")
+        self.manifest = Manifest.from_bytes(content, str(path))
+        if (self.manifest.kind, self.manifest.id) != (self.kind, self.id):
+            raise WorkError(
+                f"{path} calls itself {self.manifest.kind} {self.manifest.id}; it is not read."
+            )
+        return True
+
+    @property
+    def status(self) -> Status:
+        """Whether the work is unfinished, finished or failed."""
+        return self.manifest.status
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What produced the record."""
+        return self.manifest.settings
+
+    def refresh(self) -> bool:
+        """Reads the manifest again; returns whether another was committed meanwhile.
+
+        A reader may miss a file that was joined with others since it read the manifest.
+        """
+        # As bytes: a stranger's manifest may hold NaN, which is never the same.
+        before = self.manifest.to_bytes()
+        with contextlib.suppress(WorkError):
+            self.load()
+        return self.manifest.to_bytes() != before
+
+    def append(
+        self,
+        tables: Mapping[str, pa.Table],
+        checkpoints: Mapping[str, bytes] | None = None,
+        *,
+        drop: Collection[str] = (),
+        anew: bool = False,
+    ) -> None:
+        """Adds rows to tables and replaces checkpoints: all of it or, if anything fails, nothing.
+
+        Args:
+            tables: rows by table.
+            checkpoints: content by role, a file name such as `checkpoint.safetensors`: what the
+                work needs to go on after these rows. The file that had the role before is removed
+                once the manifest lists the new one. `read_file` finds it by its role; `finish`
+                drops it.
+            drop: roles of checkpoints that are no longer needed.
+            anew: whether these rows take the place of all that the tables have.
+        """
+        checkpoints = checkpoints or {}
+        added = [self._write_part(name, rows) for name, rows in tables.items() if rows.num_rows]
+        added += [self._write_checkpoint(role, content) for role, content in checkpoints.items()]
+        before, ended = self.manifest.files, {*checkpoints, *drop}
+        kept = [
+            entry
+            for entry in before
+            if entry.role not in ended and not (anew and entry.table in tables)
+        ]
+        # The same rows twice are the same file.
+        listed = {entry.name: entry for entry in (*kept, *added)}
+        self._update(files=tuple(listed.values()))
+        files.remove(self.path / entry.name for entry in before if entry.name not in listed)
+
+    def rows(self, table: str) -> int:
+        """Returns how many rows of a table are committed."""
+        return sum(entry.rows for entry in self.parts(table))
+
+    def read(self, table: str, schema: pa.Schema) -> pa.Table:
+        """Returns all committed rows of a table, checked against the manifest.
+
+        Raises:
+            WorkError: if a file is missing, altered or of other columns; it names the file.
+        """
+        parts = [self.read_part(entry, schema) for entry in self.parts(table)]
+        return pa.concat_tables([schema.empty_table(), *parts])
+
+    def read_part(self, entry: FileEntry, schema: pa.Schema) -> pa.Table:
+        """Returns the rows of one file, checked against the manifest; see `read`."""
+        dictionaries = [field.name for field in schema if pa.types.is_dictionary(field.type)]
+        rows = self.rows_of(entry, dictionaries)
+        if self.manifest.schema_version < SCHEMA_VERSION and entry.table is not None:
+            rows = upgraded(entry.table, rows, schema)
+        for name in schema.names:
+            if name not in rows.column_names:
+                reason = f"it has no column {name}: another version of jbench wrote it"
+                raise self._damaged(entry, reason)
+        try:
+            return rows.select(schema.names).cast(schema)
+        except (pa.ArrowException, KeyError) as error:
+            raise self._damaged(entry, str(error).splitlines()[0]) from None
+
+    def parts(self, table: str) -> list[FileEntry]:
+        """Returns the committed files of a table, in the order in which they were written."""
+        return [entry for entry in self.manifest.files if entry.table == table]
+
+    def read_file(self, name: str) -> bytes:
+        """Returns the content of a committed file that is not a table, by its name or its role.
+
+        Raises:
+            WorkError: if there is none of that name, or it is not what was committed.
+        """
+        for entry in self.manifest.files:
+            if name in (entry.name, entry.role):
+                return self._checked(entry)
+        raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
+
+    def has_checkpoint(self, role: str) -> bool:
+        """Returns whether a checkpoint of that role is committed."""
+        return role in self.roles()
+
+    def roles(self) -> list[str]:
+        """Returns the roles of all checkpoints, in the order in which they were written."""
+        return [entry.role for entry in self.manifest.files if entry.role is not None]
+
+    def go_on(self, where: Mapping[str, Any]) -> dict[str, list[Any]]:
+        """Notes that unfinished or failed work is taken up again, and what is different by now.
+
+        Args:
+            where: it stands, as JSON values; the time and what differs are added.
+
+        Returns:
+            What differs of versions and processor: as it was when the work began, and as it is.
+        """
+        begun = self.manifest.provenance
+        changed = differences(begun, provenance())
+        note = {"at": _now(), **where, "changed": changed}
+        before = begun.get("continued")
+        continued = [*(before if isinstance(before, list) else []), note]
+        self._update(status="unfinished", summary={}, provenance={**begun, "continued": continued})
+        return changed
+
+    def finish(
+        self,
+        summary: Mapping[str, Any],
+        new_files: Mapping[str, bytes] | None = None,
+        compact: bool = True,
+    ) -> None:
+        """Ends a record; its checkpoints are dropped.
+
+        Args:
+            summary: what came out, in short; kept in the manifest.
+            new_files: content by file name, added to the record.
+            compact: whether each table becomes one file; not for tables larger than memory.
+        """
+        kept = tuple(e for e in self.manifest.files if e.table is None and e.role is None)
+        tables = dict.fromkeys(entry.table for entry in self.manifest.files if entry.table)
+        if compact:
+            joined = tuple(self._join(table) for table in tables)
+        else:
+            joined = tuple(entry for entry in self.manifest.files if entry.table)
+        added = tuple(
+            self._write_file(name, content) for name, content in (new_files or {}).items()
+        )
+        self._update(status="finished", summary=dict(summary), files=kept + joined + added)
+        self.clean()
+
+    def take_over(self, source: "Record") -> None:
+        """Becomes what a record of another results directory is; call it while holding the lock.
+
+        Raises:
+            WorkError: if a file of the source is not what its manifest says, or there is no room.
+        """
+        for entry in source.manifest.files:
+            files.copy_atomic(source.path / entry.name, self.path / entry.name, entry.sha256)
+        self._commit(source.manifest)
+        self.clean()
+
+    def clean(self) -> None:
+        """Removes files that an interrupted writer left: call it only while holding the lock."""
+        files.remove_unlisted(self.path, {MANIFEST, *(entry.name for entry in self.manifest.files)})
+
+    def fail(self, error: str) -> None:
+        """Marks the work as failed, keeping what it has."""
+        self._update(status="failed", summary={"error": error})
+
+    @contextlib.contextmanager
+    def lock(self) -> Iterator[None]:
+        """Holds the record for this process; the lock of a process that died is free.
+
+        Raises:
+            WorkError: if another process holds it.
+        """
+        files.make_directory(self.path)
+        with locks.hold(self.path, f"the {self.kind} {self.id}"):
+            yield
+
+    def _join(self, table: str) -> FileEntry:
+        parts = self.parts(table)
+        if len(parts) == 1:
+            return parts[0]
+        return self._write_part(
+            table,
+            pa.concat_tables([self.rows_of(part) for part in parts]),
+        )
+
+    def _write_part(self, table: str, rows: pa.Table) -> FileEntry:
+        content = parquet.to_bytes(rows)
+        # The content's hash in the name makes it unique; the number shows the order to people.
+        name = f"{table}-{len(self.parts(table)):05d}-{files.sha256(content)[:8]}.parquet"
+        return self._write_file(name, content, table, rows.num_rows)
+
+    def _write_checkpoint(self, role: str, content: bytes) -> FileEntry:
+        # A name of its own: the one before it is listed, and whole, until the commit.
+        stem, suffix = Path(role).stem, Path(role).suffix
+        name = f"{stem}-{files.sha256(content)[:8]}{suffix}"
+        return self._write_file(name, content, role=role)
+
+    def _write_file(
+        self,
+        name: str,
+        content: bytes,
+        table: str | None = None,
+        rows: int = 0,
+        role: str | None = None,
+    ) -> FileEntry:
+        entry = FileEntry(
+            name=name,
+            table=table,
+            role=role,
+            rows=rows,
+            bytes=len(content),
+            sha256=files.sha256(content),
+        )
+        files.write_atomic(self.path / name, content)
+        return entry
+
+    def rows_of(self, entry: FileEntry, dictionaries: Sequence[str] = ()) -> pa.Table:
+        """Returns the rows of one file with whatever columns it has, checked; see `read`."""
+        content = self._checked(entry)
+        try:
+            return parquet.from_bytes(content, entry.rows, dictionaries)
+        except ValueError as error:
+            raise self._damaged(entry, str(error)) from None
+
+    def _checked(self, entry: FileEntry) -> bytes:
+        """Returns a file's content if it is what was committed."""
+        try:
+            with files.open_plain(self.path / entry.name) as file:
+                size = os.fstat(file.fileno()).st_size
+                if size != entry.bytes:
+                    raise self._damaged(entry, f"{size} bytes, not {entry.bytes}")
+                content = file.read()
+        except OSError as error:
+            raise self._damaged(entry, str(error.strerror)) from None
+        if files.sha256(content) != entry.sha256:
+            raise self._damaged(entry, "its checksum differs")
+        return content
+
+    def _damaged(self, entry: FileEntry, reason: str) -> WorkError:
+        return WorkError(
+            f"{self.path / entry.name} of the {self.kind} {self.id} is damaged ({reason}); "
+            f"restore it, or delete {self.path} to make it anew."
+        )
+
+    def _update(self, **changes: Any) -> None:
+        self._commit(self.manifest.model_copy(update={"updated": _now(), **changes}))
+
+    def _commit(self, manifest: Manifest) -> None:
+        files.write_atomic(self.path / MANIFEST, manifest.to_bytes())
+        self.manifest = manifest
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -12,6 +12,9 @@ _VALUE_LENGTH = 34
 _NOT_COMPARED = ("seed", "steps", "evaluate_every", "evaluate_episodes")
 """Settings in which comparable runs may differ: evaluating changes nothing of the training."""
 
+UNSAID = {"augment": None, "robots": 1, "precision": "float32", "parallel": None}
+"""Settings that a run keeps only where they are something else than this."""
+
 _IMPLIED = {
     "representation": ("encoder",),
     "algo": ("hyperparameters", "parallel"),
@@ -47,7 +50,7 @@ def variant_labels(settings: Mapping[str, str]) -> dict[str, str]:
     Returns:
         Labels by variant, in the order of the values that differ; "" for a lone variant.
     """
-    flat = {variant: flatten(json.loads(text)) for variant, text in settings.items()}
+    flat = {variant: flatten(UNSAID | json.loads(text)) for variant, text in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [
         path

@@ -6,8 +6,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from jbench.experiments.settings import RunSettings
 from jbench.report.cells import build_cells, file_name, in_order, usable_runs
-from jbench.report.variants import variant_labels
+from jbench.report.variants import UNSAID, variant_labels
 from jbench.store import query
 
 
@@ -141,6 +142,15 @@ class TestVariants:
     def test_what_is_missing_in_one_is_said(self):
         labels = variant_labels({"a": '{"noise": {"sigma": 0.1}}', "b": "{}"})
         assert labels == {"a": "sigma=0.1", "b": "sigma=(not set)"}
+
+    def test_what_a_run_keeps_only_where_it_is_unusual_is_said(self):
+        labels = variant_labels({"a": "{}", "b": '{"precision": "bfloat16"}'})
+        assert labels == {"a": "precision=float32", "b": "precision=bfloat16"}
+
+    def test_that_is_what_the_settings_of_a_run_leave_out(self):
+        fields = RunSettings.model_fields
+        left_out = {name: field for name, field in fields.items() if field.exclude_if is not None}
+        assert {name: field.default for name, field in left_out.items()} == UNSAID
 
     def test_names_that_would_be_the_same_are_written_in_full(self):
         settings = {

@@ -69,6 +69,13 @@ class TestCompare:
         assert len(made_of.learned) == 3
         assert any(note.startswith("Only in engine=sb3:") for note in made_of.notes)
 
+    def test_a_setting_that_is_kept_only_where_it_is_unusual(self, fabric):
+        fabric.run(FLAT)
+        fabric.run(FLAT + 10, precision="bfloat16")
+        compare = ("precision=bfloat16", "precision=float32")
+        (one,) = gather(fabric.results, Request(compare=compare)).comparisons
+        assert (one.ours.source, one.difference.value) == ("precision=bfloat16", 10)
+
     @pytest.mark.parametrize("typed", ["tau=0.25", "tau=2.5e-1", "hyperparameters.tau=0.25"])
     def test_a_setting_of_the_algorithm_by_its_last_name(self, both, typed):
         other = f"{typed.split('=')[0]}=0.5, engine=sb3"

@@ -1,5 +1,6 @@
 """The verb of reports: parse, call one function, print."""
 
+import contextlib
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -95,6 +96,7 @@ def report(
         columns=columns,
         reference=reference,
         compare=compare,
+        watched=watch,
         command=command,
     )
     where = out or place.inside("comparison" if compare else "report")
@@ -110,7 +112,8 @@ def _report(place: "Results", out: Path, request: "Request", output: Output) -> 
 
     written = write_report(place, out, request)
     _show(written, output)
-    output.document(_document(written))
+    if output.as_json:
+        output.document(_document(written))
     for problem in written.problems:
         output.warn(problem)
     if written.problems:
@@ -122,19 +125,19 @@ def _report(place: "Results", out: Path, request: "Request", output: Output) -> 
 
 def _watch(place: "Results", out: Path, request: "Request", output: Output) -> None:
     """Writes a report whenever the results change, until Ctrl-C."""
-    from jbench.report.watch import watch
+    from jbench.report.watch import end, remembered_interrupt, watch
 
     output.say("Watching; Ctrl-C ends it.")
-    try:
-        for _ in watch(place, request):
+    with contextlib.suppress(KeyboardInterrupt), remembered_interrupt() as interrupt:
+        for _ in watch(place, request, interrupt):
             try:
                 _report(place, out, request, output)
             except WorkError as error:
                 output.warn(str(error))
             except RequestError as error:
                 _wait_or_refuse(error, output)
-    except KeyboardInterrupt:
-        output.say(f"No longer watching; the last report is in {out}.")
+    end(out)
+    output.say(f"No longer watching; the last report is in {out}.")
 
 
 def _wait_or_refuse(error: RequestError, output: Output) -> None:

@@ -90,7 +90,7 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     drawn = {f"{item.name}.{ending}" for item in _figures(document) for ending in request.formats}
     for item in _figures(document):
         panels.without_text(item.figure)
-    files["index.html"] = page.render_document(document).encode()
+    files["index.html"] = page.render_document(document, reloads=request.watched).encode()
     paths, left = written.write(out, files)
     return Report(
         table=made_of.table,

@@ -26,6 +26,7 @@ class Request:
         columns: of a paper that the figures are made for, 1 or 2; None for a screen.
         reference: whether to show the runs that are shipped with jbench, too.
         compare: two results directories, or two choices of settings, see `sources.choose`.
+        watched: whether the report is made again and again, and its page reloads itself.
         command: that asks for this; it is written into the page.
 
     Raises:
@@ -43,6 +44,7 @@ class Request:
     columns: int | None = None
     reference: bool = False
     compare: tuple[str, str] | None = None
+    watched: bool = False
     command: str = "jbench report"
 
     def __post_init__(self) -> None:

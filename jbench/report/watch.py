@@ -1,10 +1,15 @@
 """Waiting for results to change."""
 
 import hashlib
+import signal
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
+from types import FrameType
 
+from jbench.report import page, written
 from jbench.report.request import Request
 from jbench.store import Results
 from jbench.store.manifest import MANIFEST
@@ -13,27 +18,58 @@ LOOK_EVERY = 2.0
 """Seconds between two looks at the results."""
 
 
-def watch(results: Results, request: Request, look_every: float = LOOK_EVERY) -> Iterator[None]:
-    """Gives control at once, and again whenever a record was committed meanwhile; never ends.
+@contextmanager
+def remembered_interrupt() -> Iterator[Event]:
+    """Gives what is set by Ctrl-C, which raises KeyboardInterrupt as ever.
+
+    Libraries swallow the exception now and then, if it comes while C code of theirs calls Python.
+    """
+    interrupt = Event()
+
+    def remember(number: int, frame: FrameType | None) -> None:
+        interrupt.set()
+        raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    if before is not signal.default_int_handler:  # who started this process wants it otherwise
+        yield interrupt
+        return
+    signal.signal(signal.SIGINT, remember)
+    try:
+        yield interrupt
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def watch(
+    results: Results, request: Request, interrupt: Event, look_every: float = LOOK_EVERY
+) -> Iterator[None]:
+    """Gives control at once, and again whenever a record was committed meanwhile.
 
     What is done in between takes half of the time at most: after it, as long is waited as it took.
 
     Args:
         results: to look at.
         request: whose results directories are looked at, too.
+        interrupt: ends it once it is set.
         look_every: seconds between two looks, at least.
     """
     places = [results.path, *(Path(text) for text in request.compare or () if Path(text).is_dir())]
     seen: str | None = None
-    while True:
+    while not interrupt.is_set():
         now = fingerprint(places)
         if now == seen:
-            time.sleep(look_every)
+            interrupt.wait(look_every)
             continue
         seen = now
         began = time.monotonic()
         yield
-        time.sleep(max(look_every, time.monotonic() - began))
+        interrupt.wait(max(look_every, time.monotonic() - began))
+
+
+def end(out: Path) -> None:
+    """Lets the page of the last report stay as it is, in browsers that show it, too."""
+    written.change(out, "index.html", page.still)
 
 
 def fingerprint(places: list[Path]) -> str:

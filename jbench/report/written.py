@@ -6,7 +6,7 @@ someone else put there, or changed, is left.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
@@ -49,6 +49,26 @@ def write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[st
         else []
     )
     return [*(out / name for name in contents), out / LISTING], told
+
+
+def change(out: Path, name: str, new: Callable[[bytes], bytes]) -> None:
+    """Changes a file of the report that is there; if someone else did before, it stays theirs.
+
+    Args:
+        out: directory of the report.
+        name: of the file.
+        new: given the content, returns what it shall be.
+    """
+    files = _listed(out)
+    try:
+        with open_plain(out / name) as file:
+            before = file.read()
+    except OSError:
+        return
+    after = new(before)
+    write_atomic(out / name, after)
+    if sha256(before) == files.get(name):
+        write_atomic(out / LISTING, _listing({**files, name: sha256(after)}))
 
 
 def _remove(path: Path, digest: str) -> bool:

@@ -4,14 +4,18 @@ import json
 import re
 import signal
 import subprocess
+from threading import Event
 
 import numpy as np
 import pytest
 from command_line import INTERRUPTIBLE
 
 from jbench.cli import main
-from jbench.report.watch import fingerprint, watch
+from jbench.report import Request, write_report
+from jbench.report.watch import end, fingerprint, remembered_interrupt, watch
+from jbench.store.files import sha256
 
+RELOADS = b'<meta http-equiv="refresh"'
 FLAT = np.full(40, 500.0)
 
 
@@ -84,9 +88,7 @@ def test_a_wrong_request_gets_one_sentence(filled, capsys, arguments, says):
 
 class TestWatch:
     def test_it_goes_on_when_a_record_is_committed_and_only_then(self, fabric, filled):
-        from jbench.report import Request
-
-        turns = watch(fabric.results, Request(), look_every=0.01)
+        turns = watch(fabric.results, Request(), Event(), look_every=0.01)
         next(turns)
         before = fingerprint([filled])
         assert fingerprint([filled]) == before
@@ -111,12 +113,41 @@ class TestWatch:
             # The run may be seen before its episodes are: then there is a report more in between.
             wait_for(process, r"td3 +full +2 ")
             wait_for(process, "Wrote ")
+            page = fabric.results.path / "report" / "index.html"
+            assert page.read_bytes().count(RELOADS) == 1
             process.send_signal(signal.SIGINT)
             said, _ = process.communicate(timeout=120)
         finally:
             process.kill()
         assert process.returncode == 0
         assert "No longer watching; the last report is in" in said
+        assert RELOADS not in page.read_bytes()
+        # It is still known as the report's own file: the next report says nothing of changes.
+        again = write_report(fabric.results, page.parent)
+        assert not [note for note in again.notes if "of an earlier report" in note]
+
+    def test_ctrl_c_that_is_swallowed_ends_it_after_the_report(self, fabric, filled):
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            with remembered_interrupt() as interrupt:
+                turns = watch(fabric.results, Request(), interrupt)
+                next(turns)
+                with pytest.raises(KeyboardInterrupt):
+                    signal.raise_signal(signal.SIGINT)
+                assert list(turns) == []
+            assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+    def test_a_page_that_someone_changed_stays_theirs(self, fabric, filled):
+        made = write_report(fabric.results, filled / "report", Request(watched=True))
+        page = next(path for path in made.files if path.name == "index.html")
+        page.write_bytes(page.read_bytes() + b"mine")
+        end(page.parent)
+        assert RELOADS not in page.read_bytes()
+        assert page.read_bytes().endswith(b"mine")
+        listed = json.loads((page.parent / "report.json").read_bytes())["files"]
+        assert listed[page.name] != sha256(page.read_bytes())
 
 
 def wait_for(process, text):

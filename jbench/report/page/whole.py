@@ -21,15 +21,20 @@ _ABOUT = (
 _PAPER = (515, 570)  # points: width and height of a figure on paper, and
 _PAPER_TURNED = (770, 425)  # those of one on a page turned on its side
 _PIXELS = 4 / 3  # of a point
+_RELOAD = '<meta http-equiv="refresh" content="30">\n'
 
 
-def render_document(document: Document) -> str:
+def render_document(document: Document, *, reloads: bool = False) -> str:
     """Returns the page of a report as HTML: the same text for the same document.
 
     Everything is in it: style, script, figures and the data to download. Its
     Content-Security-Policy allows this very style and script and nothing else, so that nothing
     is loaded, nothing is sent, and text in the results can't become a script. Without a script it
     is a plain document.
+
+    Args:
+        document: what it says.
+        reloads: whether a browser that shows it reads it again twice a minute.
     """
     parts = _Parts(document)
     body = "\n".join(_body(document, parts))
@@ -54,7 +59,7 @@ def render_document(document: Document) -> str:
 <meta name="color-scheme" content="light dark">
 <meta name="referrer" content="no-referrer">
 <link rel="icon" href="data:,">
-<title>{html(document.title)}</title>
+{_RELOAD if reloads else ""}<title>{html(document.title)}</title>
 <style>{style}</style>
 </head>
 <body>
@@ -63,6 +68,11 @@ def render_document(document: Document) -> str:
 </body>
 </html>
 """
+
+
+def still(page: bytes) -> bytes:
+    """Returns a page that reloads itself as one that does not."""
+    return page.replace(_RELOAD.encode(), b"", 1)
 
 
 class _Parts:

@@ -155,8 +155,13 @@ def main() -> None:
     arguments = parser.parse_args()
     from update_rates import cpu_rows, cuda_rows
 
+    from jbench.errors import RequestError
+
     if arguments.device == "cuda":
-        cuda_rows()
+        try:
+            cuda_rows()
+        except RequestError as error:
+            parser.error(str(error))
         return
     if arguments.make_sbx is not None:
         arguments.sbx_python = make_sbx(arguments.make_sbx)

@@ -5,8 +5,8 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from threading import Event
 from types import FrameType
 
 from jbench.report import page, written
@@ -18,16 +18,26 @@ LOOK_EVERY = 2.0
 """Seconds between two looks at the results."""
 
 
+@dataclass
+class Interrupt:
+    """Whether Ctrl-C came.
+
+    No event of threading: its lock, taken by a signal's handler, would wait for who is interrupted.
+    """
+
+    came: bool = False
+
+
 @contextmanager
-def remembered_interrupt() -> Iterator[Event]:
-    """Gives what is set by Ctrl-C, which raises KeyboardInterrupt as ever.
+def remembered_interrupt() -> Iterator[Interrupt]:
+    """Remembers Ctrl-C, which raises KeyboardInterrupt as ever.
 
     Libraries swallow the exception now and then, if it comes while C code of theirs calls Python.
     """
-    interrupt = Event()
+    interrupt = Interrupt()
 
     def remember(number: int, frame: FrameType | None) -> None:
-        interrupt.set()
+        interrupt.came = True
         raise KeyboardInterrupt
 
     before = signal.getsignal(signal.SIGINT)
@@ -42,7 +52,7 @@ def remembered_interrupt() -> Iterator[Event]:
 
 
 def watch(
-    results: Results, request: Request, interrupt: Event, look_every: float = LOOK_EVERY
+    results: Results, request: Request, interrupt: Interrupt, look_every: float = LOOK_EVERY
 ) -> Iterator[None]:
     """Gives control at once, and again whenever a record was committed meanwhile.
 
@@ -51,20 +61,20 @@ def watch(
     Args:
         results: to look at.
         request: whose results directories are looked at, too.
-        interrupt: ends it once it is set.
+        interrupt: ends it once it came.
         look_every: seconds between two looks, at least.
     """
     places = [results.path, *(Path(text) for text in request.compare or () if Path(text).is_dir())]
     seen: str | None = None
-    while not interrupt.is_set():
+    while not interrupt.came:
         now = fingerprint(places)
         if now == seen:
-            interrupt.wait(look_every)
+            time.sleep(look_every)
             continue
         seen = now
         began = time.monotonic()
         yield
-        interrupt.wait(max(look_every, time.monotonic() - began))
+        time.sleep(max(look_every, time.monotonic() - began))
 
 
 def end(out: Path) -> None:

@@ -23,7 +23,7 @@ _LARGEST_MANIFEST = 1 << 26  # bytes; one that lists 100,000 files is half of it
 
 
 class Record:
-    """A dataset, an encoder or a run: its manifest and its files."""
+    """A dataset, an encoder, a run or an evaluation: its manifest and its files."""
 
     manifest: Manifest
 

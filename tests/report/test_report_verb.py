@@ -4,7 +4,6 @@ import json
 import re
 import signal
 import subprocess
-from threading import Event
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from command_line import INTERRUPTIBLE
 
 from jbench.cli import main
 from jbench.report import Request, write_report
-from jbench.report.watch import end, fingerprint, remembered_interrupt, watch
+from jbench.report.watch import Interrupt, end, fingerprint, remembered_interrupt, watch
 from jbench.store.files import sha256
 
 RELOADS = b'<meta http-equiv="refresh"'
@@ -88,7 +87,7 @@ def test_a_wrong_request_gets_one_sentence(filled, capsys, arguments, says):
 
 class TestWatch:
     def test_it_goes_on_when_a_record_is_committed_and_only_then(self, fabric, filled):
-        turns = watch(fabric.results, Request(), Event(), look_every=0.01)
+        turns = watch(fabric.results, Request(), Interrupt(), look_every=0.01)
         next(turns)
         before = fingerprint([filled])
         assert fingerprint([filled]) == before

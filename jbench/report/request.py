@@ -25,7 +25,7 @@ class Request:
         formats: of the figures' files, of `panels.FORMATS`.
         columns: of a paper that the figures are made for, 1 or 2; None for a screen.
         reference: whether to show the runs that are shipped with jbench, too.
-        compare: two results directories, or two choices of settings, see `sources.choose`.
+        compare: two results directories, or two choices of settings, see `sources.side`.
         watched: whether the report is made again and again, and its page reloads itself.
         command: that asks for this; it is written into the page.
 

@@ -14,7 +14,7 @@ import pyarrow as pa
 from jbench.errors import RequestError, WorkError
 from jbench.report.cells import OURS, Cell, build_cells, usable_runs
 from jbench.report.request import Request
-from jbench.report.variants import UNSAID, flatten
+from jbench.report.variants import flatten
 from jbench.store import Results, query
 
 REFERENCE = "reference"
@@ -95,7 +95,7 @@ def side(text: str, results: Results, request: Request) -> Source:
         found = _source(tables, problems, request, text)
     else:
         tables, problems = query.load(results, _RUNS, **_READ)
-        settings = [UNSAID | json.loads(one) for one in tables["runs"]["settings"].to_pylist()]
+        settings = [json.loads(one) for one in tables["runs"]["settings"].to_pylist()]
         choice = _choice(text, settings)
         found = _source(tables, problems, request, text, choice)
     if not found.cells:
@@ -200,8 +200,7 @@ def _choice(text: str, settings: Sequence[Mapping[str, Any]]) -> Choice:
             raise RequestError(f"No run has {part.strip()}; there are {', '.join(sorted(there))}.")
         wanted.append((name, value))
     return lambda run: all(
-        any(_equal(value, _said(one)) for one in _values({**UNSAID, **run}, name))
-        for name, value in wanted
+        any(_equal(value, _said(one)) for one in _values(run, name)) for name, value in wanted
     )
 
 

@@ -50,7 +50,7 @@ def variant_labels(settings: Mapping[str, str]) -> dict[str, str]:
     Returns:
         Labels by variant, in the order of the values that differ; "" for a lone variant.
     """
-    flat = {variant: flatten(UNSAID | json.loads(text)) for variant, text in settings.items()}
+    flat = {variant: flatten(json.loads(text)) for variant, text in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [
         path
@@ -74,12 +74,19 @@ def variant_labels(settings: Mapping[str, str]) -> dict[str, str]:
     return labels
 
 
-def flatten(settings: Mapping[str, Any], path: tuple[str, ...] = ()) -> dict[tuple[str, ...], Any]:
-    """Returns settings within settings by their path, as ("hyperparameters", "tau")."""
+def flatten(settings: Mapping[str, Any]) -> dict[tuple[str, ...], Any]:
+    """Returns settings within settings by their path, as ("hyperparameters", "tau").
+
+    What a run leaves out since it is as usual is there, too.
+    """
+    return _flat({**UNSAID, **settings}, ())
+
+
+def _flat(settings: Mapping[str, Any], path: tuple[str, ...]) -> dict[tuple[str, ...], Any]:
     flat: dict[tuple[str, ...], Any] = {}
     for name, value in settings.items():
         if isinstance(value, Mapping) and value:
-            flat |= flatten(value, (*path, name))
+            flat |= _flat(value, (*path, name))
         else:
             flat[(*path, name)] = value
     return flat

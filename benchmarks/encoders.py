@@ -30,8 +30,8 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from jbench.datasets import layout
 from jbench.encoders.kind import Learned
-from jbench.encoders.kinds import make_kind
 from jbench.encoders.loop import Learner, find_device, one_thread
+from jbench.encoders.registry import make_kind
 from jbench.encoders.states import Shard
 from jbench.store import Results, schema
 from jbench.tasks.features import State

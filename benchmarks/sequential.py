@@ -11,8 +11,8 @@ import time
 
 import numpy as np
 
-from jbench.report import sequential
-from jbench.report.claims import MARGIN
+from jbench.report.analysis import sequential
+from jbench.report.analysis.claims import MARGIN
 
 SHIFTS = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # standard deviations
 SPREADS = (25.0, 35.0, 50.0, 75.0, 100.0)  # standard deviation in returns

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from jbench.agents.policy import DESCRIPTION, WEIGHTS, has_policy
+from jbench.policies.saved import DESCRIPTION, WEIGHTS, has_policy
 from jbench.store import Record, Results, files, schema
 from jbench.store.manifest import MANIFEST, FileEntry, Manifest
 from jbench.store.rows import variant

@@ -9,19 +9,9 @@ from typing import Annotated
 
 import typer
 
-from jbench import (
-    __version__,
-    cli_data,
-    cli_encoders,
-    cli_policies,
-    cli_report,
-    cli_store,
-    cli_sweep,
-    names,
-    parsing,
-)
-from jbench.errors import RequestError, WorkError
-from jbench.options import (
+from jbench import __version__, names
+from jbench.commands import data, encoders, parsing, policies, report, results, sweep
+from jbench.commands.options import (
     RESULTS,
     AugmentOption,
     JobsOption,
@@ -31,7 +21,8 @@ from jbench.options import (
     TaskOption,
     complete,
 )
-from jbench.output import Output, printable
+from jbench.commands.output import Output, printable
+from jbench.errors import RequestError, WorkError
 
 app = typer.Typer(
     name="jbench",
@@ -63,10 +54,10 @@ def _root(
 
 
 verb: Callable[..., None]
-for verb in (cli_data.collect, cli_data.datasets, cli_data.export):
+for verb in (data.collect, data.datasets, data.export):
     app.command()(verb)
-app.command("train-dae")(cli_encoders.train_dae)
-app.command("train-encoder")(cli_encoders.train_encoder)
+app.command("train-dae")(encoders.train_dae)
+app.command("train-encoder")(encoders.train_encoder)
 
 
 @app.command("train")
@@ -155,9 +146,9 @@ def train(
     json: JsonOption = False,
 ) -> None:
     """Train agents, one run for each seed; runs that are finished are not repeated."""
-    from jbench import display
-    from jbench.experiments.request import find_device, request_runs
-    from jbench.experiments.status import failures_among, plan
+    from jbench.commands import display
+    from jbench.training.request import find_device, request_runs
+    from jbench.training.status import failures_among, plan
 
     output, place = Output(json), parsing.results_to_write(results)
     chosen = parsing.known("engine", engine, names.ENGINES)
@@ -198,12 +189,12 @@ def train(
         raise WorkError(f"{len(failures)} of {len(runs)} runs failed; --retry-failed retries them.")
 
 
-for verb in (cli_sweep.sweep, cli_policies.evaluate, cli_policies.render, cli_policies.view):
+for verb in (sweep.sweep, policies.evaluate, policies.render, policies.view):
     app.command()(verb)
 
 
-app.command()(cli_report.report)
-for verb in cli_store.VERBS:
+app.command()(report.report)
+for verb in results.VERBS:
     app.command()(verb)
 
 

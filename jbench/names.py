@@ -15,19 +15,19 @@ ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
 
 ENCODER_KINDS = {
-    "dae": "jbench.encoders.dae:DenoisingAutoencoder",
-    "ae": "jbench.encoders.ae:Autoencoder",
-    "ddae": "jbench.encoders.ddae:DynamicDenoisingAutoencoder",
-    "vae": "jbench.encoders.vae:VariationalAutoencoder",
-    "lld-vae": "jbench.encoders.lld_vae:LocallyLinearVariationalAutoencoder",
-    "pca": "jbench.encoders.pca:PrincipalComponents",
-    "random": "jbench.encoders.random_projection:RandomProjection",
-    "scaled": "jbench.encoders.scaled:Scaled",
-    "planar": "jbench.encoders.planar:PlanarReduction",
-    "forward": "jbench.encoders.forward:ForwardModel",
-    "dmd": "jbench.encoders.dmd:DynamicModes",
-    "contrastive": "jbench.encoders.contrastive:Contrastive",
-    "random-features": "jbench.encoders.random_features:RandomFeatures",
+    "dae": "jbench.encoders.kinds.dae:DenoisingAutoencoder",
+    "ae": "jbench.encoders.kinds.ae:Autoencoder",
+    "ddae": "jbench.encoders.kinds.ddae:DynamicDenoisingAutoencoder",
+    "vae": "jbench.encoders.kinds.vae:VariationalAutoencoder",
+    "lld-vae": "jbench.encoders.kinds.lld_vae:LocallyLinearVariationalAutoencoder",
+    "pca": "jbench.encoders.kinds.pca:PrincipalComponents",
+    "random": "jbench.encoders.kinds.random_projection:RandomProjection",
+    "scaled": "jbench.encoders.kinds.scaled:Scaled",
+    "planar": "jbench.encoders.kinds.planar:PlanarReduction",
+    "forward": "jbench.encoders.kinds.forward:ForwardModel",
+    "dmd": "jbench.encoders.kinds.dmd:DynamicModes",
+    "contrastive": "jbench.encoders.kinds.contrastive:Contrastive",
+    "random-features": "jbench.encoders.kinds.random_features:RandomFeatures",
 }
 """Our kinds of encoders, and where their classes are; other packages may offer more."""
 

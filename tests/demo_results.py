@@ -10,13 +10,13 @@ import numpy as np
 import pyarrow as pa
 import safetensors.numpy
 
-from jbench.agents.policy import Policy
 from jbench.agents.settings import algorithm_settings
 from jbench.datasets import DatasetSettings, collect
-from jbench.encoders import encoder
+from jbench.encoders import saved
 from jbench.encoders.settings import encoder_settings
-from jbench.experiments.settings import RunSettings
+from jbench.policies.saved import Policy
 from jbench.store import schema
+from jbench.training.settings import RunSettings
 
 TASK = "face_direction"
 DATASET = "random/s00-5de9f54f"
@@ -61,8 +61,8 @@ def _add_encoder(results):
     record.finish(
         {"test_mse": 0.00939, "test_explained": 0.927, "wall_time": 1.0},
         {
-            encoder.DESCRIPTION: json.dumps(description).encode(),
-            encoder.WEIGHTS: safetensors.numpy.save(weights),
+            saved.DESCRIPTION: json.dumps(description).encode(),
+            saved.WEIGHTS: safetensors.numpy.save(weights),
         },
     )
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from command_line import INTERRUPTIBLE
 
-from jbench.experiments.matrix import all_runs, matrix_cells, read_matrix
 from jbench.store import Results, locks, schema
 from jbench.store.merge import TIMES
+from jbench.sweeps.matrix import all_runs, matrix_cells, read_matrix
 
 SMALL = """
 tasks = ["face_direction"]
@@ -138,7 +138,7 @@ def workers(process):
         pid = waiting.pop()
         with contextlib.suppress(OSError):  # it has ended meanwhile
             command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-            if b"jbench.experiments.worker" in command:
+            if b"jbench.training.worker" in command:
                 # Not those below it: what it starts has its name for a moment.
                 found.add(pid)
                 continue

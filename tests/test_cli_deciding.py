@@ -7,9 +7,9 @@ import pytest
 
 from jbench.cli import main
 from jbench.errors import RequestError, WorkError
-from jbench.experiments import deciding
-from jbench.experiments.matrix import matrix_cells, read_matrix
 from jbench.store import Results, schema
+from jbench.sweeps import deciding
+from jbench.sweeps.matrix import matrix_cells, read_matrix
 
 MATRIX = """
 tasks = ["face_direction"]

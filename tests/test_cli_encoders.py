@@ -15,7 +15,7 @@ import pytest
 from command_line import jbench, succeed, train
 
 from jbench.cli import main
-from jbench.encoders.encoder import DESCRIPTION, WEIGHTS
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.training import CHECKPOINT
 from jbench.store import Results
 from jbench.store.query import load

@@ -108,7 +108,7 @@ def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results
     matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0")
     # This torch may have no CUDA: computing there would fail.
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
-    monkeypatch.setattr("jbench.display_sweep.sweep", lambda *_: {})
+    monkeypatch.setattr("jbench.commands.sweep_view.sweep", lambda *_: {})
     assert sweep(matrix, results, "--device", "cpu") == 0
     (encoder,) = Results(results).scan("encoder")[0]
     assert (encoder.status, encoder.manifest.summary["device"]) == ("finished", "cpu")

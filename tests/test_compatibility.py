@@ -10,11 +10,11 @@ from fixtures.make_results import FINISHED, INTERRUPTED, TRAINING, content, this
 from jbench.cli import main
 from jbench.datasets import DatasetSettings
 from jbench.encoders.settings import EncoderSettings
-from jbench.experiments.evaluate import EvaluationSettings
-from jbench.experiments.settings import RunSettings
+from jbench.policies.evaluate import EvaluationSettings
 from jbench.store import Results, schema
 from jbench.store.merge import TIMES
 from jbench.store.shipped import shipped
+from jbench.training.settings import RunSettings
 
 FIXTURES = Path(__file__).parent / "fixtures"
 SETTINGS = {

@@ -5,13 +5,13 @@ import pyarrow as pa
 import pytest
 
 from jbench.agents.settings import algorithm_settings
-from jbench.display import show_runs
-from jbench.experiments.settings import RunSettings
-from jbench.output import Output
-from jbench.report.curves import final_returns
+from jbench.commands.display import show_runs
+from jbench.commands.output import Output
+from jbench.report.data.curves import final_returns
 from jbench.returns import final_return
 from jbench.store import Results, schema
 from jbench.store.listing import list_runs
+from jbench.training.settings import RunSettings
 
 RUN = RunSettings(
     task="face_direction",

@@ -17,9 +17,9 @@ import yaml
 from documentation import PAGES, ROOT, Session, blocks_of
 from typer.main import get_command
 
-from jbench import paper
 from jbench.cli import app
 from jbench.datasets import Dataset
+from jbench.paper import citation
 from jbench.report.document import Document
 from jbench.report.page import render_document
 from jbench.store import Results
@@ -197,17 +197,18 @@ def test_queries_of_encoders_md_name_a_column_of_one_table(output):
 def test_readme_and_page_cite_the_paper():
     readme = " ".join((ROOT / "README.md").read_text().split())
     assert (
-        f"{paper.AUTHORS[0]}, {paper.AUTHORS[1]} and {paper.AUTHORS[2]}, *{paper.TITLE}*" in readme
+        f"{citation.AUTHORS[0]}, {citation.AUTHORS[1]} and {citation.AUTHORS[2]}, *{citation.TITLE}*"
+        in readme
     )
-    assert f"{paper.VENUE}, {paper.YEAR}" in readme
+    assert f"{citation.VENUE}, {citation.YEAR}" in readme
     page = html.unescape(render_document(Document("", [], [], [], [], pd.DataFrame(), "")))
-    assert paper.CITATION in page
+    assert citation.CITATION in page
 
 
 def test_citation_file_cites_the_paper():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     for work in (cited["preferred-citation"], *cited["references"]):
         names = [f"{one['given-names']} {one['family-names']}" for one in work["authors"]]
-        assert tuple(names) == paper.AUTHORS
-        assert (work["title"], work["year"]) == (paper.TITLE, paper.YEAR)
-        assert (work["type"], work["collection-title"]) == ("conference-paper", paper.VENUE)
+        assert tuple(names) == citation.AUTHORS
+        assert (work["title"], work["year"]) == (citation.TITLE, citation.YEAR)
+        assert (work["type"], work["collection-title"]) == ("conference-paper", citation.VENUE)

@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.agents import policies
-from jbench.agents.policy import Policy, has_policy
 from jbench.cli import main
+from jbench.policies import find
+from jbench.policies.saved import Policy, has_policy
 from jbench.store import Results, schema, settings_hash
 from jbench.store.rows import variant
 from jbench.store.shipped import shipped
@@ -130,22 +130,22 @@ class TestOfTwoCells:
     def place(self, script, demo_results, target, monkeypatch):
         """What was shipped of them, as the package's own."""
         assert script.ship(demo_results, target) == []
-        monkeypatch.setattr(policies, "shipped", lambda: target.path)
+        monkeypatch.setattr(find, "shipped", lambda: target.path)
         return target
 
     def test_there_is_nothing_to_warn_of(self, place):
         found = verify(place, 1)
         assert found.findings == []
         assert found.records == 5  # four runs and their encoder, without its dataset
-        assert len(policies.shipped_policies()) == 2
+        assert len(find.shipped_policies()) == 2
 
     @pytest.mark.parametrize("representation", ["full", "dae12"])
     def test_a_shipped_policy_acts_as_the_run_did(
         self, place, representation, demo_results, tmp_path, capsys
     ):
         cell = f"reference/face_direction/td3/{representation}"
-        (name,) = [one for one in policies.shipped_policies() if one.startswith(cell)]
-        assert policies.full_name(cell) == name
+        (name,) = [one for one in find.shipped_policies() if one.startswith(cell)]
+        assert find.full_name(cell) == name
         shutil.copytree(demo_results.path, tmp_path / "own")
         evaluate = ("evaluate", "--episodes", "1", "--threads", "1", "--json", "--policy")
         said = []
@@ -165,7 +165,7 @@ class TestOfTwoCells:
         ],
     )
     def test_a_name_that_is_none_gets_those_that_are(self, place, name, says, capsys):
-        there = ", ".join(policies.shipped_policies())
+        there = ", ".join(find.shipped_policies())
         assert main(["evaluate", "--policy", name]) == 2
         assert says.format(name, there) in capsys.readouterr().err
 
@@ -177,7 +177,7 @@ class TestOfTwoCells:
         )
 
     def test_where_none_is_shipped_it_is_said(self, tmp_path, monkeypatch, capsys):
-        monkeypatch.setattr(policies, "shipped", lambda: tmp_path / "none")
+        monkeypatch.setattr(find, "shipped", lambda: tmp_path / "none")
         assert main(["evaluate", "--policy", "reference/face_direction/td3/full"]) == 2
         assert "this version of jbench ships none" in capsys.readouterr().err
 
@@ -212,7 +212,7 @@ class TestInThePackage:
         runs = [run for run in results.scan("run")[0] if has_policy(run)]
         assert len({variant(run.settings) for run in runs}) == len(runs)
         for run in runs:
-            found = policies.find_policy(results, f"reference/{run.id}", run.settings["task"])
+            found = find.find_policy(results, f"reference/{run.id}", run.settings["task"])
             size = {"face_direction": 16, "move_in_direction": 19}[run.settings["task"]]
             assert np.abs(found.act(np.zeros((3, size), np.float32))).max() <= 1
 

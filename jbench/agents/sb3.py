@@ -15,8 +15,8 @@ from stable_baselines3.common.noise import (
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from jbench.agents.policy import Policy
 from jbench.agents.settings import AlgorithmSettings, OffPolicySettings
+from jbench.policies.saved import Policy
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
 """The class of each algorithm."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import Kind, Weights
-from jbench.encoders.planar import physical_scaling, to_planar
+from jbench.encoders.kinds.planar import physical_scaling, to_planar
 from jbench.encoders.states import Shard, States
 
 TARGETS = ("yaw_rate", "tilt_rate", "forward_speed", "reward")

@@ -6,7 +6,7 @@ from typing import Any
 from pydantic import BaseModel, Field, model_validator
 
 from jbench import validation
-from jbench.encoders.kinds import find_kind, make_kind
+from jbench.encoders.registry import find_kind, make_kind
 from jbench.names import LARGEST_SEED
 from jbench.store import settings_hash
 from jbench.tasks.features import TASK_SPECS

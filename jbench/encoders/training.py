@@ -12,12 +12,12 @@ import safetensors.numpy
 import torch
 from numpy.typing import NDArray
 
-from jbench.encoders.encoder import DESCRIPTION, WEIGHTS
-from jbench.encoders.judging import Errors, judge
+from jbench.encoders.evaluation import Errors, judge
 from jbench.encoders.kind import Batch, ClosedForm, Fitted, Kind, Learned
-from jbench.encoders.kinds import make_kind
 from jbench.encoders.loop import Learner, one_thread
 from jbench.encoders.predictions import Probe, probe
+from jbench.encoders.registry import make_kind
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.errors import WorkError

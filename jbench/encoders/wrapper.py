@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.encoders.encoder import Encoder
+from jbench.encoders.saved import Encoder
 
 
 class EncodedObservation(

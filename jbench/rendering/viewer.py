@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from jbench.agents.policies import ActingPolicy
 from jbench.errors import RequestError
 from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
+from jbench.policies.find import ActingPolicy
 from jbench.rendering.backend import has_display
 from jbench.rendering.episode import Scene
 from jbench.tasks.gym import JitterbugEnv

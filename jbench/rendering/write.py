@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from jbench.agents.policies import ActingPolicy
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
+from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import (
     Frame,
     Picture,

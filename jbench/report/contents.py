@@ -7,13 +7,16 @@ from typing import Any
 
 import pandas as pd
 
-from jbench.report import claim_items, figure_items, reduction, summary, table_items
-from jbench.report.behaviour import Behaviour
-from jbench.report.claims import CLAIMS, Finding
-from jbench.report.comparisons import Comparison
+from jbench.report import summary
+from jbench.report.analysis import reduction
+from jbench.report.analysis.claims import CLAIMS, Finding
+from jbench.report.analysis.comparisons import Comparison
+from jbench.report.data.published import PublishedCurve
 from jbench.report.document import Document, Item, Section, TableItem
-from jbench.report.published import PublishedCurve
+from jbench.report.figures import figure_items
+from jbench.report.figures.behaviour import Behaviour
 from jbench.report.request import Request
+from jbench.report.tables import claim_items, table_items
 from jbench.report.views import View
 
 _SEEDS = (

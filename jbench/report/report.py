@@ -12,32 +12,25 @@ import pyarrow.parquet as pq
 from pyarrow.csv import WriteOptions, write_csv
 
 from jbench.errors import RequestError
-from jbench.report import (
-    behaviour,
+from jbench.report import contents, output_directory, page, sources, views
+from jbench.report.analysis import (
     claims,
     comparisons,
-    contents,
-    encoders,
     heuristics,
-    page,
-    plotting,
-    processor,
     published_claims,
     reduction,
     scores,
-    sources,
-    summaries,
-    tables,
-    views,
-    written,
 )
-from jbench.report.cells import Cell, of_kind
 from jbench.report.contents import Material
+from jbench.report.data import summaries
+from jbench.report.data.cells import Cell, of_kind
+from jbench.report.data.published import PublishedCurve, read_published, read_sequences
+from jbench.report.data.returns import TRAINING
 from jbench.report.document import Document, FigureItem
-from jbench.report.published import PublishedCurve, read_published, read_sequences
+from jbench.report.figures import behaviour, encoders, plotting, processor
 from jbench.report.request import Request
-from jbench.report.returns import TRAINING
 from jbench.report.sources import Source
+from jbench.report.tables import files
 from jbench.store import query
 from jbench.store.database import Results
 from jbench.store.shipped import shipped
@@ -93,7 +86,7 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     drawn = {f"{item.name}.{ending}" for item in _figures(document) for ending in request.formats}
     made = page.render_document(document, sheet=request.sheet, reloads=request.watched)
     files["index.html"] = made.encode()
-    paths, left = written.write(out, files)
+    paths, left = output_directory.write(out, files)
     return Report(
         table=made_of.table,
         aggregate=made_of.aggregate,
@@ -242,7 +235,7 @@ def _table_files(document: Document) -> dict[str, bytes]:
     return {
         f"{item.name}.{ending}": make(item).encode()
         for item in contents.tables(document)
-        for ending, make in tables.FORMATS.items()
+        for ending, make in files.FORMATS.items()
     }
 
 

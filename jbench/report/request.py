@@ -5,9 +5,9 @@ from datetime import UTC, datetime
 
 from jbench.errors import RequestError
 from jbench.names import ORDERS, RETURNS, Order, ReturnsName
-from jbench.report.curves import WINDOW
-from jbench.report.layout import SHEETS, Sheet
-from jbench.report.plotting import FORMATS
+from jbench.report.data.curves import WINDOW
+from jbench.report.figures.layout import SHEETS, Sheet
+from jbench.report.figures.plotting import FORMATS
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
-from jbench.report.building import build_cells, usable_runs
-from jbench.report.cells import OURS, Cell
+from jbench.report.data.building import build_cells, usable_runs
+from jbench.report.data.cells import OURS, Cell
+from jbench.report.data.variants import flatten, value_text
 from jbench.report.request import Request
-from jbench.report.variants import flatten, value_text
 from jbench.store import Results, query
 
 REFERENCE = "reference"

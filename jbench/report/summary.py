@@ -5,15 +5,16 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
-from jbench.report import agreement, reduction, wording
-from jbench.report.cells import Cell
-from jbench.report.claims import CLAIMS, Finding
-from jbench.report.comparisons import Comparison
-from jbench.report.curve_series import SOLVED
-from jbench.report.figures import display_name
+from jbench.report import formatting
+from jbench.report.analysis import agreement, reduction
+from jbench.report.analysis.claims import CLAIMS, Finding
+from jbench.report.analysis.comparisons import Comparison
+from jbench.report.analysis.statistics import DECIDING_SEEDS
+from jbench.report.data.cells import Cell
+from jbench.report.data.returns import TRAINING
+from jbench.report.figures.curve_series import SOLVED
+from jbench.report.figures.learning_curves import display_name
 from jbench.report.request import Request
-from jbench.report.returns import TRAINING
-from jbench.report.statistics import DECIDING_SEEDS
 from jbench.report.views import View
 
 _MOST_NAMED = 12
@@ -66,10 +67,8 @@ def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
 
 
 def _described(cell: Cell) -> str:
-    steps = wording.trained(cell).text
-    return (
-        f"{agreement.named(cell)}, {steps} control steps, {wording.count_of(cell, len(cell.seeds))}"
-    )
+    steps = formatting.trained(cell).text
+    return f"{agreement.named(cell)}, {steps} control steps, {formatting.count_of(cell, len(cell.seeds))}"
 
 
 def _what_is_solved(view: View) -> str:
@@ -90,14 +89,14 @@ def _what_is_solved(view: View) -> str:
 
 def _how_they_compare(found: Sequence[Comparison]) -> Iterator[str]:
     for one in found:
-        improvement = wording.estimate(one.improvement, wording.ratio)
-        gap = wording.estimate(one.difference, wording.signed)
+        improvement = formatting.estimate(one.improvement, formatting.ratio)
+        gap = formatting.estimate(one.difference, formatting.signed)
         if improvement is not None and gap is not None:
             yield (
                 f"{one.ours.task} {display_name(one.ours.algo)} {one.ours.seen}, "
                 f"{one.ours.kind.plural}: a run of {one.ours.source} ends above one of "
                 f"{one.theirs.source} with a probability of {improvement.text}; the interquartile "
-                f"means differ by {gap.text} at {wording.steps(one.control_steps)} control steps "
+                f"means differ by {gap.text} at {formatting.steps(one.control_steps)} control steps "
                 f"(n = {one.seeds[0]}, {one.seeds[1]}; 95% intervals)."
             )
 

@@ -3,18 +3,18 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from jbench.report import comparisons, reduction, scores
-from jbench.report.cells import Cell, of_kind, paper_order
-from jbench.report.claims import Finding
-from jbench.report.comparisons import Comparison
-from jbench.report.curve_series import LearnedCurve
-from jbench.report.curves import Curve, learning_curve
-from jbench.report.examine import examine
-from jbench.report.published import PublishedCurve
-from jbench.report.reduction import Group, Reduction
+from jbench.report.analysis import comparisons, reduction, scores
+from jbench.report.analysis.claims import Finding
+from jbench.report.analysis.comparisons import Comparison
+from jbench.report.analysis.examine import examine
+from jbench.report.analysis.reduction import Group, Reduction
+from jbench.report.analysis.scores import Summary
+from jbench.report.data.cells import Cell, of_kind, paper_order
+from jbench.report.data.curves import Curve, learning_curve
+from jbench.report.data.published import PublishedCurve
+from jbench.report.data.returns import EVALUATION, TRAINING, Returns, in_order_of
+from jbench.report.figures.curve_series import LearnedCurve
 from jbench.report.request import Request
-from jbench.report.returns import EVALUATION, TRAINING, Returns, in_order_of
-from jbench.report.scores import Summary
 
 Compare = Callable[[Sequence[Sequence[Cell]]], list[Comparison]]
 """Takes the cells of each source, of one kind of return, and compares them."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-from jbench.report import page, written
+from jbench.report import output_directory, page
 from jbench.report.request import Request
 from jbench.store import Results
 from jbench.store.manifest import MANIFEST
@@ -79,7 +79,7 @@ def watch(
 
 def end(out: Path) -> None:
     """Lets the page of the last report stay as it is, in browsers that show it, too."""
-    written.change(out, "index.html", page.still)
+    output_directory.change(out, "index.html", page.still)
 
 
 def fingerprint(places: list[Path]) -> str:

@@ -81,7 +81,7 @@ def published() -> pa.Table:
     The curve of SAC on a sequence of robots keeps a name of its own. The medians of fig8 come
     twice, with two pairs of bands (fig8 and fig8-10-90): choose by `figure`.
     """
-    source = resources.files("jbench.experiments").joinpath("published_curves.csv").read_bytes()
+    source = resources.files("jbench.paper").joinpath("published_curves.csv").read_bytes()
     rows = pd.read_csv(io.BytesIO(source))
     names = rows["representation"].str.replace(r"^full-\d+", FULL, regex=True)
     rows["representation"] = names.str.replace("dae-", "dae", regex=False)

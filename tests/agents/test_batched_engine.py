@@ -16,10 +16,10 @@ from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.streams import Streams
 from jbench.agents.ofe import OFESettings
-from jbench.agents.policy import Policy
 from jbench.agents.settings import SCRIPT, algorithm_settings
 from jbench.errors import RequestError
 from jbench.names import ALGORITHMS
+from jbench.policies.saved import Policy
 from jbench.tasks import model
 from jbench.tasks.gym import JitterbugEnv
 

@@ -10,8 +10,8 @@ import pytest
 from jbench.agents.sb3 import CLASSES
 from jbench.agents.settings import SETTINGS, algorithm_settings, parse_overrides
 from jbench.errors import RequestError
-from jbench.experiments.settings import RunSettings
 from jbench.names import ALGORITHMS
+from jbench.training.settings import RunSettings
 
 SHARED = {"learning_rate": 1e-4, "gamma": 0.99, "hidden_layers": (350, 250)}
 OFF_POLICY = {**SHARED, "batch_size": 256, "buffer_size": 1_000_000, "noise_dt": 0.01}

@@ -13,8 +13,8 @@ import torch
 from encoder_data import alter_manifest
 
 from jbench.encoders import find_encoder, load_encoder
-from jbench.encoders.ae import Autoencoder
-from jbench.encoders.encoder import DESCRIPTION, WEIGHTS, KeptEncoder
+from jbench.encoders.kinds.ae import Autoencoder
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS, KeptEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.training import train_encoder

@@ -6,9 +6,9 @@ import safetensors.numpy
 from encoder_data import observations_of
 from test_encoder_training import rows, train
 
-from jbench.encoders.encoder import WEIGHTS
-from jbench.encoders.judging import heuristic_episodes
-from jbench.encoders.kinds import make_kind
+from jbench.encoders.evaluation import heuristic_episodes
+from jbench.encoders.registry import make_kind
+from jbench.encoders.saved import WEIGHTS
 from jbench.encoders.states import split_episodes
 from jbench.tasks import features
 

@@ -5,12 +5,16 @@ import pytest
 import torch
 from torch.distributions import Independent, MultivariateNormal, Normal, kl_divergence
 
-from jbench.encoders.ae import Autoencoder
-from jbench.encoders.dae import DenoisingAutoencoder
-from jbench.encoders.ddae import DynamicDenoisingAutoencoder
 from jbench.encoders.kind import Batch, Learned, glorot
-from jbench.encoders.lld_vae import LocallyLinearVariationalAutoencoder, Transition, divergence
-from jbench.encoders.vae import VariationalAutoencoder
+from jbench.encoders.kinds.ae import Autoencoder
+from jbench.encoders.kinds.dae import DenoisingAutoencoder
+from jbench.encoders.kinds.ddae import DynamicDenoisingAutoencoder
+from jbench.encoders.kinds.lld_vae import (
+    LocallyLinearVariationalAutoencoder,
+    Transition,
+    divergence,
+)
+from jbench.encoders.kinds.vae import VariationalAutoencoder
 
 SIZE, LATENTS, ROWS = 7, 3, 50
 LEARNED = [

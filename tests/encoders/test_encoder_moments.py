@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from jbench.encoders.kinds.pca import PrincipalComponents
+from jbench.encoders.kinds.random_projection import RandomProjection
 from jbench.encoders.moments import Moments, affine_errors
-from jbench.encoders.pca import PrincipalComponents
-from jbench.encoders.random_projection import RandomProjection
 from jbench.encoders.scaling import Scaling
 
 OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)

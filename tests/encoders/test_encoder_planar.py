@@ -9,7 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbench.encoders.planar import PlanarReduction, planar_weights, to_planar
+from jbench.encoders.kinds.planar import PlanarReduction, planar_weights, to_planar
 from jbench.encoders.scaling import Scaling
 from jbench.names import TASKS
 from jbench.tasks import features, model

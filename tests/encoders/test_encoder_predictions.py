@@ -9,22 +9,22 @@ import torch
 from encoder_data import observations_of
 from test_encoder_training import rows, train
 
+from jbench.commands.display import show_encoders
+from jbench.commands.output import Output
 from jbench.datasets import DatasetSettings, collect, find_dataset
-from jbench.display import show_encoders
 from jbench.encoders import load_encoder
-from jbench.encoders.contrastive import Contrastive
-from jbench.encoders.dmd import DynamicModes
-from jbench.encoders.forward import ForwardModel, changes_of, full_turns
 from jbench.encoders.kind import Batch
-from jbench.encoders.kinds import make_kind
+from jbench.encoders.kinds.contrastive import Contrastive
+from jbench.encoders.kinds.dmd import DynamicModes
+from jbench.encoders.kinds.forward import ForwardModel, changes_of, full_turns
+from jbench.encoders.kinds.random_features import RandomFeatures
+from jbench.encoders.kinds.scaled import Scaled
 from jbench.encoders.loop import Learner
 from jbench.encoders.predictions import TARGETS, effective_rank, probe
-from jbench.encoders.random_features import RandomFeatures
-from jbench.encoders.scaled import Scaled
+from jbench.encoders.registry import make_kind
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import Shard, States
 from jbench.errors import RequestError
-from jbench.output import Output
 from jbench.store import Results, schema
 from jbench.store.query import load
 

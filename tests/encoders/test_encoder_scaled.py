@@ -7,9 +7,9 @@ from encoder_data import observations_of
 from test_encoder_training import rows, train
 
 from jbench.encoders import find_encoder
-from jbench.encoders.encoder import KeptEncoder
-from jbench.encoders.planar import PlanarReduction
-from jbench.encoders.scaled import Scaled
+from jbench.encoders.kinds.planar import PlanarReduction
+from jbench.encoders.kinds.scaled import Scaled
+from jbench.encoders.saved import KeptEncoder
 from jbench.encoders.states import MEMORY, States
 from jbench.errors import RequestError
 

@@ -12,11 +12,11 @@ import torch
 from encoder_data import made_up_states, make_dataset, observations_of
 
 from jbench.encoders import load_encoder
-from jbench.encoders.ae import Autoencoder
-from jbench.encoders.dae import DenoisingAutoencoder
-from jbench.encoders.encoder import DESCRIPTION, WEIGHTS
-from jbench.encoders.kinds import make_kind
+from jbench.encoders.kinds.ae import Autoencoder
+from jbench.encoders.kinds.dae import DenoisingAutoencoder
 from jbench.encoders.loop import Learner, find_device
+from jbench.encoders.registry import make_kind
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.encoders.states import Shard, States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder

@@ -28,11 +28,11 @@ import torch
 from small_runs import shorten_episodes
 
 from jbench.encoders import Encoder
-from jbench.experiments.batch import run_batch
-from jbench.experiments.checkpoints import load
-from jbench.experiments.settings import RunSettings
 from jbench.store import Results, files
 from jbench.store.verify import verify
+from jbench.training.batched_run import run_batch
+from jbench.training.checkpoints import load
+from jbench.training.settings import RunSettings
 
 KILLS = 20
 

@@ -4,10 +4,10 @@ import functools
 import importlib
 
 from jbench.agents.settings import algorithm_settings
-from jbench.experiments import batch, settings
-from jbench.experiments.settings import RunSettings
 from jbench.store import schema
 from jbench.store.merge import TIMES
+from jbench.training import batched_run, settings
+from jbench.training.settings import RunSettings
 
 EPISODE = 50
 
@@ -16,10 +16,10 @@ def shorten_episodes(set_attribute=setattr):
     """Makes the batched engine's episodes `EPISODE` control steps long."""
     # Each module knows their length by itself.
     rollout = importlib.import_module("jbench.simulation.rollout")  # the package has a function
-    for module in (batch, rollout, settings):
+    for module in (batched_run, rollout, settings):
         set_attribute(module, "EPISODE_STEPS", EPISODE)
-    shorter = functools.partial(batch.make_engine, episode_steps=EPISODE)
-    set_attribute(batch, "make_engine", shorter)
+    shorter = functools.partial(batched_run.make_engine, episode_steps=EPISODE)
+    set_attribute(batched_run, "make_engine", shorter)
 
 
 def small_run(algo, overrides, **changes):

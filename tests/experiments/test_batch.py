@@ -4,17 +4,17 @@ import pytest
 import torch
 from small_runs import rows, small_run
 
-from jbench.agents.policy import WEIGHTS, load_agent
 from jbench.agents.settings import algorithm_settings
 from jbench.errors import RequestError
-from jbench.experiments import batch, evaluator
-from jbench.experiments.batch import run_batch
-from jbench.experiments.evaluator import robot_model
-from jbench.experiments.request import find_device
-from jbench.experiments.speed import _short_schedule, seconds_per_step
-from jbench.experiments.status import plan
-from jbench.experiments.train import batches
+from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.store import Results, schema
+from jbench.training import batched_run, evaluation
+from jbench.training.batched_run import run_batch
+from jbench.training.evaluation import robot_model
+from jbench.training.request import find_device
+from jbench.training.speed import _short_schedule, seconds_per_step
+from jbench.training.status import plan
+from jbench.training.train import batches
 
 SMALL = {
     "ddpg": {"train_freq": 100, "gradient_steps": 5},
@@ -136,9 +136,9 @@ def test_ppo_is_refused_in_bfloat16():
 
 @pytest.mark.usefixtures("short_episodes")
 def test_evaluations_use_the_threads_of_the_training(tmp_path, monkeypatch):
-    given, make, robots = [], batch.make_engine, evaluator.Robots
-    monkeypatch.setattr(batch, "make_engine", lambda *a, **o: make(*a, **o, threads=3))
-    monkeypatch.setattr(evaluator, "Robots", lambda *args: given.append(args[2]) or robots(*args))
+    given, make, robots = [], batched_run.make_engine, evaluation.Robots
+    monkeypatch.setattr(batched_run, "make_engine", lambda *a, **o: make(*a, **o, threads=3))
+    monkeypatch.setattr(evaluation, "Robots", lambda *args: given.append(args[2]) or robots(*args))
     run = settings("ddpg", steps=100, evaluate_every=50)
     assert run_batch([run], Results(tmp_path), None) == {}
     assert given == [3, 3]

@@ -11,7 +11,7 @@ from kills import KILLS
 from small_runs import rows, small_run
 
 from jbench.agents.ofe import OFESettings
-from jbench.agents.policy import WEIGHTS
+from jbench.policies.saved import WEIGHTS
 from jbench.store import Results
 
 SMALL = {

@@ -9,10 +9,10 @@ import safetensors.torch
 import torch
 from test_batch_continues import outcome, settings
 
-from jbench.experiments import checkpoints, log
-from jbench.experiments.batch import run_batch
-from jbench.experiments.checkpoints import _next_piece, _Piece, load
 from jbench.store import Results, schema
+from jbench.training import checkpoints, log
+from jbench.training.batched_run import run_batch
+from jbench.training.checkpoints import _next_piece, _Piece, load
 
 
 class Stopped(BaseException):

@@ -11,11 +11,11 @@ from test_checkpoints import only
 from test_run import settings as sb3_settings
 
 from jbench.agents.divergence import DivergedError
-from jbench.experiments import batch
-from jbench.experiments.batch import run_batch
-from jbench.experiments.log import RunLog
-from jbench.experiments.run import run as run_sb3
 from jbench.store import Results, schema
+from jbench.training import batched_run
+from jbench.training.batched_run import run_batch
+from jbench.training.log import RunLog
+from jbench.training.sb3_run import run as run_sb3
 
 HUGE = {"learning_rate": 1e30}
 
@@ -30,14 +30,14 @@ def diverging(algo, **changes):
 @pytest.fixture
 def engines(monkeypatch):
     """The engines that are made, in their order."""
-    made, make = [], batch.make_engine
+    made, make = [], batched_run.make_engine
 
     @functools.wraps(make)
     def remembered(*arguments, **options):
         made.append(make(*arguments, **options))
         return made[-1]
 
-    monkeypatch.setattr(batch, "make_engine", remembered)
+    monkeypatch.setattr(batched_run, "make_engine", remembered)
     return made
 
 

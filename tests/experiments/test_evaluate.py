@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jbench.cli import main
-from jbench.experiments.evaluate import EvaluationSettings, evaluate
+from jbench.policies.evaluate import EvaluationSettings, evaluate
 from jbench.store import Results, schema
 from jbench.store.query import load, run_sql
 from jbench.tasks import resets

@@ -7,16 +7,16 @@ import pytest
 from small_runs import small_run
 
 from jbench.agents.ofe import OFESettings
-from jbench.agents.policies import find_policy
-from jbench.agents.policy import DESCRIPTION, Policy, load_agent
 from jbench.errors import RequestError
-from jbench.experiments import deciding
-from jbench.experiments.batch import run_batch
-from jbench.experiments.matrix import matrix_cells, read_matrix
-from jbench.experiments.request import request_runs
-from jbench.experiments.settings import RunSettings
-from jbench.report.variants import comparable, variant_labels
+from jbench.policies.find import find_policy
+from jbench.policies.saved import DESCRIPTION, Policy, load_agent
+from jbench.report.data.variants import comparable, variant_labels
 from jbench.store import Results, schema
+from jbench.sweeps import deciding
+from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.training.batched_run import run_batch
+from jbench.training.request import request_runs
+from jbench.training.settings import RunSettings
 
 ABOUT = {"steps": 100, "evaluate_every": 50, "evaluate_episodes": 1}
 

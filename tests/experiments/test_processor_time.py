@@ -8,10 +8,10 @@ import pytest
 from test_batch_continues import settings
 from test_checkpoints import do, only, stop_at
 
-from jbench.experiments import log
-from jbench.experiments.checkpoints import load
 from jbench.store import Results, query, schema
 from jbench.store.verify import verify
+from jbench.training import log
+from jbench.training.checkpoints import load
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 

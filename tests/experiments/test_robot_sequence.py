@@ -12,19 +12,19 @@ from small_runs import small_run
 
 from jbench import cli
 from jbench.agents import sb3
-from jbench.agents.policy import load_agent
-from jbench.experiments import run as running
-from jbench.experiments.run import make_env, make_training_env, run
-from jbench.experiments.settings import RunSettings
-from jbench.report.building import build_cells, usable_runs
-from jbench.report.cells import of_kind
-from jbench.report.curve_series import LearnedCurve
-from jbench.report.curves import learning_curve
-from jbench.report.published import read_published, read_sequences
-from jbench.report.returns import TRAINING
-from jbench.report.summaries import summary_table
+from jbench.policies.saved import load_agent
+from jbench.report.data.building import build_cells, usable_runs
+from jbench.report.data.cells import of_kind
+from jbench.report.data.curves import learning_curve
+from jbench.report.data.published import read_published, read_sequences
+from jbench.report.data.returns import TRAINING
+from jbench.report.data.summaries import summary_table
+from jbench.report.figures.curve_series import LearnedCurve
 from jbench.store import Results, query, schema
 from jbench.tasks import model
+from jbench.training import sb3_run as running
+from jbench.training.sb3_run import make_env, make_training_env, run
+from jbench.training.settings import RunSettings
 
 # Rollouts of 700 steps do not end where a robot's share does; after each there is an update.
 TD3 = {
@@ -283,7 +283,7 @@ def test_what_cannot_be_trained_is_refused_in_a_sentence(arguments, said, tmp_pa
 def test_the_command_line_asks_for_the_robots_that_were_typed(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(
-        "jbench.display.train_with_progress", lambda runs, *_: asked.extend(runs) or {}
+        "jbench.commands.display.train_with_progress", lambda runs, *_: asked.extend(runs) or {}
     )
     command = ["train", "--algo", "sac", "--task", "move_in_direction", "--results", str(tmp_path)]
     assert cli.main([*command, "--robots", "10", "--steps", "10e6", "--seeds", "0"]) == 0

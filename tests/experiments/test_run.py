@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from jbench.agents.policy import load_agent
 from jbench.errors import RequestError, WorkError
-from jbench.experiments.run import make_env, run
-from jbench.experiments.settings import RunSettings
-from jbench.experiments.speed import seconds_per_step
-from jbench.experiments.status import plan
+from jbench.policies.saved import load_agent
 from jbench.store import Results, schema
 from jbench.store.merge import TIMES
+from jbench.training.sb3_run import make_env, run
+from jbench.training.settings import RunSettings
+from jbench.training.speed import seconds_per_step
+from jbench.training.status import plan
 
 TD3 = {"learning_starts": 1500, "train_freq": 500, "gradient_steps": 5}
 
@@ -165,7 +165,7 @@ def test_a_failure_is_recorded_and_tried_again(tmp_path, monkeypatch):
         raise FloatingPointError("on fire")
 
     with monkeypatch.context() as patch:
-        patch.setattr("jbench.experiments.run.sb3.build", burn)
+        patch.setattr("jbench.training.sb3_run.sb3.build", burn)
         with pytest.raises(FloatingPointError):
             run(wanted, results)
     failed = results.find("run", wanted.id)

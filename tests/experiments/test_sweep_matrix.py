@@ -8,11 +8,11 @@ import pytest
 from sweep_matrices import write_matrix
 
 from jbench.errors import RequestError
-from jbench.experiments.matrix import Matrix, all_runs, matrix_cells, read_matrix
-from jbench.experiments.request import request_runs
 from jbench.names import ALGORITHMS, SWEEPS, TASKS
 from jbench.store import Results
 from jbench.store.shipped import shipped
+from jbench.sweeps.matrix import Matrix, all_runs, matrix_cells, read_matrix
+from jbench.training.request import request_runs
 
 DOCUMENTATION = Path(__file__).parents[2] / "docs" / "sweeps.md"
 

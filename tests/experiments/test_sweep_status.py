@@ -4,8 +4,9 @@ import pyarrow as pa
 import pytest
 from sweep_matrices import write_matrix
 
-from jbench.experiments.matrix import matrix_cells, read_matrix
-from jbench.experiments.status import (
+from jbench.store import Results, schema
+from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.training.status import (
     cell_statuses,
     failures_among,
     is_elsewhere,
@@ -13,7 +14,6 @@ from jbench.experiments.status import (
     run_status,
     seconds_left,
 )
-from jbench.store import Results, schema
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import pytest
 from rich.console import Console
 from sweep_matrices import runs_of_matrix, write_matrix
 
-from jbench.display_live import SweepView
-from jbench.output import Output
+from jbench.commands.live_view import SweepView
+from jbench.commands.output import Output
 
 
 @pytest.fixture

@@ -7,11 +7,12 @@ import sys
 import pytest
 from small_runs import small_run
 
-from jbench import cli, cli_sweep
+from jbench import cli
 from jbench.cli import main
-from jbench.experiments.executors import Local
-from jbench.experiments.status import plan
+from jbench.commands import sweep
 from jbench.store import Results
+from jbench.sweeps.executors import Local
+from jbench.training.status import plan
 
 TD3 = {"batch_size": 8, "learning_starts": 500, "train_freq": 100, "gradient_steps": 2}
 SHORT = {"engine": "batched", "steps": 1000, "evaluate_every": 1000, "evaluate_episodes": 0}
@@ -21,13 +22,13 @@ SHORT = {"engine": "batched", "steps": 1000, "evaluate_every": 1000, "evaluate_e
 INTERRUPTED = """
 import os, signal, subprocess, sys, time
 from jbench.cli import main
-from jbench.experiments import executors
+from jbench.sweeps import executors
 
 start = subprocess.Popen
 
 def popen(arguments, **more):
     process = start(arguments, **more)
-    if "jbench.experiments.worker" in arguments:
+    if "jbench.training.worker" in arguments:
         with open(f"/proc/{process.pid}/status") as status:
             (mask,) = (line.split()[1] for line in status if line.startswith("SigBlk:"))
         assert int(mask, 16) & 1 << signal.SIGINT - 1
@@ -73,7 +74,7 @@ def test_ctrl_c_while_a_process_is_being_started_ends_it_too(verb, tmp_path):
 def test_failed_runs_are_retried_only_when_asked(tmp_path, capsys, monkeypatch):
     results, asked = Results(tmp_path), []
     monkeypatch.setattr(
-        "jbench.display.train_with_progress", lambda runs, *_: asked.append(runs) or {}
+        "jbench.commands.display.train_with_progress", lambda runs, *_: asked.append(runs) or {}
     )
     arguments = ["train", "--seeds", "0-3", "--results", str(tmp_path)]
     assert main(arguments) == 0
@@ -98,6 +99,6 @@ def test_failed_runs_are_retried_only_when_asked(tmp_path, capsys, monkeypatch):
 def test_train_and_sweep_write_checkpoints_equally_often():
     defaults = [
         inspect.signature(verb).parameters["checkpoint_every"].default
-        for verb in (cli.train, cli_sweep.sweep)
+        for verb in (cli.train, sweep.sweep)
     ]
     assert defaults == [60.0, 60.0]

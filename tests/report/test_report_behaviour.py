@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from jbench.experiments.evaluate import EvaluationSettings, evaluate
-from jbench.report import behaviour
+from jbench.policies.evaluate import EvaluationSettings, evaluate
+from jbench.report.figures import behaviour
 from jbench.store import Results
 
 

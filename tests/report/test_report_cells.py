@@ -6,11 +6,11 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.experiments.settings import RunSettings
-from jbench.report.building import build_cells, usable_runs
-from jbench.report.cells import file_name, in_order
-from jbench.report.variants import UNSAID, variant_labels
+from jbench.report.data.building import build_cells, usable_runs
+from jbench.report.data.cells import file_name, in_order
+from jbench.report.data.variants import UNSAID, variant_labels
 from jbench.store import query
+from jbench.training.settings import RunSettings
 
 
 def test_a_cell_has_the_seeds_of_one_setting(fabric):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jbench.report import examine, statistics
-from jbench.report.claims import SeedsNeeded
-from jbench.report.statistics import Estimate
+from jbench.report.analysis import examine, statistics
+from jbench.report.analysis.claims import SeedsNeeded
+from jbench.report.analysis.statistics import Estimate
 
 
 def learn(fabric, finals, *, algo="ddpg", task="face_direction", **more):

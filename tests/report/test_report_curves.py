@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbench.report.curves import (
+from jbench.report.data.curves import (
     QUANTILES,
     final_returns,
     fitting_window,

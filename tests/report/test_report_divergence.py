@@ -3,9 +3,9 @@
 import numpy as np
 
 from jbench.report import Request, contents
+from jbench.report.analysis.scores import scores_of
+from jbench.report.data.returns import EVALUATION
 from jbench.report.report import gather
-from jbench.report.returns import EVALUATION
-from jbench.report.scores import scores_of
 
 FLAT = np.full(40, 500.0)
 LAST = {20_000: 400.0, 40_000: 600.0}

@@ -6,9 +6,10 @@ import re
 import numpy as np
 import pytest
 
-from jbench.report import Request, layout, matrix, plotting, processor, profiles, write_report
-from jbench.report.curve_series import SOLVED
-from jbench.report.figures import ALGORITHM_COLORS, comparison_figures, grid_figure
+from jbench.report import Request, write_report
+from jbench.report.figures import heat_map, layout, plotting, processor, profiles
+from jbench.report.figures.curve_series import SOLVED
+from jbench.report.figures.learning_curves import ALGORITHM_COLORS, comparison_figures, grid_figure
 
 RETURNS = np.linspace(0, 800, 40)
 
@@ -103,7 +104,7 @@ class TestMatrix:
     def test_a_field_says_median_spread_and_n(self, fabric):
         seeds(fabric, np.arange(0, 1100, 100))
         seeds(fabric, [5], task="move_to_pose", algo="sac")
-        (panel,) = matrix.matrix_figure(cells(fabric)).panels
+        (panel,) = heat_map.matrix_figure(cells(fabric)).panels
         assert (panel.x.names, panel.y.names) == (
             ["face_direction", "move_to_pose"],
             ["TD3, full", "SAC, full"],
@@ -116,7 +117,7 @@ class TestMatrix:
 
     def test_long_names_are_cut_and_leave_room(self, fabric):
         seeds(fabric, [1], task="t" * 300, algo="a" * 300)
-        drawn = plotting.draw(matrix.matrix_figure(cells(fabric)))
+        drawn = plotting.draw(heat_map.matrix_figure(cells(fabric)))
         plotting.to_png(drawn)
         width, height = drawn.axes[0].get_window_extent().size
         assert min(width, height) > 50
@@ -192,7 +193,7 @@ class TestSizesAndFormats:
             for _ in range(2)
             for figure in (
                 profiles.profiles_figure(cells(fabric)),
-                matrix.matrix_figure(cells(fabric)),
+                heat_map.matrix_figure(cells(fabric)),
             )
         ]
         assert made[:2] == made[2:]

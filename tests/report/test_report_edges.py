@@ -9,9 +9,10 @@ import pyarrow as pa
 import pytest
 
 from jbench.errors import RequestError, WorkError
-from jbench.report import Request, contents, tables, write_report
+from jbench.report import Request, contents, write_report
+from jbench.report.analysis.scores import statistics_frame
 from jbench.report.report import gather
-from jbench.report.scores import statistics_frame
+from jbench.report.tables import files
 from jbench.store import schema
 
 ALL = Request(window=4, claims=True, each_seed=True, formats=("svg",))
@@ -32,7 +33,7 @@ class Reported:
 
     def table(self, name):
         (found,) = [item for item in contents.tables(self.document) if item.name == name]
-        return tables.to_markdown(found)
+        return files.to_markdown(found)
 
     def findings(self, claim):
         return [f for f in self.made_of.findings if (f.claim, f.source) == (claim, "ours")]

@@ -9,7 +9,8 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.names import OFE
-from jbench.report import Request, encoders, write_report
+from jbench.report import Request, write_report
+from jbench.report.figures import encoders
 from jbench.store import Results, query, schema
 
 TOLD = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3, "random_heuristic": 0.2}

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 from jbench.errors import RequestError, WorkError
-from jbench.experiments.evaluate import EvaluationSettings, evaluate
+from jbench.policies.evaluate import EvaluationSettings, evaluate
 from jbench.report import Request, write_report
-from jbench.report.curves import QUANTILES
+from jbench.report.data.curves import QUANTILES
 
 KEY = ["task", "algo", "representation", "variant", "source", "returns"]
 FLAT = np.full(400, 500.0)

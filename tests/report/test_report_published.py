@@ -3,7 +3,7 @@
 import pytest
 
 from jbench.names import ALGORITHMS, TASKS
-from jbench.report.published import best_median
+from jbench.report.data.published import best_median
 
 # Medians and [q10, q90] at about 5e6 steps, DDPG, PPO, SAC and TD3.
 END = {

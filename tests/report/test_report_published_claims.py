@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbench.report.published_claims import examine_published
+from jbench.report.analysis.published_claims import examine_published
 
 
 def of(published, claim, *words):

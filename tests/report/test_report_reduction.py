@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from jbench.names import kind_of
-from jbench.report import reduction
-from jbench.report.reduction_figure import reduction_figure
+from jbench.report.analysis import reduction
+from jbench.report.data.returns import TRAINING
+from jbench.report.figures.reduction_figure import reduction_figure
 from jbench.report.report import write_report
 from jbench.report.request import Request
-from jbench.report.returns import TRAINING
 
 CLOSE = np.linspace(-10, 10, 8)
 FINALS = {

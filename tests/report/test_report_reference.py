@@ -5,15 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jbench.experiments.settings import RunSettings
-from jbench.report import reduction, sources
-from jbench.report.cells import of_kind
+from jbench.report import sources
+from jbench.report.analysis import reduction
+from jbench.report.data.cells import of_kind
+from jbench.report.data.returns import EVALUATION
+from jbench.report.formatting import estimate, signed
 from jbench.report.request import Request
-from jbench.report.returns import EVALUATION
-from jbench.report.wording import estimate, signed
 from jbench.store import Results, schema
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
+from jbench.training.settings import RunSettings
 
 
 @pytest.fixture(scope="module")

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from jbench.report import Request, contents, figures, matrix, tables, write_report
-from jbench.report.comparisons import within
+from jbench.report import Request, contents, write_report
+from jbench.report.analysis.comparisons import within
+from jbench.report.analysis.examine import examine
+from jbench.report.analysis.scores import scores_of, summaries
+from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.report.document import TableItem
-from jbench.report.examine import examine
+from jbench.report.figures import heat_map, learning_curves
 from jbench.report.report import gather
-from jbench.report.returns import EVALUATION, TRAINING
-from jbench.report.scores import scores_of, summaries
+from jbench.report.tables import files
 
 FLAT = np.full(40, 500.0)
 RISING = {10_000: 100.0, 20_000: 300.0, 30_000: 600.0, 40_000: 950.0}
@@ -129,7 +131,7 @@ class TestClaims:
         # Of TD3 the median lies 100 below 900, with a large spread; of SAC all are alike.
         assert needed["td3"].rule == "80% power"
         assert needed["td3"].seeds > 6
-        rows = tables.to_markdown(table(made_of, "claims"))
+        rows = files.to_markdown(table(made_of, "claims"))
         assert f"{needed['td3'].seeds} (80% power)" in rows
         # Evaluated at 400, 401 and 402: 900 is so far that power asks for fewer than six.
         assert "6 (six-seed rule)" in rows
@@ -161,7 +163,7 @@ class TestReport:
     def test_published_curves_stand_beside_training_only(self, both, published):
         for kind, dashed in ((EVALUATION, 0), (TRAINING, 2)):
             learned = both.learned(window=4, kind=kind)
-            figure = figures.grid_figure(learned, published, "quantile-first", 4)
+            figure = learning_curves.grid_figure(learned, published, "quantile-first", 4)
             panel = figure.panels[0]
             assert panel.y.label == kind.axis
             assert len([x for x in panel.series if x.style.dash == "--"]) == dashed
@@ -182,11 +184,11 @@ class TestLengths:
         for algo, episodes in (("ddpg", 120), ("sac", 40), ("td3", 40)):
             fabric.run(np.full(episodes, 500.0), algo=algo)
         cells = fabric.cells()[0]
-        heat_map = matrix.matrix_figure(cells).panels[0].heat_map
-        assert np.isnan(heat_map.values[:, 0]).tolist() == [True, False, False]
-        assert [cell.framed for cell in heat_map.texts] == [True, False, False]
-        assert heat_map.texts[0].text == "500 [500, 500]\n120k steps\nn = 1"
-        assert "Only cells of 40k control steps are coloured" in matrix.caption(cells)
+        drawn = heat_map.matrix_figure(cells).panels[0].heat_map
+        assert np.isnan(drawn.values[:, 0]).tolist() == [True, False, False]
+        assert [cell.framed for cell in drawn.texts] == [True, False, False]
+        assert drawn.texts[0].text == "500 [500, 500]\n120k steps\nn = 1"
+        assert "Only cells of 40k control steps are coloured" in heat_map.caption(cells)
 
     def test_tables_have_the_steps(self, fabric):
         fabric.run(FLAT, algo="sac")

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from jbench.report.comparisons import best_of, within
-from jbench.report.published import best_at_end
-from jbench.report.scores import scores_of, statistics_frame, summaries
+from jbench.report.analysis.comparisons import best_of, within
+from jbench.report.analysis.scores import scores_of, statistics_frame, summaries
+from jbench.report.data.published import best_at_end
 from jbench.report.sources import OURS
 
 HALF_OF_THE_BEST = 963.4 / 2  # TD3 on face_direction, Figure 9

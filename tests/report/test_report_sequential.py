@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jbench.report.sequential import compare, first_above, first_looks, interval, spent
+from jbench.report.analysis.sequential import compare, first_above, first_looks, interval, spent
 
 LOOKS = 6  # at 5, 10 ... 30 seeds
 

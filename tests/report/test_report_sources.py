@@ -8,8 +8,8 @@ import pytest
 from jbench.errors import RequestError
 from jbench.report import Request, sources, write_report
 from jbench.report.contents import document
+from jbench.report.data.returns import TRAINING
 from jbench.report.report import gather
-from jbench.report.returns import TRAINING
 
 FLAT = np.full(40, 500.0)
 

@@ -7,10 +7,11 @@ import math
 import pandas as pd
 import pytest
 
-from jbench.report import tables, wording
+from jbench.report import formatting
+from jbench.report.analysis.scores import Statistic
+from jbench.report.analysis.statistics import Estimate
 from jbench.report.document import TableItem, Value
-from jbench.report.scores import Statistic
-from jbench.report.statistics import Estimate
+from jbench.report.tables import files
 
 
 def item(**columns):
@@ -25,7 +26,7 @@ PLAIN = item(
 
 
 def test_markdown_is_a_table_with_the_best_in_bold():
-    lines = tables.to_markdown(PLAIN).splitlines()
+    lines = files.to_markdown(PLAIN).splitlines()
     assert lines[0] == "Final &amp; last. 50% of_them."
     assert lines[2:] == [
         "| task | median | rest |",
@@ -36,12 +37,12 @@ def test_markdown_is_a_table_with_the_best_in_bold():
 
 
 def test_markdown_makes_no_tag_no_link_and_no_new_row_of_a_name():
-    (row,) = tables.to_markdown(item(name=["<b>x</b>\n| [a](http://b) *"])).splitlines()[4:]
+    (row,) = files.to_markdown(item(name=["<b>x</b>\n| [a](http://b) *"])).splitlines()[4:]
     assert row == r"| \<b>x\</b> \| [a]\(http://b) \* |"
 
 
 def test_latex_is_booktabs_escaped_with_the_best_in_bold():
-    text = tables.to_latex(PLAIN)
+    text = files.to_latex(PLAIN)
     assert r"\caption{Final \& last. 50\% of\_them.}" in text
     assert r"\begin{tabular}{lrr}" in text
     for rule in (r"\toprule", r"\midrule", r"\bottomrule"):
@@ -59,11 +60,11 @@ def test_latex_is_booktabs_escaped_with_the_best_in_bold():
     ],
 )
 def test_latex_obeys_no_name(name, written):
-    assert rf"{written} & 1 \\" in tables.to_latex(item(name=[name], n=[1]))
+    assert rf"{written} & 1 \\" in files.to_latex(item(name=[name], n=[1]))
 
 
 def test_a_row_that_begins_with_a_bracket_is_no_option_of_the_row_before():
-    assert r"{}[1, 2] & 3 \\" in tables.to_latex(item(band=["[1, 2]"], n=[3]))
+    assert r"{}[1, 2] & 3 \\" in files.to_latex(item(band=["[1, 2]"], n=[3]))
 
 
 def test_csv_has_numbers_in_columns_and_no_formatted_text():
@@ -75,7 +76,7 @@ def test_csv_has_numbers_in_columns_and_no_formatted_text():
         remark=[Value("text", "sorted"), Value("more", "by")],
         rest=[1.25, None],
     )
-    (first, second) = csv.DictReader(io.StringIO(tables.to_csv(table)))
+    (first, second) = csv.DictReader(io.StringIO(files.to_csv(table)))
     assert first == {
         **{"task": "a_b", "median": "668.25", "median low": "659.5", "median high": ""},
         **{"median n": "2", "steps": "300000", "remark": "text", "rest": "1.25"},
@@ -94,43 +95,43 @@ class TestWording:
         ],
     )
     def test_an_estimate_is_said_with_its_interval(self, found, said):
-        assert wording.estimate(found).text == said
+        assert formatting.estimate(found).text == said
 
     def test_an_infinite_end_of_steps_is_not_reached_and_that_of_a_ratio_no_upper_bound(self):
         end = Estimate(math.inf, math.inf, math.inf, math.nan)
         late = Estimate(123_456.0, 9000.0, math.inf, math.nan)
-        assert wording.estimate(end, wording.steps).text == "not reached"
-        assert wording.estimate(late, wording.steps).text == "123k [9k, not reached]"
+        assert formatting.estimate(end, formatting.steps).text == "not reached"
+        assert formatting.estimate(late, formatting.steps).text == "123k [9k, not reached]"
         wide = Estimate(0.87, 0.0, math.inf, math.nan)
-        assert wording.estimate(wide, wording.ratio).text == "0.87 [0.00, no upper bound]"
-        assert wording.estimate(wide, wording.ratio).data == {
+        assert formatting.estimate(wide, formatting.ratio).text == "0.87 [0.00, no upper bound]"
+        assert formatting.estimate(wide, formatting.ratio).data == {
             "": 0.87,
             "low": 0.0,
             "high": math.inf,
         }
 
     def test_nothing_is_said_of_nothing(self):
-        assert wording.estimate(None) is None
-        assert wording.estimate(Estimate(math.nan, math.nan, math.nan, math.nan)) is None
-        assert wording.reached(None) is None
+        assert formatting.estimate(None) is None
+        assert formatting.estimate(Estimate(math.nan, math.nan, math.nan, math.nan)) is None
+        assert formatting.reached(None) is None
 
     def test_differences_have_a_sign_and_no_minus_zero(self):
-        assert [wording.signed(x) for x in (12.4, -12.4, 0.2, -0.2)] == ["+12", "-12", "0", "0"]
-        assert wording.whole(-0.3) == "0"
+        assert [formatting.signed(x) for x in (12.4, -12.4, 0.2, -0.2)] == ["+12", "-12", "0", "0"]
+        assert formatting.whole(-0.3) == "0"
 
     @pytest.mark.parametrize(
         ("steps", "said"),
         [(500, "500"), (22_500, "22.5k"), (300_000, "300k"), (999_900, "1M"), (2_154_321, "2.15M")],
     )
     def test_steps_are_in_the_unit_that_fits(self, steps, said):
-        assert wording.steps(steps) == said
+        assert formatting.steps(steps) == said
 
     def test_a_spread_says_its_seeds_and_one_seed_has_none(self, fabric):
         for seed in range(11):
             fabric.run([10.0 * seed], seed)
         fabric.run([7.0], algo="sac")
         fabric.run([math.nan], algo="ddpg")
-        nothing, one, several = map(wording.spread, fabric.cells()[0])
+        nothing, one, several = map(formatting.spread, fabric.cells()[0])
         assert several.text == "50 [10, 90], n = 11"
         assert several.data == {"": 50, "10th percentile": 10, "90th percentile": 90, "n": 11}
         assert one.text == "7, n = 1"
@@ -139,4 +140,4 @@ class TestWording:
     def test_how_many_reach_a_threshold(self):
         nothing = Estimate(math.inf, math.inf, math.inf, math.nan)
         one = Statistic("steps_to_solved", "median", nothing, 10, 3, 900.0, 40)
-        assert wording.reached(one).text == "3 of 10"
+        assert formatting.reached(one).text == "3 of 10"

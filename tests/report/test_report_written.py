@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from jbench.report.written import LISTING, write
+from jbench.report.output_directory import LISTING, write
 
 
 def names(out):

@@ -11,11 +11,11 @@ from sweep_matrices import runs_of_matrix, write_matrix
 
 from jbench.cli import main
 from jbench.errors import WorkError
-from jbench.experiments.settings import RunSettings
-from jbench.experiments.status import plan
 from jbench.store import Results, files, locks
 from jbench.store.repair import Aside, repair
 from jbench.store.verify import verify
+from jbench.training.settings import RunSettings
+from jbench.training.status import plan
 
 PASSING = ("EMFILE", "ENFILE", "EIO", "EROFS", "EDQUOT", "ESTALE", "EACCES", "EINTR")
 

@@ -14,8 +14,8 @@ from jbench.agents.batched.learner import LOSS_SUMS, Learner
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.divergence import Divergence, divergent_loss
-from jbench.agents.policy import Policy
 from jbench.closing import Closing
+from jbench.policies.saved import Policy
 
 _AGENT, _WORLD, _LOOP = "agent/", "environments/", "loop/"
 

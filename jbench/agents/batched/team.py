@@ -11,8 +11,8 @@ from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.network import affines
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.tensors import Tensors
-from jbench.agents.policy import Policy
 from jbench.agents.settings import AlgorithmSettings
+from jbench.policies.saved import Policy
 
 Rule = TypeVar("Rule", bound=Learner)
 Method = Callable[Concatenate[Rule, ...], Tensor]

@@ -8,11 +8,11 @@ import re
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-from jbench.report.figure import Figure
-from jbench.report.layout import SCREEN, Sheet
+from jbench.report.figures.figure import Figure
+from jbench.report.figures.layout import SCREEN, Sheet
+from jbench.report.figures.plotting import KEPT, draw, to_svg
 from jbench.report.page.text import html
 from jbench.report.page.values import Box
-from jbench.report.plotting import KEPT, draw, to_svg
 
 CORNERS = 250_000
 """Points of the lines and areas of all figures of a page together, each about 14 bytes."""

@@ -7,9 +7,9 @@ from importlib import resources
 
 import pandas as pd
 
-from jbench.paper import CITATION
+from jbench.paper.citation import CITATION
 from jbench.report.document import Document, FigureItem, Section, TableItem
-from jbench.report.layout import SCREEN, Sheet
+from jbench.report.figures.layout import SCREEN, Sheet
 from jbench.report.page import colors, downloads, tables, values, vector
 from jbench.report.page.budget import share_each
 from jbench.report.page.text import html, identifier, json_block, paragraphs

@@ -1,0 +1,1 @@
+"""The commands of jbench, and how they show their work."""

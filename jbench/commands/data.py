@@ -1,0 +1,139 @@
+"""Commands for datasets: collect, datasets, export."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jbench import names
+from jbench.commands import parsing
+from jbench.commands.options import (
+    RESULTS,
+    AugmentOption,
+    JsonOption,
+    ReadResultsOption,
+    ResultsOption,
+    TaskOption,
+    complete,
+)
+from jbench.commands.output import Output
+from jbench.errors import WorkError
+
+if TYPE_CHECKING:
+    from jbench.datasets.listing import Listed
+
+FORMATS = ("minari",)
+"""What a dataset can be exported to."""
+
+
+def collect(
+    steps: Annotated[
+        str, typer.Option(help="Number of control steps, a multiple of 1000.")
+    ] = "5e6",
+    seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
+    threads: Annotated[int, typer.Option(help="Number of threads (0: one per core).")] = 0,
+    augment: AugmentOption = None,
+    results: ResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Collect a random-policy dataset that serves all five tasks."""
+    from jbench.commands import display
+    from jbench.datasets import DatasetSettings
+    from jbench.datasets import collect as collect_dataset
+    from jbench.validation import validated
+
+    output, place = Output(json), parsing.results_to_write(results)
+    settings = validated(
+        DatasetSettings,
+        "the dataset",
+        steps=parsing.count("--steps", steps),
+        seed=parsing.seed(seed),
+        augment=parsing.augmented(augment),
+    )
+    before = place.find("dataset", settings.id)
+    if before is not None and before.status == "finished":
+        output.say(f"The dataset {settings.id} is already finished; nothing to do.")
+    with output.progress("collect", settings.steps, "control steps") as progress:
+        record = collect_dataset(settings, place, parsing.all_cores(threads), progress.update)
+    size = sum(entry.bytes for entry in record.manifest.files)
+    output.say(
+        f"Dataset {record.id}: {settings.steps:,} control steps, {size / 1e6:.1f} MB, in "
+        f"{record.path}. Next: jbench train-dae"
+    )
+    output.document(display.described(record, bytes=size))
+
+
+def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> None:
+    """List datasets."""
+    from jbench.commands import display
+    from jbench.datasets.listing import list_datasets
+
+    output = Output(json)
+    found, problems = list_datasets(parsing.existing_results(results))
+    if found or problems:
+        header = ("dataset", "status", "control steps", "of", "robot", "MB", "last written (UTC)")
+        output.table(f"{len(found)} datasets in {results}", header, [_row(each) for each in found])
+    else:
+        output.say(f"No datasets in {results}; jbench collect --steps 100000 makes a small one.")
+    described = [
+        display.described(
+            each.record, status=each.record.status, steps=each.steps, bytes=each.bytes
+        )
+        for each in found
+    ]
+    output.document({"datasets": described, "problems": problems})
+    for problem in problems:
+        output.warn(problem)
+    if problems:
+        raise WorkError(f"{len(problems)} datasets can't be read and are left out; see above.")
+
+
+def _row(listed: "Listed") -> tuple[str, ...]:
+    augment = listed.settings.augment
+    return (
+        listed.record.id,
+        listed.record.status,
+        f"{listed.steps:,}",
+        f"{listed.settings.steps:,}",
+        "plain" if augment is None else f"--augment {augment}",
+        f"{listed.bytes / 1e6:.1f}",
+        listed.record.manifest.updated[:16].replace("T", " "),
+    )
+
+
+def export(
+    dataset: Annotated[
+        str | None, typer.Option(help="Id of the dataset (default: the newest).")
+    ] = None,
+    task: TaskOption = "face_direction",
+    format: Annotated[
+        str,
+        typer.Option(
+            help=f"Output format: {', '.join(FORMATS)}.", autocompletion=complete(*FORMATS)
+        ),
+    ] = "minari",
+    out: Annotated[
+        Path | None, typer.Option(help="Directory of Minari datasets (default: RESULTS/minari).")
+    ] = None,
+    results: ResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Write a dataset, as one task sees it, in a format that other tools read."""
+    parsing.known("task", task, names.TASKS)
+    parsing.known("value of --format", format, FORMATS)
+    from jbench.datasets import find_dataset
+    from jbench.datasets.export import export_minari
+
+    output = Output(json)
+    source = find_dataset(parsing.results_to_write(results), dataset)
+    root = out or results / "minari"
+    with output.progress(f"export {task}", source.episodes, "episodes") as progress:
+        done = export_minari(source, task, root, progress.update)
+    output.say(
+        f"Exported {source.id} as {task} sees it: {source.episodes:,} episodes, "
+        f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "
+        f'loads it by minari.load_dataset("{done.id}").'
+    )
+    output.document(
+        {"dataset": source.id, "task": task, "path": str(done.path), "minari_id": done.id}
+    )

@@ -1,0 +1,257 @@
+"""What the verbs show of their work while it goes on, and when it is done."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from jbench.commands.output import Output, duration
+from jbench.errors import WorkError
+from jbench.names import CHECKPOINT_EVERY
+from jbench.returns import final_return
+from jbench.store import Record, Results, schema
+from jbench.training.settings import RunSettings
+
+if TYPE_CHECKING:
+    from jbench.training.status import Plan
+
+
+def described(record: Record, **more: Any) -> dict[str, Any]:
+    """Returns what the JSON document of a verb says of a record."""
+    return {
+        "id": record.id,
+        "path": str(record.path),
+        "settings": record.settings,
+        "summary": record.manifest.summary,
+        **more,
+    }
+
+
+def show_encoders(records: Sequence[Record], output: Output) -> None:
+    """Prints the errors of trained encoders: of a lone one in detail."""
+    if len(records) == 1:
+        _show_encoder(records[0], output)
+    rows = []
+    for record in records:
+        (errors,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()
+        explained = ("test", "pca", "random", "heuristic", "pca_heuristic")
+        rows.append(
+            (
+                record.id,
+                f"{errors['test_mse']:.5f}",
+                *(f"{errors[f'{which}_explained']:.3f}" for which in explained),
+            )
+        )
+    for record in records:
+        _show_singular_values(record, output)
+    _show_predictions(records, output)
+    header = ("encoder", "error", "explained", "PCA's", "random's", "heuristic's data", "PCA's")
+    output.table("Variance explained on held-out episodes, and on the heuristic's", header, rows)
+
+
+def _show_predictions(records: Sequence[Record], output: Output) -> None:
+    """Prints how well the next control step is predicted from the latents of encoders."""
+    rows, targets = [], []
+    for record in records:
+        found = record.read("encoder_predictions", schema.ENCODER_PREDICTIONS).to_pylist()
+        # Encoders that were trained before there was this table have no rows.
+        if found:
+            targets = [row["target"].replace("_", " ") for row in found]
+            r2 = ("" if row["r2"] is None else f"{row['r2']:.3f}" for row in found)
+            rows.append((record.id, *r2, f"{found[0]['effective_rank']:.1f}"))
+    if rows:
+        title = "R² of the next control step from latents and action, on held-out episodes"
+        output.table(title, ("encoder", *targets, "effective rank"), rows)
+
+
+def _show_singular_values(record: Record, output: Output) -> None:
+    """Prints the singular values of the dynamics of an encoder that has them."""
+    values = record.manifest.summary.get("singular_values")
+    if values is not None:
+        above = ", ".join(f"{sum(v > least for v in values)} above {least}" for least in (0.9, 0.5))
+        output.say(
+            f"{record.id}: singular values of the dynamics {', '.join(f'{v:.3f}' for v in values)} "
+            f"({above})."
+        )
+
+
+def _show_encoder(record: Record, output: Output) -> None:
+    """Prints the errors of a trained encoder: by epoch, and by feature at the end."""
+    epochs = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
+    told = ("train_loss", "test_mse", "test_denoising_mse")
+    shown = sorted({*range(0, len(epochs), max(1, len(epochs) // 8)), len(epochs) - 1})
+    if epochs:
+        output.table(
+            f"{record.id}: mean squared error by epoch (scaled features)",
+            ("epoch", "training loss", "test, clean", "test, corrupted"),
+            [
+                (e["epoch"], *("" if e[name] is None else f"{e[name]:.5f}" for name in told))
+                for e in (epochs[i] for i in shown)
+            ],
+        )
+    output.table(
+        "Error of each feature (scaled): on held-out episodes, and on the heuristic's",
+        ("feature", "error", "PCA's", "variance", "explained", "heuristic's data", "PCA's"),
+        [
+            (
+                row["feature"],
+                f"{row['test_mse']:.5f}",
+                f"{row['pca_mse']:.5f}",
+                f"{row['test_variance']:.5f}",
+                f"{1 - row['test_mse'] / max(row['test_variance'], 1e-12):.3f}",
+                f"{row['heuristic_mse']:.5f}",
+                f"{row['pca_heuristic_mse']:.5f}",
+            )
+            for row in record.read("encoder_features", schema.ENCODER_FEATURES).to_pylist()
+        ],
+    )
+
+
+def show_plan(plan: "Plan", retry_failed: bool, output: Output) -> None:
+    """Prints which runs are there already, with the error of each that failed."""
+    finished, failed = plan.ids("finished"), plan.ids("failed")
+    if finished:
+        rest = "" if plan.to_do(retry_failed) or failed else "; nothing to do"
+        output.say(
+            f"{len(finished)} of {len(plan.runs)} runs are already finished and skipped{rest}."
+        )
+    if partial := plan.ids("partial"):
+        output.say(f"{len(partial)} runs were interrupted, or another process is training them.")
+    for id in failed:
+        output.say(f"The run {id} failed before: {plan.statuses[id].error}")
+    if failed:
+        how = "they are retried" if retry_failed else "--retry-failed retries them"
+        output.say(f"{len(failed)} runs failed before; {how}.")
+
+
+def train_with_progress(
+    runs: Sequence[RunSettings],
+    results: Results,
+    jobs: int,
+    output: Output,
+    device: str = "cpu",
+    checkpoint_every: float = CHECKPOINT_EVERY,
+) -> dict[str, str]:
+    """Trains runs side by side and shows their progress; returns what failed and why.
+
+    Runs that another process is training are left to it, and named.
+    """
+    from jbench.training.memory import memory_sentence
+    from jbench.training.train import batches, resume_sentence, train
+
+    jobs = min(jobs, len(runs))
+    first_ones = [run for batch in batches(runs, jobs, device)[:jobs] for run in batch]
+    at_a_time = len(first_ones)
+    memory = memory_sentence(first_ones)
+    if memory is not None:
+        output.say(memory)
+    first = runs[0]
+    done = dict.fromkeys((run.id for run in runs), 0)
+    elsewhere = set()
+    label = f"{first.algo} {first.task} {first.representation}"
+    with output.progress(label, sum(run.steps for run in runs), "control steps") as progress:
+
+        def on_message(run: RunSettings, message: dict[str, Any]) -> None:
+            if "seconds_per_step" in message:
+                _say_how_long(runs, at_a_time, message["seconds_per_step"], output)
+            if "held" in message:
+                elsewhere.add(run.id)
+                output.say(f"Another process is training the run {run.id}; it is left out here.")
+            if "goes_on_from" in message:
+                done[run.id] = message["goes_on_from"]
+                progress.begin(sum(done.values()))
+                output.say(resume_sentence(run, message))
+            if "control_steps" in message:
+                done[run.id] = min(message["control_steps"], run.steps)
+                note = f"seed {run.seed}: last return {message['episode_return']:.0f}"
+                progress.update(sum(done.values()), note)
+            if "finished" in message:
+                done[run.id] = run.steps
+                progress.update(sum(done.values()), f"seed {run.seed} finished")
+
+        failures = train(runs, results, jobs, on_message, device, checkpoint_every)
+    return {id: reason for id, reason in failures.items() if id not in elsewhere}
+
+
+def _say_how_long(
+    runs: Sequence[RunSettings], at_a_time: int, seconds_per_step: float, output: Output
+) -> None:
+    rounds = -(-len(runs) // at_a_time)
+    seconds = rounds * runs[0].steps * seconds_per_step
+    smaller = {
+        "fewer --steps (such as 300000)": runs[0].steps > 300_000,
+        "fewer --seeds (such as 0-2)": len(runs) > 3,
+    }
+    fewer = ", or ".join(way for way, is_less in smaller.items() if is_less)
+    less = f" For less: {fewer}." if fewer and seconds > 600 else ""
+    output.say(
+        f"{len(runs)} runs of {runs[0].steps:,} control steps at about "
+        f"{1 / seconds_per_step:.0f} steps/s each, evaluations included, {at_a_time} at a time: "
+        f"about {duration(seconds)}.{less}"
+    )
+
+
+def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> None:
+    """Prints what came out of each run that the results hold."""
+    rows = []
+    for run in runs:
+        try:
+            record = results.find("run", run.id)
+            if record is not None:
+                rows.append(_run_row(record))
+        except WorkError as error:
+            output.warn(str(error))
+    title = "Runs: final return (last quarter of the episodes, at most 100), and last evaluation"
+    output.table(title, ("run", "episodes", "final return", "evaluation"), rows)
+
+
+def show_final_returns(table: pd.DataFrame, output: Output) -> None:
+    """Prints the report's table, a row for each cell; the files hold all its columns."""
+    if table.empty:
+        return
+    from jbench.report.formatting import steps
+
+    rows = []
+    for cell in table.to_dict("records"):
+        fewest, most = steps(cell["steps_min"]), steps(cell["steps_max"])
+        published = cell["published_median"]
+        rows.append(
+            (
+                cell["task"],
+                cell["algo"] if cell["source"] == "ours" else f"{cell['source']}: {cell['algo']}",
+                " ".join(filter(None, (cell["representation"], cell["settings"]))),
+                f"{cell['seeds']} ({cell['diverged']} diverged)"
+                if cell["diverged"]
+                else cell["seeds"],
+                fewest if fewest == most else f"{fewest} to {most}",
+                _median_and_band(cell, "evaluation"),
+                _median_and_band(cell, "training"),
+                "" if published is None else f"{published:.0f} ({cell['published_figure']})",
+            )
+        )
+    header = ("task", "algo", "representation", "seeds", "control steps")
+    more = ("final evaluation return", "final training return", "published (training)")
+    title = "Final returns across seeds: median [10th, 90th percentile]"
+    output.table(title, (*header, *more), rows)
+
+
+def _median_and_band(cell: Mapping[Any, Any], returns: str) -> str:
+    values = [cell[f"{returns}_return_{name}"] for name in ("median", "q10", "q90")]
+    if None in values:
+        return ""
+    median, low, high = values
+    return f"{median:.0f} [{low:.0f}, {high:.0f}]"
+
+
+def _run_row(record: Record) -> tuple[object, ...]:
+    returns = record.read("episodes", schema.EPISODES)["episode_return"].to_numpy()
+    evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    last = [
+        e["episode_return"] for e in evaluations if e["evaluation"] == evaluations[-1]["evaluation"]
+    ]
+    means = (
+        "" if mean is None else f"{mean:.0f}"
+        for mean in (final_return(returns), sum(last) / len(last) if last else None)
+    )
+    name = record.id if record.status == "finished" else f"{record.id} ({record.status})"
+    return name, len(returns), *means

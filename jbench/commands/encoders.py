@@ -1,0 +1,188 @@
+"""Commands that train encoders: train-dae, train-encoder."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jbench import names
+from jbench.commands import parsing
+from jbench.commands.options import RESULTS, JsonOption, ResultsOption, complete
+from jbench.commands.output import Output
+from jbench.errors import RequestError
+
+TasksOption = Annotated[
+    str,
+    typer.Option(
+        help=f"Task of the observations: {', '.join(names.TASKS)}, or all.",
+        autocompletion=complete("all", *names.TASKS),
+    ),
+]
+LatentsOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Number of latents, or several: 2,4,8 or 1-16 (default: 12, or the only size of the "
+        "kind)."
+    ),
+]
+DatasetOption = Annotated[str | None, typer.Option(help="Id of the dataset (default: the newest).")]
+NoiseOption = Annotated[
+    float | None,
+    typer.Option(help="Standard deviation of the noise on scaled features (default: 0.1)."),
+]
+HorizonOption = Annotated[
+    int | None, typer.Option(help="Control steps ahead that ddae reconstructs (default: 1).")
+]
+EpochsOption = Annotated[
+    int | None, typer.Option(help="Number of passes over the training rows (default: 200).")
+]
+BatchOption = Annotated[int | None, typer.Option(help="Minibatch size (default: 8192).")]
+RateOption = Annotated[
+    float | None,
+    typer.Option(help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4)."),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Set an option of the kind, as NAME=VALUE; repeatable."),
+]
+SeedOption = Annotated[
+    int, typer.Option(help="Random seed of weights, minibatches, noise and the held-out split.")
+]
+DeviceOption = Annotated[
+    str,
+    typer.Option(
+        help="Device to train on: auto, cpu or cuda (auto: cuda if there is a GPU).",
+        autocompletion=complete(*names.DEVICES),
+    ),
+]
+
+
+def train_dae(
+    task: TasksOption = "face_direction",
+    latent: LatentsOption = None,
+    dataset: DatasetOption = None,
+    noise: NoiseOption = None,
+    epochs: EpochsOption = None,
+    batch: BatchOption = None,
+    learning_rate: RateOption = None,
+    seed: SeedOption = 0,
+    device: DeviceOption = "auto",
+    results: ResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Train the paper's denoising autoencoder on a dataset; a killed training resumes."""
+    options = {"noise": noise, "epochs": epochs, "batch": batch, "learning_rate": learning_rate}
+    _train(["dae"], options, task, latent, dataset, seed, device, results, Output(json))
+
+
+def train_encoder(
+    kind: Annotated[
+        str,
+        typer.Option(
+            help=f"Kind of encoder: {', '.join(names.ENCODER_KINDS)}, or one of another package; "
+            "several: a,b.",
+            autocompletion=complete(*names.ENCODER_KINDS),
+        ),
+    ] = "dae",
+    task: TasksOption = "face_direction",
+    latent: LatentsOption = None,
+    dataset: DatasetOption = None,
+    noise: NoiseOption = None,
+    horizon: HorizonOption = None,
+    epochs: EpochsOption = None,
+    batch: BatchOption = None,
+    learning_rate: RateOption = None,
+    set_: SetOption = None,
+    seed: SeedOption = 0,
+    device: DeviceOption = "auto",
+    results: ResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Train encoders of any kind on a dataset, one for each kind and number of latents."""
+    from jbench.agents.settings import parse_overrides
+
+    options: dict[str, Any] = {
+        "noise": noise,
+        "horizon": horizon,
+        "epochs": epochs,
+        "batch": batch,
+        "learning_rate": learning_rate,
+    }
+    for name, value in parse_overrides(set_ or []).items():
+        if options.get(name) is not None:
+            raise RequestError(f"{name} is given twice; type it once.")
+        options[name] = value
+    kinds = list(dict.fromkeys(kind.split(",")))
+    _train(kinds, options, task, latent, dataset, seed, device, results, Output(json))
+
+
+def _train(
+    kinds: list[str],
+    options: dict[str, Any],
+    task: str,
+    latent: str | None,
+    dataset: str | None,
+    seed: int,
+    device: str,
+    results: Path,
+    output: Output,
+) -> None:
+    """Trains an encoder for each task, kind and number of latents; a dataset is read once."""
+    from jbench.commands import display
+    from jbench.datasets import find_dataset
+    from jbench.encoders.loop import find_device
+    from jbench.encoders.settings import encoder_settings
+    from jbench.encoders.states import States
+    from jbench.encoders.training import CHECKPOINT, train_encoder
+
+    place = parsing.results_to_write(results)
+    tasks = names.TASKS if task == "all" else (parsing.known("task", task, (*names.TASKS, "all")),)
+    chosen = find_device(parsing.known("value of --device", device, names.DEVICES))
+    given = {name: value for name, value in options.items() if value is not None}
+    source = find_dataset(place, dataset)
+    shared = {"dataset": source.id, "seed": parsing.seed(seed)}
+    wanted = {
+        name: [
+            encoder_settings(kind, given, task=name, latents=number, **shared)
+            for kind, number in _sizes(kinds, name, latent)
+        ]
+        for name in tasks
+    }
+    records = []
+    for name, all_settings in wanted.items():
+        states = States(source, name, seed)
+        for settings in all_settings:
+            before = place.find("encoder", settings.id)
+            if before is not None and before.status == "finished":
+                output.say(f"The encoder {settings.id} is already finished; nothing to do.")
+            elif before is not None:
+                resumes = before.has_checkpoint(CHECKPOINT)
+                how = "resumes" if resumes else "starts over"
+                output.say(f"The encoder {settings.id} was interrupted; it {how}.")
+            label, epochs = f"{settings.representation} {name}", settings.options.get("epochs", 1)
+            with output.progress(label, epochs, "epochs") as progress:
+                records.append(
+                    train_encoder(settings, states, place, progress.update, device=chosen)
+                )
+    display.show_encoders(records, output)
+    first = wanted[tasks[0]][0]
+    output.say(f"Next: jbench train --task {first.task} --encoder {first.kind}:{first.latents}")
+    output.document({"encoders": [display.described(record) for record in records]})
+
+
+def _sizes(kinds: list[str], task: str, latent: str | None) -> list[tuple[str, int]]:
+    """Returns the kinds with their numbers of latents for a task.
+
+    Beside kinds of several sizes, --latent does not apply to a kind of one size.
+    """
+    from jbench.encoders.registry import find_kind
+
+    numbers = parsing.numbers("--latent", latent or "12", "12, or 2,4,8, or 1-16")
+    only = {}
+    for kind in kinds:
+        sizes = find_kind(kind).latent_sizes(task)
+        if len(sizes) == 1:
+            only[kind] = list(sizes)
+    if latent is not None and len(only) == len(kinds):
+        only = {}
+    return [(kind, number) for kind in kinds for number in only.get(kind, numbers)]

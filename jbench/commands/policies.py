@@ -1,0 +1,169 @@
+"""Commands that run a policy: evaluate, render, view."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jbench import names
+from jbench.commands import parsing
+from jbench.commands.options import (
+    RESULTS,
+    AugmentOption,
+    CameraOption,
+    JsonOption,
+    PolicyOption,
+    ReadResultsOption,
+    TaskOption,
+)
+from jbench.commands.output import Output
+from jbench.errors import RequestError
+
+if TYPE_CHECKING:
+    from jbench.store import Results
+
+
+def evaluate(
+    policy: PolicyOption = "heuristic",
+    task: TaskOption = "face_direction",
+    episodes: Annotated[int, typer.Option(help="Number of episodes.")] = 100,
+    seed: Annotated[int, typer.Option(help="Random seed of poses, targets and actions.")] = 0,
+    states: Annotated[
+        bool, typer.Option("--states", help="Record the state at every control step.")
+    ] = False,
+    target_yaw: Annotated[
+        float | None,
+        typer.Option(help="Yaw of the target in degrees (default: drawn by the task)."),
+    ] = None,
+    augment: AugmentOption = None,
+    threads: Annotated[int, typer.Option(help="Number of threads (0: one per core).")] = 0,
+    results: ReadResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Run episodes of any policy and save their returns."""
+    from jbench.commands import display
+    from jbench.policies.evaluate import EvaluationSettings
+    from jbench.policies.evaluate import evaluate as run_episodes
+    from jbench.policies.find import full_name
+    from jbench.store import schema
+    from jbench.validation import validated
+
+    output, (place, policy) = Output(json), _place_and_policy(results, policy)
+    if target_yaw is not None and not math.isfinite(target_yaw):
+        raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
+    policy = full_name(policy)
+    settings = validated(
+        EvaluationSettings,
+        "the evaluation",
+        task=parsing.known("task", task, names.TASKS),
+        policy=policy,
+        episodes=episodes,
+        seed=parsing.seed(seed),
+        states=states,
+        target_yaw=None if target_yaw is None else math.radians(target_yaw),
+        augment=parsing.augmented(augment),
+    )
+    before = place.find("evaluation", settings.id)
+    if before is not None and before.status == "finished":
+        output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
+    _say_other_robot(output, place, policy, augment)
+    total = settings.episodes * names.EPISODE_STEPS
+    with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
+        record = run_episodes(settings, place, parsing.all_cores(threads), progress.update)
+    returns = record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"].to_numpy()
+    summary = record.manifest.summary
+    output.say(
+        f"{task}, {policy}: median return {summary['median']:.0f} "
+        f"[10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}], mean {returns.mean():.0f}, "
+        f"worst {returns.min():.0f}, over {len(returns)} episodes; saved in {record.path}"
+    )
+    output.document(display.described(record))
+
+
+def render(
+    out: Annotated[
+        Path, typer.Option(help="Output file: FILE.mp4, FILE.gif, or FILE.png (a strip of frames).")
+    ] = Path("jitterbug.mp4"),
+    policy: PolicyOption = "heuristic",
+    task: TaskOption = "move_to_pose",
+    camera: CameraOption = "tracking",
+    seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
+    steps: Annotated[
+        int, typer.Option(help="Number of control steps of 0.01 s, 1 to 1000.")
+    ] = 1000,
+    augment: AugmentOption = None,
+    results: ReadResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Render an episode of any policy as a video, an animation or a picture."""
+    from jbench.rendering.backend import choose_backend
+
+    parsing.known("task", task, names.TASKS)
+    parsing.known("camera", camera, names.CAMERAS)
+    if not 1 <= steps <= names.EPISODE_STEPS:
+        raise RequestError(f"--steps {steps}: type 1 to {names.EPISODE_STEPS}.")
+    parsing.augmented(augment)
+    choose_backend()
+    from jbench.policies.find import find_policy
+    from jbench.rendering.episode import Scene
+    from jbench.rendering.write import check_output, default_size, render_to_file
+
+    output, (place, policy) = Output(json), _place_and_policy(results, policy)
+    check_output(out)
+    width, height = default_size(out)
+    scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
+    found = find_policy(place, policy, task, seed)
+    _say_other_robot(output, place, policy, augment)
+    with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
+        done = render_to_file(found, scene, out, name=policy, steps=steps, progress=progress.update)
+    output.say(f"{done.path}: {done.seconds:.1f} s, return {done.episode_return:.0f}")
+    output.document({"path": str(done.path), "episode_return": done.episode_return})
+
+
+def view(
+    policy: PolicyOption = "heuristic",
+    task: TaskOption = "move_to_pose",
+    seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
+    augment: AugmentOption = None,
+    results: ReadResultsOption = RESULTS,
+) -> None:
+    """Watch a policy in MuJoCo's interactive viewer, on a desktop."""
+    from jbench.policies.find import find_policy
+    from jbench.rendering.episode import Scene
+    from jbench.rendering.viewer import view as open_viewer
+
+    place, policy = _place_and_policy(results, policy)
+    parsing.known("task", task, names.TASKS)
+    parsing.augmented(augment)
+    found = find_policy(place, policy, task, parsing.seed(seed))
+    _say_other_robot(Output(), place, policy, augment)
+    steps = open_viewer(found, Scene(task, seed, augment=augment))
+    Output().say(f"Watched {steps} control steps.")
+
+
+def _place_and_policy(results: Path, policy: str) -> tuple["Results", str]:
+    """Returns results that can be written, and the policy's name there.
+
+    With `--results reference` the id of a run is that of a shipped one, as `reference/ID` is.
+    """
+    from jbench.policies.find import SHIPPED
+
+    if not parsing.is_reference(results):
+        return parsing.results_to_write(results), policy
+    is_run = "/" in policy and not policy.startswith(SHIPPED)
+    return parsing.results_to_write(RESULTS), f"{SHIPPED}{policy}" if is_run else policy
+
+
+def _say_other_robot(output: Output, place: "Results", policy: str, augment: int | None) -> None:
+    """Says that an agent is about to move another robot than those that it learned on."""
+    from jbench.policies.find import robots_learned_on
+
+    seeds = robots_learned_on(place, policy)
+    if seeds and augment not in seeds:
+        there = "the plain robot" if augment is None else f"the augmented robot {augment}"
+        learned = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
+        output.say(
+            f"Note: {policy} learned on augmented robot {learned}, and this is {there}; "
+            f"--augment {seeds[-1]} is {'its own' if len(seeds) == 1 else 'its last'}."
+        )

@@ -1,0 +1,247 @@
+"""The report command."""
+
+import contextlib
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from jbench import names
+from jbench.commands import parsing
+from jbench.commands.options import (
+    RESULTS,
+    JsonOption,
+    OneAlgorithmOption,
+    OneTaskOption,
+    ReadResultsOption,
+    complete,
+)
+from jbench.commands.output import Output
+from jbench.errors import RequestError, WorkError
+
+if TYPE_CHECKING:
+    from jbench.report import Report, Request
+    from jbench.store import Results
+
+FORMATS = ("svg", "png", "pdf")
+
+
+def report(
+    task: OneTaskOption = None,
+    algo: OneAlgorithmOption = None,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            help="Only runs that began at this date or later, in UTC, such as 2026-11-21."
+        ),
+    ] = None,
+    claims: Annotated[
+        bool, typer.Option("--claims", help="Add verdicts on the paper's claims.")
+    ] = False,
+    compare: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="A B",
+            help="Compare two results directories, or two settings: engine=sb3 engine=batched.",
+        ),
+    ] = None,
+    reference: Annotated[
+        bool, typer.Option("--reference", help="Add the runs shipped with jbench.")
+    ] = False,
+    returns: Annotated[
+        str,
+        typer.Option(
+            help="Returns that figures and statistics show first: evaluation (deterministic "
+            "policy) or training (exploration included).",
+            autocompletion=complete(*names.RETURNS),
+        ),
+    ] = "evaluation",
+    order: Annotated[
+        str,
+        typer.Option(
+            help="Order of smoothing: quantile-first (as Figure 9) or smooth-first (as Figure 8).",
+            autocompletion=complete(*names.ORDERS),
+        ),
+    ] = "quantile-first",
+    window: Annotated[int, typer.Option(help="Number of episodes in a moving average.")] = 100,
+    each_seed: Annotated[
+        bool, typer.Option("--each-seed", help="Draw every seed as a thin line as well.")
+    ] = False,
+    format_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            help=f"Format of the figures: {', '.join(FORMATS)}; repeatable (default: png, svg).",
+            autocompletion=complete(*FORMATS),
+        ),
+    ] = None,
+    columns: Annotated[
+        int | None,
+        typer.Option(help="Draw figures for 1 or 2 columns of a paper (default: for a screen)."),
+    ] = None,
+    watch: Annotated[
+        bool,
+        typer.Option(
+            "--watch", help="Write the report again whenever the results change, until Ctrl-C."
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Output directory (default: RESULTS/report; with --compare, RESULTS/comparison)."
+        ),
+    ] = None,
+    results: ReadResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Aggregate all runs across seeds into curves, statistics, figures, tables and a page."""
+    command = _command(locals())
+    from jbench.report import Request
+    from jbench.store import Results
+
+    # Two directories that are compared are all that is read.
+    sides = [Path(side) for side in compare or () if Path(side).is_dir()]
+    whole = len(sides) == 2
+    place = parsing.results_at(results) if whole else parsing.existing_results(results)
+    read = [Results(side) for side in sides] if whole else [place]
+    output = Output(json)
+    if watch and json:
+        raise RequestError("--watch and --json exclude each other; type one of them.")
+    request = Request(
+        order=parsing.known("value of --order", order, names.ORDERS),
+        window=window,
+        task=task and parsing.known_or_held("task", task, names.TASKS, read),
+        algo=algo and parsing.known_or_held("algo", algo, names.ALGORITHMS, read),
+        since=since,
+        returns=parsing.known("value of --returns", returns, names.RETURNS),
+        claims=claims,
+        each_seed=each_seed,
+        formats=tuple(dict.fromkeys(format_ or ("png", "svg"))),
+        columns=columns,
+        reference=reference,
+        compare=compare,
+        watched=watch,
+        command=command,
+    )
+    name = "comparison" if compare else "report"
+    # The shipped results are read-only.
+    where = out or (
+        Path(f"reference-{name}") if parsing.is_reference(results) else place.inside(name)
+    )
+    if watch:
+        _watch(place, where, request, output)
+    else:
+        _report(place, where, request, output)
+
+
+def _report(place: "Results", out: Path, request: "Request", output: Output) -> None:
+    """Writes a report and prints what is in it."""
+    from jbench.report import write_report
+
+    written = write_report(place, out, request)
+    _show(written, output)
+    if output.as_json:
+        output.document(_document(written))
+    for problem in written.problems:
+        output.warn(problem)
+    if written.problems:
+        raise WorkError(
+            f"{len(written.problems)} records are damaged and left out; see above. `jbench verify` "
+            "says what is damaged, `jbench repair` sets it aside."
+        )
+
+
+def _watch(place: "Results", out: Path, request: "Request", output: Output) -> None:
+    """Writes a report whenever the results change, until Ctrl-C."""
+    from jbench.report.watch import end, remembered_interrupt, watch
+
+    output.say("Watching; Ctrl-C ends it.")
+    with contextlib.suppress(KeyboardInterrupt), remembered_interrupt() as interrupt:
+        for _ in watch(place, request, interrupt):
+            try:
+                _report(place, out, request, output)
+            except WorkError as error:
+                output.warn(str(error))
+            except RequestError as error:
+                _wait_or_refuse(error, output)
+    end(out)
+    output.say(f"No longer watching; the last report is in {out}.")
+
+
+def _wait_or_refuse(error: RequestError, output: Output) -> None:
+    """Says what is waited for, if runs that go on can put right what is wrong."""
+    from jbench.report.sources import NothingYetError
+
+    if not isinstance(error, NothingYetError):
+        raise error
+    output.say(f"Nothing to report yet: {error}")
+
+
+def _show(written: "Report", output: Output) -> None:
+    from jbench.commands import display
+
+    table = written.table.astype(object).where(written.table.notna(), None)
+    display.show_final_returns(table, output)
+    for item in _told(written):
+        rows = [[_text(cell) for cell in row] for row in item.frame.itertuples(index=False)]
+        output.table(item.title, [str(name) for name in item.frame], rows)
+    for note in written.notes:
+        output.say(f"Note: {note}")
+    page = next(path for path in written.files if path.name == "index.html")
+    output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
+
+
+def _told(written: "Report") -> list[Any]:
+    """Returns the tables that are printed beside that of the final returns."""
+    from jbench.report import contents
+
+    wanted = ["verdicts"] if written.findings is not None else []
+    if written.compares:
+        wanted.append("comparisons")
+    tables = contents.tables(written.document)
+    return [item for item in tables if item.name.partition("-")[0] in wanted]
+
+
+def _text(cell: object) -> str:
+    from jbench.report.tables.files import text_of
+
+    return text_of(cell)
+
+
+def _document(written: "Report") -> dict[str, Any]:
+    """Returns the JSON document."""
+    import json
+
+    from jbench.report.analysis.claims import findings_frame
+    from jbench.report.analysis.comparisons import comparisons_frame
+    from jbench.store.query import to_json
+
+    table = written.table.astype(object).where(written.table.notna(), None)
+    findings = written.findings
+    return {
+        "table": table.to_dict("records"),
+        "comparisons": json.loads(to_json(comparisons_frame(written.comparisons))),
+        **({} if findings is None else {"claims": json.loads(to_json(findings_frame(findings)))}),
+        "files": [str(path) for path in written.files],
+        "notes": list(written.notes),
+        "problems": list(written.problems),
+    }
+
+
+def _command(typed: dict[str, Any]) -> str:
+    """Returns the command line that makes this report again, without what is so by default."""
+    usual = {"returns": "evaluation", "order": "quantile-first", "window": 100}
+    usual |= {"results": RESULTS}
+    words = ["jbench", "report"]
+    for name, value in typed.items():
+        option = f"--{name.strip('_').replace('_', '-')}"
+        if name in ("json", "watch") or value in (None, False, usual.get(name)):
+            continue
+        if value is True:
+            words.append(option)
+        elif name == "format_":
+            words += [word for one in value for word in (option, one)]
+        else:
+            words += [option, *(value if isinstance(value, tuple) else [str(value)])]
+    return shlex.join(words)

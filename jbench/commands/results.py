@@ -1,0 +1,240 @@
+"""Commands for the results database: runs, query, verify, repair, merge."""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jbench import names
+from jbench.commands import parsing
+from jbench.commands.options import (
+    RESULTS,
+    JsonOption,
+    OneAlgorithmOption,
+    OneTaskOption,
+    ReadResultsOption,
+    ResultsOption,
+    complete,
+)
+from jbench.commands.output import Output, Progress, duration, short
+from jbench.errors import RequestError, WorkError
+
+STATUSES = ("unfinished", "finished", "failed")
+
+
+def runs(
+    task: OneTaskOption = None,
+    algo: OneAlgorithmOption = None,
+    representation: Annotated[
+        str | None, typer.Option(help="List only this representation: full, or one such as dae12.")
+    ] = None,
+    status: Annotated[
+        str | None,
+        typer.Option(
+            help=f"List only runs of this status: {', '.join(STATUSES)}.",
+            autocompletion=complete(*STATUSES),
+        ),
+    ] = None,
+    seed: Annotated[
+        str | None, typer.Option(help="List only these seeds, such as 0-9 or 0,2,5-7.")
+    ] = None,
+    returns: Annotated[
+        bool, typer.Option("--returns", help="Show final returns (reads the episodes).")
+    ] = False,
+    results: ReadResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """List runs with their status, progress and wall time, oldest first."""
+    from jbench.store.listing import list_runs
+
+    place = parsing.existing_results(results)
+    filters: dict[str, Collection[Any]] = {}
+    if status is not None:
+        filters["status"] = [parsing.known("status", status, STATUSES)]
+    if seed is not None:
+        filters["seed"] = parsing.numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
+    for setting, value, known in (
+        ("task", task, names.TASKS),
+        ("algo", algo, names.ALGORITHMS),
+        ("representation", representation, ()),
+    ):
+        if value is not None:
+            filters[setting] = [parsing.known_or_held(setting, value, known, [place])]
+    lines, problems = list_runs(place, filters, returns)
+    header = ["run", "status", "episodes", "control steps", "of", "wall time", "created"]
+    rows: list[list[object]] = [
+        [
+            *(line.run, line.status, f"{line.episodes:,}", f"{line.steps_done:,}"),
+            "" if line.steps is None else f"{line.steps:,}",
+            "" if line.wall_time is None else duration(line.wall_time),
+            line.created[:16].replace("T", " "),
+        ]
+        for line in lines
+    ]
+    if returns:
+        header.append("final return")
+        for row, line in zip(rows, lines, strict=True):
+            row.append("" if line.last_return is None else f"{line.last_return:.0f}")
+    output = Output(json)
+    output.table(f"{len(lines):,} runs", header, rows)
+    output.document({"runs": [line._asdict() for line in lines], "problems": problems})
+    _left_out(problems, output)
+
+
+def query(
+    sql: Annotated[
+        str, typer.Argument(help="A SELECT statement over the tables; see docs/database.md.")
+    ],
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV to standard output.")] = False,
+    results: ReadResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Query the results with SQL: runs, episodes, evaluations, encoders and other tables."""
+    from jbench.store.query import ask, to_csv, to_json
+
+    if as_csv and json:
+        raise RequestError("--csv and --json exclude each other; type one of them.")
+    output = Output(json)
+    answer, problems = ask(parsing.existing_results(results), sql)
+    if json:
+        output.raw(f"{to_json(answer)}\n")
+    elif as_csv:
+        output.raw(to_csv(answer))
+    else:
+        cells = answer.astype(object).where(answer.notna(), None).to_numpy()
+        rows = [[short(cell) for cell in row] for row in cells]
+        output.table(f"{len(answer):,} rows", list(answer.columns), rows)
+    _left_out(problems, output)
+
+
+def verify(
+    threads: Annotated[
+        int, typer.Option(help="Number of files read at a time (0: one per core).")
+    ] = 0,
+    results: ReadResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Check every manifest, row count and checksum, and find leftover files."""
+    from jbench.store.verify import verify as check
+
+    output, checked = Output(json), parsing.existing_results(results)
+    with _progress(output, "verify", "bytes") as progress:
+        found = check(checked, parsing.all_cores(threads), progress)
+    place = None
+    for finding in found.findings:
+        if (finding.kind, finding.id) != place:
+            place = finding.kind, finding.id
+            output.say(f"{finding.kind} {finding.id}")
+        warning = "Warning: " if finding.sort == "warning" else ""
+        output.say(f"  {warning}{finding}")
+    output.say(
+        f"Checked {found.records:,} records, {found.files:,} files, {found.bytes / 1e6:,.1f} MB: "
+        + (_counted(f.sort for f in found.findings) or "all of them intact")
+        + "."
+    )
+    output.document(
+        {
+            "records": found.records,
+            "files": found.files,
+            "bytes": found.bytes,
+            "findings": [{**f._asdict(), "path": str(f.path)} for f in found.findings],
+        }
+    )
+    if found.faults:
+        raise WorkError(
+            "Some results are damaged or left over; jbench repair sets them aside. Intact results "
+            "can still be used."
+        )
+
+
+def repair(
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show what would be set aside, and change nothing.")
+    ] = False,
+    threads: Annotated[
+        int, typer.Option(help="Number of files read at a time (0: one per core).")
+    ] = 0,
+    results: ResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Move damaged records and leftover files to RESULTS/set-aside; delete nothing."""
+    from jbench.store.repair import repair as set_aside
+    from jbench.store.verify import verify as check
+
+    parsing.results_to_write(results)
+    output, place = Output(json), parsing.existing_results(results)
+    with _progress(output, "verify", "bytes") as progress:
+        found = check(place, parsing.all_cores(threads), progress)
+    done = set_aside(place, found.findings, dry_run)
+    for path, to in done.moved:
+        output.say(f"{path} -> {to}")
+    for sentence in done.left:
+        output.warn(sentence)
+    verb = "Would set" if dry_run else "Set"
+    output.say(
+        f"{verb} {len(done.moved):,} files aside." if done.moved else "Nothing to set aside."
+    )
+    output.document(
+        {
+            "dry_run": dry_run,
+            "moved": [{"from": str(path), "to": str(to)} for path, to in done.moved],
+            "left": done.left,
+        }
+    )
+    if done.left:
+        raise WorkError(f"{len(done.left)} problems were left as they are; see above.")
+
+
+def merge(
+    others: Annotated[list[Path], typer.Argument(help="Results directories of other machines.")],
+    results: ResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Merge results of several machines: copy intact records, refuse records that differ."""
+    from jbench.store.merge import merge as join
+
+    output, place = Output(json), parsing.results_to_write(results)
+    sources = [parsing.results_at(other) for other in others]
+    with _progress(output, "merge", "records") as progress:
+        merged = join(place, sources, progress)
+    refused = [one for one in merged if one.outcome == "refused"]
+    for one in refused:
+        output.warn(f"{one.record}: {one.reason}")
+    told = _counted(one.outcome for one in merged) or "no records"
+    output.say(f"Merged into {results}: {told}.")
+    output.document({"records": [one._asdict() for one in merged]})
+    if refused:
+        raise WorkError(f"{len(refused)} records were refused; the others are merged. See above.")
+
+
+VERBS: Sequence[Callable[..., None]] = (runs, query, verify, repair, merge)
+
+
+@contextmanager
+def _progress(output: Output, what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """Gives a function to call with what is done and the total, which is known only then."""
+    with ExitStack() as stack:
+        shown: list[Progress] = []
+
+        def update(done: int, total: int) -> None:
+            if not shown and total:
+                shown.append(stack.enter_context(output.progress(what, total, unit)))
+            for progress in shown:
+                progress.update(done)
+
+        yield update
+
+
+def _counted(words: Iterator[str]) -> str:
+    """Returns how often each word comes: `3 damaged, 1 leftover`."""
+    return ", ".join(f"{count:,} {word}" for word, count in Counter(words).items())
+
+
+def _left_out(problems: Sequence[str], output: Output) -> None:
+    for problem in problems:
+        output.warn(problem)
+    if problems:
+        raise WorkError(f"{len(problems)} records are damaged and left out; see above.")

@@ -1,0 +1,217 @@
+"""The verb that does a whole matrix of runs: parse, call one function, print."""
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from jbench import names
+from jbench.commands import parsing
+from jbench.commands.options import (
+    RESULTS,
+    JobsOption,
+    JsonOption,
+    ResultsOption,
+    RetryOption,
+    complete,
+)
+from jbench.commands.output import Output
+from jbench.errors import RequestError, WorkError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from jbench.store import Results
+    from jbench.sweeps.executors import Executor
+    from jbench.sweeps.matrix import Cell
+
+_MAX_SEEDS = 30
+
+
+def sweep(
+    matrix: Annotated[
+        str,
+        typer.Argument(
+            help=f"Matrix of runs: {', '.join(names.SWEEPS)}, or a FILE.toml.",
+            autocompletion=complete(*names.SWEEPS),
+        ),
+    ],
+    claims: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[CLAIM]...",
+            help="With --until-decided: representations such as dae12, or comparisons such as "
+            "dae12/full (default: all).",
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run", help="Show the status of the runs and the time left, and train nothing."
+        ),
+    ] = False,
+    retry_failed: RetryOption = False,
+    seeds: Annotated[
+        str | None,
+        typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7 (default: those of the matrix)."),
+    ] = None,
+    steps: Annotated[
+        str | None,
+        typer.Option(help="Number of control steps of each run (default: that of the matrix)."),
+    ] = None,
+    until_decided: Annotated[
+        bool,
+        typer.Option(
+            "--until-decided",
+            help="Add seeds in blocks of five until it is decided how each representation compares "
+            "with full and scaled.",
+        ),
+    ] = False,
+    max_seeds: Annotated[
+        int | None,
+        typer.Option(
+            help=f"With --until-decided: maximum number of seeds per cell (default: {_MAX_SEEDS})."
+        ),
+    ] = None,
+    executor: Annotated[
+        str,
+        typer.Option(
+            help="Where runs are trained: local (this machine) or ray (a Ray cluster).",
+            autocompletion=complete(*names.EXECUTORS),
+        ),
+    ] = "local",
+    address: Annotated[
+        str | None,
+        typer.Option(help="Address of the Ray cluster (default: RAY_ADDRESS, else a local Ray)."),
+    ] = None,
+    gpus_per_task: Annotated[
+        float, typer.Option(help="With --executor ray: GPUs per process; may be a fraction.")
+    ] = 0.0,
+    device: Annotated[
+        str,
+        typer.Option(
+            help="With --executor local: device of agents and encoders: auto, cpu or cuda.",
+            autocompletion=complete(*names.DEVICES),
+        ),
+    ] = "auto",
+    checkpoint_every: Annotated[
+        float, typer.Option(min=0, help="Minimum seconds between checkpoints of a run.")
+    ] = names.CHECKPOINT_EVERY,
+    jobs: JobsOption = 0,
+    results: ResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Train a matrix of tasks, algorithms, representations and seeds; only what is missing."""
+    from jbench.commands.sweep_view import described, show_matrix, show_missing, sweep_with_view
+    from jbench.sweeps.executors import Local
+    from jbench.sweeps.matrix import all_runs, matrix_cells, read_matrix
+    from jbench.training.status import cell_statuses, failures_among, seconds_left
+
+    output, place = Output(json), parsing.results_to_write(results)
+    if not until_decided and (claims or max_seeds is not None):
+        raise RequestError("CLAIM and --max-seeds are for --until-decided.")
+    if until_decided and seeds is not None:
+        raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
+    changes: dict[str, Any] = {
+        **({} if seeds is None else {"seeds": parsing.seeds(seeds)}),
+        **({} if steps is None else {"steps": parsing.count("--steps", steps)}),
+    }
+    wanted = read_matrix(matrix, **changes)
+    parsing.known("executor", executor, names.EXECUTORS)
+    chosen = _device(executor, address, gpus_per_task, wanted[0].engine, device)
+    cores = parsing.all_cores(jobs)
+    at_a_time = cores if jobs or chosen == "cpu" else 1
+
+    def make() -> "Executor":
+        if executor == "local":
+            return Local(place, at_a_time, chosen, checkpoint_every)
+        from jbench.sweeps.cluster import Ray
+
+        return Ray(place, address, jobs, gpus_per_task, checkpoint_every)
+
+    cells = matrix_cells(wanted, place)
+    if until_decided:
+
+        def train(chosen_cells: "Sequence[Cell]") -> None:
+            sweep_with_view(chosen_cells, place, make, device, retry_failed, output)
+
+        most = _MAX_SEEDS if max_seeds is None else max_seeds
+        _decide(matrix, cells, claims or [], place, most, None if dry_run else train, output)
+        return
+    runs = list(all_runs(cells))
+    failures: dict[str, str] = {}
+    if not dry_run:
+        failures |= sweep_with_view(cells, place, make, device, retry_failed, output)
+    statuses = cell_statuses(cells, place, at_a_time, chosen, quick=dry_run)
+    show_matrix(f"{matrix}: {len(runs)} runs", statuses, at_a_time, dry_run, output)
+    missing = show_missing(cells, place, output)
+    failures |= failures_among(runs, place)
+    output.document(
+        {
+            "matrix": matrix,
+            "cells": described(statuses),
+            "seconds_left": seconds_left(statuses, at_a_time),
+            "made_first": missing,
+            "failures": failures,
+        }
+    )
+    if dry_run:
+        return
+    if failures:
+        raise WorkError(f"{len(failures)} of {len(runs)} runs failed; --retry-failed retries them.")
+    output.say("Next: jbench report")
+
+
+def _decide(
+    matrix: str,
+    cells: "Sequence[Cell]",
+    claims: "Sequence[str]",
+    results: "Results",
+    most: int,
+    train: "Callable[[Sequence[Cell]], None] | None",
+    output: Output,
+) -> None:
+    """Adds seeds until the claims are decided; without anything that trains, shows what is next."""
+    from jbench.commands.deciding_view import decide_with_view, described_outcomes
+    from jbench.sweeps.deciding import comparisons
+    from jbench.sweeps.matrix import all_runs
+    from jbench.training.status import failures_among
+
+    asked = comparisons(cells, claims)
+    found, wanted = decide_with_view(asked, results, most, train, output)
+    needed = [run.id for run in all_runs(wanted)]
+    if needed:
+        output.say(f"Needed next: {len(needed)} runs in {len(wanted)} cells.")
+    failures = failures_among((run for one in found for run in one.needed), results)
+    output.document(
+        {
+            "matrix": matrix,
+            "comparisons": described_outcomes(found),
+            "needed": needed,
+            "failures": failures,
+        }
+    )
+    if failures and train is not None:
+        raise WorkError(f"{len(failures)} runs failed; --retry-failed retries them.")
+    if train is not None:
+        output.say("Next: jbench report")
+
+
+def _device(
+    executor: str, address: str | None, gpus_per_task: float, engine: names.Engine, device: str
+) -> str:
+    """Returns what the batched engine learns on, `cpu` or `cuda`."""
+    from jbench.training.request import find_device
+
+    parsing.known("device", device, names.DEVICES)
+    if executor == "local":
+        if address is not None or gpus_per_task:
+            raise RequestError("--address and --gpus-per-task are for --executor ray.")
+        return find_device(engine, device)
+    if device != "auto":
+        raise RequestError("--device is for --executor local; type --gpus-per-task.")
+    if not 0 <= gpus_per_task < math.inf:
+        raise RequestError(f"--gpus-per-task {gpus_per_task}: type 0 or more.")
+    if gpus_per_task and engine == "sb3":
+        raise RequestError("--gpus-per-task is for the batched engine; this matrix is of sb3.")
+    return "cuda" if gpus_per_task else "cpu"

@@ -1,0 +1,1 @@
+"""The kinds of encoders that ship with jbench."""

@@ -1,0 +1,98 @@
+"""A variational autoencoder with locally linear latent dynamics (Watter et al., arXiv:1506.07365).
+
+"Embed to Control": the latent of the next state is A z + B u + o for the action u, where the matrix
+A = I + v r', the vector B and the offset o depend on z. The next state must be likely under the
+latent foreseen, and that latent's distribution close to the next state's own.
+"""
+
+from typing import ClassVar, NamedTuple
+
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from jbench.encoders.kind import Batch, Weights, tanh
+from jbench.encoders.kinds.vae import VariationalAutoencoder, affine, drawn, from_standard, layers
+
+_SINGULAR = 1e-6  # keeps the logarithm of det(A) ** 2 finite
+
+
+class Transition(NamedTuple):
+    """Locally linear dynamics, each (rows, latents): A = I + v r', B and o."""
+
+    v: Tensor
+    r: Tensor
+    B: Tensor
+    o: Tensor
+
+    def __call__(self, latents: Tensor, actions: Tensor) -> Tensor:
+        """Returns the latents (rows, latents) one step later, for actions (rows, 1)."""
+        along = (self.r * latents).sum(1, keepdim=True)
+        return latents + self.v * along + self.B * actions + self.o
+
+
+class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
+    """Maximises the bound of pairs of states with the action in between."""
+
+    uses_actions: ClassVar[bool] = True
+
+    contraction: float = Field(
+        default=0.1, ge=0, description="weight of the divergence of the foreseen latent; authors'"
+    )
+
+    @property
+    def steps_ahead(self) -> int:
+        """The state after the action."""
+        return 1
+
+    def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
+        """Returns Glorot's weights, and biases of 0; the dynamics have a hidden layer too."""
+        dynamics = {"dynamics": (self.hidden, latents), "transition": (4 * latents, self.hidden)}
+        return super().initial(size, latents, random) | layers(dynamics, random)
+
+    def transition(self, weights: Weights, latents: Tensor) -> Transition:
+        """Returns the dynamics about latents (rows, latents)."""
+        hidden = tanh(affine(weights, "dynamics", latents))
+        return Transition(*affine(weights, "transition", hidden).chunk(4, dim=1))
+
+    def loss(self, weights: Weights, batch: Batch) -> Tensor:
+        """Returns the paper's equation 12, without constants, in nats for a pair of states."""
+        assert batch.actions is not None
+        mean, log_variance = self.posterior(weights, batch.now)
+        latents = drawn(mean, log_variance, batch)
+        dynamics = self.transition(weights, latents)
+        foreseen = dynamics(latents, batch.actions)
+        bound = self.surprise(weights, latents, batch.now)
+        bound = bound + self.surprise(weights, foreseen, batch.later)
+        bound = bound + from_standard(mean, log_variance)
+        apart = divergence(
+            dynamics,
+            dynamics(mean, batch.actions),
+            log_variance,
+            *self.posterior(weights, batch.later),
+        )
+        return (bound + self.contraction * apart).mean()
+
+
+def divergence(
+    dynamics: Transition,
+    foreseen: Tensor,
+    log_variance: Tensor,
+    mean: Tensor,
+    later_log_variance: Tensor,
+) -> Tensor:
+    """Returns the (rows,) KL divergence of the foreseen latent from the next state's own (nats).
+
+    Args:
+        dynamics: that led there.
+        foreseen: (rows, latents) mean of the foreseen latent, whose covariance is A S A'.
+        log_variance: (rows, latents) of the latent before: log of the diagonal of S.
+        mean: (rows, latents) of the next state's latent.
+        later_log_variance: (rows, latents) of the next state's latent.
+    """
+    v, r, variance = dynamics.v, dynamics.r, log_variance.exp()
+    around = (r.square() * variance).sum(1, keepdim=True)
+    diagonal = variance * (1 + 2 * v * r) + v.square() * around
+    log_determinant = ((1 + (v * r).sum(1)).square() + _SINGULAR).log() + log_variance.sum(1)
+    spread = (diagonal + (foreseen - mean).square()) * (-later_log_variance).exp() - 1
+    return (spread.sum(1) + later_log_variance.sum(1) - log_determinant) / 2

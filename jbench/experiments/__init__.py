@@ -1,1 +1,0 @@
-"""Runs from their settings to their results, and the published experiments as data."""

@@ -1,0 +1,1 @@
+"""Saved, hand-written and imported policies, and their evaluation."""

@@ -1,0 +1,147 @@
+"""Episodes of any policy: their returns, and on request every state, kept in the database."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pyarrow as pa
+from pydantic import BaseModel, Field
+
+from jbench import validation
+from jbench.names import EPISODE_STEPS, LARGEST_SEED
+from jbench.policies.find import find_policy
+from jbench.simulation import Act, Robots, Transition, rollout
+from jbench.store import Record, Results, schema, settings_hash
+from jbench.tasks import features, resets
+from jbench.tasks import model as robot
+from jbench.tasks.resets import Starts
+
+# Robots stepped together: enough for the threads, and 100 episodes keep little in memory.
+_TOGETHER = 50
+
+
+class EvaluationSettings(BaseModel):
+    """What an evaluation is made of; the id is made from it."""
+
+    model_config = validation.SETTINGS
+
+    task: str
+    policy: str = Field(description="heuristic, random, constant:U, or the id of a run")
+    episodes: int = Field(default=100, ge=1, title="--episodes")
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
+    states: bool = Field(default=False, description="whether every state is kept")
+    target_yaw: float | None = Field(default=None, description="rad; else as the task draws it")
+    augment: int | None = Field(default=None, ge=0, description="seed of an augmented robot")
+
+    @property
+    def id(self) -> str:
+        """The evaluation's id, such as move_to_pose/heuristic/s00-1f9a2c4e."""
+        name = self.policy.replace("/", ".").replace(":", ".")
+        return f"{self.task}/{name}/s{self.seed:02d}-{settings_hash(self.model_dump())}"
+
+
+def evaluate(
+    settings: EvaluationSettings,
+    results: Results,
+    threads: int,
+    progress: Callable[[int], None] = lambda steps: None,
+) -> Record:
+    """Runs and keeps the episodes of a policy, or finds them kept.
+
+    Every episode draws its pose and target from a generator of its own; a constant or
+    hand-written policy and a trained agent are deterministic, the random one is seeded.
+
+    Args:
+        settings: of the evaluation.
+        results: where it is written, and where runs are.
+        threads: how many robots step at a time.
+        progress: called with the number of control steps done, over all episodes.
+
+    Raises:
+        RequestError: if there is no such policy for this task.
+        WorkError: if another process does this evaluation, or it can't be written.
+    """
+    policy = find_policy(results, settings.policy, settings.task, settings.seed)
+    with results.hold("evaluation", settings.id) as found:
+        if found is not None and found.status == "finished":
+            return found
+        record = results.create("evaluation", settings.id, settings.model_dump())
+        model = robot.load(settings.augment)
+        for first in range(0, settings.episodes, _TOGETHER):
+            episodes = range(first, min(first + _TOGETHER, settings.episodes))
+            with Robots(model, len(episodes), threads) as robots:
+                policy.reset(len(episodes))
+                tables = _episodes(settings, episodes, robots, policy.act, progress)
+            record.append(tables)
+        returns = record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"]
+        q10, median, q90 = np.percentile(returns.to_numpy(), (10, 50, 90))
+        record.finish({"median": median, "q10": q10, "q90": q90}, compact=False)
+    return record
+
+
+def _episodes(
+    settings: EvaluationSettings,
+    episodes: range,
+    robots: Robots,
+    act: Act,
+    progress: Callable[[int], None],
+) -> dict[str, pa.Table]:
+    """Runs some episodes side by side; returns their rows."""
+    starts = _starts(settings, episodes)
+    target = starts.targets
+    total = np.zeros(len(episodes))
+    kept: list[tuple[int, Transition]] = []
+    for step, transition in enumerate(rollout(settings.task, robots, starts, act), 1):
+        total += transition.rewards
+        if settings.states:
+            kept.append((step, transition))
+        if step % 100 == 0:
+            progress(episodes.start * EPISODE_STEPS + step * len(episodes))
+    rows = {
+        "evaluation": [settings.id] * len(episodes),
+        "episode": list(episodes),
+        "episode_return": total,
+        "length": [EPISODE_STEPS] * len(episodes),
+        "target_x": target.position[:, 0],
+        "target_y": target.position[:, 1],
+        "target_yaw": target.yaw,
+    }
+    tables = {"policy_episodes": pa.table(rows, schema=schema.POLICY_EPISODES)}
+    if settings.states:
+        tables["policy_states"] = _states_table(episodes, kept)
+    return tables
+
+
+def _starts(settings: EvaluationSettings, episodes: range) -> Starts:
+    """Returns how the episodes begin."""
+    generators = [resets.episode_generator(settings.seed, episode) for episode in episodes]
+    starts = resets.draw_starts(settings.task, generators)
+    if settings.target_yaw is None:
+        return starts
+    yaw = np.full(len(episodes), settings.target_yaw)
+    return starts._replace(targets=starts.targets._replace(yaw=yaw))
+
+
+def _states_table(episodes: range, kept: list[tuple[int, Transition]]) -> pa.Table:
+    """Returns the rows of every state, step by step."""
+
+    def parts() -> Iterator[pa.Table]:
+        for step, (_, action, state, reward, _) in kept:
+            x, y, z = (state.position[:, i].astype(np.float32) for i in range(3))
+            yield pa.table(
+                {
+                    "episode": np.arange(episodes.start, episodes.stop),
+                    "step": np.full(len(episodes), step),
+                    "x": x,
+                    "y": y,
+                    "z": z,
+                    "heading": features.heading(state).astype(np.float32),
+                    "upright": features.upright_reward(state).astype(np.float32),
+                    "motor_position": state.motor_position.astype(np.float32),
+                    "motor_velocity": state.motor_velocity.astype(np.float32),
+                    "action": action.astype(np.float32),
+                    "reward": reward.astype(np.float32),
+                },
+                schema=schema.POLICY_STATES,
+            )
+
+    return pa.concat_tables(parts()).combine_chunks()

@@ -1,0 +1,133 @@
+"""A trained policy as it is kept: a few matrices, usable without the library that made them."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+from numpy.typing import NDArray
+
+from jbench.encoders import Encoder, load_encoder
+from jbench.errors import RequestError, WorkError
+from jbench.policies.feature_map import FeatureMap
+from jbench.store import Record, Results
+
+WEIGHTS = "policy.safetensors"
+DESCRIPTION = "policy.json"
+
+_SQUASHES: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
+    "tanh": np.tanh,
+    "clip": lambda raw: np.clip(raw, -1, 1),
+}
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A deterministic policy: layers of ReLU units, and a last one squashed into [-1, 1].
+
+    Attributes:
+        weights: a (units, inputs) matrix for each layer.
+        biases: a (units,) vector for each layer.
+        squash: "tanh" or "clip".
+        features: that the first layer sees; None if it sees observations.
+    """
+
+    weights: list[NDArray[np.float32]]
+    biases: list[NDArray[np.float32]]
+    squash: str
+    features: FeatureMap | None = None
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns actions (..., 1) for observations (..., size) as the policy was trained on."""
+        values = observations if self.features is None else self.features(observations)
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            values = np.maximum(values @ weight.T + bias, 0)
+        return _SQUASHES[self.squash](values @ self.weights[-1].T + self.biases[-1])
+
+    def to_files(self) -> dict[str, bytes]:
+        """Returns the policy as files by name: safetensors, and JSON that says how to use them."""
+        tensors: dict[str, NDArray[np.float32]] = {}
+        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            tensors |= {f"{layer}.weight": weight, f"{layer}.bias": bias}
+        description: dict[str, Any] = {"layers": len(self.weights), "squash": self.squash}
+        if self.features is not None:
+            tensors |= self.features.tensors()
+            description["features"] = self.features.description()
+        return {
+            WEIGHTS: safetensors.numpy.save(tensors),
+            DESCRIPTION: json.dumps(description, indent=1).encode(),
+        }
+
+    @classmethod
+    def from_files(cls, weights: bytes, description: bytes) -> "Policy":
+        """Reads a policy that `to_files` made.
+
+        Raises:
+            ValueError: if it is none.
+        """
+        try:
+            said = json.loads(description)
+            tensors = safetensors.numpy.load(weights)
+            policy = cls(
+                [tensors[f"{layer}.weight"] for layer in range(said["layers"])],
+                [tensors[f"{layer}.bias"] for layer in range(said["layers"])],
+                said["squash"],
+                FeatureMap.from_tensors(tensors, said["features"]) if "features" in said else None,
+            )
+        except (safetensors.SafetensorError, KeyError, TypeError) as error:
+            raise ValueError(f"no policy: {error}") from None
+        if not policy.weights or policy.squash not in _SQUASHES:
+            raise ValueError("no policy: no layers, or an unknown squash")
+        return policy
+
+
+@dataclass(frozen=True)
+class TrainedAgent:
+    """The policy of a finished run on the plain observations of its task, encoder included."""
+
+    task: str
+    policy: Policy
+    encoder: Encoder | None
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns actions (..., 1) for observations (..., dim(O)) of the task."""
+        seen = observations if self.encoder is None else self.encoder.encode(observations)
+        return self.policy.act(seen)
+
+
+def has_policy(record: Record) -> bool:
+    """Returns whether a run was kept with its policy; most shipped runs are rows alone."""
+    return {WEIGHTS, DESCRIPTION} <= {entry.name for entry in record.manifest.files}
+
+
+def load_agent(results: Results, run: str) -> TrainedAgent:
+    """Returns the trained agent of a finished run.
+
+    Args:
+        results: where the run and its encoder are.
+        run: the run's id.
+
+    Raises:
+        RequestError: if there is no such run, it has not finished, or was kept without its policy.
+        WorkError: if its files are damaged.
+    """
+    record = results.find("run", run)
+    if record is None:
+        raise RequestError(f"No run {run} in {results.path}; jbench query 'FROM runs' lists them.")
+    if record.status != "finished":
+        raise RequestError(f"The run {run} is {record.status}: it has no trained policy yet.")
+    if not has_policy(record):
+        raise RequestError(f"The run {run} in {results.path} was kept without its policy.")
+    try:
+        policy = Policy.from_files(record.read_file(WEIGHTS), record.read_file(DESCRIPTION))
+    except ValueError as error:
+        raise WorkError(f"The policy of {run} can't be read ({error}).") from None
+    encoder = record.settings["encoder"]
+    return TrainedAgent(
+        record.settings["task"],
+        policy,
+        None if encoder is None else load_encoder(results, encoder)[0],
+    )

@@ -1,0 +1,159 @@
+"""The paper's claims, each with the comparison that tests it, stated before looking at data.
+
+A claim is tested on every pair of cells that it speaks of (`examine.py`). The statistic, the value
+that would refute it and the margin are fixed in code, and are the same for our runs and for the
+published curves, and for both kinds of return.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import pandas as pd
+
+from jbench.names import ReturnsName
+from jbench.report.analysis import statistics as st
+from jbench.report.data.cells import OURS
+
+Verdict = Literal["supported", "contradicted", "undecided"]
+
+MARGIN = 50.0
+"""Difference in final return that counts as similar: 5% of the largest possible return."""
+
+REDUCED = "dae12"
+"""The paper's reduced order: 12 latents of a denoising autoencoder."""
+
+OFF_POLICY = ("ddpg", "sac", "td3")
+ON_POLICY = "ppo"
+
+HARDER, EASIER = "move_in_direction", "face_direction"
+"""The two tasks on which the paper compares the reduced order (Figures 8 and 7)."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One sentence of the paper.
+
+    Attributes:
+        letter: by which the report refers to it.
+        text: what is claimed.
+        test: what decides it, for a reader.
+    """
+
+    letter: str
+    text: str
+    test: str
+
+
+CLAIMS = {
+    claim.letter: claim
+    for claim in (
+        Claim(
+            "a",
+            "With the reduced order the reward is similar.",
+            "The interquartile means of the final returns differ by less than 50: the 90% interval "
+            "of the difference lies within that margin (two one-sided tests at 5%).",
+        ),
+        Claim(
+            "b",
+            "With the reduced order the training varies less between seeds.",
+            "The standard deviation of the final return across seeds is smaller: the 95% interval "
+            "of its ratio, reduced to full, lies below 1.",
+        ),
+        Claim(
+            "c",
+            "With the reduced order learning is slightly faster.",
+            "The mean return over the whole run, the area under the learning curve, is larger: the "
+            "95% interval of the difference of interquartile means lies above 0.",
+        ),
+        Claim(
+            "d",
+            "The gain of the reduced order is larger for the harder task.",
+            "What (c) gains on move_in_direction less what it gains on face_direction: the 95% "
+            "interval lies above 0.",
+        ),
+        Claim(
+            "e",
+            "Off-policy algorithms reach higher medians than PPO.",
+            "The difference of the median final returns: the 95% interval lies above 0.",
+        ),
+        Claim(
+            "f",
+            "Off-policy algorithms vary more between seeds than PPO.",
+            "The standard deviation of the final return across seeds is larger: the 95% interval "
+            "of its ratio to PPO's lies above 1.",
+        ),
+        Claim(
+            "g",
+            "The task is solved.",
+            "The median final return across seeds is 900 or more: the 95% interval lies there.",
+        ),
+        Claim(
+            "h",
+            "The hand-written policy solves the task.",
+            "The median return of its episodes is 900 or more: the 95% interval lies there. The "
+            "policy is deterministic, so here episodes are the unit of replication.",
+        ),
+    )
+}
+
+
+class SeedsNeeded(NamedTuple):
+    """How many seeds of each cell would decide a comparison, if the effect is what it seems now.
+
+    Attributes:
+        seeds: of each cell.
+        rule: what asks for them: a power of 80%, or the rule that fewer than six decide nothing.
+    """
+
+    seeds: int
+    rule: Literal["80% power", "six-seed rule"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one comparison says of a claim.
+
+    Attributes:
+        claim: its letter.
+        compared: the cells, for a reader.
+        effect: the statistic of the claim, with the interval that decides.
+        seeds: the fewest of the cells compared; for (h), episodes.
+        verdict: on the claim, by this comparison.
+        seeds_needed: that would decide it; None if it is decided, or if no number is known.
+        returns: their kind.
+        control_steps: at which cells are compared; for (h), None.
+        source: `ours`, or the figure of the paper.
+        remark: what a reader must know of this comparison; may be empty.
+    """
+
+    claim: str
+    compared: str
+    effect: st.Estimate
+    seeds: int
+    verdict: Verdict
+    seeds_needed: SeedsNeeded | None
+    returns: ReturnsName
+    control_steps: int | None = None
+    source: str = OURS
+    remark: str = ""
+
+
+def findings_frame(findings: Sequence[Finding]) -> pd.DataFrame:
+    """Returns a row for each finding: the exact numbers behind the tables.
+
+    Columns: claim (its letter), source, returns (their kind), compared, seeds, control_steps (at
+    which cells are compared), effect, low, high (ends of the interval: of 90% for claim a, else of
+    95%), verdict, seeds_needed, seeds_needed_by (what asks for them), remark.
+    """
+    rows = [
+        (
+            *(one.claim, one.source, one.returns, one.compared, one.seeds, one.control_steps),
+            *(*one.effect[:3], one.verdict, *(one.seeds_needed or (None, None)), one.remark),
+        )
+        for one in findings
+    ]
+    columns = ["claim", "source", "returns", "compared", "seeds", "control_steps"]
+    columns += ["effect", "low", "high", "verdict", "seeds_needed", "seeds_needed_by", "remark"]
+    frame = pd.DataFrame(rows, columns=columns)
+    return frame.astype({"control_steps": "Int64", "seeds_needed": "Int64"})

@@ -1,0 +1,204 @@
+"""Two cells beside each other: how probable it is that one is better, and by how much."""
+
+import json
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jbench.report.analysis import statistics as st
+from jbench.report.analysis.scores import baseline_of, common_steps, scores_of
+from jbench.report.data.cells import Cell
+from jbench.report.data.variants import comparable, variant_labels
+
+_MOST_NAMED = 8
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The final returns of two cells, at the last control step that every seed of both has.
+
+    Attributes:
+        ours: the cell that the numbers speak for.
+        theirs: the cell that it is compared with.
+        control_steps: at which they are compared.
+        seeds: of ours and of theirs that have a final return.
+        improvement: probability that a run of ours ends above one of theirs.
+        difference: of the interquartile means, ours less theirs.
+        medians: difference of the medians, ours less theirs.
+    """
+
+    ours: Cell
+    theirs: Cell
+    control_steps: int
+    seeds: tuple[int, int]
+    improvement: st.Estimate
+    difference: st.Estimate
+    medians: st.Estimate
+
+    @property
+    def cut(self) -> int:
+        """How many control steps of the longest run of both are not compared."""
+        longest = max(float(np.nanmax(c.control_steps)) for c in (self.ours, self.theirs))
+        return int(longest) - self.control_steps
+
+
+def compare(ours: Cell, theirs: Cell) -> Comparison:
+    """Compares two cells of the same kind of return."""
+    common = common_steps(ours, theirs)
+    groups = [scores_of(cell, common).final for cell in (ours, theirs)]
+    statistics = [
+        st.probability_of_improvement,
+        st.difference(st.interquartile_mean),
+        st.difference(st.median),
+    ]
+    made = st.estimates(statistics, *([group] for group in groups))
+    return Comparison(ours, theirs, common, (len(groups[0]), len(groups[1])), *made)
+
+
+def within(cells: Sequence[Cell]) -> list[Comparison]:
+    """Compares the cells of results with each other, those that differ in one thing only.
+
+    Each representation is compared with the full observation, each algorithm with those after it in
+    the paper's order, and each variant with the first of its cell.
+    """
+    return [compare(*pair) for pair in _pairs(cells)]
+
+
+def across(
+    ours: Sequence[Cell], theirs: Sequence[Cell], names: Collection[str]
+) -> list[Comparison]:
+    """Compares the cells of two sides that differ in nothing but the settings of these names."""
+    keys = [
+        [(comparable(cell.settings, *names), cell.settings) for cell in side]
+        for side in (ours, theirs)
+    ]
+    return [
+        compare(one, other)
+        for one, (key, settings) in zip(ours, keys[0], strict=True)
+        for other, (other_key, other_settings) in zip(theirs, keys[1], strict=True)
+        if key == other_key and (not names or settings != other_settings)
+    ]
+
+
+def alone(cells: Sequence[Cell], found: Sequence[Comparison]) -> list[str]:
+    """Returns a sentence on the cells of one side that are in no comparison, if there are any."""
+    left = _left(cells, found)
+    if not left:
+        return []
+    names = "; ".join(cell.name.removeprefix(cell.prefix) for cell in left[:_MOST_NAMED])
+    more = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
+    return [f"Only in {left[0].source}: {names}{more}."]
+
+
+def near_misses(
+    ours: Sequence[Cell], theirs: Sequence[Cell], found: Sequence[Comparison]
+) -> list[str]:
+    """Returns what sets cells of the same name apart that are in no comparison, a sentence each."""
+    notes = []
+    others = _left(theirs, found)
+    for cell in _left(ours, found):
+        for other in (other for other in others if _named(other) == _named(cell)):
+            told = {"a": json.dumps(cell.settings), "b": json.dumps(other.settings)}
+            labels = {
+                key: said.removesuffix(f" ({key})") for key, said in variant_labels(told).items()
+            }
+            notes.append(
+                f"{' '.join(_named(cell))} is not compared: {cell.source} has {labels['a']}; "
+                f"{other.source} has {labels['b']}."
+            )
+    return notes
+
+
+def _left(cells: Sequence[Cell], found: Sequence[Comparison]) -> list[Cell]:
+    paired = [cell for one in found for cell in (one.ours, one.theirs)]
+    return [cell for cell in cells if not any(cell is one for one in paired)]
+
+
+def _named(cell: Cell) -> tuple[str, str, str]:
+    return cell.task, cell.algo, cell.representation
+
+
+def comparisons_frame(found: Sequence[Comparison]) -> pd.DataFrame:
+    """Returns a row for each comparison: the exact numbers behind the tables.
+
+    Columns: returns (their kind), task, and with the endings _a and _b source, algo,
+    representation, variant, settings and seeds; control_steps (at which they are compared), and
+    of a beside b: probability_of_improvement,
+    iqm_difference and median_difference of the final returns, each with the ends of its 95%
+    interval (…_low, …_high).
+    """
+    return pd.DataFrame([_row(one) for one in found])
+
+
+def _row(one: Comparison) -> dict[str, object]:
+    row: dict[str, object] = {"returns": one.ours.kind.name, "task": one.ours.task}
+    names = {"source": "source", "algo": "algo", "representation": "representation"}
+    names |= {"variant": "variant", "settings": "label"}
+    for side, cell, seeds in zip("ab", (one.ours, one.theirs), one.seeds, strict=True):
+        row |= {f"{name}_{side}": getattr(cell, attribute) for name, attribute in names.items()}
+        row[f"seeds_{side}"] = seeds
+    row["control_steps"] = one.control_steps
+    estimates = {
+        "probability_of_improvement": one.improvement,
+        "iqm_difference": one.difference,
+        "median_difference": one.medians,
+    }
+    for name, estimate in estimates.items():
+        row |= {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+    return row
+
+
+def _pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
+    for cell in cells:
+        baseline = baseline_of(cell, cells)
+        if baseline is not None:
+            yield cell, baseline
+    yield from algorithm_pairs(cells)
+    firsts: dict[tuple[str, ...], Cell] = {}
+    for cell in cells:
+        first = firsts.setdefault((cell.source, cell.task, cell.algo, cell.representation), cell)
+        if first is not cell:
+            yield cell, first
+
+
+def algorithm_pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
+    """Gives the cells that differ in nothing but the algorithm and what belongs to it.
+
+    Where algorithms have variants, each is paired with the first of another algorithm only: of all
+    with all there would be too many for anyone to read.
+    """
+    groups: dict[tuple[str, str], list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault((cell.source, comparable(cell.settings, "algo")), []).append(cell)
+    for alike in groups.values():
+        firsts = {cell.algo: cell for cell in reversed(alike)}
+        for i, one in enumerate(alike):
+            for other in alike[i + 1 :]:
+                first = one is firsts[one.algo] or other is firsts[other.algo]
+                if one.algo != other.algo and first:
+                    yield one, other
+
+
+def best_of(cells: Sequence[Cell]) -> Cell | None:
+    """Returns the cell whose median final return is above that of every other, or None.
+
+    Above means that the 95% interval of the difference of medians lies above 0, for every other
+    cell, and that both have seeds enough for an interval to decide: a cell that merely has the
+    largest number is not the best.
+    """
+    if len(cells) < 2:
+        return None
+    medians = [_median(cell) for cell in cells]
+    best = cells[int(np.nanargmax(medians))] if np.isfinite(medians).any() else None
+    if best is None:
+        return None
+    others = (compare(best, other) for other in cells if other is not best)
+    ahead = (o.medians.low > 0 and min(o.seeds) >= st.DECIDING_SEEDS for o in others)
+    return best if all(ahead) else None
+
+
+def _median(cell: Cell) -> float:
+    final = scores_of(cell).final
+    return float(np.median(final)) if len(final) else float("nan")

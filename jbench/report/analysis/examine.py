@@ -1,0 +1,224 @@
+"""What runs say of the paper's claims: the comparisons that test them, on every pair of cells."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jbench.names import FULL
+from jbench.report.analysis import statistics as st
+from jbench.report.analysis.claims import (
+    EASIER,
+    HARDER,
+    MARGIN,
+    OFF_POLICY,
+    ON_POLICY,
+    REDUCED,
+    Finding,
+    SeedsNeeded,
+    Verdict,
+)
+from jbench.report.analysis.comparisons import algorithm_pairs
+from jbench.report.analysis.scores import Scores, common_steps, scores_of
+from jbench.report.data.cells import Cell
+from jbench.report.data.curves import FloatArray
+from jbench.report.data.returns import EVALUATION, Returns
+from jbench.report.figures.curve_series import SOLVED
+from jbench.report.formatting import steps
+
+
+def examine(cells: Sequence[Cell]) -> list[Finding]:
+    """Returns what runs say of the claims (a) to (g), in their order.
+
+    Cells are compared where both are of the same results, on the plain robot, and differ in nothing
+    else than the claim speaks of; each pair at the last control step that every seed of both has.
+
+    Args:
+        cells: of one kind of return.
+    """
+    findings = []
+    for source in dict.fromkeys(cell.source for cell in cells):
+        plain = [cell for cell in cells if cell.source == source and not cell.robots]
+        found = [*_of_representation(plain), *_of_algorithms(plain), *map(_solved, plain)]
+        findings += [replace(finding, source=source) for finding in found]
+    return sorted(findings, key=lambda finding: finding.claim)
+
+
+def _solved(cell: Cell) -> Finding:
+    scores = scores_of(cell, common_steps(cell))
+    found = _above("g", scores.name, scores.final, SOLVED, cell.kind)
+    return replace(found, control_steps=scores.control_steps, remark=_cut(cell))
+
+
+def _cut(*cells: Cell) -> str:
+    """Says what is left out where some seed has fewer control steps than others."""
+    common = common_steps(*cells)
+    longest = max(float(np.nanmax(cell.control_steps)) for cell in cells)
+    if common == longest:
+        return ""
+    return f"at {steps(common)} of {steps(longest)} control steps, the last that every seed has"
+
+
+def examine_heuristic(task: str, returns: FloatArray) -> Finding:
+    """Returns what the (episodes,) returns of a task's hand-written policy say of claim (h)."""
+    return _above("h", task, returns, SOLVED, EVALUATION)
+
+
+def decide(
+    effect: st.Estimate, seeds: int, boundary: float, *, logarithmic: bool = False
+) -> tuple[Verdict, SeedsNeeded | None]:
+    """Returns the verdict on a claim that an effect lies above a boundary, and the seeds it needs.
+
+    Args:
+        effect: with its 95% interval.
+        seeds: of each group.
+        boundary: above which the claim holds.
+        logarithmic: whether the effect is a ratio, whose distances are those of its logarithm.
+    """
+    if seeds >= st.DECIDING_SEEDS and effect.low > boundary:
+        return "supported", None
+    if seeds >= st.DECIDING_SEEDS and effect.high < boundary:
+        return "contradicted", None
+    distance, error = effect.value - boundary, effect.standard_error
+    if logarithmic and effect.value > 0:
+        distance, error = np.log(effect.value / boundary), error / effect.value
+    return "undecided", _needed(st.seeds_to_decide(distance, error, seeds), seeds)
+
+
+def _needed(by_power: int | None, seeds: int) -> SeedsNeeded | None:
+    """Returns the seeds that a power calculation asks for, or six where fewer would be enough."""
+    if by_power is None:
+        return None
+    if seeds < st.DECIDING_SEEDS and by_power <= st.DECIDING_SEEDS:
+        return SeedsNeeded(st.DECIDING_SEEDS, "six-seed rule")
+    return SeedsNeeded(by_power, "80% power")
+
+
+def decide_similar(
+    inner: st.Estimate, outer: st.Estimate, seeds: int
+) -> tuple[Verdict, SeedsNeeded | None]:
+    """Returns the verdict on a claim that two are similar, and the seeds it needs.
+
+    Args:
+        inner: the difference with its 90% interval.
+        outer: the difference with its 95% interval.
+        seeds: of each group.
+    """
+    if seeds >= st.DECIDING_SEEDS and inner.low > -MARGIN and inner.high < MARGIN:
+        return "supported", None
+    if seeds >= st.DECIDING_SEEDS and (outer.low > MARGIN or outer.high < -MARGIN):
+        return "contradicted", None
+    distance = MARGIN - abs(inner.value)
+    return "undecided", _needed(st.seeds_to_decide(distance, inner.standard_error, seeds), seeds)
+
+
+def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
+    """Gives (a) to (d): the reduced order against the full observation."""
+    pairs = list(_pairs(cells, _reduces))
+    for full, reduced in pairs:
+        yield from reduction_findings(full, reduced)
+    for harder, easier in ((h, e) for h in pairs for e in pairs if _harder(h[0], e[0])):
+        scores = [*_compared(*harder)[::-1], *_compared(*easier)[::-1]]
+        effect = st.estimate(_gain_of_gains, *([one.area] for one in scores))
+        seeds = min(len(one.area) for one in scores)
+        compared = " ".join(filter(None, (harder[0].algo, harder[0].label)))
+        yield Finding(
+            *("d", f"{compared}: {HARDER} against {EASIER}", effect, seeds),
+            *decide(effect, seeds, 0),
+            returns=harder[0].kind.name,
+            control_steps=min(one.control_steps for one in scores),
+            remark="; ".join(filter(None, (_cut(*harder), _cut(*easier)))),
+        )
+
+
+def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
+    """Returns what two cells that differ in their representation alone say of (a), (b) and (c)."""
+    theirs, ours = _compared(baseline, reduced)
+    compared = f"{ours.name} against {theirs.representation}"
+    seeds = min(len(theirs.final), len(ours.final))
+    more = _common(baseline, reduced)
+    iqm = st.difference(st.interquartile_mean)
+    final = [ours.final], [theirs.final]
+    inner, outer = st.estimate(iqm, *final, confidence=0.9), st.estimate(iqm, *final)
+    spread = st.estimate(st.ratio(st.standard_deviation), *final)
+    smaller, needed = decide(spread, seeds, 1.0, logarithmic=True)
+    faster = st.estimate(iqm, [ours.area], [theirs.area])
+    return [
+        Finding("a", compared, inner, seeds, *decide_similar(inner, outer, seeds), **more),
+        Finding("b", compared, spread, seeds, _opposite(smaller), needed, **more),
+        Finding("c", compared, faster, seeds, *decide(faster, seeds, 0), **more),
+    ]
+
+
+def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
+    """Gives (e) and (f): off-policy algorithms against PPO."""
+    both = algorithm_pairs(cells)
+    for ppo, other in (pair if pair[0].algo == ON_POLICY else pair[::-1] for pair in both):
+        if ppo.algo != ON_POLICY or other.algo not in OFF_POLICY:
+            continue
+        theirs, ours = _compared(ppo, other)
+        compared = f"{ours.name} against {ON_POLICY}"
+        seeds = min(len(theirs.final), len(ours.final))
+        more = _common(ppo, other)
+        final = [ours.final], [theirs.final]
+        higher = st.estimate(st.difference(st.median), *final)
+        yield Finding("e", compared, higher, seeds, *decide(higher, seeds, 0), **more)
+        wider = st.estimate(st.ratio(st.standard_deviation), *final)
+        verdict = decide(wider, seeds, 1.0, logarithmic=True)
+        yield Finding("f", compared, wider, seeds, *verdict, **more)
+
+
+def _pairs(
+    cells: Sequence[Cell], belong: Callable[[Cell, Cell], bool]
+) -> Iterator[tuple[Cell, Cell]]:
+    return ((one, other) for one in cells for other in cells if belong(one, other))
+
+
+def _reduces(full: Cell, reduced: Cell) -> bool:
+    same = (full.task, full.algo) == (reduced.task, reduced.algo)
+    named = (full.representation, reduced.representation) == (FULL, REDUCED)
+    return same and named and full.same_but(reduced, "representation")
+
+
+def _harder(one: Cell, other: Cell) -> bool:
+    named = (one.task, other.task) == (HARDER, EASIER)
+    return named and one.algo == other.algo and one.same_but(other, "task")
+
+
+def _common(one: Cell, other: Cell) -> dict[str, Any]:
+    """Returns what all findings on two cells share."""
+    return {
+        "returns": one.kind.name,
+        "control_steps": common_steps(one, other),
+        "remark": _cut(one, other),
+    }
+
+
+def _compared(one: Cell, other: Cell) -> tuple[Scores, Scores]:
+    """Returns the scores of two cells at the last control step that every seed of both has."""
+    common = common_steps(one, other)
+    return scores_of(one, common), scores_of(other, common)
+
+
+def _above(
+    letter: str, compared: str, values: FloatArray, boundary: float, kind: Returns
+) -> Finding:
+    effect = st.estimate(st.median, [values])
+    verdict = decide(effect, len(values), boundary - 1e-9)
+    return Finding(letter, compared, effect, len(values), *verdict, kind.name)
+
+
+def _gain_of_gains(
+    harder_reduced: st.Strata,
+    harder_full: st.Strata,
+    easier_reduced: st.Strata,
+    easier_full: st.Strata,
+) -> FloatArray:
+    iqm = st.interquartile_mean
+    return iqm(harder_reduced) - iqm(harder_full) - (iqm(easier_reduced) - iqm(easier_full))
+
+
+def _opposite(verdict: Verdict) -> Verdict:
+    swapped: dict[Verdict, Verdict] = {"supported": "contradicted", "contradicted": "supported"}
+    return swapped.get(verdict, verdict)

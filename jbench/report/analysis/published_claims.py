@@ -1,0 +1,166 @@
+"""What the paper's own curves say of its claims: strictly, of medians and bands and no more.
+
+Of ten seeds, the band from the 10th to the 90th percentile holds the second to the ninth of them
+(numpy's linear method puts the 10th percentile between the first and the second). So it holds the
+median of all seeds there could be with a probability of 1 - 22/1024 = 97.9%, whatever their
+distribution, and can stand for an interval of the median. Two such bands that do not overlap order
+two medians with 95.7%. A quartile band holds the fourth to the seventh: 65.6%, too little for a
+verdict. And no band says how certain its own width is.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jbench.names import FULL
+from jbench.report.analysis import statistics as st
+from jbench.report.analysis.claims import (
+    EASIER,
+    HARDER,
+    OFF_POLICY,
+    ON_POLICY,
+    REDUCED,
+    Finding,
+    Verdict,
+)
+from jbench.report.analysis.examine import decide
+from jbench.report.data.published import PublishedCurve
+from jbench.report.data.returns import TRAINING
+from jbench.report.figures.curve_series import SOLVED
+
+SEEDS = 10
+"""Of the paper's Figures 8 and 9."""
+
+_BAND = "the interval is made of the 10-90 band, which holds the median of all seeds with 97.9%"
+_NO_WIDTH = "a published band does not say how certain its width is"
+_QUARTILES = (
+    "medians and quartile bands are published, from which no 95% interval can be made (a quartile "
+    "band holds the median with 65.6% only)"
+)
+_ONE_SEED = "one seed each is published, which says nothing of others"
+_PRINTED_STEPS = "PPO's steps are taken as printed"
+
+
+def examine_published(curves: Sequence[PublishedCurve]) -> list[Finding]:
+    """Returns what the published curves say of the claims (a) to (g), in their order.
+
+    They are training returns. Those at the end of training are compared; of the whole of training,
+    means of medians.
+    """
+    found = [
+        *_of_figure_9([curve for curve in curves if curve.figure == "fig9"]),
+        *_of_figures_7_and_8([curve for curve in curves if curve.figure in ("fig7", "fig8")]),
+    ]
+    other = {c.task: float(c.quantiles[50][-1]) for c in curves if _is_paper_ddpg(c)}
+    return sorted((_with_other_baseline(f, curves, other) for f in found), key=lambda f: f.claim)
+
+
+def _of_figure_9(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
+    for curve in curves:
+        effect = _median(curve)
+        verdict, _ = decide(effect, SEEDS, SOLVED - 1e-9)
+        yield _in_figure_9("g", _name(curve), effect, verdict, _BAND)
+    for ppo in (curve for curve in curves if curve.algo == ON_POLICY):
+        for other in (c for c in curves if c.task == ppo.task and c.algo in OFF_POLICY):
+            ours, theirs = _median(other), _median(ppo)
+            effect = st.Estimate(
+                ours.value - theirs.value, ours.low - theirs.high, ours.high - theirs.low, np.nan
+            )
+            compared = f"{_name(other)} against {ON_POLICY}"
+            remark = f"{_BAND}; {_PRINTED_STEPS}"
+            verdict, _ = decide(effect, SEEDS, 0)
+            yield _in_figure_9("e", compared, effect, verdict, remark)
+            remark = f"ratio of the 10-90 widths; {_NO_WIDTH}; {_PRINTED_STEPS}"
+            effect = _known(_ratio(ours.high - ours.low, theirs.high - theirs.low))
+            yield _in_figure_9("f", compared, effect, "undecided", remark)
+
+
+def _in_figure_9(
+    claim: str, compared: str, effect: st.Estimate, verdict: Verdict, remark: str
+) -> Finding:
+    which: dict[str, Any] = {"returns": TRAINING.name, "source": "Figure 9", "remark": remark}
+    return Finding(claim, compared, effect, SEEDS, verdict, None, **which)
+
+
+def _of_figures_7_and_8(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
+    gains: dict[str, float] = {}
+    for full in (curve for curve in curves if curve.representation == FULL):
+        for reduced in (c for c in curves if _is_reduced(c, full)):
+            seeds = 1 if full.figure == "fig7" else SEEDS
+            remark = _ONE_SEED if seeds == 1 else _QUARTILES
+            compared = f"{_name(reduced)} against {FULL}"
+            common: dict[str, Any] = {
+                "compared": compared,
+                "seeds": seeds,
+                "source": full.figure_name,
+            }
+            ends = reduced.quantiles[50][-1] - full.quantiles[50][-1]
+            yield _undecided("a", float(ends), remark, **common)
+            if 25 in full.quantiles:
+                widths = (float(c.quantiles[75][-1] - c.quantiles[25][-1]) for c in (reduced, full))
+                remark_b = f"ratio of the quartile bands' widths; {_NO_WIDTH}"
+                yield _undecided("b", _ratio(*widths), remark_b, **common)
+            gains[full.task] = _over_training(reduced) - _over_training(full)
+            yield _undecided("c", gains[full.task], f"difference of medians; {remark}", **common)
+    if {EASIER, HARDER} <= gains.keys():
+        remark = f"Figure 8's gain less Figure 7's; there, {_ONE_SEED}"
+        compared = f"ddpg: {HARDER} against {EASIER}"
+        gain = gains[HARDER] - gains[EASIER]
+        yield _undecided("d", gain, remark, compared=compared, seeds=1, source="Figures 7 and 8")
+
+
+def _with_other_baseline(
+    finding: Finding, curves: Sequence[PublishedCurve], ends: dict[str, float]
+) -> Finding:
+    """Says beside Figure 8 what Figure 9 shows for the same task and algorithm."""
+    theirs = [c for c in curves if c.figure == "fig8" and c.representation == FULL]
+    if finding.claim not in "ac" or finding.source != "Figure 8" or HARDER not in ends:
+        return finding
+    return replace(
+        finding,
+        remark=f"{finding.remark}; Figure 8's own baseline ends at "
+        f"{theirs[0].quantiles[50][-1]:.0f}, Figure 9's of the same task and algorithm at "
+        f"{ends[HARDER]:.0f}",
+    )
+
+
+def _undecided(
+    claim: str, effect: float, remark: str, *, compared: str, seeds: int, source: str
+) -> Finding:
+    more: dict[str, Any] = {"returns": TRAINING.name, "source": source, "remark": remark}
+    return Finding(claim, compared, _known(effect), seeds, "undecided", None, **more)
+
+
+def _median(curve: PublishedCurve) -> st.Estimate:
+    """Returns the last median with the 10-90 band as its interval."""
+    median, low, high = (float(curve.quantiles[percent][-1]) for percent in (50, 10, 90))
+    return st.Estimate(median, low, high, np.nan)
+
+
+def _known(value: float) -> st.Estimate:
+    return st.Estimate(value, np.nan, np.nan, np.nan)
+
+
+def _over_training(curve: PublishedCurve) -> float:
+    """Returns the mean of the median over training, between the first and the last point."""
+    steps = curve.control_steps
+    return float(np.trapezoid(curve.quantiles[50], steps) / (steps[-1] - steps[0]))
+
+
+def _ratio(ours: float, theirs: float) -> float:
+    return ours / theirs if theirs else np.nan
+
+
+def _name(curve: PublishedCurve) -> str:
+    return f"{curve.task} {curve.algo} {curve.representation}"
+
+
+def _is_reduced(curve: PublishedCurve, full: PublishedCurve) -> bool:
+    same = (curve.figure, curve.task, curve.algo) == (full.figure, full.task, full.algo)
+    return same and curve.representation == REDUCED
+
+
+def _is_paper_ddpg(curve: PublishedCurve) -> bool:
+    return (curve.figure, curve.algo, curve.representation) == ("fig9", "ddpg", FULL)

@@ -1,0 +1,246 @@
+"""A group-sequential test: two cells are compared while seeds are still being added.
+
+Seeds come in blocks of five. After each block there is a look at the data, and the comparison stops
+as soon as it is decided. The test is a permutation test whose labels are exchanged within blocks,
+as in AdaStop (Mathieu et al., *AdaStop: adaptive statistical testing for sound comparisons of Deep
+RL agents*, TMLR 2024, section 4), so that it holds for five seeds and for any distribution. Which
+share of the error rate is spent up to each look is fixed in advance: it grows in proportion to the
+seeds (Lan and DeMets, *Discrete sequential boundaries for clinical trials*, Biometrika 70, 1983;
+this spending function: Kim and DeMets, *Design and analysis of group sequential tests based on the
+type I error spending rate function*, Biometrika 74, 1987). The tests of all shifts together give
+repeated confidence intervals (Jennison and Turnbull, *Interim analyses: the repeated confidence
+interval approach*, J. R. Statist. Soc. B 51, 1989), and decisions are those of the intervals.
+
+What is controlled: if the seeds of two cells have the same distribution but for a shift, the
+intervals of all looks contain that shift with probability 1 - error rate. A decision is therefore
+wrong with at most the probability of the error rate. Between cells whose distributions differ in
+more than a shift this holds approximately, since both have equally many seeds in each block.
+"""
+
+import itertools
+from functools import lru_cache
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench.report.data.curves import FloatArray, IntArray
+
+BLOCK = 5
+"""Seeds of each cell between two looks."""
+
+ERROR_RATE = 0.05
+"""Probability of any wrong decision, over all looks and all comparisons asked for."""
+
+RELABELLINGS = 63_504
+"""Of a test: all that there are of two blocks of 5 + 5 seeds; of more blocks so many are drawn."""
+
+_BISECTIONS = 16  # of an interval's end: to 1e-4 of the range of the seeds
+
+Verdict = Literal["larger", "smaller", "equal", "undecided"]
+
+
+class Decision(NamedTuple):
+    """What the seeds of two cells say after the look that decides, or after the last one so far.
+
+    Attributes:
+        verdict: ours is larger or smaller than theirs, equal within the margin, or undecided.
+        seeds: of each cell at that look; 0 before the first block is complete.
+        difference: of the means, ours less theirs; NaN without seeds.
+        low: lower end of the repeated confidence interval; -inf where there is none yet.
+        high: its upper end.
+        spent: part of the error rate that is spent up to that look.
+    """
+
+    verdict: Verdict
+    seeds: int
+    difference: float
+    low: float
+    high: float
+    spent: float
+
+
+def compare(
+    ours: FloatArray, theirs: FloatArray, margin: float, error_rate: float, looks: int
+) -> Decision:
+    """Compares two cells block by block, and stops at the look that decides.
+
+    Args:
+        ours: (seeds,) a number for each seed, in the order of the seeds; an incomplete block at the
+            end is left out.
+        theirs: (seeds,) likewise; blocks that the other cell does not have are left out.
+        margin: two cells that differ by less are equal.
+        error_rate: of this comparison over all looks; two-sided.
+        looks: that are planned.
+    """
+    blocks = min(len(ours) // BLOCK, len(theirs) // BLOCK, looks)
+    if not blocks:
+        return Decision("undecided", 0, np.nan, -np.inf, np.inf, 0.0)
+    ours, theirs = ours[: blocks * BLOCK], theirs[: blocks * BLOCK]
+    first = first_looks(ours, theirs, margin, error_rate, looks)
+    decided: dict[Verdict, int] = {name: int(look) for name, look in first.items() if look}
+    decided |= {} if decided else {"undecided": blocks}
+    verdict = min(decided, key=lambda name: decided[name])
+    look = decided[verdict]
+    seeds = look * BLOCK
+    low, high = interval(ours[:seeds], theirs[:seeds], error_rate, looks)
+    difference = float(ours[:seeds].mean() - theirs[:seeds].mean())
+    return Decision(verdict, seeds, difference, low, high, spent(look, error_rate, looks))
+
+
+def first_looks(
+    ours: FloatArray,
+    theirs: FloatArray,
+    margin: float,
+    error_rate: float,
+    looks: int,
+    *,
+    relabellings: int = RELABELLINGS,
+) -> dict[Verdict, IntArray]:
+    """Returns the look (...) at which each verdict is reached; 0 if at none.
+
+    Args:
+        ours: (..., seeds) numbers of the seeds in complete blocks.
+        theirs: (..., seeds) likewise, as many.
+        margin: two cells that differ by less are equal.
+        error_rate: over all looks; two-sided.
+        looks: that are planned.
+        relabellings: that are drawn where there are more.
+    """
+
+    def above(one: FloatArray, other: FloatArray) -> IntArray:
+        return first_above(one, other, error_rate / 2, looks, relabellings=relabellings)
+
+    lower, upper = above(ours + margin, theirs), above(theirs + margin, ours)
+    return {
+        "larger": above(ours, theirs),
+        "smaller": above(theirs, ours),
+        "equal": np.where((lower > 0) & (upper > 0), np.maximum(lower, upper), 0),
+    }
+
+
+def spent(look: int, error_rate: float, looks: int) -> float:
+    """Returns the part of an error rate that is spent up to a look, counted from 1."""
+    return error_rate * look / looks
+
+
+def first_above(
+    ours: FloatArray,
+    theirs: FloatArray,
+    error_rate: float,
+    looks: int,
+    *,
+    block: int = BLOCK,
+    relabellings: int = RELABELLINGS,
+) -> IntArray:
+    """Returns the look (...) at which ours is found to be above theirs, one-sided; 0 if at none.
+
+    The statistic is the difference of the means. If both cells have the same distribution, the
+    seeds of a block could as well have the other cell's labels. A look rejects if the observed
+    labels are among the relabellings with the largest differences, as many as the error rate spent
+    so far allows, less those that earlier looks reject. Ties at the boundary do not reject.
+
+    Args:
+        ours: (..., seeds) numbers of the seeds in complete blocks.
+        theirs: (..., seeds) likewise, as many.
+        error_rate: over all looks.
+        looks: that are planned; the seeds may be of fewer.
+        block: seeds of each cell in a block.
+        relabellings: that are drawn where there are more.
+    """
+    shape = (*ours.shape[:-1], -1, block)
+    # Sorted, because a draw of relabellings must not depend on the order of the seeds in a block.
+    pooled = np.concatenate(
+        [np.sort(ours.reshape(shape), axis=-1), np.sort(theirs.reshape(shape), axis=-1)], axis=-1
+    )
+    weights = _weights(block)
+    # (..., blocks, relabellings of a block): the block's difference under each of them.
+    differences = pooled @ weights.T
+    rounding = 1e-9 * np.abs(pooled).max(axis=(-1, -2))[..., None]
+    first = np.zeros(ours.shape[:-1], np.int64)
+    boundaries: list[FloatArray] = []
+    for chosen in _tables(len(weights), differences.shape[-2], relabellings):
+        sums = np.zeros((*first.shape, chosen.shape[1]))
+        crossed = np.zeros(sums.shape, bool)
+        for j, of_block in enumerate(chosen):
+            sums += differences[..., j, :][..., of_block]
+            if j == len(boundaries):
+                allowed = int(spent(j + 1, error_rate, looks) * sums.shape[-1])
+                boundaries.append(_boundary(sums, crossed, allowed) + rounding)
+                first[(first == 0) & (sums[..., 0] > boundaries[j][..., 0])] = j + 1
+            crossed |= sums > boundaries[j]
+    return first
+
+
+def _boundary(sums: FloatArray, crossed: NDArray[np.bool_], allowed: int) -> FloatArray:
+    """Returns (..., 1) what at most so many relabellings exceed, those crossed before included."""
+    ordered = np.sort(np.where(crossed, -np.inf, sums), axis=-1)
+    left = np.maximum(allowed - crossed.sum(axis=-1, keepdims=True), 0)
+    return np.take_along_axis(ordered, ordered.shape[-1] - 1 - left, axis=-1)
+
+
+def interval(
+    ours: FloatArray, theirs: FloatArray, error_rate: float, looks: int
+) -> tuple[float, float]:
+    """Returns the repeated confidence interval of ours less theirs at the last look.
+
+    It contains the shifts that no look up to this one rejects.
+
+    Args:
+        ours: (seeds,) numbers of the seeds in complete blocks.
+        theirs: (seeds,) likewise, as many.
+        error_rate: over all looks; two-sided.
+        looks: that are planned.
+    """
+    low = _lowest(ours, theirs, error_rate / 2, looks)
+    return low, -_lowest(theirs, ours, error_rate / 2, looks)
+
+
+def _lowest(ours: FloatArray, theirs: FloatArray, error_rate: float, looks: int) -> float:
+    """Returns the smallest shift of ours that the one-sided test does not reject, by bisection."""
+    middle = float(ours.mean() - theirs.mean())
+    pooled = np.concatenate([ours - middle, theirs])
+    span = 4 * float(np.ptp(pooled)) + 1e-9
+    if not first_above(ours - (middle - span), theirs, error_rate, looks):
+        return -np.inf
+    low, high = middle - span, middle
+    for _ in range(_BISECTIONS):
+        shift = (low + high) / 2
+        if first_above(ours - shift, theirs, error_rate, looks):
+            low = shift
+        else:
+            high = shift
+    return low
+
+
+@lru_cache
+def _weights(block: int) -> FloatArray:
+    """Returns (relabellings, 2 block) weights of a block's seeds in its difference of means.
+
+    The first are those of the observed labels.
+    """
+    ours = list(itertools.combinations(range(2 * block), block))
+    weights = np.full((len(ours), 2 * block), -1 / block)
+    for row, chosen in zip(weights, ours, strict=True):
+        row[list(chosen)] = 1 / block
+    return weights
+
+
+@lru_cache
+def _tables(count: int, blocks: int, most: int) -> list[NDArray[np.int64]]:
+    """Returns tables (blocks, relabellings) of which relabelling each block has.
+
+    Of one block there is a table of all relabellings, likewise of two and so on while there are no
+    more than `most`; then one of random draws for all blocks. A later look finds in its table what
+    the earlier looks reject. The first relabelling is that of the observed labels, in the draws as
+    well, without which a permutation test that draws would reject too often.
+    """
+    tables = []
+    for complete in range(1, blocks + 1):
+        if count**complete > most:
+            drawn = [np.random.default_rng(j).integers(count, size=most) for j in range(blocks)]
+            tables.append(np.stack(drawn))
+            tables[-1][:, 0] = 0
+            break
+        tables.append(np.indices((count,) * complete).reshape(complete, -1))
+    return tables

@@ -1,0 +1,1 @@
+"""Cells of runs and their learning curves."""

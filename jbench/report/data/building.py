@@ -1,0 +1,275 @@
+"""From rows of the database to cells: which runs belong together, and what is special of them."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from jbench.names import EPISODE_STEPS
+from jbench.report.data.cells import OURS, Cell, paper_order
+from jbench.report.data.curves import FloatArray, IntArray
+from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
+from jbench.report.data.returns import EVALUATION, TRAINING, Returns
+from jbench.report.data.variants import variant_labels
+
+_KEY = ["task", "algo", "representation", "variant"]
+
+
+class Recorded(NamedTuple):
+    """The points of a run, in their order; each (points,)."""
+
+    returns: FloatArray
+    control_steps: FloatArray
+    processor_time: FloatArray
+
+
+_NOTHING = Recorded(*(np.empty(0) for _ in Recorded._fields))
+
+
+def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
+    """Returns the runs that belong to a cell, and a sentence for each that doesn't."""
+    frame = runs.to_pandas(use_threads=False)
+    wanting = frame[[*_KEY, "seed"]].isna().any(axis=1)
+    problems = [
+        f"The run {run} says no task, algo, representation or seed in its settings; "
+        "it is not reported."
+        for run in frame.loc[wanting, "run"]
+    ]
+    return frame[~wanting].astype({"seed": np.int64}), problems
+
+
+def build_cells(
+    runs: pd.DataFrame, episodes: pa.Table, evaluations: pa.Table, source: str = OURS
+) -> tuple[list[Cell], list[str]]:
+    """Returns the cells in the order of the paper, and notes on runs that are in none.
+
+    The runs of one setting make a cell of their training returns and, if any was evaluated, one of
+    their evaluation returns.
+
+    Args:
+        runs: rows of the table `runs`, as `usable_runs` returns them.
+        episodes: the table `episodes`, of these runs and perhaps of others.
+        evaluations: the table `evaluations`, likewise.
+        source: of the cells.
+    """
+    trained, evaluated = _training_points(episodes), _evaluation_points(evaluations)
+    runs = runs.assign(
+        recorded=[len(trained.get(run, _NOTHING).returns) for run in runs["run"]],
+        divergence=pd.Series([divergence_of(t) for t in runs["diverged"]], runs.index, object),
+    )
+    idle = (runs["recorded"] == 0) & runs["divergence"].isna()
+    notes = [
+        f"The run {run} ({status}) has no episodes yet."
+        for run, status in zip(runs["run"][idle], runs["status"][idle], strict=True)
+    ]
+    runs = runs[~idle]
+    cells = []
+    for _, group in runs.groupby(_KEY[:3]):
+        labels = variant_labels(dict(zip(group["variant"], group["settings"], strict=True)))
+        for variant, label in labels.items():
+            seeds = _Seeds(group[group["variant"] == variant])
+            cells.append(_build_cell(seeds, label, TRAINING, trained, source))
+            if any(run in evaluated for run in seeds.chosen["run"]) or seeds.diverged_too_early():
+                cells.append(_build_cell(seeds, label, EVALUATION, evaluated, source))
+    return sorted(cells, key=paper_order), notes
+
+
+class _Seeds:
+    """The runs of one setting: the longest of each seed is chosen.
+
+    Attributes:
+        runs: rows of all of them.
+        chosen: rows of those that make the cell, by rising seed.
+    """
+
+    def __init__(self, runs: pd.DataFrame) -> None:
+        order = ["seed", "recorded", "steps", "run"]
+        self.runs = runs.sort_values(order, ascending=[True, False, False, True])
+        self.chosen = self.runs.drop_duplicates("seed")
+
+    def diverged_too_early(self) -> bool:
+        """Returns whether all were to be evaluated, and diverged."""
+        asked = [json.loads(text).get("evaluate_episodes") for text in self.chosen["settings"]]
+        return bool(self.chosen["divergence"].notna().all()) and all(asked)
+
+
+def _build_cell(
+    seeds: _Seeds, label: str, kind: Returns, recorded: Mapping[str, Recorded], source: str
+) -> Cell:
+    chosen, notes = seeds.chosen, []
+    if kind is EVALUATION:
+        there = chosen["run"].isin(list(recorded)) | chosen["divergence"].notna()
+        if not there.all():
+            notes.append(f"{(~there).sum()} of {len(chosen)} seeds have no evaluation")
+        chosen = chosen[there]
+    stacked = _stacked([recorded.get(run, _NOTHING) for run in chosen["run"]], kind)
+    absent = (np.isnan(stacked.returns) & np.isfinite(stacked.control_steps)).sum(axis=1)
+    planned = int(chosen["steps"].fillna(0).max())
+    divergences = [one if isinstance(one, Divergence) else None for one in chosen["divergence"]]
+    counted = count_divergence(*stacked, divergences, planned, kind)
+    points = np.arange(counted.returns.shape[1])
+    lengths = np.max(np.where(np.isfinite(counted.control_steps), points + 1, 0), axis=1)
+    if kind is TRAINING:
+        notes += _notes(seeds.runs, chosen, divergences)
+    notes += _notes_on_points(chosen, counted.control_steps, absent, kind)
+    first = chosen.iloc[0]
+    settings = json.loads(first["settings"])
+    robots = _robots(settings)
+    episodes = max(planned // EPISODE_STEPS, len(points))
+    return Cell(
+        kind=kind,
+        task=str(first["task"]),
+        algo=str(first["algo"]),
+        representation=str(first["representation"]),
+        variant=str(first["variant"]),
+        label=label,
+        seeds=chosen["seed"].to_numpy(np.int64),
+        lengths=lengths.astype(np.int64),
+        steps=_steps(chosen, counted.control_steps, lengths),
+        diverged=np.array([one is not None for one in divergences]),
+        notes=tuple(notes),
+        robots=robots,
+        robot_episodes=-(-episodes // robots) if robots else 0,
+        settings=settings,
+        source=source,
+        **counted._asdict(),
+    )
+
+
+def _stacked(runs: Sequence[Recorded], kind: Returns) -> Recorded:
+    """Returns the points of runs below each other, (seeds, points) each; NaN where there is none.
+
+    Training episodes are aligned by their index, evaluations by the control steps before them.
+    """
+    if kind is TRAINING:
+        columns = [np.arange(len(run.returns)) for run in runs]
+    else:
+        steps = np.unique(np.concatenate([run.control_steps for run in runs]))
+        columns = [np.searchsorted(steps, run.control_steps) for run in runs]
+    shape = (len(runs), max(int(column[-1]) + 1 if len(column) else 0 for column in columns))
+    stacked = Recorded(*(np.full(shape, np.nan) for _ in Recorded._fields))
+    for row, (run, column) in enumerate(zip(runs, columns, strict=True)):
+        for whole, part in zip(stacked, run, strict=True):
+            whole[row, column] = part
+    return stacked
+
+
+def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -> IntArray:
+    """Returns the control steps that each seed was trained for."""
+    ends = control_steps[np.arange(len(chosen)), lengths - 1].astype(np.int64)
+    asked = chosen["steps"].fillna(0).to_numpy(np.int64)
+    finished = (chosen["status"] == "finished").to_numpy() & (asked > 0)
+    steps = np.where(finished, asked, ends)
+    diverged = chosen["divergence"].notna().to_numpy()
+    if diverged.any() and not diverged.all():
+        steps[diverged] = np.maximum(steps[diverged], steps[~diverged].max())
+    return np.asarray(steps, np.int64)
+
+
+def _robots(settings: Mapping[str, Any]) -> int:
+    """Returns the number of augmented robots; 0 for the plain one."""
+    robots = settings.get("robots", 1)
+    augmented = settings.get("augment") is not None and isinstance(robots, int)
+    return robots if augmented else 0
+
+
+def _notes(
+    runs: pd.DataFrame, chosen: pd.DataFrame, divergences: Sequence[Divergence | None]
+) -> list[str]:
+    """Says what is special about the runs of a cell; `runs` holds those of the same seed too."""
+    notes = []
+    if len(chosen) < 3:
+        seeds = "1 seed" if len(chosen) == 1 else "2 seeds"
+        notes.append(f"only {seeds}: no band is drawn, and quantiles across seeds say little")
+    lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
+    left_out = runs.drop(chosen.index)
+    for seed, group in left_out.groupby("seed"):
+        shorter = ", ".join(str(n) for n in group["recorded"])
+        notes.append(
+            f"seed {seed} has {len(group) + 1} runs: the longest is used, of {lengths[seed]} "
+            f"episodes, not that of {shorter}"
+        )
+    diverged = {
+        seed: str(one) for seed, one in zip(chosen["seed"], divergences, strict=True) if one
+    }
+    if diverged:
+        which = ", ".join(f"seed {seed} {said}" for seed, said in diverged.items())
+        notes.append(
+            f"{len(diverged)} of {len(chosen)} diverged ({which}): from its divergence on, a seed "
+            "counts with return 0, the least possible"
+        )
+    others = chosen[~chosen["seed"].isin(list(diverged))]
+    for status in ("failed", "unfinished"):
+        for row in others[others["status"] == status].itertuples():
+            notes.append(f"seed {row.seed} {status} after {row.recorded} episodes")
+    if others["recorded"].nunique() > 1:
+        shortest, longest = others["recorded"].min(), others["recorded"].max()
+        notes.append(f"seeds of unequal length, {shortest} to {longest} episodes")
+    return notes
+
+
+def _notes_on_points(
+    chosen: pd.DataFrame, control_steps: FloatArray, absent: IntArray, kind: Returns
+) -> list[str]:
+    """Says which returns are left out, and which seeds were evaluated at other steps."""
+    said = "returns" if kind is TRAINING else "evaluations"
+    notes = [
+        f"seed {seed} has {count} {said} that are not numbers and are left out"
+        for seed, count in zip(chosen["seed"], absent, strict=True)
+        if count
+    ]
+    # A run that ended has no points to its right; one between others of the same seed is missing.
+    there = np.isfinite(control_steps)
+    ended = ~np.logical_or.accumulate(there[:, ::-1], axis=1)[:, ::-1]
+    if kind is EVALUATION and not (there | ended).all():
+        notes.append("seeds were evaluated after different numbers of control steps")
+    return notes
+
+
+def _training_points(episodes: pa.Table) -> dict[str, Recorded]:
+    """Returns the training episodes of each run, in their order."""
+    names, codes = _coded(episodes["run"])
+    order = np.lexsort((episodes["episode"].to_numpy(), codes))
+    columns = (_numbers(episodes, name)[order] for name in _POINT)
+    return _by_run(names, codes[order], columns)
+
+
+def _evaluation_points(evaluations: pa.Table) -> dict[str, Recorded]:
+    """Returns the evaluations of each run, in their order, each the mean of its episodes."""
+    names, codes = _coded(evaluations["run"])
+    frame = pd.DataFrame({name: _numbers(evaluations, name) for name in _POINT})
+    keys = [codes, evaluations["evaluation"].to_numpy()]
+    how = {"episode_return": "mean", "control_steps": "max", "processor_time": "max"}
+    made = frame.groupby(keys).agg(how)  # leaves out NaN, and sorts by run and evaluation
+    columns = (made[name].to_numpy(np.float64) for name in _POINT)
+    return _by_run(names, made.index.get_level_values(0).to_numpy(), columns)
+
+
+_POINT = ("episode_return", "control_steps", "processor_time")
+
+
+def _coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:
+    """Returns the ids of runs, and for each row the index of its own."""
+    if pa.types.is_dictionary(run.type):
+        coded = run.unify_dictionaries().combine_chunks()
+    else:
+        coded = run.combine_chunks().dictionary_encode()
+    return coded.dictionary.to_pylist(), coded.indices.to_numpy()
+
+
+def _numbers(table: pa.Table, name: str) -> FloatArray:
+    """Returns a column, NaN where it is not finite."""
+    values = table[name].to_numpy().astype(np.float64)
+    values[~np.isfinite(values)] = np.nan
+    return np.asarray(values, np.float64)
+
+
+def _by_run(names: Sequence[str], codes: IntArray, columns: Any) -> dict[str, Recorded]:
+    """Returns the sorted rows of each run that has any."""
+    ends = np.cumsum(np.bincount(codes, minlength=len(names)))[:-1]
+    parts = zip(*(np.split(column, ends) for column in columns), strict=True)
+    split = dict(zip(names, (Recorded(*part) for part in parts), strict=False))
+    return {name: part for name, part in split.items() if len(part.returns)}

@@ -1,0 +1,122 @@
+"""How a run that diverged counts: with return 0, the least possible, from its divergence on.
+
+To leave such a seed out would make an algorithm that diverges half of the time look as good as one
+that never does.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jbench.names import EPISODE_STEPS
+from jbench.report.data.curves import FloatArray
+from jbench.report.data.returns import TRAINING, Returns
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """Where a run diverged.
+
+    Attributes:
+        control_steps: of the run until then.
+        update: of its weights; None if it is not recorded.
+        what: was not finite, as `critic_loss`; empty if it is not recorded.
+    """
+
+    control_steps: int
+    update: int | None
+    what: str
+
+    def __str__(self) -> str:
+        """Says where, for a reader."""
+        update = f"update {self.update:,}" if self.update is not None else ""
+        more = ", ".join(filter(None, (update, self.what)))
+        return f"after {self.control_steps:,} control steps" + (f", {more}" if more else "")
+
+
+def divergence_of(text: str | None) -> Divergence | None:
+    """Returns what the column `diverged` of the table `runs` says; anyone may have written it."""
+    if not isinstance(text, str):
+        return None
+    said: Any = json.loads(text)
+    steps, update, what = (said.get(name) for name in ("control_steps", "update", "what"))
+    return Divergence(
+        control_steps=steps if _is_count(steps) else 0,
+        update=update if _is_count(update) else None,
+        what=what if isinstance(what, str) else "",
+    )
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and 0 <= value < 1 << 62
+
+
+class Counted(NamedTuple):
+    """Points of the seeds of a cell, (seeds, points) each."""
+
+    returns: FloatArray
+    control_steps: FloatArray
+    processor_time: FloatArray
+
+
+def count_divergence(
+    returns: FloatArray,
+    control_steps: FloatArray,
+    processor_time: FloatArray,
+    divergences: Sequence[Divergence | None],
+    planned: int,
+    kind: Returns,
+) -> Counted:
+    """Returns the points of a cell with those of diverged seeds up to the end of the others.
+
+    Args:
+        returns: (seeds, points), NaN where there is none.
+        control_steps: (seeds, points), NaN past a run's end.
+        processor_time: (seeds, points), NaN where it is not recorded.
+        divergences: of each seed; None for a seed that did not diverge.
+        planned: control steps asked for, up to which all count if all diverged.
+        kind: of the returns.
+    """
+    counted = Counted(returns, control_steps, processor_time)
+    planned = max([planned, *(one.control_steps for one in divergences if one)])
+    if all(divergences):
+        counted = Counted(*(_widened(a, control_steps, planned, kind) for a in counted))
+    if not any(divergences):
+        return counted
+    returns, control_steps, _ = counted
+    there = np.isfinite(control_steps)
+    grid = np.max(np.where(there, control_steps, -np.inf), axis=0)
+    empty = np.isinf(grid)
+    grid[empty] = _further_steps(grid[~empty], int(empty.sum()), planned, kind)
+    for row, divergence in enumerate(divergences):
+        if divergence is None:
+            continue
+        late = ~there[row] & (grid >= divergence.control_steps)
+        if not (there[row] | late).any():
+            late[-1] = True
+        control_steps[row, late] = grid[late]
+        returns[row, late] = 0.0
+        returns[row, there[row] & (control_steps[row] > divergence.control_steps)] = 0.0
+    return counted
+
+
+def _widened(
+    values: FloatArray, control_steps: FloatArray, planned: int, kind: Returns
+) -> FloatArray:
+    """Returns the values with room for the points up to the control steps asked for."""
+    points = values.shape[1]
+    if kind is TRAINING:
+        more = max(1, -(-planned // EPISODE_STEPS)) - points
+    else:
+        more = int(not points or np.nanmax(control_steps) < planned)
+    return np.pad(values, ((0, 0), (0, max(0, more))), constant_values=np.nan)
+
+
+def _further_steps(grid: FloatArray, count: int, planned: int, kind: Returns) -> FloatArray:
+    """Returns the control steps of points that no seed has recorded."""
+    if kind is TRAINING:
+        return np.asarray((len(grid) + 1.0 + np.arange(count)) * EPISODE_STEPS)
+    return np.full(count, float(planned))

@@ -1,0 +1,172 @@
+"""The rows of all curves and cells, and what a reader should know of them."""
+
+import math
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from jbench.report.data.cells import Cell
+from jbench.report.data.curves import QUANTILES, final_returns, quantiles_across_seeds
+from jbench.report.data.published import (
+    PPO_ENVIRONMENTS,
+    SEQUENCE_ROBOTS,
+    PublishedCurve,
+    best_median,
+)
+from jbench.report.data.returns import KINDS, TRAINING
+from jbench.report.figures.curve_series import LearnedCurve
+
+_KEY = ("task", "algo", "representation", "variant", "source")
+_RETURN = ("return_median", "return_q10", "return_q90", "return_steps")
+_COLUMNS = [
+    *_KEY,
+    *("settings", "seeds", "diverged", "steps_min", "steps_max", "episodes_min", "episodes_max"),
+    *(f"{kind.name}_{name}" for kind in KINDS.values() for name in _RETURN),
+    *("published_median", "published_figure", "notes"),
+]
+
+
+def aggregate_curves(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
+    """Returns the points of all curves, sorted by their cells' names and control steps.
+
+    Columns: task, algo, representation, variant, source (ours, or another), returns (their kind:
+    evaluation or training), order, window (episodes, or evaluations, averaged in this point: fewer
+    at the ends of a run), control_steps (centre of the window), seeds, and the return's quantiles
+    q10, q25, q50, q75, q90.
+    """
+    ordered = sorted(learned, key=lambda item: (item.cell.key, item.cell.kind.name))
+    parts = [
+        pd.DataFrame(
+            {
+                **{name: getattr(cell, name) for name in _KEY},
+                "returns": cell.kind.name,
+                "order": curve.order,
+                "window": curve.widths,
+                "control_steps": curve.control_steps,
+                "seeds": curve.seeds,
+                **{f"q{percent}": curve.quantile(percent) for percent in QUANTILES},
+            }
+        )
+        for cell, curve in ordered
+    ]
+    columns = ["returns", "order", "window", "control_steps", "seeds"]
+    columns += [f"q{percent}" for percent in QUANTILES]
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*_KEY, *columns])
+
+
+def summary_table(
+    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], window: int
+) -> pd.DataFrame:
+    """Returns a row for each cell: what its seeds came to, beside what the paper's did.
+
+    Columns: task, algo, representation, variant, source (ours, or another), settings
+    (those that set a variant apart), seeds, diverged (seeds that did), steps_min and steps_max
+    (control steps that seeds were trained for), episodes_min, episodes_max, and of evaluation
+    returns and of training returns: …_return_median, …_return_q10, …_return_q90 (of the final
+    returns across seeds) and …_return_steps (control steps that they stand for, the seeds'
+    median); published_median and published_figure (best of the paper at training_return_steps;
+    missing where its curves don't reach; on robots in turn where ours is), notes.
+
+    Args:
+        learned: the curves of both kinds of return.
+        published: the paper's curves.
+        window: episodes that were to be averaged.
+    """
+    rows: dict[tuple[str, ...], dict[str, Any]] = {}
+    for item in learned:
+        row = rows.setdefault(item.cell.key, {})
+        row |= _final(item.cell)
+        notes = [
+            *([row["notes"]] if row.get("notes") else []),
+            *cell_notes(item, published, window),
+        ]
+        row |= _table_row(item.cell, published) if item.cell.kind is TRAINING else {}
+        row["notes"] = "; ".join(notes)
+    return pd.DataFrame(list(rows.values()), None, _COLUMNS)
+
+
+def published_beside(cell: Cell, published: Sequence[PublishedCurve]) -> tuple[float, str] | None:
+    """Returns the paper's best median where a cell of training returns ends, and its figure."""
+    if cell.kind is not TRAINING:
+        return None
+    return best_median(
+        published,
+        cell.task,
+        cell.algo,
+        cell.representation,
+        _final(cell)["training_return_steps"],
+        sequence=cell.robots > 1,
+    )
+
+
+def _final(cell: Cell) -> dict[str, float]:
+    """Returns the columns of the final returns of a cell."""
+    arrays = cell.returns, cell.control_steps, cell.lengths
+    returns, centres = final_returns(*arrays, cell.kind.final_points)
+    q10, _, median, _, q90 = quantiles_across_seeds(returns[:, None])[:, 0]
+    values = median, q10, q90, float(np.median(centres))
+    return {f"{cell.kind.name}_{name}": x for name, x in zip(_RETURN, values, strict=True)}
+
+
+def cell_notes(item: LearnedCurve, published: Sequence[PublishedCurve], window: int) -> list[str]:
+    """Returns what a reader of a cell's curve should know, a clause each."""
+    cell, curve = item
+    notes = list(cell.notes)
+    if cell.kind is not TRAINING:
+        return notes
+    if curve.window != window:
+        notes.append(
+            f"window of {curve.window} instead of {window} episodes, as the longest run has "
+            f"{cell.lengths.max()}"
+        )
+    short = int((cell.lengths < curve.window).sum())
+    if short:
+        notes.append(f"{short} of {len(cell.seeds)} seeds have fewer episodes than the window")
+    compared = {(theirs.task, theirs.algo, theirs.representation) for theirs in published}
+    if cell.algo == "ppo" and (cell.task, cell.algo, cell.representation) in compared:
+        notes.append(
+            "published steps are taken as printed, but are probably those of one of "
+            f"{PPO_ENVIRONMENTS} environments"
+        )
+    return notes + _robot_notes(cell, compared)
+
+
+def _robot_notes(cell: Cell, compared: Collection[tuple[str, str, str]]) -> list[str]:
+    """Says how a cell of augmented robots relates to what was published for its like."""
+    if not cell.robots or (cell.task, cell.algo, cell.representation) not in compared:
+        return []
+    if cell.robots == 1:
+        return ["learned on an augmented robot, but the published curves are of the plain one"]
+    return [
+        f"learned on {cell.robots} augmented robots in turn: what is published beside it, if "
+        f"anything, is of {SEQUENCE_ROBOTS} other ones, 1000000 control steps each"
+    ]
+
+
+def _table_row(cell: Cell, published: Sequence[PublishedCurve]) -> dict[str, Any]:
+    best = published_beside(cell, published)
+    return {
+        **{name: getattr(cell, name) for name in _KEY},
+        "settings": cell.label,
+        "seeds": len(cell.seeds),
+        "diverged": int(cell.diverged.sum()),
+        "steps_min": int(cell.steps.min()),
+        "steps_max": int(cell.steps.max()),
+        "episodes_min": int(cell.lengths.min()),
+        "episodes_max": int(cell.lengths.max()),
+        "published_median": best[0] if best else math.nan,
+        "published_figure": best[1] if best else None,
+    }
+
+
+def sentences(
+    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], window: int
+) -> list[str]:
+    """Returns the notes on all cells, a sentence each."""
+    return [
+        f"{item.cell.name}: {note}."
+        for item in learned
+        for note in cell_notes(item, published, window)
+    ]

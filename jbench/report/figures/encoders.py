@@ -1,0 +1,221 @@
+"""How many dimensions the robot has: the error of every kind of encoder against its latents."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from jbench.names import ENCODER_KINDS, TASKS
+from jbench.report.data.cells import in_order
+from jbench.report.data.curves import FloatArray
+from jbench.report.data.variants import variant_labels
+from jbench.report.figures.curve_series import KEY_COLOR
+from jbench.report.figures.figure import (
+    Axis,
+    Dash,
+    Figure,
+    Panel,
+    ReferenceLine,
+    Series,
+    Style,
+    padded,
+)
+from jbench.store.identity import settings_hash
+
+# After Okabe and Ito, 2008.
+_LOOKS = {
+    "dae": ("#0072b2", "o"),
+    "ae": ("#56b4e9", "s"),
+    "ddae": ("#009e73", "D"),
+    "vae": ("#e69f00", "^"),
+    "lld-vae": ("#d55e00", "v"),
+    "pca": ("#000000", "P"),
+    "random": ("#888888", "X"),
+    "scaled": ("#b8a200", "h"),
+    "planar": ("#7a3e9d", "*"),
+    "forward": ("#c00000", "<"),
+    "dmd": ("#6b4c2a", ">"),
+    "contrastive": ("#005f3c", "d"),
+    "random-features": ("#4a4a8a", "H"),
+    "ofe": ("#d4a017", "8"),
+}
+_OTHER = ("#cc79a7", "p")
+_FLOOR = 1e-3
+"""Fraction of the variance below which an error is drawn as this: nothing is lost."""
+
+_DATA: dict[str, Dash] = {"test": "-", "heuristic": "--"}
+_LABELS = {"test": "held-out episodes of the dataset", "heuristic": "episodes of the heuristic"}
+_WIDTH = 1.5
+
+_FRACTIONS = ("test", "pca", "random", "heuristic", "pca_heuristic")
+_PREDICTED: dict[str, Dash] = {
+    "yaw_rate": "-",
+    "forward_speed": "--",
+    "tilt_rate": "-.",
+    "reward": ":",
+}
+"""What is predicted of the next control step, and the style of its line."""
+_NOT_IN_A_VARIANT = ("task", "kind", "latents", "seed")
+
+
+def look_of(kind: str) -> tuple[str, str]:
+    """Returns the colour and marker of a kind of representation, the same in every figure."""
+    return _LOOKS.get(kind, _OTHER)
+
+
+def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.DataFrame:
+    """Returns a row for each finished task, kind, variant and number of latents.
+
+    Columns: task, kind, settings (the options that set a variant apart), latents, seeds, and the
+    medians across seeds of test_mse and of the fractions of the variance that are not explained:
+    test, pca and random (held-out episodes), heuristic and pca_heuristic (the heuristic's); the
+    medians of the R² of yaw_rate, forward_speed, tilt_rate and reward, and of the effective_rank,
+    NaN for encoders that were trained before these were measured.
+
+    Args:
+        tables: of the database.
+        task: only this one.
+    """
+    encoders, errors = (tables[name].to_pandas() for name in ("encoders", "encoder_errors"))
+    finished = encoders[(encoders["status"] == "finished") & encoders["kind"].notna()]
+    if task is not None:
+        finished = finished[finished["task"] == task]
+    rows = finished.drop(columns=["test_mse", "test_explained"]).merge(errors, on="encoder")
+    medians = ("test_mse", *_FRACTIONS, *_PREDICTED, "effective_rank")
+    columns = ["task", "kind", "settings", "latents", "seeds", *medians]
+    if rows.empty:
+        return pd.DataFrame(columns=columns)
+    rows = rows.assign(settings=_labels(rows))
+    for name in _FRACTIONS:
+        rows[name] = 1 - rows[f"{name}_explained"]
+    predictions = tables["encoder_predictions"].to_pandas()
+    r2 = predictions.pivot_table(values="r2", index="encoder", columns="target")
+    rows = rows.merge(r2.reindex(columns=list(_PREDICTED)), on="encoder", how="left")
+    rows["effective_rank"] = rows["effective_rank"].astype(float)
+    table = (
+        rows.groupby(["task", "kind", "settings", "latents"])
+        .agg(seeds=("seed", "nunique"), **{name: (name, "median") for name in medians})
+        .reset_index()
+    )
+    kinds = {kind: i for i, kind in enumerate(in_order(table["kind"], tuple(ENCODER_KINDS)))}
+    orders = {"task": {name: i for i, name in enumerate(TASKS)}, "kind": kinds}
+    ordered: pd.DataFrame = table.sort_values(
+        ["task", "kind", "settings", "latents"],
+        key=lambda column: column.map(orders[column.name]) if column.name in orders else column,
+        ignore_index=True,
+    )
+    return ordered
+
+
+def figures(table: pd.DataFrame) -> dict[str, Figure]:
+    """Returns the figures of errors and of predictions against latents, by file name."""
+    if table.empty:
+        return {}
+    predicted = table[table["yaw_rate"].notna()]
+    found = {"encoders": _error_figure(table)}
+    if not predicted.empty:
+        found["encoder_predictions"] = _prediction_figure(predicted)
+    return found
+
+
+def _prediction_figure(table: pd.DataFrame) -> Figure:
+    """Returns the figure of R² against number of latents."""
+    panels = []
+    for task, rows in _by_task(table).items():
+        series = []
+        for (kind, settings), group in rows.groupby(["kind", "settings"], sort=False):
+            color, marker = look_of(str(kind))
+            for target, dash in _PREDICTED.items():
+                first = target == "yaw_rate"
+                width, size = (_WIDTH, 4.5) if first else (0.6 * _WIDTH, 2.5)
+                style = Style(color, dash, width, marker=marker, size=size)
+                label = _name(kind, settings) if first else ""
+                y = np.maximum(_column(group, target), 0)
+                series.append(Series(_column(group, "latents"), y, style, label))
+        y_axis = Axis("R² of the next control step", (-0.03, 1.03))
+        panels.append(Panel(task, _latents_axis(rows), y_axis, series))
+    note = (
+        "How well a small network with fixed settings predicts the next control step from latents "
+        "and action, on held-out episodes; medians across seeds. Below 0 is drawn at 0."
+    )
+    key = [(name.replace("_", " "), Style(KEY_COLOR, dash)) for name, dash in _PREDICTED.items()]
+    return Figure("Predictions against number of latents", panels, key, [note])
+
+
+def _error_figure(table: pd.DataFrame) -> Figure:
+    """Returns the figure of error against number of latents."""
+    lowest = max(float(table[list(_DATA)].to_numpy().min()), _FLOOR)
+    y = Axis("variance not explained", (lowest / 1.4, 1.3), log=True)
+    whole = ReferenceLine(1, Style("0.6", width=0.8))
+    panels = [
+        Panel(task, _latents_axis(rows), y, _error_series(rows), [whole])
+        for task, rows in _by_task(table).items()
+    ]
+    key = [
+        (_LABELS[data], Style(KEY_COLOR, dash, _WIDTH, marker="o", size=6, hollow=data != "test"))
+        for data, dash in _DATA.items()
+    ]
+    note = (
+        "The fraction of the variance of the scaled features, all together, that the encoder does "
+        "not give back; medians across seeds. A ddae is held against the state some steps later, "
+        f"of which some can't be foreseen. Fractions below {_FLOOR:g} are drawn there."
+    )
+    return Figure("Error against number of latents", panels, key, [note])
+
+
+def _error_series(rows: pd.DataFrame) -> list[Series]:
+    """Returns the kinds of encoders of a task."""
+    variants: dict[str, int] = {}
+    series = []
+    for (kind, settings), group in rows.groupby(["kind", "settings"], sort=False):
+        color, marker = look_of(str(kind))
+        # Variants of a kind have its colour; all but the first have thinner lines.
+        nth = variants[str(kind)] = variants.get(str(kind), -1) + 1
+        # The first kinds, which are ours and learned, lie above the others.
+        zorder = 10 - 0.1 * len(variants) - 0.01 * nth
+        for data, dash in _DATA.items():
+            test = data == "test"
+            width, size = (_WIDTH, 4.5) if test else (0.6 * _WIDTH, 3.5)
+            style = Style(color, dash, width / (1 + nth), marker=marker, size=size, hollow=not test)
+            label = _name(kind, settings) if test else ""
+            y = np.maximum(_column(group, data), _FLOOR)
+            series.append(Series(_column(group, "latents"), y, style, label, zorder=zorder))
+    return series
+
+
+def _by_task(table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {task: table[table["task"] == task] for task in in_order(table["task"], TASKS)}
+
+
+def _latents_axis(rows: pd.DataFrame) -> Axis:
+    return Axis("latents", padded(_column(rows, "latents")), integer=True)
+
+
+def _column(rows: pd.DataFrame, name: str) -> FloatArray:
+    return rows[name].to_numpy(np.float64)
+
+
+def _name(kind: object, settings: object) -> str:
+    return " ".join(filter(None, (str(kind), str(settings))))
+
+
+def _labels(rows: pd.DataFrame) -> list[str]:
+    """Returns what sets the variant of each row apart within its task and kind, or nothing."""
+    kept = [_variant(json.loads(text)) for text in rows["settings"]]
+    hashes = [settings_hash(variant) for variant in kept]
+    keys = list(zip(rows["task"], rows["kind"], strict=True))
+    labels: dict[Any, dict[str, str]] = {}
+    for key in set(keys):
+        texts = {
+            name: json.dumps(variant)
+            for own, name, variant in zip(keys, hashes, kept, strict=True)
+            if own == key
+        }
+        labels[key] = variant_labels(texts)
+    return [labels[key][name] for key, name in zip(keys, hashes, strict=True)]
+
+
+def _variant(settings: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in settings.items() if name not in _NOT_IN_A_VARIANT}

@@ -1,0 +1,230 @@
+"""A figure as data: panels of series, reference lines and heat maps.
+
+The modules of figures turn cells and curves into these. `plotting.py` draws them with matplotlib
+for files, and `page/values.py` writes their values as JSON for the page.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jbench.report.data.curves import BoolArray, FloatArray
+
+Dash = str | tuple[float, tuple[float, ...]]
+"""A line style as matplotlib takes it; "" is no line."""
+
+DOTS = ":"
+"""Line style of the stretches of a series that are `partial`."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """The look of a line and its markers; sizes are in points, colours as matplotlib's.
+
+    Attributes:
+        every: a marker is drawn at every n-th point.
+        hollow: whether the markers are white inside.
+    """
+
+    color: str
+    dash: Dash = "-"
+    width: float = 1.5
+    alpha: float = 1.0
+    marker: str = ""
+    size: float = 3.0
+    every: int = 1
+    hollow: bool = False
+
+
+@dataclass(frozen=True)
+class Shade:
+    """The look of an area in the key."""
+
+    color: str
+    alpha: float
+
+
+@dataclass(frozen=True)
+class Band:
+    """A range (points,) at each point of a series; NaN where there is none.
+
+    Attributes:
+        bars: whether it is drawn as error bars instead of as an area.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    alpha: float = 0.15
+    bars: bool = False
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values (points,) along a line; NaN is a gap.
+
+    Attributes:
+        label: in the legend and under the pointer; a series without one is in neither.
+        bands: in the colour of the line, the widest first.
+        partial: (points,) where the line is dotted; None: nowhere.
+        edges: (points + 1,) of bins, for a histogram, which is drawn as steps.
+        zorder: series with a higher one cover the others.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    style: Style
+    label: str = ""
+    bands: Sequence[Band] = ()
+    partial: BoolArray | None = None
+    edges: FloatArray | None = None
+    zorder: float = 2.0
+
+
+@dataclass(frozen=True)
+class ReferenceLine:
+    """A line across a whole panel, such as a threshold, at a value of y, or of x if vertical.
+
+    Attributes:
+        label: in the legend; "" is none.
+        interval: ends of a band about it.
+    """
+
+    at: float
+    style: Style
+    label: str = ""
+    vertical: bool = False
+    interval: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class CellText:
+    """The text in a cell of a heat map.
+
+    Attributes:
+        framed: whether the cell is white in a frame, as it has a text but no value.
+    """
+
+    row: int
+    column: int
+    text: str
+    color: str
+    framed: bool = False
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """Values on a plane, shown as colours.
+
+    Attributes:
+        x: (columns + 1,) edges of the columns.
+        y: (rows + 1,) edges of the rows.
+        values: (rows, columns); NaN is no value.
+        label: of the colour bar.
+        limits: values of the first and the last colour.
+        log: whether the colours are on a logarithmic scale.
+        is_map: whether x and y are lengths on one scale. If not, the heat map is a table with
+            named rows and columns, hatched where it has neither a value nor a text.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    values: FloatArray
+    label: str
+    limits: tuple[float, float]
+    log: bool = False
+    texts: Sequence[CellText] = ()
+    is_map: bool = False
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis of a panel, from the first to the second of its limits.
+
+    Attributes:
+        log: whether its scale is logarithmic.
+        unit: what a value is multiplied by in the text of its tick: 0.001 on an axis in thousands.
+        ticks: places of the ticks; None: at round values.
+        names: texts of those ticks; None: their values.
+        integer: whether ticks are at whole numbers only.
+        opposite: label and factor of a second scale above a horizontal axis.
+    """
+
+    label: str
+    limits: tuple[float, float]
+    log: bool = False
+    unit: float = 1.0
+    ticks: Sequence[float] | None = None
+    names: Sequence[str] | None = None
+    integer: bool = False
+    opposite: tuple[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Attributes:
+        series: in the order of the legend.
+        references: drawn below the series, and before them in the legend.
+        heat_map: below the series.
+        arrow: two points (x, y), from the first to the second.
+        text: in the middle of a panel that has no data.
+    """
+
+    title: str
+    x: Axis
+    y: Axis
+    series: Sequence[Series] = ()
+    references: Sequence[ReferenceLine] = ()
+    heat_map: HeatMap | None = None
+    arrow: tuple[tuple[float, float], tuple[float, float]] | None = None
+    text: str = ""
+
+    @property
+    def labels(self) -> list[str]:
+        """The texts of its legend."""
+        labels = [line.label for line in self.references] + [one.label for one in self.series]
+        return [label for label in labels if label]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Panels, and the text around them.
+
+    Attributes:
+        title: above them; a paper has it in its caption instead.
+        panels: at least one.
+        key: label and look of each kind of line and area, for all panels.
+        notes: paragraphs on how to read the figure.
+    """
+
+    title: str
+    panels: Sequence[Panel]
+    key: Sequence[tuple[str, Style | Shade]] = ()
+    notes: Sequence[str] = ()
+
+    @property
+    def caption(self) -> str:
+        """The notes as one text."""
+        return " ".join(self.notes)
+
+    @property
+    def corners(self) -> int:
+        """Number of points that are drawn: of all lines, and of both sides of their bands."""
+        series = (series for panel in self.panels for series in panel.series)
+        return sum(len(one.x) * (1 + 2 * len(one.bands)) for one in series)
+
+
+def padded(values: FloatArray, *, log: bool = False) -> tuple[float, float]:
+    """Returns limits of an axis that leave a margin of 5% beside finite values.
+
+    On a logarithmic axis only positive values count; at least one value must.
+    """
+    usable = values[np.isfinite(values) & ((values > 0) | (not log))]
+    low, high = float(usable.min()), float(usable.max())
+    if log:
+        margin = (high / low) ** 0.05 if high > low else 1.1
+        return low / margin, high * margin
+    margin = 0.05 * (high - low) or 0.5
+    return low - margin, high + margin

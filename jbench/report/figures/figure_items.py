@@ -1,0 +1,125 @@
+"""The figures of a report, with their captions and the numbers drawn."""
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pandas as pd
+
+from jbench.report.analysis import reduction
+from jbench.report.data.cells import file_name
+from jbench.report.data.published import PublishedCurve
+from jbench.report.data.returns import TRAINING
+from jbench.report.document import FigureItem
+from jbench.report.figures import (
+    behaviour,
+    encoders,
+    heat_map,
+    learning_curves,
+    processor,
+    profiles,
+    reduction_figure,
+    sequences,
+)
+from jbench.report.figures.behaviour import Behaviour
+from jbench.report.figures.curve_series import LearnedCurve
+from jbench.report.figures.learning_curves import display_name
+from jbench.report.request import Request
+from jbench.report.views import View
+
+
+def of_curves(
+    view: View, published: Sequence[PublishedCurve], aggregate: pd.DataFrame, request: Request
+) -> Iterator[FigureItem]:
+    """Gives the learning curves: all, full against encoded, and robots learned on in turn."""
+    kind, one_robot = view.kind, _on_one_robot(view)
+    options = one_robot, published, request.order, request.window
+    training, each_seed = kind is TRAINING, request.each_seed
+    aggregate = aggregate[aggregate["returns"] == kind.name]
+    if one_robot:
+        figure = learning_curves.grid_figure(*options, each_seed=each_seed)
+        name = "figure9" if training else "evaluations"
+        yield FigureItem(name, f"Learning curves: {kind.plural}", figure, aggregate)
+    compared = learning_curves.comparison_figures(*options, each_seed=each_seed)
+    for (task, algo), figure in compared.items():
+        title = f"Full against encoded observations, {kind.plural}: {task}, {display_name(algo)}"
+        data = _rows(aggregate, task, algo)
+        name = "comparison" if training else "evaluations"
+        yield FigureItem(file_name(name, task, algo), title, figure, data)
+    if not training:
+        return
+    in_turn = sequences.sequence_figures(
+        view.learned, published, request.order, each_seed=each_seed
+    )
+    for (task, algo), figure in in_turn.items():
+        title = f"Robots in turn: {task}, {display_name(algo)}"
+        data = _rows(aggregate, task, algo)
+        yield FigureItem(file_name("robots", task, algo), title, figure, data)
+
+
+def of_returns(view: View) -> Iterator[FigureItem]:
+    """Gives the matrix of cells and the performance profiles; there is at least one cell."""
+    title = f"All cells at a glance: final {view.kind.plural}"
+    data = heat_map.matrix_frame(view.cells)
+    yield FigureItem("matrix", title, heat_map.matrix_figure(view.cells), data)
+    one_robot = [item.cell for item in _on_one_robot(view)]
+    figure = profiles.profiles_figure(one_robot)
+    if figure is not None:
+        title = f"Performance profiles of final {view.kind.plural}"
+        yield FigureItem("profiles", title, figure, profiles.profiles_frame(one_robot))
+
+
+def of_reduction(view: View) -> Iterator[FigureItem]:
+    """Gives the final returns of representations against how many numbers an agent sees."""
+    if view.groups:
+        figure = reduction_figure.reduction_figure(view.groups)
+        title = f"Final {view.kind.plural} by number of latents"
+        yield FigureItem(view.file("reduction"), title, figure, reduction.frame(view.groups))
+
+
+def of_time(view: View, runs: pd.DataFrame) -> Iterator[FigureItem]:
+    """Gives the returns against processor time."""
+    one_robot = _on_one_robot(view)
+    figure = processor.processor_time_figure(one_robot, processors(runs))
+    if figure is not None:
+        data = processor.processor_time_frame(one_robot)
+        title = f"{view.kind.name.capitalize()} return against processor time"
+        yield FigureItem("processor_time", title, figure, data)
+
+
+def _on_one_robot(view: View) -> list[LearnedCurve]:
+    return [item for item in view.learned if item.cell.robots <= 1]
+
+
+def of_encoders(table: pd.DataFrame) -> Iterator[FigureItem]:
+    """Gives the errors of encoders, and their predictions, against their latents."""
+    titles = {
+        "encoders": "Error of encoders against number of latents",
+        "encoder_predictions": "What latents tell of the next control step",
+    }
+    for name, figure in encoders.figures(table).items():
+        yield FigureItem(name, titles[name], figure, table)
+
+
+def of_behaviour(seen: Sequence[Behaviour]) -> Iterator[FigureItem]:
+    """Gives what policies do: motor velocities and positions."""
+    titles = {"figure4": "Motor velocities", "figure5": "Positions"}
+    for name, figure in behaviour.figures(seen).items():
+        kind, _, task = name.partition("-")
+        yield FigureItem(name, f"{titles[kind]}: {task}", figure)
+
+
+def processors(runs: pd.DataFrame) -> list[str]:
+    """Returns the processors that runs were made on, each once."""
+    said = [_processor(text) for text in runs["provenance"]] if len(runs) else []
+    return sorted({name for name in said if name})
+
+
+def _processor(provenance: str) -> str:
+    recorded: Any = json.loads(provenance)
+    name = recorded.get("processor") if isinstance(recorded, dict) else None
+    return name if isinstance(name, str) else ""
+
+
+def _rows(aggregate: pd.DataFrame, task: str, algo: str) -> pd.DataFrame:
+    return aggregate[(aggregate["task"] == task) & (aggregate["algo"] == algo)]

@@ -1,0 +1,118 @@
+"""The matrix of cells: what has been learned by what, at a glance."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from jbench.names import TASKS
+from jbench.report import formatting
+from jbench.report.analysis.scores import scores_of
+from jbench.report.data.cells import Cell, in_order
+from jbench.report.figures.figure import Axis, CellText, Figure, HeatMap, Panel
+from jbench.report.figures.learning_curves import display_name
+
+_BRIGHT = 450
+"""Median return above which a cell's colour is bright enough for black text."""
+
+
+def caption(cells: Sequence[Cell]) -> str:
+    """Says what the matrix of these cells, of one kind of return, shows."""
+    kind, steps = cells[0].kind, compared_steps(cells)
+    others = any(_steps(cell) != steps for cell in cells)
+    colored = (
+        f"cells of {formatting.steps(steps)} control steps" if steps else "cells of equal steps"
+    )
+    return (
+        f"Each cell: the median final {kind.name} return across seeds, in brackets the 10th and "
+        "90th percentile (spread), the control steps that the seeds were trained for, and the "
+        f"number of seeds n. {kind.final} The colour is that of the median, on a scale that "
+        f"colour-blind readers can tell apart and that prints in grey. Only {colored} are "
+        "coloured, the number of most cells: others are not comparable with them"
+        f"{', and stand on white' if others else ''}. Hatched: no runs."
+        + (
+            " A seed that diverged counts with return 0 from then on."
+            if any(cell.diverged.any() for cell in cells)
+            else ""
+        )
+    )
+
+
+def compared_steps(cells: Sequence[Cell]) -> int | None:
+    """Returns the control steps that most cells were trained for; of several, the most steps.
+
+    None where the seeds of every cell were trained for different numbers of them.
+    """
+    counts = Counter(steps for cell in cells if (steps := _steps(cell)) is not None)
+    return max(counts, key=lambda steps: (counts[steps], steps), default=None)
+
+
+def matrix_frame(cells: Sequence[Cell]) -> pd.DataFrame:
+    """Returns what is drawn.
+
+    Columns: task, source, algo, representation, returns (their kind), steps_min and steps_max
+    (control steps that seeds were trained for), seeds, diverged, median, q10, q90 (NaN without any
+    final return).
+    """
+    rows = []
+    for cell in cells:
+        final = scores_of(cell).final
+        quantiles = np.percentile(final, (50, 10, 90)) if len(final) else np.full(3, np.nan)
+        rows.append(
+            {
+                **{name: getattr(cell, name) for name in ("task", "source", "algo")},
+                **{"representation": cell.seen, "returns": cell.kind.name},
+                **{"steps_min": cell.steps.min(), "steps_max": cell.steps.max()},
+                **{"seeds": len(final), "diverged": int(cell.diverged.sum())},
+                **dict(zip(("median", "q10", "q90"), quantiles, strict=True)),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def matrix_figure(cells: Sequence[Cell]) -> Figure:
+    """Returns a row for each algorithm and representation, a column for each task.
+
+    Args:
+        cells: of one kind of return, at least one.
+    """
+    tasks = in_order({cell.task for cell in cells}, TASKS)
+    rows = list(dict.fromkeys(_row(cell) for cell in cells))
+    medians = np.full((len(rows), len(tasks)), np.nan)
+    texts = []
+    colored_steps = compared_steps(cells)
+    for cell in cells:
+        row, column = rows.index(_row(cell)), tasks.index(cell.task)
+        final = scores_of(cell).final
+        if not len(final):
+            continue
+        low, median, high = np.percentile(final, (10, 50, 90))
+        steps, count = formatting.trained(cell).text, formatting.count_of(cell, len(final))
+        text = f"{median:.0f} [{low:.0f}, {high:.0f}]\n{steps} steps\n{count}"
+        colored = colored_steps is not None and _steps(cell) == colored_steps
+        if colored:
+            medians[row, column] = median
+        # Viridis is dark below, bright above.
+        color = "white" if colored and median <= _BRIGHT else "black"
+        texts.append(CellText(row, column, text, color, framed=not colored))
+    x, y = (np.arange(len(names) + 1, dtype=np.float64) - 0.5 for names in (tasks, rows))
+    kind = cells[0].kind
+    heat_map = HeatMap(x, y, medians, f"median final {kind.name} return", (0, 1000), texts=texts)
+    panel = Panel(
+        "",
+        Axis("", (x[0], x[-1]), ticks=range(len(tasks)), names=tasks),
+        Axis("", (y[-1], y[0]), ticks=range(len(rows)), names=rows),
+        heat_map=heat_map,
+    )
+    return Figure(f"Final {kind.plural} of all cells", [panel], notes=[caption(cells)])
+
+
+def _steps(cell: Cell) -> int | None:
+    """Returns the control steps that all seeds of a cell were trained for; None if they differ."""
+    return int(cell.steps[0]) if (cell.steps == cell.steps[0]).all() else None
+
+
+def _row(cell: Cell) -> str:
+    name = f"{display_name(cell.algo)}, {cell.seen}"
+    return f"{cell.prefix}{name}"

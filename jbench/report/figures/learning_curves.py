@@ -1,0 +1,274 @@
+"""The report's figures: a grid of tasks as in Figure 9, comparisons as in Figures 7 and 8."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jbench.names import ALGORITHMS, FULL, TASKS, Order
+from jbench.report.data.cells import in_order
+from jbench.report.data.published import PPO_ENVIRONMENTS, PublishedCurve
+from jbench.report.data.returns import TRAINING, Returns
+from jbench.report.figures import curve_series
+from jbench.report.figures.curve_series import LearnedCurve
+from jbench.report.figures.figure import Axis, Figure, Panel, Series
+
+# Okabe and Ito's palette, which colour-blind readers can tell apart too.
+ALGORITHM_COLORS = {"ddpg": "#0072B2", "ppo": "#E69F00", "sac": "#009E73", "td3": "#CC79A7"}
+_FURTHER_COLORS = ("#56B4E9", "#000000", "#F0E442", "#D55E00")
+
+# Orange and green as in Figures 7 and 8.
+FULL_COLOR = "#E69F00"
+ENCODED_COLORS = ("#009E73", "#0072B2", "#CC79A7", "#56B4E9", "#000000")
+
+_PPO_NOTE = (
+    f"Published PPO curves: their steps are probably per environment, of which there were "
+    f"{PPO_ENVIRONMENTS}; ours count the steps of all environments."
+)
+_CUT_NOTE = "Published curves are shown up to the last step of ours."
+
+
+def grid_figure(
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    order: Order,
+    window: int,
+    *,
+    each_seed: bool = False,
+) -> Figure:
+    """Returns a panel for each task and a curve for each algorithm, as the paper's Figure 9.
+
+    The paper's curves are of training returns, and are drawn beside such only. Encoded observations
+    are in the comparisons; here they stand in where an algorithm has no runs with the full
+    observation. Cells on several robots in turn are in `sequences`.
+
+    Args:
+        learned: our curves, of one kind of return, in the order of the paper; at least one.
+        published: the paper's curves.
+        order: of quantiles and smoothing in ours.
+        window: episodes that were to be averaged.
+        each_seed: whether every seed is drawn, too.
+    """
+    kind = learned[0].cell.kind
+    published = _beside(published, kind)
+    present = in_order({cell.task for cell, _ in learned}, TASKS)
+    tasks = present if len(present) == 1 else in_order({*present, *TASKS}, TASKS)
+    colors = algorithm_colors([cell.algo for cell, _ in learned])
+    notes = [f"{curve_text(learned, order, window)} {band_text([(10, 90)])}"]
+    if kind is TRAINING:
+        notes.append(
+            f"Published: Figure 9, training returns, full observation, 10 seeds, quantile-first, "
+            f"100 episodes. {_CUT_NOTE}"
+        )
+    if kind is TRAINING and any(cell.algo == "ppo" for cell, _ in learned):
+        notes.append(_PPO_NOTE)
+    return Figure(
+        f"{kind.name.capitalize()} return while learning the Jitterbug tasks",
+        [
+            _task_panel(task, _shown_in_grid(learned, task), published, colors, kind, each_seed)
+            for task in tasks
+        ],
+        curve_series.curve_key(
+            [(10, 90)], ["Figure 9"] if kind is TRAINING else [], each_seed=each_seed
+        ),
+        notes,
+    )
+
+
+def comparison_figures(
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    order: Order,
+    window: int,
+    *,
+    each_seed: bool = False,
+) -> dict[tuple[str, str], Figure]:
+    """Returns full against encoded observations, as the paper's Figures 7 and 8.
+
+    Args:
+        learned: our curves, of one kind of return, in the order of the paper.
+        published: the paper's curves.
+        order: of quantiles and smoothing in ours.
+        window: episodes that were to be averaged.
+        each_seed: whether every seed is drawn, too.
+
+    Returns:
+        Figures by task and algorithm: of those with several representations or sources, or with one
+        and a figure in the paper to set it beside.
+    """
+    figures = {}
+    for task, algo in dict.fromkeys((cell.task, cell.algo) for cell, _ in learned):
+        ours = [item for item in learned if (item.cell.task, item.cell.algo) == (task, algo)]
+        theirs = [
+            curve
+            for curve in _beside(published, ours[0].cell.kind)
+            if (curve.task, curve.algo) == (task, algo) and curve.figure in ("fig7", "fig8")
+        ]
+        kinds = {(item.cell.representation, item.cell.source) for item in ours}
+        if theirs or len(kinds) > 1:
+            figures[task, algo] = _comparison_figure(ours, theirs, order, window, each_seed)
+    return figures
+
+
+def algorithm_colors(algorithms: Sequence[str]) -> dict[str, str]:
+    """Returns the paper's algorithms in their fixed colours, and any others in what is left."""
+    others = in_order(set(algorithms) - set(ALGORITHMS), ())
+    further = {name: _FURTHER_COLORS[i % len(_FURTHER_COLORS)] for i, name in enumerate(others)}
+    return ALGORITHM_COLORS | further
+
+
+def display_name(algo: str) -> str:
+    """Returns an algorithm's name as the paper writes it, or as its author does."""
+    return algo.upper() if algo in ALGORITHMS else algo
+
+
+def _shown_in_grid(learned: Sequence[LearnedCurve], task: str) -> list[LearnedCurve]:
+    ours = [item for item in learned if item.cell.task == task]
+    with_full = {_learner(item) for item in ours if item.cell.representation == FULL}
+    return [
+        item for item in ours if item.cell.representation == FULL or _learner(item) not in with_full
+    ]
+
+
+def _learner(item: LearnedCurve) -> tuple[str, str]:
+    return item.cell.source, item.cell.algo
+
+
+def _task_panel(
+    task: str,
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    colors: dict[str, str],
+    kind: Returns,
+    each_seed: bool,
+) -> Panel:
+    y = curve_series.returns_axis(kind.axis)
+    if not learned:
+        x = Axis("", (0, 1), ticks=())
+        return Panel(task, x, y, references=[curve_series.SOLVED_LINE], text="no runs yet")
+    series: list[Series] = []
+    for algo in dict.fromkeys(item.cell.algo for item in learned):
+        same = [item for item in learned if item.cell.algo == algo]
+        for style, item in enumerate(same):
+            representation = item.cell.representation
+            name = display_name(algo)
+            if representation != FULL:
+                name += f" on {representation}"
+            look = curve_series.Look(colors[algo], style)
+            series += curve_series.learned_series(
+                item, look, ((10, 90),), name, each_seed=each_seed
+            )
+        for curve in published:
+            if (curve.figure, curve.task, curve.algo) == ("fig9", task, algo):
+                series += curve_series.published_series(
+                    curve, colors[algo], (10, 90), "", each_seed=each_seed
+                )
+    return Panel(
+        task, curve_series.steps_axis(_end(learned)), y, series, [curve_series.SOLVED_LINE]
+    )
+
+
+def _comparison_figure(
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    order: Order,
+    window: int,
+    each_seed: bool,
+) -> Figure:
+    task, algo, kind = learned[0].cell.task, learned[0].cell.algo, learned[0].cell.kind
+    names = {item.cell.representation for item in learned}
+    names |= {curve.representation for curve in published}
+    encoded = in_order(names - {FULL}, ("dae12",))
+    colors = {FULL: FULL_COLOR} | {
+        name: ENCODED_COLORS[i % len(ENCODED_COLORS)] for i, name in enumerate(encoded)
+    }
+    bands = [(25, 75), (10, 90)]
+    series: list[Series] = []
+    for representation in dict.fromkeys(item.cell.representation for item in learned):
+        same = [item for item in learned if item.cell.representation == representation]
+        for style, item in enumerate(same):
+            look = curve_series.Look(colors[representation], style)
+            series += curve_series.learned_series(
+                item, look, bands[::-1], representation, each_seed=each_seed
+            )
+    for curve in sorted(published, key=lambda curve: curve.representation != FULL):
+        seeds = "1 seed" if curve.figure == "fig7" else "10 seeds"
+        label = f"published: {curve.representation} ({curve.figure_name}, {seeds})"
+        color = colors[curve.representation]
+        series += curve_series.published_series(curve, color, (25, 75), label, each_seed=each_seed)
+    panel = Panel(
+        f"{task}, {display_name(algo)}",
+        curve_series.steps_axis(_end(learned)),
+        curve_series.returns_axis(kind.axis),
+        series,
+        [curve_series.SOLVED_LINE],
+    )
+    return Figure(
+        f"Full against encoded observations: {kind.name} return",
+        [panel],
+        curve_series.curve_key(
+            bands, sorted({curve.figure_name for curve in published}), each_seed=each_seed
+        ),
+        [
+            f"{curve_text(learned, order, window)} {band_text(bands)}",
+            *_published_text(published),
+        ],
+    )
+
+
+def _beside(published: Sequence[PublishedCurve], kind: Returns) -> Sequence[PublishedCurve]:
+    """Returns the paper's curves that can stand beside ours: training returns."""
+    return published if kind is TRAINING else ()
+
+
+def curve_text(learned: Sequence[LearnedCurve], order: Order, window: int) -> str:
+    """Says for a reader which returns curves show and how they are averaged."""
+    kind = learned[0].cell.kind
+    shown = f"Shown: the {kind.long}."
+    diverged = (
+        " A seed that diverged counts with return 0 from then on."
+        if any(item.cell.diverged.any() for item in learned)
+        else ""
+    )
+    if not kind.smoothed:
+        return (
+            f"{shown} A point is an evaluation, the mean of its episodes for each seed.{diverged}"
+        )
+    return f"{shown} {order_text(order, window)}{diverged}"
+
+
+def order_text(order: Order, window: int) -> str:
+    """Says for a reader in which order quantiles and smoothing were taken."""
+    first = (
+        "quantiles across seeds per episode, then a moving average"
+        if order == "quantile-first"
+        else "a moving average per seed, then quantiles across seeds"
+    )
+    return (
+        f"Order: {order}, {first}. Window: {window} episodes, or a quarter of the longest run "
+        "where that is less; near the first and the last episode it shrinks, to half of "
+        "that."
+    )
+
+
+def band_text(bands: Sequence[tuple[int, int]]) -> str:
+    """Says for a reader what the bands are."""
+    names = " and, lighter, ".join(curve_series.percentiles(band) for band in bands)
+    return (
+        f"Bands: {names} across seeds: spread, not a confidence interval; drawn from "
+        f"{curve_series.BAND_SEEDS} seeds up."
+    )
+
+
+def _published_text(published: Sequence[PublishedCurve]) -> list[str]:
+    texts = {
+        "fig7": "Published Figure 7: training returns, one seed each, so no spread; how it was "
+        "smoothed is not said.",
+        "fig8": "Published Figure 8: training returns, 10 seeds, smooth-first, 100 episodes; that "
+        "order gives narrower bands than quantile-first.",
+    }
+    return [f"{texts[figure]} {_CUT_NOTE}" for figure in sorted({c.figure for c in published})]
+
+
+def _end(learned: Sequence[LearnedCurve]) -> float:
+    ends = [float(np.nanmax(item.cell.control_steps)) for item in learned]
+    return max(ends, default=1.0)

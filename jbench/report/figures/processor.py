@@ -1,0 +1,134 @@
+"""Return against processor time: what learning costs."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from jbench.names import TASKS
+from jbench.report.data.cells import Cell, in_order
+from jbench.report.data.curves import FloatArray, centres
+from jbench.report.figures import curve_series
+from jbench.report.figures.curve_series import LearnedCurve
+from jbench.report.figures.figure import Axis, Figure, Panel, Series, Style
+from jbench.report.figures.learning_curves import algorithm_colors, display_name
+
+_UNITS = ((7200.0, 3600.0, "hours"), (120.0, 60.0, "minutes"), (0.0, 1.0, "seconds"))
+_MAX_POINTS = 400
+
+_Timed = tuple[LearnedCurve, FloatArray, FloatArray]
+"""A curve, and its times and medians; see `timed_curve`."""
+
+
+def processor_time_figure(
+    learned: Sequence[LearnedCurve], processors: Sequence[str]
+) -> Figure | None:
+    """Returns the figure of median return against the median processor time of the seeds.
+
+    Args:
+        learned: curves of one kind of return, of one robot each.
+        processors: that the runs were made on.
+
+    Returns:
+        The figure, with a panel for each task; None where no run has recorded its times.
+    """
+    timed = [(item, *timed_curve(item)) for item in learned]
+    timed = [one for one in timed if len(one[1])]
+    if not timed:
+        return None
+    kind = learned[0].cell.kind
+    tasks = in_order({item.cell.task for item, *_ in timed}, TASKS)
+    colors = algorithm_colors([item.cell.algo for item, *_ in timed])
+    note = (
+        f"Shown: the {kind.long}. Processor time is that of a seed since its run began, over all "
+        "cores, evaluations included: seeds that learn together in one process share its time "
+        f"evenly. It is of the processor that is named ({'; '.join(processors) or 'none is'}); "
+        "another one takes another time. A line ends where the first of its seeds does; a seed "
+        "that diverged counts with return 0 from then on, and not in the time."
+    )
+    return Figure(
+        f"{kind.name.capitalize()} return against processor time",
+        [
+            _panel(task, [one for one in timed if one[0].cell.task == task], colors)
+            for task in tasks
+        ],
+        [
+            ("median return at the median time of the seeds", Style(curve_series.KEY_COLOR)),
+            curve_series.SOLVED_KEY,
+        ],
+        [note],
+    )
+
+
+def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
+    kind = timed[0][0].cell.kind
+    longest = max(float(times[-1]) for _, times, _ in timed)
+    size, unit = next((s, name) for least, s, name in _UNITS if longest >= least)
+    drawn: Counter[str] = Counter()
+    series = []
+    for item, times, median in timed:
+        algo = item.cell.algo
+        shown = curve_series.thinned(len(times), _MAX_POINTS)
+        style = Style(
+            colors[algo],
+            curve_series.LINE_STYLES[drawn[algo] % len(curve_series.LINE_STYLES)],
+            marker="o" if len(shown) == 1 or not kind.smoothed else "",
+        )
+        drawn[algo] += 1
+        series.append(Series(times[shown] / size, median[shown], style, _label(item)))
+    x = Axis(f"processor time of a seed ({unit})", (0, max(longest, 1e-9) / size))
+    return Panel(task, x, curve_series.returns_axis(kind.axis), series, [curve_series.SOLVED_LINE])
+
+
+def timed_curve(item: LearnedCurve) -> tuple[FloatArray, FloatArray]:
+    """Returns the median processor time (s) at each point, and the median return there.
+
+    The time of a point is that at the centre of its window, as its control steps are. Points count
+    where every seed has a time: the median of other seeds further on could be earlier. A seed that
+    diverged has none afterwards, and is in the return only.
+    """
+    cell, curve = item
+    times = cell.processor_time[~cell.diverged]
+    if not len(times):
+        return np.empty(0), np.empty(0)
+    median = np.median(times, axis=0)  # NaN where a seed has none
+    # In a window that lacks some times, the mean of the others is not that of its centre.
+    known = centres(np.isfinite(median).astype(np.float64), curve.window) == 1
+    there = known & np.isfinite(curve.quantile(50))
+    return centres(median, curve.window)[there], curve.quantile(50)[there]
+
+
+def left_out(cells: Sequence[Cell]) -> list[str]:
+    """Returns a sentence on the cells that can't be drawn against processor time, if any."""
+    names = [c.name for c in cells if not np.isfinite(c.processor_time[~c.diverged]).any()]
+    if not names:
+        return []
+    if len(names) == len(cells):
+        return ["No run has recorded processor time: return against processor time is not drawn."]
+    return [
+        f"Runs of {'; '.join(names)} have recorded no processor time: return against processor "
+        "time is drawn without them."
+    ]
+
+
+def processor_time_frame(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
+    """Returns what is drawn.
+
+    Columns: task, source, algo, representation, returns (their kind), processor_time (s), median.
+    """
+    parts = []
+    for item in learned:
+        times, median = timed_curve(item)
+        names = {name: getattr(item.cell, name) for name in ("task", "source", "algo")}
+        names |= {"representation": item.cell.seen, "returns": item.cell.kind.name}
+        parts.append(pd.DataFrame({**names, "processor_time": times, "median": median}))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _label(item: LearnedCurve) -> str:
+    cell = item.cell
+    seeds = "1 seed" if len(cell.seeds) == 1 else f"{len(cell.seeds)} seeds"
+    seeds += f", {int(cell.diverged.sum())} diverged" if cell.diverged.any() else ""
+    name = f"{display_name(cell.algo)}, {cell.seen} ({seeds})"
+    return f"{cell.prefix}{name}"

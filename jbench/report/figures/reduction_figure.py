@@ -1,0 +1,119 @@
+"""The figure of "Does reduction help?": final returns against how many numbers an agent sees."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jbench.names import FULL, kind_of
+from jbench.report import formatting
+from jbench.report.analysis.reduction import BASELINES, SCALED, Group, Point
+from jbench.report.analysis.statistics import LEAST_SEEDS
+from jbench.report.figures import curve_series
+from jbench.report.figures.encoders import look_of
+from jbench.report.figures.figure import (
+    Axis,
+    Band,
+    Figure,
+    Panel,
+    ReferenceLine,
+    Series,
+    Shade,
+    Style,
+)
+from jbench.report.figures.learning_curves import display_name
+
+_BASELINE_STYLES = {FULL: Style("#595959"), SCALED: Style("#b8a200", "--")}
+_WIDTH = 0.7
+"""Of the unit between two numbers of latents, the part in which their kinds are drawn."""
+
+
+def reduction_figure(found: Sequence[Group]) -> Figure:
+    """Returns a panel for each group: its baselines as bands, its representations as points.
+
+    Args:
+        found: groups of cells of one kind of return; at least one.
+    """
+    kind = found[0].points[0].cell.kind
+    key: list[tuple[str, Style | Shade]] = [
+        *(
+            (f"{name}: interquartile mean; band: 95% interval", style)
+            for name, style in _BASELINE_STYLES.items()
+        ),
+        (
+            "reduced: interquartile mean; bar: 95% interval",
+            Style(curve_series.KEY_COLOR, marker="o", size=5),
+        ),
+        ("one seed", Style(curve_series.KEY_COLOR, "", marker="o", size=2.5, alpha=0.5)),
+        curve_series.SOLVED_KEY,
+    ]
+    steps = ", ".join(
+        dict.fromkeys(f"{formatting.steps(group.control_steps)} control steps" for group in found)
+    )
+    short = [cell.name for group in found for cell in group.short]
+    note = (
+        f"{kind.final} Points and lines: interquartile means across seeds; bars and bands: their "
+        f"95% intervals (uncertainty), from {LEAST_SEEDS} seeds up. Full is the "
+        "observation itself; scaled is the observation with the encoders' scaling, so that a "
+        f"difference from it is of reduction alone. At {steps}."
+        + (f" Left out, since some seed has not come as far: {'; '.join(short)}." if short else "")
+    )
+    title = f"Does reduction help? Final {kind.plural}"
+    return Figure(title, [_panel(group) for group in found], key, [note])
+
+
+def _panel(group: Group) -> Panel:
+    first = group.points[0].cell
+    by_kind = {kind_of(point.cell.representation): point for point in group.points}
+    baselines = [_baseline(name, by_kind[name]) for name in BASELINES if name in by_kind]
+    reduced = [p for p in group.points if kind_of(p.cell.representation) not in BASELINES]
+    sizes = sorted({point.latents for point in reduced if point.latents is not None})
+    series: list[Series] = []
+    for column, size in enumerate(sizes):
+        of_size = [point for point in reduced if point.latents == size]
+        for i, point in enumerate(of_size):
+            series += _point_series(column + _WIDTH * ((i + 0.5) / len(of_size) - 0.5), point)
+    return Panel(
+        f"{first.prefix}{first.task}, {display_name(first.algo)}",
+        Axis(
+            "numbers that the agent sees",
+            (-0.5, len(sizes) - 0.5),
+            ticks=range(len(sizes)),
+            names=[str(size) for size in sizes],
+        ),
+        curve_series.returns_axis(f"final {first.kind.axis}"),
+        series,
+        [curve_series.SOLVED_LINE, *baselines],
+    )
+
+
+def _baseline(name: str, point: Point) -> ReferenceLine:
+    found = point.estimate
+    interval = (found.low, found.high) if _has_interval(point) else None
+    return ReferenceLine(found.value, _BASELINE_STYLES[name], _label(point), interval=interval)
+
+
+def _point_series(x: float, point: Point) -> list[Series]:
+    """Returns the seeds of a representation, and their interquartile mean with its interval."""
+    color, marker = look_of(kind_of(point.cell.representation))
+    found = point.estimate
+    bar = Band(np.array([found.low]), np.array([found.high]), bars=True)
+    seed = Style(color, "", marker=marker, size=2.5, alpha=0.5)
+    return [
+        Series(np.full(len(point.final), x), point.final, seed),
+        Series(
+            np.array([x]),
+            np.array([found.value]),
+            Style(color, marker=marker, size=6),
+            _label(point),
+            [bar] if _has_interval(point) else [],
+        ),
+    ]
+
+
+def _has_interval(point: Point) -> bool:
+    return bool(np.isfinite(point.estimate.low))
+
+
+def _label(point: Point) -> str:
+    cell = point.cell
+    return f"{cell.seen} ({formatting.count_of(cell, len(point.final))})"

@@ -1,0 +1,118 @@
+"""Learning through a sequence of augmented robots, beside the authors' own sequence."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jbench.names import Order
+from jbench.report.data.cells import Cell
+from jbench.report.data.curves import Curve, learning_curve
+from jbench.report.data.published import SEQUENCE_ROBOTS, PublishedCurve
+from jbench.report.figures import curve_series
+from jbench.report.figures.curve_series import LearnedCurve
+from jbench.report.figures.figure import Figure, Panel, ReferenceLine, Series, Style
+from jbench.report.figures.learning_curves import (
+    ALGORITHM_COLORS,
+    band_text,
+    display_name,
+    order_text,
+)
+
+SEQUENCE_WINDOW = 20
+"""Episodes in a moving average, which is of one robot's episodes only (the authors' script)."""
+
+_BAND = (10, 90)
+
+
+def sequence_curve(cell: Cell, order: Order) -> Curve:
+    """Aggregates runs through several robots, each robot's episodes on their own.
+
+    A moving average over the change from one robot to the next would hide the change.
+
+    Args:
+        cell: of runs on `cell.robots` robots, `cell.robot_episodes` episodes on each.
+        order: of quantiles and smoothing.
+    """
+    parts = []
+    for first in range(0, cell.returns.shape[1], cell.robot_episodes):
+        columns = slice(first, first + cell.robot_episodes)
+        returns, control_steps = cell.returns[:, columns], cell.control_steps[:, columns]
+        lengths = np.clip(cell.lengths - first, 0, returns.shape[1])
+        parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
+    return Curve(
+        order=order,
+        window=parts[0].window,
+        control_steps=np.concatenate([part.control_steps for part in parts]),
+        seeds=np.concatenate([part.seeds for part in parts]),
+        quantiles=np.concatenate([part.quantiles for part in parts], axis=1),
+        each=np.concatenate([part.each for part in parts], axis=1),
+        widths=np.concatenate([part.widths for part in parts]),
+    )
+
+
+def sequence_figures(
+    learned: Sequence[LearnedCurve],
+    published: Sequence[PublishedCurve],
+    order: Order,
+    *,
+    each_seed: bool = False,
+) -> dict[tuple[str, str], Figure]:
+    """Returns the figures of cells that went through several robots, by task and algorithm.
+
+    Args:
+        learned: our curves of training returns, of which those on several robots are drawn.
+        published: the paper's curves, of which those on several robots are drawn beside.
+        order: of quantiles and smoothing in ours.
+        each_seed: whether every seed is drawn, too.
+    """
+    several = [item.cell for item in learned if item.cell.robots > 1]
+    figures = {}
+    for task, algo in dict.fromkeys((cell.task, cell.algo) for cell in several):
+        ours = [cell for cell in several if (cell.task, cell.algo) == (task, algo)]
+        theirs = [c for c in published if c.sequence and (c.task, c.algo) == (task, algo)]
+        figures[task, algo] = _figure(ours, theirs, order, each_seed)
+    return figures
+
+
+def _figure(
+    cells: Sequence[Cell], published: Sequence[PublishedCurve], order: Order, each_seed: bool
+) -> Figure:
+    task, algo = cells[0].task, cells[0].algo
+    end = max(float(np.nanmax(cell.control_steps)) for cell in cells)
+    color = ALGORITHM_COLORS.get(algo, "#000000")
+    series: list[Series] = []
+    for style, cell in enumerate(cells):
+        item = LearnedCurve(cell, sequence_curve(cell, order))
+        name = f"{cell.representation}, {cell.robots} robots"
+        series += curve_series.learned_series(
+            item, curve_series.Look(color, style), (_BAND,), name, each_seed=each_seed
+        )
+    for curve in published:
+        label = f"published: {curve.representation}, {SEQUENCE_ROBOTS} robots, 10 seeds"
+        series += curve_series.published_series(curve, color, _BAND, label, each_seed=each_seed)
+    robot_steps = cells[0].robot_episodes * end / cells[0].returns.shape[1]
+    changes = [
+        ReferenceLine(change * robot_steps, Style("0.75", width=0.7), vertical=True)
+        for change in range(1, cells[0].robots)
+    ]
+    notes = [
+        f"Shown: the {cells[0].kind.long}. {order_text(order, SEQUENCE_WINDOW)} "
+        f"{band_text([_BAND])}",
+        "Grey lines: the next robot; every average is of one robot's episodes.",
+    ]
+    if published:
+        notes.append(
+            f"Published: SAC on {SEQUENCE_ROBOTS} other robots, 1e6 control steps on each, a "
+            f"window of {SEQUENCE_WINDOW} episodes; shown up to the last step of ours."
+        )
+    panel = Panel(
+        f"{task}, {display_name(algo)}, augmented robots in turn",
+        curve_series.steps_axis(end),
+        curve_series.returns_axis(cells[0].kind.axis),
+        series,
+        [curve_series.SOLVED_LINE, *changes],
+    )
+    key = curve_series.curve_key(
+        [_BAND], [curve.figure_name for curve in published], each_seed=each_seed
+    )
+    return Figure("Learning through a sequence of robots", [panel], key, notes)

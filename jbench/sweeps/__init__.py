@@ -1,0 +1,1 @@
+"""Sweeps: many runs, scheduled on one machine or a cluster."""

@@ -1,0 +1,308 @@
+"""A matrix of runs: tasks, algorithms, representations and seeds, read from a TOML file.
+
+A file may consist of several parts, each a matrix of its own. A run's id depends on the file alone:
+an encoder that is asked for as `dae12` is the one of the file's dataset and options, whatever
+others there are, so typing a matrix again gives the same runs.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
+
+from jbench import validation
+from jbench.agents.ofe import check_options, requested_ofe
+from jbench.agents.settings import SETTINGS, algorithm_settings
+from jbench.commands import parsing
+from jbench.datasets import DatasetSettings
+from jbench.encoders import load_encoder
+from jbench.encoders.registry import find_kind, kind_names
+from jbench.encoders.settings import EncoderSettings, encoder_settings
+from jbench.errors import RequestError
+from jbench.names import (
+    ALGORITHMS,
+    BASES,
+    ENGINES,
+    FULL,
+    LARGEST_SEED,
+    OFE,
+    PRECISIONS,
+    TASKS,
+    TIME_LIMITS,
+    Base,
+    Engine,
+    Precision,
+    TimeLimit,
+)
+from jbench.store import Results
+from jbench.sweeps.matrix_file import PART, parts_of, read_content
+from jbench.training.request import runs_of
+from jbench.training.settings import RunSettings
+
+_REPRESENTATION = re.compile(r"([a-z][a-z0-9-]*?):?([0-9]+)")
+
+
+def _whole(value: Any) -> Any:
+    """Returns 5e6, which TOML calls a float, as a whole number."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+_Count = Annotated[PositiveInt, BeforeValidator(_whole)]
+_Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
+# Lists are what TOML has, and tuples are what does not change.
+_Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+
+
+class Evaluation(BaseModel):
+    """The table [evaluation]."""
+
+    model_config = validation.SETTINGS
+
+    every: _Count = Field(default=50_000, description="control steps between evaluations")
+    episodes: NonNegativeInt = Field(default=10, description="in an evaluation; 0 for none")
+
+
+class DatasetPart(BaseModel):
+    """The table [dataset]: what encoders that are missing are trained on."""
+
+    model_config = validation.SETTINGS
+
+    steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.2")
+    seed: _Seed = 0
+
+
+class EncoderPart(BaseModel):
+    """The table [encoder]: how encoders that are missing are trained."""
+
+    model_config = validation.SETTINGS
+
+    seed: _Seed = 0
+    options: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="by kind, those that are not at their defaults"
+    )
+
+
+class Matrix(BaseModel):
+    """What a file, or a part of it, asks for; `docs/sweeps.md` has every key."""
+
+    model_config = validation.SETTINGS
+
+    tasks: _Names
+    algos: _Names
+    representations: _Names = (FULL,)
+    seeds: tuple[_Seed, ...] = Field(default=tuple(range(10)), strict=False, min_length=1)
+    steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.1")
+    engine: Engine = "batched"
+    precision: Precision = "float32"
+    environments: PositiveInt | None = Field(
+        default=None, description="of each seed, with the batched engine; None: the algorithm's own"
+    )
+    time_limit: TimeLimit = "bootstrap"
+    settings: Base = Field(default="published", description="whose defaults apply")
+    hyperparameters: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="by algorithm, those that are not at their defaults"
+    )
+    evaluation: Evaluation = Evaluation()
+    dataset: DatasetPart = DatasetPart()
+    encoder: EncoderPart = EncoderPart()
+    ofe: dict[str, Any] = Field(default_factory=dict, description="of ofeN, not at their defaults")
+
+    @property
+    def dataset_settings(self) -> DatasetSettings:
+        """The settings of the dataset of its encoders."""
+        return validation.validated(
+            DatasetSettings, "[dataset]", steps=self.dataset.steps, seed=self.dataset.seed
+        )
+
+
+class Cell(NamedTuple):
+    """The runs of a matrix that differ in their seeds alone.
+
+    Attributes:
+        task, algo: of the runs.
+        representation: as the file names it: full, dae12, or the id of an encoder.
+        encoder: settings of the encoder that is made if it is missing; None for the full
+            observation, and for an encoder that is named by its id.
+        runs: one for each seed.
+        part: of the file that asks for them.
+    """
+
+    task: str
+    algo: str
+    representation: str
+    encoder: EncoderSettings | None
+    runs: list[RunSettings]
+    part: Matrix
+
+
+def read_matrix(name: str, **changes: Any) -> list[Matrix]:
+    """Returns the parts of a matrix; a file without parts has one.
+
+    Args:
+        name: one of `jbench.names.SWEEPS`, or the path of a file that ends in .toml.
+        changes: values of keys that replace the file's, in all parts.
+
+    Raises:
+        RequestError: if there is no such matrix, or a value of it is invalid; one sentence that
+            names it.
+    """
+    content = read_content(name)
+    for key in content:
+        _known(name, "key", key, (*Matrix.model_fields, PART))
+    parts = [_matrix({**part, **changes}, where) for where, part in parts_of(content, name).items()]
+    engines = sorted({part.engine for part in parts})
+    if len(engines) > 1:
+        raise RequestError(f"{name}: all parts need the same engine, not {' and '.join(engines)}.")
+    return parts
+
+
+def _known(where: str, what: str, value: str, names: Sequence[str]) -> None:
+    try:
+        parsing.known(what, value, names)
+    except RequestError as error:
+        raise RequestError(f"{where}: {error}") from None
+
+
+def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
+    """Returns the cells of the parts of a matrix, task by task in each, in the order of the file.
+
+    Args:
+        parts: of the matrix.
+        results: where encoders are that are named by their ids.
+
+    Raises:
+        RequestError: if the settings of a run or an encoder are invalid.
+    """
+    return [
+        _cell(part, results, task, algo, name)
+        for part in parts
+        for task in dict.fromkeys(part.tasks)
+        for algo in dict.fromkeys(part.algos)
+        for name in dict.fromkeys(part.representations)
+        if "/" not in name or name.split("/")[0] == task
+    ]
+
+
+def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
+    """Returns what a file says, checked."""
+    try:
+        _check_keys(Matrix, content, "")
+        for key, known in _NAMES.items():
+            if isinstance(content.get(key), str):
+                parsing.known(key, content[key], known)
+        seeds = content.get("seeds")
+        given = {"seeds": parsing.seeds(seeds)} if isinstance(seeds, str) else {}
+        matrix = validation.validated(Matrix, "the matrix", **{**content, **given})
+        _check_names(matrix)
+    except RequestError as error:
+        raise RequestError(f"{name}: {error}") from None
+    return matrix
+
+
+_NAMES = {
+    "engine": ENGINES,
+    "precision": PRECISIONS,
+    "time_limit": TIME_LIMITS,
+    "settings": BASES,
+}
+
+
+def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -> None:
+    """Refuses keys that there are not, and misses those that there must be."""
+    for key, value in content.items():
+        parsing.known(f"key{where}", key, tuple(kind.model_fields))
+        inner = kind.model_fields[key].annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            if not isinstance(value, Mapping):
+                raise RequestError(f"{key} is a table: write [{key}] and its keys below it.")
+            _check_keys(inner, value, f" of [{key}]")
+    for key, field in kind.model_fields.items():
+        if field.is_required() and key not in content:
+            example = {"tasks": TASKS[1], "algos": ALGORITHMS[0]}[key]
+            raise RequestError(f'the key {key} is missing; write {key} = ["{example}"].')
+
+
+def _check_names(matrix: Matrix) -> None:
+    """Refuses names that there are not."""
+    for task in matrix.tasks:
+        parsing.known("task", task, TASKS)
+    for algo in (*matrix.algos, *matrix.hyperparameters):
+        parsing.known("algorithm", algo, ALGORITHMS)
+    for algo, overrides in matrix.hyperparameters.items():
+        for key in overrides:
+            parsing.known(f"setting of {algo}", key, tuple(SETTINGS[algo].model_fields))
+    check_options(matrix.ofe)
+    for kind, options in matrix.encoder.options.items():
+        for key in options:
+            parsing.known(f"option of {kind}", key, tuple(find_kind(kind).model_fields))
+    for name in matrix.representations:
+        task, slash, _ = name.partition("/")
+        if slash and task not in matrix.tasks:
+            raise RequestError(f"the encoder {name} is of {task}, which is not among the tasks.")
+        if not slash and name != FULL and requested_ofe(name, matrix.ofe) is None:
+            for each in matrix.tasks:
+                _kind_and_latents(name, each)
+
+
+def _kind_and_latents(name: str, task: str) -> tuple[str, int]:
+    """Returns kind and size of a representation such as dae12, dae:12, or planar of a task."""
+    if name in kind_names():
+        sizes = find_kind(name).latent_sizes(task)
+        if len(sizes) == 1:
+            return name, sizes[0]
+    found = _REPRESENTATION.fullmatch(name)
+    if found is None:
+        # Where it is no kind and number: the word `full`, or a kind without its number.
+        parsing.known(
+            "representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE)))
+        )
+    assert found is not None
+    kind, latents = found.groups()
+    find_kind(kind)
+    return kind, int(latents)
+
+
+def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
+    """Returns a cell of the matrix."""
+    encoder, encoder_id, representation = None, None, FULL
+    ofe = requested_ofe(name, matrix.ofe)
+    if ofe is not None:
+        representation = ofe.representation
+    elif "/" in name:
+        encoder_id, (_, description) = name, load_encoder(results, name)
+        representation = f"{description['kind']}{description['latents']}"
+    elif name != FULL:
+        kind, latents = _kind_and_latents(name, task)
+        encoder = encoder_settings(
+            kind,
+            matrix.encoder.options.get(kind, {}),
+            task=task,
+            dataset=matrix.dataset_settings.id,
+            latents=latents,
+            seed=matrix.encoder.seed,
+        )
+        encoder_id, representation = encoder.id, encoder.representation
+    algorithm = algorithm_settings(algo, matrix.settings, matrix.hyperparameters.get(algo))
+    runs = runs_of(
+        list(matrix.seeds),
+        task=task,
+        algo=algo,
+        representation=representation,
+        encoder=encoder_id,
+        ofe=ofe,
+        steps=matrix.steps,
+        time_limit=matrix.time_limit,
+        evaluate_every=matrix.evaluation.every,
+        evaluate_episodes=matrix.evaluation.episodes,
+        hyperparameters=algorithm.model_dump(mode="json"),
+        engine=matrix.engine,
+        precision=matrix.precision,
+        parallel=matrix.environments,
+    )
+    return Cell(task, algo, name, encoder, runs, matrix)
+
+
+def all_runs(cells: Sequence[Cell]) -> Iterator[RunSettings]:
+    """Gives the runs of all cells, each once."""
+    yield from {run.id: run for cell in cells for run in cell.runs}.values()

@@ -1,0 +1,280 @@
+"""One run, from its settings to its committed rows and its trained policy."""
+
+import contextlib
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+import gymnasium
+import numpy as np
+from numpy.typing import ArrayLike
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from jbench.agents import sb3
+from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
+from jbench.encoders import Encoder, load_encoder
+from jbench.encoders.wrapper import EncodedObservation
+from jbench.errors import WorkError
+from jbench.store import Record, Results
+from jbench.tasks.gym import environment_id
+from jbench.training.evaluation import Schedule
+from jbench.training.log import Pace, ProcessorClock, RunLog
+from jbench.training.settings import RunSettings
+
+_COMMIT_EVERY = 15.0  # s
+
+
+def run(
+    settings: RunSettings,
+    results: Results,
+    progress: Callable[[int, float | None], None] = lambda steps, episode_return: None,
+) -> Record:
+    """Trains and evaluates one agent, and keeps what came out.
+
+    A finished run is returned as it is; any other starts over.
+
+    Args:
+        settings: of the run.
+        results: where it goes, and where its encoder is.
+        progress: called after each training episode with the control steps so far and its return.
+
+    Raises:
+        WorkError: if another process does this run, its agent diverges, or its results can't be
+            written.
+    """
+    with results.hold("run", settings.id) as found:
+        if found is not None and found.status == "finished":
+            return found
+        record = results.create(
+            "run", settings.id, settings.model_dump(mode="json"), {"device": "cpu"}
+        )
+        try:
+            _train(settings, record, load_encoder_of(settings, results), progress)
+        except DivergedError as error:
+            record.fail(str(error), error.divergence.to_summary())
+            raise
+        except Exception as error:
+            with contextlib.suppress(WorkError):
+                record.fail(f"{type(error).__name__}: {error}")
+            raise
+    return record
+
+
+def _train(
+    settings: RunSettings,
+    record: Record,
+    encoder: Encoder | None,
+    progress: Callable[[int, float | None], None],
+) -> None:
+    """Trains the agent of a run from its first step to its last evaluation."""
+    log, clock = RunLog(record), ProcessorClock()
+    agent_seed, evaluation_seed = np.random.SeedSequence(settings.seed).generate_state(2)
+    env = DummyVecEnv([lambda: make_training_env(settings, encoder)] * settings.environments)
+    agent = sb3.build(settings.algo, settings.algorithm, env, int(agent_seed))
+    evaluator = Evaluator(settings, encoder, int(evaluation_seed))
+    recorder = _Recorder(log, clock, evaluator, progress)
+    try:
+        agent.learn(settings.steps, recorder, log_interval=None)  # type: ignore[arg-type]
+        recorder.check_agent()
+    except DivergedError:
+        clock.share([log])
+        log.commit()
+        raise
+    if evaluator.last_steps < agent.num_timesteps:
+        returns = evaluator(sb3.policy(agent).act, agent.num_timesteps)
+        clock.share([log])
+        log.evaluation(agent.num_timesteps, returns)
+    log.commit()
+    clock.share([log])
+    record.finish(log.summary(agent.num_timesteps), sb3.policy(agent).to_files())
+
+
+def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
+    """Returns the encoder of a run, or None for the full observation."""
+    return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
+
+
+def make_env(
+    settings: RunSettings, encoder: Encoder | None, robot: int = 0
+) -> gymnasium.Env[Any, Any]:
+    """Returns one environment as the agent of a run sees it, with one robot.
+
+    Args:
+        settings: of the run.
+        encoder: of its observations.
+        robot: which of the run's robots, counted from 0.
+    """
+    augment = settings.augment
+    kwargs = {} if augment is None else {"augment": augment + robot}
+    env: gymnasium.Env[Any, Any] = gymnasium.make(
+        environment_id(settings.task, augmented=augment is not None),
+        disable_env_checker=True,
+        **kwargs,
+    )
+    env = gymnasium.wrappers.RecordEpisodeStatistics(env, buffer_length=1)
+    if settings.time_limit == "terminal":
+        env = TerminalTimeLimit(env)
+    return env if encoder is None else EncodedObservation(env, encoder)
+
+
+def make_training_env(settings: RunSettings, encoder: Encoder | None) -> gymnasium.Env[Any, Any]:
+    """Returns one environment to learn in, which goes through all robots of the run."""
+    if settings.robots == 1:
+        return make_env(settings, encoder)
+    return RobotSequence(settings, encoder)
+
+
+class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Goes through the robots of a run: each has its share of the episodes, then comes the next.
+
+    The paper's authors kept the policy from robot to robot. Here all is kept that was learned:
+    the agent does not notice the change, so that its networks, optimisers, entropy coefficient and
+    step count go on, and so does its replay buffer, whose million transitions are then, in the
+    authors' experiment of 1e6 steps a robot, pushed out one by one by those of the new robot. It
+    would be emptied only for an agent that knows when its robot is exchanged.
+
+    The change is made here, where an episode begins, and not between two calls of the agent's
+    `learn`: these end with a rollout, which an episode's end need not be, so that robots would
+    begin late, and lose the episodes cut short.
+    """
+
+    def __init__(self, settings: RunSettings, encoder: Encoder | None) -> None:
+        """Begins with the first robot."""
+        super().__init__(make_env(settings, encoder))
+        self._settings, self._encoder = settings, encoder
+        self._robot = self._ended = 0
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Steps the robot of the moment; counts its episodes."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._ended += terminated or truncated
+        return observation, reward, terminated, truncated, info
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode, with the next robot if this one has had its share."""
+        robot = min(self._ended // self._settings.episodes_on_each, self._settings.robots - 1)
+        if robot != self._robot:
+            self.env = exchanged(self.env, self._settings, self._encoder, robot)
+            self._robot = robot
+        return self.env.reset(seed=seed, options=options)
+
+
+def exchanged(
+    env: gymnasium.Env[Any, Any], settings: RunSettings, encoder: Encoder | None, robot: int
+) -> gymnasium.Env[Any, Any]:
+    """Returns an environment with another robot, which draws on from where the given one was."""
+    other = make_env(settings, encoder, robot)
+    other.unwrapped.np_random = env.unwrapped.np_random
+    env.close()
+    return other
+
+
+class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Calls an episode's last step terminal, so that no value is bootstrapped from it.
+
+    So did stable-baselines 2, and with it the paper's agents.
+    """
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Steps the environment; a truncation becomes a termination."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, terminated or truncated, False, info
+
+
+class Evaluator(Schedule):
+    """Episodes of a deterministic policy in a seeded environment of its own.
+
+    Its robot is the one that the agent learns on at the time.
+    """
+
+    def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
+        """Makes the environment; every evaluation goes through episodes of its own."""
+        super().__init__(settings)
+        self._encoder, self._robot = encoder, 0
+        self._episodes = settings.evaluate_episodes
+        self._env = make_env(settings, encoder)
+        self._env.reset(seed=seed)
+
+    def __call__(
+        self, act: Callable[[Any], Any], control_steps: int = 0
+    ) -> list[tuple[float, int]]:
+        """Returns return and length of each episode.
+
+        Args:
+            act: the policy.
+            control_steps: after which it is evaluated, and with the robot of which.
+        """
+        robot = self._settings.robot_at(control_steps)
+        if robot != self._robot:
+            self._env = exchanged(self._env, self._settings, self._encoder, robot)
+            self._robot = robot
+        outcome = []
+        for _ in range(self._episodes):
+            observation, _ = self._env.reset()
+            ended, total, length = False, 0.0, 0
+            while not ended:
+                observation, reward, terminated, truncated, _ = self._env.step(act(observation))
+                total, length, ended = total + float(reward), length + 1, terminated or truncated
+            outcome.append((total, length))
+        return outcome
+
+
+class _Recorder(BaseCallback):
+    """Writes down each episode as it ends, evaluates when it is time, and notices divergence."""
+
+    def __init__(
+        self,
+        log: RunLog,
+        clock: ProcessorClock,
+        evaluator: Evaluator,
+        progress: Callable[[int, float | None], None],
+    ) -> None:
+        super().__init__()
+        self._log, self._clock = log, clock
+        self._evaluator, self._progress = evaluator, progress
+        self._pace = Pace(_COMMIT_EVERY)
+
+    def check_agent(self) -> None:
+        """Checks losses and weights after the last update.
+
+        Raises:
+            DivergedError: if one is not finite.
+        """
+        self._check_losses()
+        for parameters in self.model.policy.parameters():
+            self._check("weights", parameters.detach().numpy())
+
+    def _check_losses(self) -> None:
+        if (name := divergent_loss(sb3.losses(self.model))) is not None:
+            self._fail(name)
+
+    def _check(self, what: str, values: ArrayLike) -> None:
+        if not np.isfinite(values).all():
+            self._fail(what)
+
+    def _fail(self, what: str) -> NoReturn:
+        updates: int = self.model._n_updates
+        raise DivergedError(Divergence(updates, self.num_timesteps, what))
+
+    def _on_step(self) -> bool:
+        self._check_losses()
+        self._check("actions", self.locals["actions"])
+        for info in self.locals["infos"]:
+            if "episode" in info:
+                statistics = info["episode"]
+                episode_return, length = float(statistics["r"]), int(statistics["l"])
+                self._check("episode_return", episode_return)
+                self._clock.share([self._log])
+                self._log.episode(
+                    self.num_timesteps, episode_return, length, sb3.losses(self.model)
+                )
+                self._progress(self.num_timesteps, episode_return)
+                if self._pace.due():
+                    self._pace.spent(self._log.commit())
+        if self._evaluator.due(self.num_timesteps):
+            returns = self._evaluator(sb3.policy(self.model).act, self.num_timesteps)
+            self._clock.share([self._log])
+            self._log.evaluation(self.num_timesteps, returns)
+        return True

@@ -1,0 +1,116 @@
+"""How long a run will take on this machine, measured within seconds on a throw-away agent."""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from jbench.agents import sb3
+from jbench.agents.batched.off_policy import schedule
+from jbench.agents.settings import OffPolicySettings, PPOSettings
+from jbench.encoders import Encoder
+from jbench.names import EPISODE_STEPS
+from jbench.training.batched_run import engine_of
+from jbench.training.sb3_run import make_env
+from jbench.training.settings import RunSettings
+
+_STEPS, _UPDATES = 300, 20
+
+
+def seconds_per_step(
+    runs: Sequence[RunSettings], encoder: Encoder | None, device: str = "cpu"
+) -> float:
+    """Returns the seconds in which each of some runs advances a control step, evaluations included.
+
+    The agents that are measured are thrown away, and no generator of the runs has been made yet, so
+    that the measurement changes nothing of them.
+
+    Args:
+        runs: that go on side by side in one process, of settings that differ in their seeds alone.
+        encoder: of their observations.
+        device: that the batched engine learns on.
+    """
+    settings = runs[0]
+    evaluation_steps = settings.evaluate_episodes * EPISODE_STEPS
+    evaluations = max(1, settings.steps // settings.evaluate_every)
+    share = len(runs) * evaluations * evaluation_steps / settings.steps
+    if settings.engine == "batched":
+        learning = _batched(settings, len(runs), encoder, device)
+    else:
+        env = DummyVecEnv([lambda: make_env(settings, encoder)] * settings.environments)
+        learning = (_on_policy if settings.algo == "ppo" else _off_policy)(settings, env)
+    return learning + share * _stepping(settings, encoder)
+
+
+def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device: str) -> float:
+    """Returns the seconds of a control step of each seed, from a rollout with its updates."""
+    algorithm, first = settings.algorithm, 0
+    if isinstance(algorithm, PPOSettings):
+        rollout, measured = algorithm.n_steps * algorithm.n_envs, settings
+    else:
+        assert isinstance(algorithm, OffPolicySettings)
+        often = _short_schedule(algorithm, settings.environments)
+        rollout = max(often["train_freq"], _UPDATES)
+        # Until there is something to learn from, and the first updates have been made.
+        first = algorithm.batch_size + rollout
+        changes = {"buffer_size": _STEPS, "learning_starts": algorithm.batch_size, **often}
+        measured = settings.model_copy(
+            update={"hyperparameters": {**settings.hyperparameters, **changes}}
+        )
+    with engine_of(measured, list(range(seeds)), encoder, device) as engine:
+        for _ in engine.learn(first):
+            pass
+        before, began = engine.control_steps, time.perf_counter()
+        for _ in engine.learn(before + rollout):
+            pass
+        return (time.perf_counter() - began) / (engine.control_steps - before)
+
+
+def _short_schedule(settings: OffPolicySettings, environments: int) -> dict[str, int]:
+    """Returns `train_freq` and `gradient_steps` of the engine's ratio, if possible `_UPDATES`."""
+    steps, updates = schedule(settings, environments)
+    most = max(1, updates // _UPDATES)
+    parts = max(n for n in range(1, most + 1) if steps % n == updates % n == 0)
+    return {"train_freq": steps // parts * environments, "gradient_steps": updates // parts}
+
+
+def _stepping(settings: RunSettings, encoder: Encoder | None) -> float:
+    """Returns the seconds of a control step without any learning."""
+    env = make_env(settings, encoder)
+    env.reset(seed=0)
+    action = np.zeros(1, np.float32)
+    began = time.perf_counter()
+    for _ in range(_STEPS):
+        env.step(action)
+    return float((time.perf_counter() - began) / _STEPS)
+
+
+def _on_policy(settings: RunSettings, env: DummyVecEnv) -> float:
+    """Returns the seconds of a control step, from one rollout and its updates."""
+    rollout = settings.hyperparameters["n_steps"] * settings.environments
+    agent = sb3.build(settings.algo, settings.algorithm, env, seed=0)
+    began = time.perf_counter()
+    agent.learn(rollout)
+    return float((time.perf_counter() - began) / rollout)
+
+
+def _off_policy(settings: RunSettings, env: DummyVecEnv) -> float:
+    """Returns the seconds of a control step and its share of the updates."""
+    batch_size = settings.hyperparameters["batch_size"]
+    changes = {"buffer_size": max(_STEPS, batch_size), "learning_starts": 10 * _STEPS}
+    patient = settings.algorithm.model_copy(update=changes)
+    agent = sb3.build(settings.algo, patient, env, seed=0)
+    assert isinstance(agent, OffPolicyAlgorithm)
+    began = time.perf_counter()
+    agent.learn(_STEPS)
+    stepping = (time.perf_counter() - began) / _STEPS
+    times = []
+    for _ in range(_UPDATES):
+        began = time.perf_counter()
+        # Two at a time: TD3 updates its actor at every other one.
+        agent.train(gradient_steps=2, batch_size=batch_size)
+        times.append((time.perf_counter() - began) / 2)
+    updates = settings.hyperparameters["gradient_steps"] / settings.hyperparameters["train_freq"]
+    return float(stepping + updates * np.median(times))

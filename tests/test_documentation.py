@@ -196,10 +196,8 @@ def test_queries_of_encoders_md_name_a_column_of_one_table(output):
 
 def test_readme_and_page_cite_the_paper():
     readme = " ".join((ROOT / "README.md").read_text().split())
-    assert (
-        f"{citation.AUTHORS[0]}, {citation.AUTHORS[1]} and {citation.AUTHORS[2]}, *{citation.TITLE}*"
-        in readme
-    )
+    first, second, third = citation.AUTHORS
+    assert f"{first}, {second} and {third}, *{citation.TITLE}*" in readme
     assert f"{citation.VENUE}, {citation.YEAR}" in readme
     page = html.unescape(render_document(Document("", [], [], [], [], pd.DataFrame(), "")))
     assert citation.CITATION in page

@@ -8,7 +8,6 @@ from typing import Any
 import pandas as pd
 
 from jbench.report import summary
-from jbench.report.analysis import reduction
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.data.published import PublishedCurve
@@ -16,7 +15,7 @@ from jbench.report.document import Document, Item, Section, TableItem
 from jbench.report.figures import figure_items
 from jbench.report.figures.behaviour import Behaviour
 from jbench.report.request import Request
-from jbench.report.tables import claim_items, table_items
+from jbench.report.tables import claim_items, reduction_items, table_items
 from jbench.report.views import View
 
 _SEEDS = (
@@ -187,14 +186,14 @@ def _returns(view: View, made_of: Material) -> list[Item]:
 
 def _answers(views: Sequence[View]) -> list[str]:
     """Returns what the representations do, a sentence for each claim and kind of return."""
-    said = [one for view in views for one in reduction.sentences(view.reductions, view.kind)]
+    said = [one for view in views for one in reduction_items.sentences(view.reductions, view.kind)]
     return [_REDUCTION, *said]
 
 
 def _reduction(made_of: Material) -> list[Item]:
     drawn = [item for view in made_of.views for item in figure_items.of_reduction(view)]
     tables = (
-        reduction.table(view.reductions, view.kind, view.file("reduction_tests"))
+        reduction_items.table(view.reductions, view.kind, view.file("reduction_tests"))
         for view in made_of.views
     )
     return [*drawn, *_present(tables)]

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from jbench.report.figures.figure import Figure
+from jbench.report.figure import Figure
 
 
 @dataclass(frozen=True)

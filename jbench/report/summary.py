@@ -5,16 +5,15 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
-from jbench.report import formatting
-from jbench.report.analysis import agreement, reduction
+from jbench.report import agreement, formatting
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.analysis.statistics import DECIDING_SEEDS
-from jbench.report.data.cells import Cell
+from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.data.returns import TRAINING
-from jbench.report.figures.curve_series import SOLVED
-from jbench.report.figures.learning_curves import display_name
+from jbench.report.formatting import display_name
 from jbench.report.request import Request
+from jbench.report.tables import reduction_items, values
 from jbench.report.views import View
 
 _MOST_NAMED = 12
@@ -39,7 +38,9 @@ def sentences(
     said = [_what_was_run(views, runs), *map(_what_is_solved, views), *agreement.on_solved(views)]
     lead = views[0]
     if lead.reductions:
-        said.append(f"Does reduction help? {reduction.sentence('a', lead.reductions, lead.kind)}")
+        said.append(
+            f"Does reduction help? {reduction_items.sentence('a', lead.reductions, lead.kind)}"
+        )
     if request.compare:
         said += [sentence for view in views for sentence in _how_they_compare(view.comparisons)]
     if findings is None:
@@ -67,8 +68,8 @@ def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
 
 
 def _described(cell: Cell) -> str:
-    steps = formatting.trained(cell).text
-    return f"{agreement.named(cell)}, {steps} control steps, {formatting.count_of(cell, len(cell.seeds))}"
+    steps, count = values.trained(cell).text, values.count_of(cell, len(cell.seeds))
+    return f"{values.cell_name(cell)}, {steps} control steps, {count}"
 
 
 def _what_is_solved(view: View) -> str:
@@ -76,7 +77,7 @@ def _what_is_solved(view: View) -> str:
     states = {name: [] for name in agreement.STATES}  # type: dict[str, list[str]]
     for summary in view.statistics:
         state, text = agreement.solved(summary)
-        states[state].append(f"{agreement.named(summary.cell)} ({text})")
+        states[state].append(f"{values.cell_name(summary.cell)} ({text})")
     said = (
         f"Solved by the {view.kind.long}, with the whole 95% interval of the median at {SOLVED} or "
         f"more, of at least {DECIDING_SEEDS} seeds: {'; '.join(states['solved']) or 'nothing'}."
@@ -89,15 +90,15 @@ def _what_is_solved(view: View) -> str:
 
 def _how_they_compare(found: Sequence[Comparison]) -> Iterator[str]:
     for one in found:
-        improvement = formatting.estimate(one.improvement, formatting.ratio)
-        gap = formatting.estimate(one.difference, formatting.signed)
+        improvement = values.estimate(one.improvement, formatting.ratio)
+        gap = values.estimate(one.difference, formatting.signed)
         if improvement is not None and gap is not None:
             yield (
                 f"{one.ours.task} {display_name(one.ours.algo)} {one.ours.seen}, "
                 f"{one.ours.kind.plural}: a run of {one.ours.source} ends above one of "
                 f"{one.theirs.source} with a probability of {improvement.text}; the interquartile "
-                f"means differ by {gap.text} at {formatting.steps(one.control_steps)} control steps "
-                f"(n = {one.seeds[0]}, {one.seeds[1]}; 95% intervals)."
+                f"means differ by {gap.text} at {formatting.steps(one.control_steps)} control "
+                f"steps (n = {one.seeds[0]}, {one.seeds[1]}; 95% intervals)."
             )
 
 

@@ -9,11 +9,10 @@ from jbench.report.analysis.comparisons import Comparison
 from jbench.report.analysis.examine import examine
 from jbench.report.analysis.reduction import Group, Reduction
 from jbench.report.analysis.scores import Summary
-from jbench.report.data.cells import Cell, of_kind, paper_order
+from jbench.report.data.cells import Cell, LearnedCurve, of_kind, paper_order
 from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns, in_order_of
-from jbench.report.figures.curve_series import LearnedCurve
 from jbench.report.request import Request
 
 Compare = Callable[[Sequence[Sequence[Cell]]], list[Comparison]]

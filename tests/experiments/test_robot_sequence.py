@@ -14,12 +14,11 @@ from jbench import cli
 from jbench.agents import sb3
 from jbench.policies.saved import load_agent
 from jbench.report.data.building import build_cells, usable_runs
-from jbench.report.data.cells import of_kind
+from jbench.report.data.cells import LearnedCurve, of_kind
 from jbench.report.data.curves import learning_curve
 from jbench.report.data.published import read_published, read_sequences
 from jbench.report.data.returns import TRAINING
 from jbench.report.data.summaries import summary_table
-from jbench.report.figures.curve_series import LearnedCurve
 from jbench.store import Results, query, schema
 from jbench.tasks import model
 from jbench.training import sb3_run as running

@@ -7,10 +7,9 @@ import pyarrow as pa
 import pytest
 
 from jbench.report.data.building import build_cells, usable_runs
-from jbench.report.data.cells import of_kind
+from jbench.report.data.cells import LearnedCurve, of_kind
 from jbench.report.data.published import read_published
 from jbench.report.data.returns import TRAINING
-from jbench.report.figures.curve_series import LearnedCurve
 from jbench.report.request import Request
 from jbench.report.views import curve_of
 from jbench.store import Results, query, schema

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.report.document import Document, FigureItem, Section, TableItem, Value
-from jbench.report.figures.figure import (
+from jbench.report.figure import (
     Axis,
     Band,
     CellText,

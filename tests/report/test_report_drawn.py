@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from jbench.report import Request, write_report
+from jbench.report.data.cells import SOLVED
 from jbench.report.figures import heat_map, layout, plotting, processor, profiles
-from jbench.report.figures.curve_series import SOLVED
 from jbench.report.figures.learning_curves import ALGORITHM_COLORS, comparison_figures, grid_figure
 
 RETURNS = np.linspace(0, 800, 40)

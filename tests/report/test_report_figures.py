@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from jbench.names import ALGORITHMS, TASKS
+from jbench.report.figure import DOTS
 from jbench.report.figures import plotting
 from jbench.report.figures.curve_series import SOLVED_LINE
-from jbench.report.figures.figure import DOTS
 from jbench.report.figures.learning_curves import (
     ALGORITHM_COLORS,
     ENCODED_COLORS,

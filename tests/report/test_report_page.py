@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 from jbench.report.document import FigureItem, Section, TableItem, Value
-from jbench.report.figures.figure import Axis, Band, Figure, HeatMap, Panel, Series, Style
+from jbench.report.figure import Axis, Band, Figure, HeatMap, Panel, Series, Style
 from jbench.report.page import colors, downloads, render_document, tables, text, values, vector
 from jbench.report.page.budget import share_each
 

@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import expect, sync_playwright
 
 from jbench.report.document import FigureItem, Section, TableItem
-from jbench.report.figures.figure import Axis, Band, Panel, Series, Style
+from jbench.report.figure import Axis, Band, Panel, Series, Style
 from jbench.report.figures.plotting import draw, to_png
 from jbench.report.page import colors, render_document
 

@@ -9,6 +9,7 @@ from jbench.report.data.returns import TRAINING
 from jbench.report.figures.reduction_figure import reduction_figure
 from jbench.report.report import write_report
 from jbench.report.request import Request
+from jbench.report.tables import reduction_items
 
 CLOSE = np.linspace(-10, 10, 8)
 FINALS = {
@@ -38,7 +39,8 @@ def test_each_representation_is_compared_with_both_baselines(fabric):
     assert {name for name, _ in found} == {"planar12", "dae12", "pca4"}
     assert len(found) == 6
     outcomes = {
-        key: [reduction.outcome(finding) for finding in one.findings] for key, one in found.items()
+        key: [reduction_items.outcome(finding) for finding in one.findings]
+        for key, one in found.items()
     }
     higher, lower = "higher by more than 50", "lower by more than 50"
     assert outcomes["planar12", "full"] == [higher, "undecided", "faster"]
@@ -53,7 +55,7 @@ def test_each_representation_is_compared_with_both_baselines(fabric):
 
 def test_the_sentence_names_each_outcome_with_interval_and_seeds(fabric):
     learn(fabric, {name: FINALS[name] for name in ("full", "scaled16", "planar12", "dae12")})
-    said = reduction.sentence("a", found_in(fabric), TRAINING)
+    said = reduction_items.sentence("a", found_in(fabric), TRAINING)
     assert said.startswith("(a) Final training return: against full, higher by more than 50: ")
     against_full, against_scaled = said.split("; against scaled, ")
     assert "face_direction TD3 planar12 (+200 [" in against_full
@@ -65,7 +67,7 @@ def test_the_sentence_names_each_outcome_with_interval_and_seeds(fabric):
 def test_few_seeds_decide_nothing(fabric):
     learn(fabric, {name: FINALS[name][:5] for name in ("full", "planar12")})
     (one,) = found_in(fabric)
-    assert [reduction.outcome(finding) for finding in one.findings] == ["undecided"] * 3
+    assert [reduction_items.outcome(finding) for finding in one.findings] == ["undecided"] * 3
 
 
 def test_cells_that_differ_in_more_than_their_representation_are_not_compared(fabric):

@@ -11,7 +11,7 @@ from jbench.report import formatting
 from jbench.report.analysis.scores import Statistic
 from jbench.report.analysis.statistics import Estimate
 from jbench.report.document import TableItem, Value
-from jbench.report.tables import files
+from jbench.report.tables import files, values
 
 
 def item(**columns):
@@ -95,25 +95,25 @@ class TestWording:
         ],
     )
     def test_an_estimate_is_said_with_its_interval(self, found, said):
-        assert formatting.estimate(found).text == said
+        assert values.estimate(found).text == said
 
     def test_an_infinite_end_of_steps_is_not_reached_and_that_of_a_ratio_no_upper_bound(self):
         end = Estimate(math.inf, math.inf, math.inf, math.nan)
         late = Estimate(123_456.0, 9000.0, math.inf, math.nan)
-        assert formatting.estimate(end, formatting.steps).text == "not reached"
-        assert formatting.estimate(late, formatting.steps).text == "123k [9k, not reached]"
+        assert values.estimate(end, formatting.steps).text == "not reached"
+        assert values.estimate(late, formatting.steps).text == "123k [9k, not reached]"
         wide = Estimate(0.87, 0.0, math.inf, math.nan)
-        assert formatting.estimate(wide, formatting.ratio).text == "0.87 [0.00, no upper bound]"
-        assert formatting.estimate(wide, formatting.ratio).data == {
+        assert values.estimate(wide, formatting.ratio).text == "0.87 [0.00, no upper bound]"
+        assert values.estimate(wide, formatting.ratio).data == {
             "": 0.87,
             "low": 0.0,
             "high": math.inf,
         }
 
     def test_nothing_is_said_of_nothing(self):
-        assert formatting.estimate(None) is None
-        assert formatting.estimate(Estimate(math.nan, math.nan, math.nan, math.nan)) is None
-        assert formatting.reached(None) is None
+        assert values.estimate(None) is None
+        assert values.estimate(Estimate(math.nan, math.nan, math.nan, math.nan)) is None
+        assert values.reached(None) is None
 
     def test_differences_have_a_sign_and_no_minus_zero(self):
         assert [formatting.signed(x) for x in (12.4, -12.4, 0.2, -0.2)] == ["+12", "-12", "0", "0"]
@@ -131,7 +131,7 @@ class TestWording:
             fabric.run([10.0 * seed], seed)
         fabric.run([7.0], algo="sac")
         fabric.run([math.nan], algo="ddpg")
-        nothing, one, several = map(formatting.spread, fabric.cells()[0])
+        nothing, one, several = map(values.spread, fabric.cells()[0])
         assert several.text == "50 [10, 90], n = 11"
         assert several.data == {"": 50, "10th percentile": 10, "90th percentile": 90, "n": 11}
         assert one.text == "7, n = 1"
@@ -140,4 +140,4 @@ class TestWording:
     def test_how_many_reach_a_threshold(self):
         nothing = Estimate(math.inf, math.inf, math.inf, math.nan)
         one = Statistic("steps_to_solved", "median", nothing, 10, 3, 900.0, 40)
-        assert formatting.reached(one).text == "3 of 10"
+        assert values.reached(one).text == "3 of 10"

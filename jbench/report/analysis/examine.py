@@ -21,10 +21,9 @@ from jbench.report.analysis.claims import (
 )
 from jbench.report.analysis.comparisons import algorithm_pairs
 from jbench.report.analysis.scores import Scores, common_steps, scores_of
-from jbench.report.data.cells import Cell
+from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.returns import EVALUATION, Returns
-from jbench.report.figures.curve_series import SOLVED
 from jbench.report.formatting import steps
 
 

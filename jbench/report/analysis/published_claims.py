@@ -26,9 +26,9 @@ from jbench.report.analysis.claims import (
     Verdict,
 )
 from jbench.report.analysis.examine import decide
+from jbench.report.data.cells import SOLVED
 from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import TRAINING
-from jbench.report.figures.curve_series import SOLVED
 
 SEEDS = 10
 """Of the paper's Figures 8 and 9."""

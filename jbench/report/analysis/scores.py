@@ -9,11 +9,10 @@ import pandas as pd
 
 from jbench.names import FULL
 from jbench.report.analysis import statistics as st
-from jbench.report.data.cells import Cell
+from jbench.report.data.cells import SOLVED, Cell, LearnedCurve
 from jbench.report.data.curves import FloatArray, final_returns
 from jbench.report.data.published import PublishedCurve, best_at_end
 from jbench.report.data.returns import TRAINING
-from jbench.report.figures.curve_series import SOLVED, LearnedCurve
 
 UNCERTAINTY = "uncertainty (95% interval)"
 """What the ends of an interval are called wherever one stands."""

@@ -3,15 +3,18 @@
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jbench.names import ALGORITHMS, FULL, TASKS
-from jbench.report.data.curves import BoolArray, FloatArray, IntArray
+from jbench.report.data.curves import BoolArray, Curve, FloatArray, IntArray
 from jbench.report.data.returns import Returns
 from jbench.report.data.variants import comparable
 from jbench.store.identity import settings_hash
+
+SOLVED = 900
+"""Episode return from which a task counts as solved (paper, Figure 9)."""
 
 OURS = "ours"
 """The source of the runs of the results that are reported."""
@@ -141,3 +144,10 @@ def paper_order(cell: Cell) -> tuple[Any, ...]:
         cell.representation,
         cell.source,
     )
+
+
+class LearnedCurve(NamedTuple):
+    """A cell and the curve that its runs give."""
+
+    cell: Cell
+    curve: Curve

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.report.data.cells import Cell
+from jbench.report.data.cells import Cell, LearnedCurve
 from jbench.report.data.curves import QUANTILES, final_returns, quantiles_across_seeds
 from jbench.report.data.published import (
     PPO_ENVIRONMENTS,
@@ -16,7 +16,6 @@ from jbench.report.data.published import (
     best_median,
 )
 from jbench.report.data.returns import KINDS, TRAINING
-from jbench.report.figures.curve_series import LearnedCurve
 
 _KEY = ("task", "algo", "representation", "variant", "source")
 _RETURN = ("return_median", "return_q10", "return_q90", "return_steps")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import WorkError
 from jbench.report.data.cells import file_name
-from jbench.report.figures.figure import Axis, Figure, HeatMap, Panel, Series, Style, padded
+from jbench.report.figure import Axis, Figure, HeatMap, Panel, Series, Style, padded
 from jbench.store import Record, Results, schema
 
 _COLORS = ("#009e73", "#e69f00", "#0072b2", "#cc79a7")

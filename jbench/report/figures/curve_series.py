@@ -5,13 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.report.data.cells import Cell
-from jbench.report.data.curves import Curve, IntArray
+from jbench.report.data.cells import SOLVED, LearnedCurve
+from jbench.report.data.curves import IntArray
 from jbench.report.data.published import PublishedCurve
-from jbench.report.figures.figure import DOTS, Axis, Band, Dash, ReferenceLine, Series, Shade, Style
-
-SOLVED = 900
-"""Episode return from which a task counts as solved (paper, Figure 9)."""
+from jbench.report.figure import DOTS, Axis, Band, Dash, ReferenceLine, Series, Shade, Style
 
 BAND_SEEDS = 3
 """Seeds from which a band is drawn: fewer have no spread worth the name."""
@@ -34,13 +31,6 @@ _MAX_MARKED = 40
 
 KEY_COLOR = "0.25"
 """Of lines in a key that stand for curves of every colour."""
-
-
-class LearnedCurve(NamedTuple):
-    """A cell and the curve that its runs give."""
-
-    cell: Cell
-    curve: Curve
 
 
 class Look(NamedTuple):

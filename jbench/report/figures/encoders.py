@@ -11,8 +11,7 @@ from jbench.names import ENCODER_KINDS, TASKS
 from jbench.report.data.cells import in_order
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.variants import variant_labels
-from jbench.report.figures.curve_series import KEY_COLOR
-from jbench.report.figures.figure import (
+from jbench.report.figure import (
     Axis,
     Dash,
     Figure,
@@ -22,6 +21,7 @@ from jbench.report.figures.figure import (
     Style,
     padded,
 )
+from jbench.report.figures.curve_series import KEY_COLOR
 from jbench.store.identity import settings_hash
 
 # After Okabe and Ito, 2008.

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from jbench.report.analysis import reduction
-from jbench.report.data.cells import file_name
+from jbench.report.data.cells import LearnedCurve, file_name
 from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import FigureItem
@@ -22,8 +22,7 @@ from jbench.report.figures import (
     sequences,
 )
 from jbench.report.figures.behaviour import Behaviour
-from jbench.report.figures.curve_series import LearnedCurve
-from jbench.report.figures.learning_curves import display_name
+from jbench.report.formatting import display_name
 from jbench.report.request import Request
 from jbench.report.views import View
 

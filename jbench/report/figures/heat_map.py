@@ -10,8 +10,9 @@ from jbench.names import TASKS
 from jbench.report import formatting
 from jbench.report.analysis.scores import scores_of
 from jbench.report.data.cells import Cell, in_order
-from jbench.report.figures.figure import Axis, CellText, Figure, HeatMap, Panel
-from jbench.report.figures.learning_curves import display_name
+from jbench.report.figure import Axis, CellText, Figure, HeatMap, Panel
+from jbench.report.formatting import display_name
+from jbench.report.tables import values
 
 _BRIGHT = 450
 """Median return above which a cell's colour is bright enough for black text."""
@@ -88,7 +89,7 @@ def matrix_figure(cells: Sequence[Cell]) -> Figure:
         if not len(final):
             continue
         low, median, high = np.percentile(final, (10, 50, 90))
-        steps, count = formatting.trained(cell).text, formatting.count_of(cell, len(final))
+        steps, count = values.trained(cell).text, values.count_of(cell, len(final))
         text = f"{median:.0f} [{low:.0f}, {high:.0f}]\n{steps} steps\n{count}"
         colored = colored_steps is not None and _steps(cell) == colored_steps
         if colored:

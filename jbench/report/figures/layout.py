@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from textwrap import wrap
 from typing import NamedTuple
 
-from jbench.report.figures.figure import Figure, HeatMap
+from jbench.report.figure import Figure, HeatMap
 
 # Inches.
 _LEFT, _RIGHT, _TOP, _BELOW = 0.7, 0.2, 0.35, 0.55

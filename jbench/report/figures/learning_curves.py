@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from jbench.names import ALGORITHMS, FULL, TASKS, Order
-from jbench.report.data.cells import in_order
+from jbench.report.data.cells import LearnedCurve, in_order
 from jbench.report.data.published import PPO_ENVIRONMENTS, PublishedCurve
 from jbench.report.data.returns import TRAINING, Returns
+from jbench.report.figure import Axis, Figure, Panel, Series
 from jbench.report.figures import curve_series
-from jbench.report.figures.curve_series import LearnedCurve
-from jbench.report.figures.figure import Axis, Figure, Panel, Series
+from jbench.report.formatting import display_name
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart too.
 ALGORITHM_COLORS = {"ddpg": "#0072B2", "ppo": "#E69F00", "sac": "#009E73", "td3": "#CC79A7"}
@@ -114,11 +114,6 @@ def algorithm_colors(algorithms: Sequence[str]) -> dict[str, str]:
     others = in_order(set(algorithms) - set(ALGORITHMS), ())
     further = {name: _FURTHER_COLORS[i % len(_FURTHER_COLORS)] for i, name in enumerate(others)}
     return ALGORITHM_COLORS | further
-
-
-def display_name(algo: str) -> str:
-    """Returns an algorithm's name as the paper writes it, or as its author does."""
-    return algo.upper() if algo in ALGORITHMS else algo
 
 
 def _shown_in_grid(learned: Sequence[LearnedCurve], task: str) -> list[LearnedCurve]:

@@ -18,8 +18,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from jbench.report.figure import DOTS, Axis, Figure, HeatMap, Panel, Series, Shade, Style
 from jbench.report.figures import layout
-from jbench.report.figures.figure import DOTS, Axis, Figure, HeatMap, Panel, Series, Shade, Style
 from jbench.report.figures.layout import SCREEN, SMALL, Box, Sheet
 
 KEPT = "heat-map"

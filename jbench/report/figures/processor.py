@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 
 from jbench.names import TASKS
-from jbench.report.data.cells import Cell, in_order
+from jbench.report.data.cells import Cell, LearnedCurve, in_order
 from jbench.report.data.curves import FloatArray, centres
+from jbench.report.figure import Axis, Figure, Panel, Series, Style
 from jbench.report.figures import curve_series
-from jbench.report.figures.curve_series import LearnedCurve
-from jbench.report.figures.figure import Axis, Figure, Panel, Series, Style
-from jbench.report.figures.learning_curves import algorithm_colors, display_name
+from jbench.report.figures.learning_curves import algorithm_colors
+from jbench.report.formatting import display_name
 
 _UNITS = ((7200.0, 3600.0, "hours"), (120.0, 60.0, "minutes"), (0.0, 1.0, "seconds"))
 _MAX_POINTS = 400

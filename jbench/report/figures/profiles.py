@@ -8,16 +8,9 @@ import pandas as pd
 from jbench.names import TASKS
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import scores_of
-from jbench.report.data.cells import OURS, Cell, in_order
+from jbench.report.data.cells import OURS, SOLVED, Cell, in_order
 from jbench.report.data.curves import FloatArray
-from jbench.report.figures.curve_series import (
-    KEY_COLOR,
-    LINE_STYLES,
-    SOLVED,
-    SOLVED_KEY,
-    SOLVED_STYLE,
-)
-from jbench.report.figures.figure import (
+from jbench.report.figure import (
     Axis,
     Band,
     Dash,
@@ -28,8 +21,10 @@ from jbench.report.figures.figure import (
     Shade,
     Style,
 )
-from jbench.report.figures.learning_curves import algorithm_colors, display_name
-from jbench.report.formatting import trained
+from jbench.report.figures.curve_series import KEY_COLOR, LINE_STYLES, SOLVED_KEY, SOLVED_STYLE
+from jbench.report.figures.learning_curves import algorithm_colors
+from jbench.report.formatting import display_name
+from jbench.report.tables.values import trained
 
 THRESHOLDS: FloatArray = np.linspace(0, 1000, 201)
 """Episode returns at which a profile is drawn."""

@@ -8,9 +8,7 @@ from jbench.names import FULL, kind_of
 from jbench.report import formatting
 from jbench.report.analysis.reduction import BASELINES, SCALED, Group, Point
 from jbench.report.analysis.statistics import LEAST_SEEDS
-from jbench.report.figures import curve_series
-from jbench.report.figures.encoders import look_of
-from jbench.report.figures.figure import (
+from jbench.report.figure import (
     Axis,
     Band,
     Figure,
@@ -20,7 +18,10 @@ from jbench.report.figures.figure import (
     Shade,
     Style,
 )
-from jbench.report.figures.learning_curves import display_name
+from jbench.report.figures import curve_series
+from jbench.report.figures.encoders import look_of
+from jbench.report.formatting import display_name
+from jbench.report.tables import values
 
 _BASELINE_STYLES = {FULL: Style("#595959"), SCALED: Style("#b8a200", "--")}
 _WIDTH = 0.7
@@ -116,4 +117,4 @@ def _has_interval(point: Point) -> bool:
 
 def _label(point: Point) -> str:
     cell = point.cell
-    return f"{cell.seen} ({formatting.count_of(cell, len(point.final))})"
+    return f"{cell.seen} ({values.count_of(cell, len(point.final))})"

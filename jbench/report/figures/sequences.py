@@ -5,18 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from jbench.names import Order
-from jbench.report.data.cells import Cell
+from jbench.report.data.cells import Cell, LearnedCurve
 from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.published import SEQUENCE_ROBOTS, PublishedCurve
+from jbench.report.figure import Figure, Panel, ReferenceLine, Series, Style
 from jbench.report.figures import curve_series
-from jbench.report.figures.curve_series import LearnedCurve
-from jbench.report.figures.figure import Figure, Panel, ReferenceLine, Series, Style
-from jbench.report.figures.learning_curves import (
-    ALGORITHM_COLORS,
-    band_text,
-    display_name,
-    order_text,
-)
+from jbench.report.figures.learning_curves import ALGORITHM_COLORS, band_text, order_text
+from jbench.report.formatting import display_name
 
 SEQUENCE_WINDOW = 20
 """Episodes in a moving average, which is of one robot's episodes only (the authors' script)."""

@@ -8,7 +8,7 @@ from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from jbench.report.data.curves import FloatArray
-from jbench.report.figures.figure import Axis, Figure, HeatMap, Panel, Series
+from jbench.report.figure import Axis, Figure, HeatMap, Panel, Series
 from jbench.report.page.colors import both
 from jbench.report.page.text import plain
 

@@ -8,7 +8,7 @@ import re
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-from jbench.report.figures.figure import Figure
+from jbench.report.figure import Figure
 from jbench.report.figures.layout import SCREEN, Sheet
 from jbench.report.figures.plotting import KEPT, draw, to_svg
 from jbench.report.page.text import html

@@ -9,6 +9,7 @@ from jbench.report import formatting
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.document import TableItem, Value
+from jbench.report.tables import values
 
 
 def verdicts(findings: Sequence[Finding]) -> TableItem:
@@ -55,7 +56,7 @@ def findings_table(findings: Sequence[Finding]) -> TableItem | None:
             "returns": one.returns,
             "compared": one.compared,
             "n": one.seeds,
-            "effect": formatting.estimate(one.effect, say.get(one.claim, formatting.signed)),
+            "effect": values.estimate(one.effect, say.get(one.claim, formatting.signed)),
             "verdict": one.verdict,
             "seeds that would decide": _seeds_needed(one),
             "remark": one.remark,

@@ -9,13 +9,13 @@ from jbench.report import formatting
 from jbench.report.analysis.comparisons import Comparison, best_of
 from jbench.report.analysis.scores import SPREADS
 from jbench.report.analysis.statistics import DECIDING_SEEDS, LEAST_SEEDS
-from jbench.report.data.cells import Cell, in_order
+from jbench.report.data.cells import SOLVED, Cell, in_order
 from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import TRAINING
 from jbench.report.data.summaries import published_beside
 from jbench.report.document import TableItem, Value
-from jbench.report.figures.curve_series import SOLVED
-from jbench.report.figures.learning_curves import display_name
+from jbench.report.formatting import display_name
+from jbench.report.tables import values
 from jbench.report.views import View
 
 _INTERVAL = (
@@ -42,10 +42,10 @@ def final_returns(view: View) -> TableItem:
     tasks = in_order({cell.task for cell in cells}, TASKS)
     best = [best_of([c for c in cells if c.task == task and c.robots <= 1]) for task in tasks]
     rows: dict[tuple[object, ...], dict[str, object]] = {}
-    for cell, named in zip(cells, formatting.names(cells, task=False), strict=True):
-        steps = formatting.trained(cell)
+    for cell, named in zip(cells, values.names(cells, task=False), strict=True):
+        steps = values.trained(cell)
         row = rows.setdefault((*named.values(), steps.text), {**named, "control steps": steps})
-        row[cell.task] = formatting.spread(cell, best=any(cell is one for one in best))
+        row[cell.task] = values.spread(cell, best=any(cell is one for one in best))
     heading = [name for name in next(iter(rows.values())) if name not in tasks] + tasks
     return TableItem(
         view.file("final_returns"),
@@ -62,19 +62,19 @@ def final_returns(view: View) -> TableItem:
 def returns_of_cells(view: View, published: Sequence[PublishedCurve]) -> TableItem:
     """Returns the table of final returns with what is uncertain of them."""
     rows = []
-    for named, summary in zip(formatting.names(view.cells), view.statistics, strict=True):
+    for named, summary in zip(values.names(view.cells), view.statistics, strict=True):
         cell, location = summary.cell, summary.get("final_return", "interquartile_mean")
         rows.append(
             {
                 **named,
                 "n": location.seeds if location else 0,
                 "diverged": _diverged(cell),
-                "control steps": formatting.trained(cell),
-                f"final {view.kind.name} return: median": formatting.of_statistic(
+                "control steps": values.trained(cell),
+                f"final {view.kind.name} return: median": values.of_statistic(
                     summary.get("final_return", "median")
                 ),
-                f"final {view.kind.name} return: IQM": formatting.of_statistic(location),
-                f"{view.kind.name} return over the run: IQM": formatting.of_statistic(
+                f"final {view.kind.name} return: IQM": values.of_statistic(location),
+                f"{view.kind.name} return over the run: IQM": values.of_statistic(
                     summary.get("area", "interquartile_mean")
                 ),
                 "published median (training return)": _published(cell, published),
@@ -121,16 +121,16 @@ def spreads(view: View) -> TableItem | None:
     if not found:
         return None
     rows = []
-    for named, summary in zip(formatting.names([s.cell for s in found]), found, strict=True):
+    for named, summary in zip(values.names([s.cell for s in found]), found, strict=True):
         one = summary.get("final_return", "standard_deviation")
         row: dict[str, object] = {**named, "n": one.seeds if one else 0}
-        row["control steps"] = formatting.trained(summary.cell)
+        row["control steps"] = values.trained(summary.cell)
         for name in SPREADS:
             said = _SPREAD_NAMES[name]
-            row[said] = formatting.of_statistic(summary.get("final_return", name))
+            row[said] = values.of_statistic(summary.get("final_return", name))
         for name in SPREADS:
             said = f"{_SPREAD_NAMES[name]}, as a multiple of {FULL}'s"
-            row[said] = formatting.of_statistic(
+            row[said] = values.of_statistic(
                 summary.get("final_return", f"{name}_ratio"), formatting.ratio
             )
         rows.append(row)
@@ -151,8 +151,8 @@ def learning_speed(view: View) -> TableItem | None:
     if not timed:
         return None
     rows = []
-    for named, summary in zip(formatting.names([s.cell for s in timed]), timed, strict=True):
-        row: dict[str, object] = {**named, "trained for": formatting.trained(summary.cell)}
+    for named, summary in zip(values.names([s.cell for s in timed]), timed, strict=True):
+        row: dict[str, object] = {**named, "trained for": values.trained(summary.cell)}
         half = summary.get("steps_to_half_best", "median")
         goals = {"steps_to_solved": str(SOLVED), "steps_to_half_best": _HALF}
         for measure, goal in goals.items():
@@ -160,11 +160,9 @@ def learning_speed(view: View) -> TableItem | None:
             if goal == _HALF:
                 row[_HALF] = half and round(half.threshold or 0)
             row |= {
-                f"seeds that reach {goal}": formatting.reached(median),
-                f"control steps to {goal}: median": formatting.of_statistic(
-                    median, formatting.steps
-                ),
-                f"control steps to {goal}: IQM": formatting.of_statistic(
+                f"seeds that reach {goal}": values.reached(median),
+                f"control steps to {goal}: median": values.of_statistic(median, formatting.steps),
+                f"control steps to {goal}: IQM": values.of_statistic(
                     summary.get(measure, "interquartile_mean"), formatting.steps
                 ),
             }
@@ -179,8 +177,9 @@ def learning_speed(view: View) -> TableItem | None:
         view.file("learning_speed"),
         f"Control steps to a value of the {view.kind.name} return",
         f"When {what}, in control steps over all environments. Seeds that never do are not left "
-        f'out: they count as later than all others, and "{formatting.NOT_REACHED}" says that half of '
-        "the seeds, or an end of the interval, lies there. A run that has not ended may still do. "
+        f'out: they count as later than all others, and "{formatting.NOT_REACHED}" says that half '
+        "of the seeds, or an end of the interval, lies there. A run that has not ended may still "
+        "do. "
         f"{_INTERVAL}{_divergence(view.cells)}",
         pd.DataFrame(rows).dropna(axis="columns", how="all"),
     )
@@ -200,10 +199,8 @@ def comparisons(view: View) -> TableItem | None:
                 "against": _named(one, "theirs"),
                 "n": Value(f"{one.seeds[0]}, {one.seeds[1]}", min(one.seeds), numbers=seeds),
                 "at control step": _steps(one.control_steps),
-                "probability of improvement": formatting.estimate(
-                    one.improvement, formatting.ratio
-                ),
-                f"difference of IQMs of the final {view.kind.name} return": formatting.estimate(
+                "probability of improvement": values.estimate(one.improvement, formatting.ratio),
+                f"difference of IQMs of the final {view.kind.name} return": values.estimate(
                     one.difference, formatting.signed
                 ),
                 "control steps not compared": _steps(one.cut) if one.cut else None,

@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 
-from jbench.report import formatting
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.scores import Summary
 from jbench.report.analysis.statistics import DECIDING_SEEDS
-from jbench.report.data.cells import Cell
-from jbench.report.figures.curve_series import SOLVED
-from jbench.report.figures.learning_curves import display_name
+from jbench.report.data.cells import SOLVED
+from jbench.report.tables import values
 from jbench.report.views import View
 
 STATES = ("solved", "not sure", "not solved")
@@ -21,18 +19,13 @@ _SAID = {
 }
 
 
-def named(cell: Cell) -> str:
-    """Names a cell in a sentence."""
-    return f"{cell.prefix}{cell.task} {display_name(cell.algo)} {cell.seen}"
-
-
 def solved(summary: Summary) -> tuple[str, str]:
     """Returns which of `STATES` a cell is in, and its median with its interval for a reader."""
     one = summary.get("final_return", "median")
-    value = formatting.of_statistic(one)
+    value = values.of_statistic(one)
     if one is None or value is None:
         return "not solved", "no final return"
-    text = f"{value.text}, {formatting.count_of(summary.cell, one.seeds)}"
+    text = f"{value.text}, {values.count_of(summary.cell, one.seeds)}"
     if not one.estimate.value >= SOLVED:
         return "not solved", text
     sure = one.estimate.low >= SOLVED and one.seeds >= DECIDING_SEEDS
@@ -47,7 +40,7 @@ def on_solved(views: Sequence[View]) -> list[str]:
         for summary in view.statistics:
             key = summary.cell.key
             found.setdefault(key, {})[view.kind.name] = solved(summary)
-            names[key] = named(summary.cell)
+            names[key] = values.cell_name(summary.cell)
     differing = [
         f"{names[key]} ({'; '.join(_of_kind(kind, *state) for kind, state in states.items())})"
         for key, states in found.items()

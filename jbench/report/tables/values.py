@@ -1,0 +1,102 @@
+"""Values of tables: estimates with their intervals, counts of seeds, names of cells."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from jbench.report.analysis.scores import Statistic, scores_of
+from jbench.report.analysis.statistics import Estimate
+from jbench.report.data.cells import OURS, Cell
+from jbench.report.document import Value
+from jbench.report.formatting import display_name, steps, whole
+
+
+def estimate(found: Estimate | None, form: Callable[[float], str] = whole) -> Value | None:
+    """Formats a number with its 95% interval, if it has one: `668 [640, 690]`."""
+    if found is None or math.isnan(found.value):
+        return None
+    ends = (found.low, found.high)
+    known = {
+        name: None if math.isnan(x) else x for name, x in zip(("low", "high"), ends, strict=True)
+    }
+    numbers: dict[str, float | None] = {"": found.value, **known}
+    text = _bounded(found.value, form, "infinite")
+    # An interval that begins where nothing is reached says nothing more.
+    if not (np.isnan(ends).any() or math.isinf(found.low)):
+        low, high = form(found.low), _bounded(found.high, form, "no upper bound")
+        text = f"{text} [{low}, {high}]"
+    return Value(text, found.value, numbers=numbers)
+
+
+def of_statistic(one: Statistic | None, form: Callable[[float], str] = whole) -> Value | None:
+    """Formats a statistic with its interval."""
+    return None if one is None else estimate(one.estimate, form)
+
+
+def reached(one: Statistic | None) -> Value | None:
+    """Formats how many seeds reach a threshold: `3 of 10`."""
+    if one is None or one.reached is None:
+        return None
+    numbers = {"": one.reached, "of": one.seeds}
+    return Value(f"{one.reached} of {one.seeds}", one.reached / max(one.seeds, 1), numbers=numbers)
+
+
+def spread(cell: Cell, *, best: bool = False) -> Value | None:
+    """Formats the median over seeds with its 10th and 90th percentiles and the number of seeds."""
+    final = scores_of(cell).final
+    if not len(final):
+        return None
+    low, median, high = np.percentile(final, (10, 50, 90))
+    band = f" [{whole(low)}, {whole(high)}]" if len(final) > 1 else ""
+    numbers = {"": median, "10th percentile": low, "90th percentile": high, "n": len(final)}
+    numbers |= {"diverged": int(cell.diverged.sum())} if cell.diverged.any() else {}
+    text = f"{whole(median)}{band}, {count_of(cell, len(final))}"
+    return Value(text, float(median), best, {name: _plain(x) for name, x in numbers.items()})
+
+
+def cell_name(cell: Cell) -> str:
+    """Names a cell in a sentence."""
+    return f"{cell.prefix}{cell.task} {display_name(cell.algo)} {cell.seen}"
+
+
+def count_of(cell: Cell, seeds: int) -> str:
+    """Formats how many seeds a number is computed from, and how many of them diverged."""
+    return f"n = {seeds}" + (f", {diverged(cell)}" if cell.diverged.any() else "")
+
+
+def diverged(cell: Cell) -> str:
+    """Formats how many seeds of a cell diverged: `2 of 10 diverged`."""
+    return f"{cell.diverged.sum()} of {len(cell.seeds)} diverged"
+
+
+def trained(cell: Cell) -> Value:
+    """Formats the number of control steps for which the seeds of a cell were trained."""
+    low, high = int(cell.steps.min()), int(cell.steps.max())
+    numbers = {"least": low, "most": high}
+    said = dict.fromkeys((steps(low), steps(high)))
+    return Value("\N{EN DASH}".join(said), high, numbers=numbers)
+
+
+def names(cells: Sequence[Cell], *, task: bool = True) -> list[dict[str, object]]:
+    """Returns the first columns of a table with a row for each cell."""
+    sources = any(cell.source != OURS for cell in cells)
+    return [
+        {
+            **({"runs": cell.source} if sources else {}),
+            **({"task": cell.task} if task else {}),
+            "algorithm": display_name(cell.algo),
+            "observation": cell.seen,
+        }
+        for cell in cells
+    ]
+
+
+def _bounded(value: float, form: Callable[[float], str], infinite: str) -> str:
+    """Formats a number that may be infinite; `steps` has its own word for that."""
+    return form(value) if math.isfinite(value) or form is steps else infinite
+
+
+def _plain(value: float) -> float:
+    """Converts a numpy number to a Python one."""
+    return value if isinstance(value, int) else float(value)

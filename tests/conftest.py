@@ -38,9 +38,8 @@ def one_thread():
 @pytest.fixture(scope="session")
 def demo_results(tmp_path_factory):
     """A results directory like that of `make demo`; copy it before anything is written there."""
-    from demo_results import add_demo
-
     from jbench.store import Results
+    from tests.demo_results import add_demo
 
     results = Results(tmp_path_factory.mktemp("demo") / "results")
     add_demo(results)

@@ -7,11 +7,10 @@ import subprocess
 import time
 from pathlib import Path
 
-from command_line import INTERRUPTIBLE
-
 from jbench.store import Results, locks, schema
 from jbench.store.merge import TIMES
 from jbench.sweeps.matrix import all_runs, matrix_cells, read_matrix
+from tests.command_line import INTERRUPTIBLE
 
 SMALL = """
 tasks = ["face_direction"]

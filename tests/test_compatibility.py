@@ -5,7 +5,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from fixtures.make_results import FINISHED, INTERRUPTED, TRAINING, content, this_processor, train
 
 from jbench.cli import main
 from jbench.datasets import DatasetSettings
@@ -15,6 +14,14 @@ from jbench.store import Results, schema
 from jbench.store.merge import TIMES
 from jbench.store.shipped import shipped
 from jbench.training.settings import RunSettings
+from tests.fixtures.make_results import (
+    FINISHED,
+    INTERRUPTED,
+    TRAINING,
+    content,
+    this_processor,
+    train,
+)
 
 FIXTURES = Path(__file__).parent / "fixtures"
 SETTINGS = {

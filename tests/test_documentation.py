@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from documentation import PAGES, ROOT, Session, blocks_of
 from typer.main import get_command
 
 from jbench.cli import app
@@ -24,6 +23,7 @@ from jbench.report.document import Document
 from jbench.report.page import render_document
 from jbench.store import Results
 from jbench.tasks import features
+from tests.documentation import PAGES, ROOT, Session, blocks_of
 
 BLOCKS = {page.name: blocks_of(page.name, page.read_text()) for page in PAGES}
 VERBS = get_command(app).commands

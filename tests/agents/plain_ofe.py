@@ -6,8 +6,9 @@ The page to read before `jbench/agents/batched/features.py`, and its oracle in t
 import copy
 
 import torch
-from plain_ddpg import Network, PlainDDPG
 from torch import nn
+
+from tests.agents.plain_ddpg import Network, PlainDDPG
 
 
 class PlainFeatures(nn.Module):

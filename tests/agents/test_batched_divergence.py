@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from test_batched_engine import FEW, STEPS, engine_of
 
 from jbench.agents.divergence import Divergence
 from jbench.names import ALGORITHMS
+from tests.agents.test_batched_engine import FEW, STEPS, engine_of
 
 SEEDS, DIVERGED = [0, 5, 3], 1
 CRITICS = {"ddpg": "critic", "td3": "critics 1", "sac": "critics 0", "ppo": "critic"}

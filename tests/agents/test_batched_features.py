@@ -2,15 +2,15 @@
 
 import pytest
 import torch
-from batched_oracle import SIZE, settings_of
-from plain_ofe import PlainDDPGOnFeatures, PlainFeatures
-from test_batched_engine import engine_of
-from test_plain_updates import assert_alike, ddpg_layers, start_alike, transitions
 
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.rules import ON_FEATURES
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.ofe import OFESettings
+from tests.agents.batched_oracle import SIZE, settings_of
+from tests.agents.plain_ofe import PlainDDPGOnFeatures, PlainFeatures
+from tests.agents.test_batched_engine import engine_of
+from tests.agents.test_plain_updates import assert_alike, ddpg_layers, start_alike, transitions
 
 SIZES = {
     "alone": OFESettings(units=12, layers=3, standardize_updates=4, learning_rate=1e-3),

@@ -7,12 +7,12 @@ given, and repeated on the same tensors, without the code that made them.
 
 import pytest
 import torch
-from test_batched_engine import LENGTH, SCRIPTS, STEPS, assert_same, engine_of, story
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from jbench.agents.batched.graphs import Captured
 from jbench.names import ALGORITHMS
+from tests.agents.test_batched_engine import LENGTH, SCRIPTS, STEPS, assert_same, engine_of, story
 
 # What looks at numbers, or has outputs whose size depends on them, can't be recorded.
 FORBIDDEN = ("_local_scalar_dense", "nonzero", "masked_select", "is_nonzero", "unique", "equal")

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 import torch
-from batched_oracle import (
+
+from jbench.agents import sb3
+from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.learner import LOSS_SUMS
+from jbench.agents.batched.on_policy import minibatch_of
+from jbench.agents.batched.rollout import Rollout
+from jbench.agents.settings import SCRIPT
+from tests.agents.batched_oracle import (
     SIZE,
     fill,
     largest_difference,
@@ -16,13 +23,6 @@ from batched_oracle import (
     theirs,
     transitions,
 )
-
-from jbench.agents import sb3
-from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.learner import LOSS_SUMS
-from jbench.agents.batched.on_policy import minibatch_of
-from jbench.agents.batched.rollout import Rollout
-from jbench.agents.settings import SCRIPT
 
 # The largest difference of any number after 1, 10 and 100 updates with a step of 1e-3. Numbers
 # are of the order of 0.1, so 1e-6 is what float32 rounds them to a few times over.

@@ -4,15 +4,15 @@ import math
 
 import pytest
 import torch
-from batched_oracle import SIZE, learners_of, settings_of
-from plain_ddpg import PlainDDPG
-from plain_ppo import PlainPPO
 from torch import nn
 
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.network import Affine
 from jbench.agents.batched.ppo import Minibatch
 from jbench.agents.settings import SCRIPT, algorithm_settings
+from tests.agents.batched_oracle import SIZE, learners_of, settings_of
+from tests.agents.plain_ddpg import PlainDDPG
+from tests.agents.plain_ppo import PlainPPO
 
 UPDATES = 50
 

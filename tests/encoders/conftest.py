@@ -4,12 +4,12 @@ from types import SimpleNamespace
 
 import pytest
 import torch
-from encoder_data import make_dataset
 
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.store import Results
+from tests.encoders.encoder_data import make_dataset
 
 
 @pytest.fixture(scope="session", autouse=True)

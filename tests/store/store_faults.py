@@ -17,11 +17,11 @@ import pytest
 PREAMBLE = f"""
 import sys
 from pathlib import Path
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-import store_faults
+sys.path.insert(0, {str(Path(__file__).parents[2])!r})
+from tests.store import store_faults
 from jbench.errors import RequestError, WorkError
 from jbench.store import Record, Results, schema
-from store_rows import ROWS, numbers, read
+from tests.store.store_rows import ROWS, numbers, read
 results = Results(Path(sys.argv[1]))
 """
 

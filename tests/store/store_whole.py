@@ -3,9 +3,9 @@
 import os
 
 import pyarrow as pa
-from store_rows import RUN_SETTINGS, episodes
 
 from jbench.store import schema, settings_hash
+from tests.store.store_rows import RUN_SETTINGS, episodes
 
 
 def add(results, kind, name, settings, tables=None, files=None, finish=True):

@@ -6,7 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 from hypothesis import assume, given
-from robot_states import (
+from scipy.spatial.transform import Rotation
+
+from jbench.names import TASKS
+from jbench.tasks import features, model
+from tests.tasks.robot_states import (
     REST,
     convert,
     numbers,
@@ -19,10 +23,6 @@ from robot_states import (
     turned,
     vectors,
 )
-from scipy.spatial.transform import Rotation
-
-from jbench.names import TASKS
-from jbench.tasks import features, model
 
 PI = math.pi
 

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from dm_control.utils.rewards import tolerance
 from hypothesis import given
-from robot_states import (
+from scipy.spatial.transform import Rotation
+
+from jbench.names import TASKS
+from jbench.tasks import features
+from jbench.tasks.features import Target
+from tests.tasks.robot_states import (
     convert,
     random_states,
     rest,
@@ -15,11 +20,6 @@ from robot_states import (
     targets,
     turned,
 )
-from scipy.spatial.transform import Rotation
-
-from jbench.names import TASKS
-from jbench.tasks import features
-from jbench.tasks.features import Target
 
 PI = math.pi
 

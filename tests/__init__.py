@@ -1,0 +1,1 @@
+"""Tests of jbench, by room: tests/<room>/test_<module>.py."""

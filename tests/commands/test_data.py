@@ -1,0 +1,182 @@
+"""The verbs of datasets as they are typed: what they list, export and refuse."""
+
+import json
+import shutil
+import signal
+import subprocess
+import time
+
+import pytest
+
+from jbench.cli import main
+from jbench.datasets import DatasetSettings, collect
+from jbench.store import Results
+from tests.command_line import INTERRUPTIBLE
+
+
+@pytest.fixture(scope="module")
+def collected(tmp_path_factory):
+    """A results directory with a plain dataset and an augmented one, which is newer."""
+    place = tmp_path_factory.mktemp("collected") / "results"
+    collect(DatasetSettings(steps=2000), Results(place), 2)
+    collect(DatasetSettings(steps=1000, seed=4, augment=11), Results(place), 2)
+    return place
+
+
+@pytest.fixture
+def results(tmp_path, collected):
+    """A copy of it, with an unfinished dataset beside them."""
+    shutil.copytree(collected, tmp_path / "results")
+    settings = DatasetSettings(steps=9000, seed=7)
+    Results(tmp_path / "results").create("dataset", settings.id, settings.model_dump())
+    return tmp_path / "results"
+
+
+def records(results):
+    return {record.settings["seed"]: record for record in Results(results).scan("dataset")[0]}
+
+
+def alter_manifest(record, **changes):
+    path = record.path / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+def refused(capsys, *arguments):
+    """The exit code and the sentence of a verb that fails."""
+    code = main(list(arguments))
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (line,) = (line for line in printed.err.splitlines() if not line.startswith("export "))
+    assert line.startswith("Error: ")
+    return code, line.removeprefix("Error: ")
+
+
+def test_stopped_by_ctrl_c_it_says_that_it_goes_on(tmp_path):
+    arguments = ["collect", "--steps", "500000", "--results", str(tmp_path)]
+    with subprocess.Popen(
+        [*INTERRUPTIBLE, *arguments], stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            deadline = time.monotonic() + 120
+            while not any(tmp_path.rglob("manifest.json")) and time.monotonic() < deadline:
+                time.sleep(0.02)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=120)
+        finally:
+            process.kill()
+    assert said == "Stopped. What was committed is kept; type the same command again.\n"
+    assert process.returncode == 1
+    assert [record.status for record in Results(tmp_path).scan("dataset")[0]] == ["unfinished"]
+
+
+def test_datasets_lists_what_there_is(results, capsys):
+    assert main(["datasets", "--results", str(results)]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    ids = {seed: record.id for seed, record in records(results).items()}
+    assert " ".join(lines[0]) == f"3 datasets in {results}"
+    rows = {line[0]: line[1:] for line in lines if line and line[0] in ids.values()}
+    assert rows[ids[0]][:4] == ["finished", "2,000", "2,000", "plain"]
+    assert rows[ids[4]][:5] == ["finished", "1,000", "1,000", "--augment", "11"]
+    assert rows[ids[7]][:5] == ["unfinished", "0", "9,000", "plain", "0.0"]
+
+
+def test_datasets_as_json_say_what_they_are_made_of(results, capsys):
+    assert main(["datasets", "--results", str(results), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["problems"] == []
+    found = {each["settings"]["seed"]: each for each in said["datasets"]}
+    assert set(found) == {0, 4, 7}
+    for seed, record in records(results).items():
+        size = sum(path.stat().st_size for path in record.path.glob("*.parquet"))
+        assert found[seed]["id"] == record.id
+        assert found[seed]["path"] == str(record.path)
+        assert found[seed]["settings"] == record.settings
+        assert (found[seed]["status"], found[seed]["bytes"]) == (record.status, size)
+    assert [found[seed]["steps"] for seed in (0, 4, 7)] == [2000, 1000, 0]
+
+
+def test_without_any_dataset_it_is_said_how_to_collect_one(tmp_path, capsys):
+    assert main(["datasets", "--results", str(tmp_path)]) == 0
+    said = f"No datasets in {tmp_path}; jbench collect --steps 100000 makes a small one.\n"
+    assert capsys.readouterr().out == said
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"schema_version": 0}, "manifest.json is of schema version 0, and this jbench reads from"),
+        ({"schema_version": 99}, "manifest.json is of schema version 99, and this jbench reads up"),
+        ({"settings": {"steps": "many"}}, "has settings that can't be (Input should be a valid"),
+        ({"kind": "poem"}, "is not a manifest that can be read"),
+    ],
+)
+def test_what_can_not_be_read_is_named_and_the_others_are_listed(results, changes, said, capsys):
+    alter_manifest(records(results)[0], **changes)
+    assert main(["datasets", "--results", str(results), "--json"]) == 1
+    printed = capsys.readouterr()
+    listed = json.loads(printed.out)
+    assert {each["settings"]["seed"] for each in listed["datasets"]} == {4, 7}
+    (problem,) = listed["problems"]
+    assert said in problem
+    assert f"Warning: {problem}" in printed.err
+    assert "Error: 1 datasets can't be read and are left out; see above." in printed.err
+
+
+def test_export_takes_the_newest_plain_one_or_the_one_asked_for(results, tmp_path, capsys):
+    newest, other = (records(results)[seed].id for seed in (0, 4))
+    command = ["export", "--task", "move_to_pose", "--results", str(results), "--json"]
+    for id, more in ((newest, ()), (other, ("--dataset", other, "--out", str(tmp_path / "out")))):
+        assert main([*command, *more]) == 0
+        said = json.loads(capsys.readouterr().out)
+        assert (said["dataset"], said["task"]) == (id, "move_to_pose")
+        assert said["minari_id"] == f"jitterbug/move_to_pose/{id.replace('/', '-')}-v0"
+        root = tmp_path / "out" if more else results / "minari"
+        assert said["path"] == str(root / said["minari_id"])
+        assert (root / said["minari_id"] / "data" / "metadata.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("--dataset", "random/s00-00000000"), 2, "No dataset random/s00-00000000 in "),
+        (("--dataset", DatasetSettings(steps=9000, seed=7).id), 2, "is unfinished; type the jbe"),
+        (("--dataset", "../a"), 2, "is not an id"),
+        (("--task", "fly"), 2, "Unknown task 'fly'; choose move_from_origin,"),
+        (("--format", "csv"), 2, "Unknown value of --format 'csv'; choose minari."),
+        (("--out", "/proc/jbench"), 2, "can't be made"),
+    ],
+)
+def test_a_wrong_export_is_refused_in_a_sentence(results, arguments, code, said, capsys):
+    found = refused(capsys, "export", "--results", str(results), *arguments)
+    assert found[0] == code
+    assert said in found[1]
+    assert not (results / "minari").exists()
+
+
+def test_export_of_what_is_of_another_schema_or_damaged_is_refused(results, capsys):
+    newest = records(results)[0]
+    part = newest.path / newest.parts("steps")[0].name
+    whole = part.read_bytes()
+    part.write_bytes(whole[:1000])
+    code, said = refused(capsys, "export", "--results", str(results))
+    assert code == 1
+    assert f"{part} of the dataset {newest.id} is damaged (1000 bytes, not {len(whole)})" in said
+    part.write_bytes(whole)
+    alter_manifest(newest, schema_version=0)
+    code, said = refused(capsys, "export", "--results", str(results), "--dataset", newest.id)
+    assert code == 1
+    assert "is of schema version 0, and this jbench reads from 1: read it with the jbench" in said
+    assert not list(results.glob("minari/**/*.hdf5"))
+
+
+def test_export_overwrites_nothing(results, tmp_path, capsys):
+    command = ("export", "--results", str(results), "--out", str(tmp_path / "out"))
+    assert main(list(command)) == 0
+    written = [(path, path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*")]
+    capsys.readouterr()
+    code, said = refused(capsys, *command)
+    assert code == 2
+    assert said.endswith(
+        "exists already and is not overwritten; name another directory with --out."
+    )
+    assert [(path, path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*")] == written

@@ -1,0 +1,306 @@
+"""Encoders through the command line: of every kind, of another package's, killed and continued."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from jbench.cli import main
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS
+from jbench.encoders.training import CHECKPOINT
+from jbench.store import Results
+from jbench.store.query import load
+from tests.command_line import jbench, succeed, train
+
+# A package of somebody else: the example that the documentation gives.
+DOCUMENTATION = Path(__file__).parents[2] / "docs" / "encoders.md"
+(THIRD_PARTY,) = re.findall(r"```python\n(.*?)```", DOCUMENTATION.read_text(), re.DOTALL)
+ENTRY_POINTS = """[jbench.encoders]
+first-features = third_party_encoder:FirstFeatures
+broken = third_party_encoder:Missing
+no-kind = third_party_encoder:Field
+dae = third_party_encoder:FirstFeatures
+"""
+
+
+def make_wheel(path):
+    """Writes the wheel of the package, as its author would upload it."""
+    name, info = "third_party_encoder", "third_party_encoder-1.0.dist-info"
+    content = {
+        f"{name}.py": THIRD_PARTY,
+        f"{info}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n",
+        f"{info}/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        f"{info}/entry_points.txt": ENTRY_POINTS,
+    }
+    record = "".join(f"{file},,\n" for file in [*content, f"{info}/RECORD"])
+    wheel = path / f"{name}-1.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for file, text in {**content, f"{info}/RECORD": record}.items():
+            archive.writestr(file, text)
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def collected(tmp_path_factory):
+    """A results directory with a small dataset."""
+    results = tmp_path_factory.mktemp("encoders") / "results"
+    assert main(["collect", "--steps", "4000", "--results", str(results)]) == 0
+    return results
+
+
+@pytest.fixture(scope="module")
+def filled(collected, tmp_path_factory):
+    """The same with encoders of some kinds and sizes, trained in this process."""
+    results = tmp_path_factory.mktemp("filled") / "results"
+    shutil.copytree(collected, results)
+    for arguments in (
+        ("--kind", "dae,lld-vae", "--latent", "2-3", "--epochs", "2"),
+        ("--kind", "pca,random,planar", "--latent", "2,16"),
+        ("--kind", "scaled"),
+    ):
+        assert main(["train-encoder", *arguments, "--results", str(results)]) == 0
+    return results
+
+
+@pytest.fixture
+def results(collected, tmp_path):
+    """A copy of the dataset alone, to change."""
+    shutil.copytree(collected, tmp_path / "results")
+    return tmp_path / "results"
+
+
+def test_every_kind_and_size_is_a_record_with_its_errors(filled):
+    tables, problems = load(Results(filled))
+    assert problems == []
+    rows = tables["encoders"].to_pandas().set_index("encoder")
+    assert set(rows["status"]) == {"finished"}
+    names = sorted(id.split("/")[1] for id in rows.index)
+    assert names == sorted(
+        [
+            *("dae2", "dae3", "lld-vae2", "lld-vae3", "pca2", "pca16"),
+            *("random2", "random16", "planar12", "scaled16"),
+        ]
+    )
+    errors = tables["encoder_errors"].to_pandas().set_index("encoder")
+    assert rows["test_explained"].equals(errors.loc[rows.index, "test_explained"])
+    for kind in ("pca", "random"):
+        whole = rows[(rows["kind"] == kind) & (rows["latents"] == 16)]["test_explained"]
+        assert whole.iloc[0] == pytest.approx(1, abs=1e-5)
+    assert set(tables["encoder_features"].to_pandas()["encoder"]) == set(rows.index)
+
+
+def test_trained_again_nothing_changes_and_json_says_what_there_is(filled, capsys):
+    before = {path: path.stat().st_mtime_ns for path in filled.rglob("*.parquet")}
+    wanted = ["train-encoder", "--kind", "pca", "--latent", "2,16", "--results", str(filled)]
+    assert main(wanted) == 0
+    said = capsys.readouterr().out
+    assert said.count("is already finished; nothing to do") == 2
+    assert "Next: jbench train --task face_direction --encoder pca:2" in said
+    assert main([*wanted, "--json"]) == 0
+    made = json.loads(capsys.readouterr().out)["encoders"]
+    assert [encoder["settings"]["latents"] for encoder in made] == [2, 16]
+    assert {path: path.stat().st_mtime_ns for path in filled.rglob("*.parquet")} == before
+
+
+def test_encoders_are_reported_and_used(filled, tmp_path, capsys):
+    report = ["report", "--out", str(tmp_path / "report"), "--results", str(filled)]
+    assert main(report) == 0
+    assert (tmp_path / "report" / "encoders.png").stat().st_size > 0
+    assert len((tmp_path / "report" / "encoders.csv").read_text().splitlines()) == 1 + 10
+    copy = tmp_path / "copy"
+    shutil.copytree(filled, copy)
+    run = succeed(*train("td3", "lld-vae:3", "--seeds", "0"), results=copy)
+    assert "face_direction/td3/lld-vae3/s00-" in run.stdout
+    run = succeed(*train("td3", "planar", "--seeds", "0"), results=copy)
+    assert "face_direction/td3/planar12/s00-" in run.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--kind", "dea"), "Unknown kind of encoder 'dea'; did you mean dae?"),
+        (("--kind", "dae,"), "Unknown kind of encoder ''; choose dae, ae,"),
+        (("--kind", "pca", "--noise", "0.1"), "pca has no option noise; it has none."),
+        (("--kind", "dae,pca", "--epochs", "3"), "pca has no option epochs"),
+        (("--horizon", "3"), "dae has no option horizon; it has batch, epochs, learning_rate,"),
+        (("--kind", "vae", "--set", "depth=3"), "vae has no option depth; it has batch, epochs,"),
+        (("--kind", "vae", "--set", "hidden=0"), "hidden of vae can't be 0"),
+        (("--noise", "-0.1"), "noise of dae can't be -0.1"),
+        (("--noise", "nan"), "noise of dae can't be nan"),
+        (("--noise", "0.1", "--set", "noise=0.2"), "noise is given twice"),
+        (("--epochs", "0"), "epochs of dae can't be 0"),
+        (("--latent", "0"), "latents of the encoder can't be 0"),
+        (("--latent", "17"), "face_direction has 16 features: type --latent 1 to 16"),
+        (("--latent", "2,many"), "--latent 2,many: type 12, or 2,4,8, or 1-16"),
+        (("--latent", "16", "--task", "all"), "move_from_origin has 15 features: type --latent 1"),
+        (("--kind", "planar", "--latent", "8"), "planar of face_direction has 12 latents: leave"),
+        (("--latent", "12", "--task", "fly"), "Unknown task 'fly'"),
+        (
+            ("--device", "gpu"),
+            "Unknown value of --device 'gpu'; did you mean cpu? Choose auto, cpu",
+        ),
+        (("--seed", "-1"), "type a whole number from 0 up"),
+        (("--dataset", "random/s00-00000000"), "No dataset random/s00-00000000"),
+    ],
+)
+def test_a_wrong_request_gets_one_sentence_and_trains_nothing(collected, arguments, says, capsys):
+    assert main(["train-encoder", *arguments, "--results", str(collected)]) == 2
+    printed = capsys.readouterr()
+    assert says in printed.err
+    assert (printed.err.count("\n"), printed.out) == (1, "")
+    assert not (collected / "encoders").exists()
+
+
+def test_cuda_is_refused_where_there_is_none(collected, capsys):
+    import torch
+
+    if torch.cuda.is_available():
+        pytest.skip("there is a CUDA device")
+    assert main(["train-dae", "--device", "cuda", "--results", str(collected)]) == 2
+    assert "There is no CUDA device here" in capsys.readouterr().err
+
+
+def drop_column(record, column):
+    """Rewrites a dataset without a column, as an older jbench might have left it."""
+    import io
+
+    import pyarrow.parquet as pq
+
+    from jbench.store.files import sha256
+
+    path = record / "manifest.json"
+    manifest = json.loads(path.read_text())
+    for entry in manifest["files"]:
+        if entry["table"] == "steps":
+            rows = pq.read_table(record / entry["name"], use_threads=False)
+            sink = io.BytesIO()
+            pq.write_table(rows.drop_columns(column), sink)
+            content = sink.getvalue()
+            (record / entry["name"]).write_bytes(content)
+            entry |= {"bytes": len(content), "sha256": sha256(content)}
+    path.write_text(json.dumps(manifest))
+
+
+@pytest.mark.parametrize("column", ["action", "velocity_x"])
+def test_a_dataset_of_other_columns_is_named_in_one_sentence(results, column, capsys):
+    (manifest,) = results.rglob("manifest.json")
+    drop_column(manifest.parent, column)
+    assert main(["train-encoder", "--kind", "lld-vae", "--results", str(results)]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert re.search(rf"steps-\S+ of the dataset random/\S+ is damaged .*{column}", printed.err)
+    assert not list((results / "encoders").rglob("manifest.json"))
+
+
+@pytest.mark.parametrize("damage", ["altered", "short", "pickle"])
+def test_a_damaged_encoder_is_refused_and_left_as_it_is(filled, tmp_path, damage, capsys):
+    copy = tmp_path / "results"
+    shutil.copytree(filled, copy)
+    (path,) = copy.glob(f"encoders/face_direction/pca2/*/{WEIGHTS}")
+    content = path.read_bytes()
+    damaged = {
+        "altered": content[:-1] + bytes([content[-1] ^ 1]),
+        "short": content[:-7],
+        "pickle": b"\x80\x04cos\nsystem\n(S'touch gone-off'\ntR.",
+    }[damage]
+    path.write_bytes(damaged)
+    assert main(["train", "--encoder", "pca:2", "--results", str(copy)]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert f"{WEIGHTS} of the encoder face_direction/pca2/" in printed.err
+    assert "is damaged" in printed.err
+    assert path.read_bytes() == damaged
+    assert not (copy / "runs").exists()
+
+
+def test_a_killed_training_continues_to_the_same_bytes(results, tmp_path, capsys):
+    whole = tmp_path / "whole"
+    shutil.copytree(results, whole)
+    arguments = ("train-encoder", "--latent", "5", "--epochs", "500", "--batch", "64")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(results)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + 300
+    while not any(
+        CHECKPOINT in path.read_text() for path in (results / "encoders").rglob("manifest.json")
+    ):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    (row,) = load(Results(results)).tables["encoders"].to_pylist()
+    assert row["status"] == "unfinished"
+    assert main(["train", "--encoder", row["encoder"], "--results", str(results)]) == 2
+    assert "is unfinished" in capsys.readouterr().err
+    assert main([*arguments, "--results", str(results)]) == 0
+    said = capsys.readouterr().out
+    assert f"The encoder {row['encoder']} was interrupted; it resumes." in said
+    assert main([*arguments, "--results", str(whole)]) == 0
+    kept = [Results(place).find("encoder", row["encoder"]) for place in (results, whole)]
+    for name in (WEIGHTS, DESCRIPTION):
+        assert kept[0].read_file(name) == kept[1].read_file(name)
+    assert [record.rows("encoder_epochs") for record in kept] == [500, 500]
+    for place in (results, whole):
+        assert not list((place / "encoders").rglob("checkpoint*"))
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    """An environment in which the package is installed, as pip does it."""
+    place = tmp_path_factory.mktemp("site")
+    wheel = make_wheel(tmp_path_factory.mktemp("wheel"))
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
+    more = ("install", "--no-index", "--no-deps", "--target", str(place), str(wheel))
+    subprocess.run([*pip, *more], check=True)
+    return {**os.environ, "PYTHONPATH": str(place)}
+
+
+def run_with(environment, *arguments, results):
+    command = [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(results)]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+
+
+def test_a_kind_of_another_package_is_as_good_as_ours(results, environment):
+    def run(*arguments):
+        return run_with(environment, *arguments, results=results)
+
+    made = run(
+        *("train-encoder", "--kind", "first-features,dae", "--latent", "7", "--epochs", "2"),
+        *("--set", "batch=500", "--json"),
+    )
+    assert made.returncode == 0, made.stderr
+    theirs, ours = json.loads(made.stdout)["encoders"]
+    assert theirs["settings"]["options"]["strength"] == 1.0
+    # The name is ours: another package can't take it.
+    assert "noise" in ours["settings"]["options"]
+    assert theirs["id"].startswith("face_direction/first-features7/s00-")
+    used = run(*train("td3", "first-features:7", "--seeds", "0"))
+    assert used.returncode == 0, used.stderr
+    refused = run("train-encoder", "--kind", "first-features", "--noise", "0.1")
+    assert refused.returncode == 2
+    assert "first-features has no option noise; it has batch, epochs," in refused.stderr
+    # Without the package, its encoder is named and nothing else is harmed.
+    without = jbench("train", "--encoder", theirs["id"], results=results)
+    assert without.returncode == 1
+    assert "Unknown kind of encoder 'first-features'" in without.stderr
+    assert jbench("query", "FROM encoders", results=results).returncode == 0
+
+
+@pytest.mark.parametrize(("kind", "says"), [("broken", "Missing"), ("no-kind", "is no subclass")])
+def test_a_kind_that_can_not_be_loaded_is_named(results, environment, kind, says):
+    done = run_with(environment, "train-encoder", "--kind", kind, results=results)
+    assert done.returncode == 1
+    assert f"The kind of encoder {kind}" in done.stderr
+    assert says in done.stderr
+    assert done.stderr.count("\n") == 1

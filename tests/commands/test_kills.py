@@ -1,0 +1,110 @@
+"""A verb that is killed (SIGKILL) leaves a database that reads, and goes on when typed again."""
+
+import signal
+import subprocess
+import sys
+import time
+
+from jbench.errors import WorkError
+from jbench.store import Results, schema
+from jbench.store.query import load
+from tests.command_line import jbench, succeed, train
+
+
+def kill_when(arguments, results, ready):
+    """Starts a verb, and kills it and nothing else (SIGKILL) once something is there."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(results)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + 120
+    while not ready():
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+
+
+def test_killed_while_collecting_it_reads_and_continues(tmp_path):
+    # One file, that is seconds away when the manifest is there.
+    steps = ("collect", "--steps", "8000")
+    kill_when(steps, tmp_path, lambda: any(tmp_path.rglob("manifest.json")))
+    (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
+    assert (row["status"], row["steps_done"]) == ("unfinished", 0)
+    refused = jbench("train-dae", results=tmp_path)
+    assert refused.returncode == 2
+    assert "No finished dataset" in refused.stderr
+    succeed(*steps, results=tmp_path)
+    (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
+    assert (row["status"], row["steps_done"]) == ("finished", 8000)
+    # A file that the kill left unlisted is gone: every file there is in the manifest.
+    listed = {
+        entry.name for entry in Results(tmp_path).find("dataset", row["dataset"]).parts("steps")
+    }
+    assert {path.name for path in tmp_path.rglob("steps-*.parquet")} == listed
+
+
+def wait_until_free(record):
+    """Waits for the worker, which ends with its parent: then the lock is free."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        try:
+            with record.lock():
+                return
+        except WorkError:
+            time.sleep(0.1)
+
+
+def test_killed_while_training_the_database_reads_and_the_runs_go_on(tmp_path):
+    arguments = train("td3", "none", "--steps", "6000", "--jobs", "1")
+    checkpoints = (*arguments, "--checkpoint-every", "0")
+    kill_when(checkpoints, tmp_path, lambda: len(list(tmp_path.rglob("checkpoint-*"))) >= 3)
+    results = Results(tmp_path)
+    found = results.scan("run")[0]
+    for record in found:
+        assert record.status == "unfinished"
+        assert set(record.read("episodes", schema.EPISODES)["length"].to_pylist()) <= {1000}
+        wait_until_free(record)
+    done = succeed(*arguments, results=tmp_path)
+    for record in found:
+        assert f"{record.id} was interrupted or failed; it resumes at control step" in done.stdout
+        ended = results.find("run", record.id)
+        assert ended.status == "finished"
+        assert ended.rows("episodes") == 6
+        (continued,) = ended.manifest.provenance["continued"]
+        assert continued["control_steps"] >= 1000
+        assert continued["changed"] == {}
+    assert not list(tmp_path.rglob("checkpoint-*"))
+
+
+def test_a_killed_run_of_stable_baselines3_starts_over_and_says_so(tmp_path):
+    arguments = train("td3", "none", "--steps", "6000", "--seeds", "0", "--engine", "sb3")
+    kill_when(arguments, tmp_path, lambda: any(tmp_path.rglob("manifest.json")))
+    (record,) = Results(tmp_path).scan("run")[0]
+    assert record.status == "unfinished"
+    wait_until_free(record)
+    done = succeed(*arguments, results=tmp_path)
+    assert "was interrupted or failed; it starts again from the beginning" in done.stdout
+    ended = Results(tmp_path).find("run", record.id)
+    assert (ended.status, ended.rows("episodes")) == ("finished", 6)
+
+
+def test_a_run_that_another_process_is_doing_is_left_to_it_and_named(tmp_path):
+    arguments = train("td3", "none", "--steps", "100000", "--seeds", "0", "--checkpoint-every", "0")
+    command = [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(tmp_path)]
+    first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        deadline = time.monotonic() + 120
+        while not list(tmp_path.rglob("manifest.json")):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        (record,) = Results(tmp_path).scan("run")[0]
+        second = succeed(*arguments, results=tmp_path)
+        told = f"Another process is training the run {record.id}; it is left out here."
+        assert told in second.stdout
+    finally:
+        first.kill()
+        first.wait()
+    wait_until_free(record)

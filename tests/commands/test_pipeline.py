@@ -1,0 +1,158 @@
+"""The whole pipeline through the command line, on real physics: once, and then asked about."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from jbench.cli import main
+from jbench.store import Results
+from jbench.store.query import load
+from tests.command_line import TRAINING, jbench, succeed, train
+
+COLLECT = ("collect", "--steps", "4000", "--seed", "3")
+TRAIN_DAE = ("train-dae", "--latent", "5", "--epochs", "2", "--batch", "64")
+
+
+def files(results):
+    """Content of every file but locks, whose times say nothing."""
+    return {p: p.read_bytes() for p in results.rglob("*") if p.is_file() and p.name != "lock"}
+
+
+@pytest.fixture(scope="module")
+def pipeline(tmp_path_factory):
+    """The whole pipeline, once: every algorithm, two seeds, full and encoded."""
+    results = tmp_path_factory.mktemp("pipeline") / "results"
+    succeed(*COLLECT, results=results)
+    succeed(*TRAIN_DAE, results=results)
+    for algo in TRAINING:
+        for encoder in ("none", "5"):
+            succeed(*train(algo, encoder), results=results)
+    return results
+
+
+def test_the_pipeline_leaves_every_run_finished(pipeline):
+    tables, problems = load(Results(pipeline))
+    runs = tables["runs"].to_pandas()
+    assert problems == []
+    assert len(runs) == 4 * 2 * 2
+    assert set(runs["status"]) == {"finished"}
+    assert set(runs["representation"]) == {"full", "dae5"}
+    assert set(runs["episodes"]) == {2}
+    assert (
+        runs.groupby(["algo", "representation"])["seed"]
+        .apply(list)
+        .map(sorted)
+        .eq([[0, 1]] * 8)
+        .all()
+    )
+
+
+def test_each_record_tells_what_was_typed_that_made_it(pipeline):
+    store = Results(pipeline)
+    records = [one for kind in ("dataset", "encoder", "run") for one in store.scan(kind)[0]]
+    typed = {tuple(record.manifest.provenance["command"]) for record in records}
+    where = ("--results", str(pipeline))
+    trained = [train(algo, encoder) for algo in TRAINING for encoder in ("none", "5")]
+    assert {(*command[1:],) for command in typed} == {
+        (*command, *where) for command in (COLLECT, TRAIN_DAE, *trained)
+    }
+
+
+def test_the_report_shows_every_cell(pipeline, tmp_path):
+    done = succeed("report", "--json", "--out", str(tmp_path / "report"), results=pipeline)
+    said = json.loads(done.stdout)
+    cells = {(row["algo"], row["representation"], row["seeds"]) for row in said["table"]}
+    assert cells == {(algo, rep, 2) for algo in TRAINING for rep in ("full", "dae5")}
+    names = {Path(path).name for path in said["files"]}
+    assert {"figure9.png", "figure9.svg", "aggregate.parquet", "aggregate.csv"} <= names
+    assert {f"comparison-face_direction-{algo}.png" for algo in TRAINING} <= names
+    assert all(Path(path).stat().st_size > 0 for path in said["files"])
+
+
+def test_queries_join_what_the_verbs_wrote(pipeline):
+    sql = (
+        "SELECT representation, count(*) AS episodes FROM episodes JOIN runs USING (run) "
+        "GROUP BY representation ORDER BY representation"
+    )
+    answer = json.loads(succeed("query", sql, "--json", results=pipeline).stdout)
+    assert answer == [
+        {"representation": "dae5", "episodes": 16},
+        {"representation": "full", "episodes": 16},
+    ]
+    text = succeed("query", sql, "--csv", results=pipeline).stdout
+    assert text == "representation,episodes\ndae5,16\nfull,16\n"
+    assert "dae5" in succeed("query", sql, results=pipeline).stdout
+
+
+def test_the_same_commands_again_change_nothing_and_say_so(pipeline):
+    before = files(pipeline)
+    collected = succeed(*COLLECT, results=pipeline)
+    trained_dae = succeed(*TRAIN_DAE, results=pipeline)
+    trained = succeed(*train("td3", "5"), results=pipeline)
+    assert "already finished; nothing to do" in collected.stdout
+    assert "already finished; nothing to do" in trained_dae.stdout
+    assert "2 of 2 runs are already finished and skipped; nothing to do" in trained.stdout
+    assert files(pipeline) == before
+
+
+def test_only_missing_seeds_are_trained(pipeline):
+    done = succeed(*train("ppo", "none"), "--seeds", "0-2", results=pipeline)
+    assert "2 of 3 runs are already finished and skipped." in done.stdout
+    assert "1 runs of 2,000 control steps at about" in done.stdout
+    runs = load(Results(pipeline)).tables["runs"].to_pandas()
+    chosen = runs[(runs["algo"] == "ppo") & (runs["representation"] == "full")]
+    assert sorted(chosen["seed"]) == [0, 1, 2]
+    (added,) = chosen.loc[chosen["seed"] == 2, "run"]
+    # Other tests count two seeds.
+    subprocess.run(["rm", "-r", str(pipeline / "runs" / added)], check=True)
+
+
+def test_train_agent_is_train(pipeline):
+    done = succeed("train-agent", *train("sac", "none")[1:], results=pipeline)
+    assert "nothing to do" in done.stdout
+
+
+def test_json_is_the_only_thing_on_standard_output(pipeline):
+    collected = succeed(*COLLECT, "--json", results=pipeline)
+    assert json.loads(collected.stdout)["settings"]["steps"] == 4000
+    trained = json.loads(succeed(*train("td3", "none"), "--json", results=pipeline).stdout)
+    assert trained["failures"] == {}
+    assert [run.rsplit("/", 1)[1][:3] for run in trained["runs"]] == ["s00", "s01"]
+    encoders = json.loads(succeed(*TRAIN_DAE, "--json", results=pipeline).stdout)["encoders"]
+    assert encoders[0]["summary"]["test_mse"] > 0
+
+
+def test_a_damaged_run_is_named_and_all_others_are_reported(pipeline, tmp_path):
+    copy = tmp_path / "copy"
+    subprocess.run(["cp", "-r", str(pipeline), str(copy)], check=True)
+    part = next(copy.glob("runs/face_direction/td3/full/s01-*/episodes-*.parquet"))
+    part.write_bytes(part.read_bytes()[:-20])
+    done = jbench("report", "--json", results=copy)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    (problem,) = json.loads(done.stdout)["problems"]
+    assert part.name in problem
+    assert part.parent.relative_to(copy / "runs").as_posix() in problem
+    table = json.loads(done.stdout)["table"]
+    seeds = {(row["algo"], row["representation"]): row["seeds"] for row in table}
+    assert seeds.pop(("td3", "full")) == 1
+    assert set(seeds.values()) == {2}
+    counted = "SELECT count(DISTINCT run) AS n FROM episodes"
+    queried = jbench("query", counted, "--csv", results=copy)
+    assert (queried.returncode, queried.stdout) == (1, "n\n15\n")
+    assert part.name in queried.stderr
+
+
+@pytest.mark.parametrize(("latent", "says"), [("17", "type --latent 1 to 16"), ("0", "can't be 0")])
+def test_latents_outside_the_observation_are_refused(pipeline, latent, says, capsys):
+    assert main(["train-dae", "--latent", latent, "--results", str(pipeline)]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_an_encoder_of_another_task_is_refused(pipeline, capsys):
+    (row,) = load(Results(pipeline)).tables["encoders"].to_pylist()
+    wanted = ("train", "--task", "move_to_pose", "--encoder", row["encoder"])
+    assert main([*wanted, "--results", str(pipeline)]) == 2
+    assert "is for face_direction, not for move_to_pose" in capsys.readouterr().err

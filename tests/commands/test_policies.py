@@ -1,0 +1,115 @@
+"""Evaluating, drawing and watching policies through the command line."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from PIL import Image
+
+from jbench.cli import main
+from tests.command_line import jbench, succeed, train
+
+
+@pytest.fixture(scope="module")
+def augmented(tmp_path_factory):
+    """A results directory with a run on an augmented robot, and the run's id."""
+    results = tmp_path_factory.mktemp("augmented")
+    done = succeed(
+        *train("ddpg", "none", "--augment", "7", "--seeds", "0", "--json"), results=results
+    )
+    return results, json.loads(done.stdout)["runs"][0]
+
+
+def test_a_policy_on_another_robot_than_its_own_is_said(augmented):
+    results, run = augmented
+    task = ("--task", "face_direction", "--policy", run, "--episodes", "2")
+    other = succeed("evaluate", *task, results=results).stdout
+    assert f"{run} learned on augmented robot 7, and this is the plain robot" in other
+    assert "--augment 7 is its own" in other
+    assert "learned on" not in succeed("evaluate", *task, "--augment", "7", results=results).stdout
+
+
+def test_the_rows_are_the_episodes_that_were_printed(tmp_path):
+    done = succeed("evaluate", "--policy", "random", "--episodes", "3", "--json", results=tmp_path)
+    said = json.loads(done.stdout)
+    ask = "SELECT median(episode_return) AS m, count(*) AS n FROM policy_episodes"
+    (row,) = json.loads(succeed("query", ask, "--json", results=tmp_path).stdout)
+    assert (row["m"], row["n"]) == (said["summary"]["median"], 3)
+
+
+@pytest.mark.usefixtures("rendering")
+def test_render_writes_the_picture_it_names(tmp_path):
+    out = tmp_path / "strip.png"
+    done = succeed(
+        "render", "--out", str(out), "--steps", "20", "--json", results=tmp_path / "none"
+    )
+    said = json.loads(done.stdout)
+    assert said["path"] == str(out)
+    assert 0 <= said["episode_return"] <= 20
+    width, height = Image.open(out).size
+    assert width > 2 * height
+    assert not (tmp_path / "none").exists()  # a picture is no result
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("evaluate", "--policy", "best"), "Unknown policy 'best'; choose heuristic, random,"),
+        (("evaluate", "--policy", "constant:2"), r"a constant command lies in \[-1, 1\]"),
+        (("evaluate", "--policy", "constant:x"), r"a constant command lies in \[-1, 1\]"),
+        (("evaluate", "--policy", "face_direction/td3/full/s00-00000000"), "No run face_dir"),
+        (("evaluate", "--task", "fly"), "Unknown task 'fly'"),
+        (("evaluate", "--episodes", "0"), "--episodes can't be 0"),
+        (("evaluate", "--augment", "-1"), "type a whole number from 0 up"),
+        (("evaluate", "--target-yaw", "nan"), "type degrees, such as 45"),
+        (("render", "--camera", "sky"), "Unknown camera 'sky'; choose"),
+        (("render", "--out", "film.avi"), r"\.mp4.*\.gif.*\.png"),
+        (("render", "--steps", "1001"), "type 1 to 1000"),
+        (("render", "--augment", "-1"), "type a whole number from 0 up"),
+        (("view", "--task", "fly"), "Unknown task 'fly'"),
+        (("view", "--policy", "best"), "Unknown policy 'best'"),
+        (("train", "--robots", "3", "--steps", "10000"), "type --steps 12000"),
+        (("train", "--robots", "0"), "--robots can't be 0"),
+        (("train", "--augment", "-1"), "type a whole number from 0 up"),
+        (("collect", "--augment", "-1"), "type a whole number from 0 up"),
+    ],
+)
+def test_a_wrong_request_gets_one_sentence_and_exit_code_2(arguments, says, tmp_path, capsys):
+    assert main([*arguments, "--results", str(tmp_path / "results")]) == 2
+    printed = capsys.readouterr()
+    assert re.search(says, printed.err), printed.err
+    assert printed.err.startswith("Error: ")
+    assert printed.err.count("\n") == 1
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_run_of_another_task_is_refused(augmented):
+    results, run = augmented
+    for verb in ("evaluate", "render"):
+        done = jbench(verb, "--task", "move_to_pose", "--policy", run, results=results)
+        assert done.returncode == 2
+        assert "learned face_direction, not move_to_pose; type --task face_direction" in done.stderr
+
+
+def test_no_rendering_backend_names_the_package(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "jbench.cli", "render", "--out", str(tmp_path / "film.png")],
+        env={**os.environ, "MUJOCO_GL": "glfw", "DISPLAY": ":77"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_view_without_a_display_says_what_draws_instead(tmp_path):
+    bare = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    done = subprocess.run(
+        [sys.executable, "-m", "jbench.cli", "view"], env=bare, capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert "There is no display to open a window on; jbench render" in done.stderr

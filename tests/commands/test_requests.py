@@ -1,0 +1,170 @@
+"""Wrong requests through the command line, and what help costs."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+
+import pytest
+
+from jbench.cli import main
+from tests.command_line import jbench
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("train", "--task", "fly"), "Unknown task 'fly'; choose move_from_origin,"),
+        (("train", "--task", "face_direktion"), "did you mean face_direction?"),
+        (("train", "--algo", "dqn"), "Unknown algorithm 'dqn'.*ddpg"),
+        (("train", "--encoder", "12"), "jbench train-dae --task face_direction --latent 12"),
+        (("train", "--encoder", "17"), "1 to 16 latents"),
+        (("train", "--encoder", "face_direction/dae12/s00-00000000"), "No encoder face_dir"),
+        (("train", "--encoder", "../../etc/passwd"), "is not an id"),
+        (("train", "--encoder", "ofe"), "ofe needs a number of features: type ofe12 or ofe240"),
+        (("train", "--encoder", "ofe1001"), "units of ofe1001 can't be 1001.*less than or equal"),
+        (("train", "--set", "ofe.layers=2"), "is for --encoder ofeN, such as ofe12"),
+        (("train", "--encoder", "ofe12", "--set", "ofe.layer=2"), "did you mean layers?"),
+        (("train", "--encoder", "ofe12", "--algo", "ppo"), "ofe12 is for DDPG, TD3 and SAC: PPO"),
+        (("train", "--encoder", "ofe12", "--engine", "sb3"), "ofe12 is for --engine batched"),
+        (("train", "--encoder", "ofe12", "--settings", "script"), "type --set action_layer=0"),
+        (("train", "--steps", "-5"), "type a positive whole number"),
+        (("train", "--steps", "many"), "type a positive whole number"),
+        (("train", "--steps", "999"), "type --steps 1000 or more"),
+        (("train", "--algo", "ppo", "--steps", "5000"), "type --steps 8000 or more"),
+        (("train", "--seeds", "3-1"), "type seeds like 0-9"),
+        (("train", "--seeds", "a"), "type seeds like 0-9"),
+        (("train", "--set", "speed=2"), "ddpg has no setting speed; it has"),
+        (("train", "--set", "tau=2"), "tau of ddpg can't be 2"),
+        (("train", "--settings", "mine"), "Unknown value of --settings 'mine'"),
+        (("train", "--algo", "sac", "--settings", "script"), "state-value network; type --settin"),
+        (
+            ("train", "--settings", "script", "--engine", "sb3"),
+            "stable-baselines3 has no action_layer, gradients_first, .*; type --engine batched",
+        ),
+        (
+            ("train", "--algo", "ppo", "--set", "shared_layers=true", "--engine", "sb3"),
+            "stable-baselines3 has no shared_layers; type --engine batched",
+        ),
+        (("train", "--time-limit", "never"), "Unknown value of --time-limit 'never'"),
+        (("train", "--environments", "0"), "Error: --environments can't be 0: "),
+        (("train", "--robots", "0"), "Error: --robots can't be 0: "),
+        (("evaluate", "--episodes", "0"), "Error: --episodes can't be 0: "),
+        (("train", "--evaluate-episodes", "-1"), "--evaluate-episodes can't be -1"),
+        (("train", "--jobs", "-1"), "type 0 for one on each core"),
+        (("collect", "--steps", "1500"), "type --steps 2000"),
+        (("collect", "--steps", "0"), "type a positive whole number"),
+        (("collect", "--seed", "-1"), "type a whole number from 0 up"),
+        (("train-dae",), "No finished dataset in .*; run jbench collect first"),
+        (("train-dae", "--task", "fly"), "Unknown task 'fly'"),
+        (("train-dae", "--dataset", "random/s00-00000000"), "run jbench collect first"),
+        (("report",), "jbench train"),
+        (("report", "--order", "none"), "Unknown value of --order 'none'"),
+        (("query", "DROP TABLE runs"), "read-only"),
+        (("query", "FROM read_text('/etc/passwd')"), "file system operations are disabled"),
+        (("query", "SELECT 1", "--csv", "--json"), "exclude each other"),
+        (("fly",), "No such command 'fly'"),
+        (("collect", "--stepz", "1"), "No such option: --stepz"),
+        (("collect", "--seed", "x"), "Invalid value for '--seed'"),
+    ],
+)
+def test_a_wrong_request_gets_one_sentence_and_exit_code_2(arguments, says, tmp_path, capsys):
+    # In this process: what the console script does is to exit with what main returns.
+    (tmp_path / "results").mkdir()
+    assert main([*arguments, "--results", str(tmp_path / "results")]) == 2
+    printed = capsys.readouterr()
+    assert re.search(says, printed.err), printed.err
+    assert printed.err.startswith("Error: ")
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+    assert not list(tmp_path.rglob("manifest.json"))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("query", "SELECT 1"),
+        ("runs",),
+        ("datasets",),
+        ("report",),
+        ("report", "--reference"),
+        ("report", "--watch"),
+        ("report", "--compare", "engine=sb3", "engine=batched"),
+    ],
+)
+def test_a_results_directory_that_is_not_there_is_an_error(arguments, tmp_path, capsys):
+    missing = tmp_path / "missing"
+    assert main([*arguments, "--results", str(missing)]) == 2
+    printed = capsys.readouterr()
+    sentence = f"Error: {missing} does not exist; name a directory with --results.\n"
+    assert (printed.err, printed.out) == (sentence, "")
+    assert not missing.exists()
+
+
+@pytest.mark.parametrize("verb", ["collect", "train-dae", "train", "report", "query"])
+def test_a_results_directory_that_is_a_file_is_refused(verb, tmp_path, capsys):
+    place = tmp_path / "results"
+    place.write_text("mine")
+    more = ("SELECT 1",) if verb == "query" else ()
+    assert main([verb, *more, "--results", str(place)]) == 2
+    assert "is a file" in capsys.readouterr().err
+    assert place.read_text() == "mine"
+
+
+def test_a_results_directory_that_can_not_be_written_is_refused(tmp_path):
+    # /proc refuses directories even to root, whom permissions do not stop.
+    done = jbench("collect", "--steps", "1000", results="/proc/jbench")
+    assert done.returncode == 2
+    assert "can't be made" in done.stderr
+
+
+def test_help_and_completion_import_nothing_heavy():
+    script = (
+        "import sys\n"
+        "from jbench.cli import main\n"
+        "code = main(sys.argv[1:])\n"
+        "heavy = {'torch', 'mujoco', 'pandas', 'numpy', 'pyarrow', 'duckdb', 'matplotlib'}\n"
+        "print(sorted(heavy & set(sys.modules)), code)\n"
+    )
+    for arguments in (["--help"], ["train", "--help"], ["--version"]):
+        done = subprocess.run(
+            [sys.executable, "-c", script, *arguments], capture_output=True, text=True
+        )
+        assert done.stdout.splitlines()[-1] == "[] 0"
+    typed = {"COMP_WORDS": "jbench train --task move_to", "COMP_CWORD": "3"}
+    completed = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "jbench.cli"],
+        env={**os.environ, **typed, "_JBENCH_COMPLETE": "complete_bash"},
+        capture_output=True,
+        text=True,
+    )
+    assert completed.stdout.split() == ["move_to_position", "move_to_pose"]
+    imported = {line.rsplit("|", 1)[-1].strip() for line in completed.stderr.splitlines()}
+    assert not imported & {"torch", "mujoco", "pandas", "numpy", "pyarrow"}
+
+
+def test_the_defaults_say_within_seconds_how_long_they_take(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "jbench.cli", "train", "--results", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    line = process.stdout.readline()
+    # The line comes before the first run's manifest, from a process of its own.
+    deadline = time.monotonic() + 60
+    while not (manifests := list(tmp_path.rglob("manifest.json"))) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    assert re.match(
+        r"10 runs of 5,000,000 control steps at about \d+ steps/s each, .* at a time: about \d+ d "
+        r"\d+ h\. For less: fewer --steps .*--seeds",
+        line,
+    )
+    # What it had begun is the paper's experiment on one task.
+    manifest = json.loads(manifests[0].read_text())
+    assert manifest["id"].startswith("face_direction/ddpg/full/s0")
+    assert manifest["settings"]["hyperparameters"]["hidden_layers"] == [350, 250]

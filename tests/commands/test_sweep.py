@@ -1,0 +1,214 @@
+"""Sweeps through the command line: fresh, failed, interrupted and side by side."""
+
+import json
+import os
+import signal
+
+import pytest
+
+from jbench.cli import main
+from jbench.store import Results
+from tests.sweep_matrices import (
+    committed,
+    end_all,
+    ended,
+    held,
+    rows,
+    runs_of_matrix,
+    start,
+    states,
+    wait_until,
+    workers,
+    write_matrix,
+)
+
+
+@pytest.fixture(autouse=True)
+def no_process_left():
+    yield
+    end_all()
+
+
+@pytest.fixture
+def results(tmp_path):
+    return tmp_path / "results"
+
+
+def sweep(matrix, results, *arguments):
+    return main(["sweep", matrix, *arguments, "--results", str(results)])
+
+
+def kill(pid):
+    os.kill(pid, signal.SIGKILL)
+
+
+def test_on_a_fresh_machine_all_is_made_and_a_second_time_nothing(tmp_path, results, capfd):
+    matrix = write_matrix(tmp_path, representations='"full", "pca3"')
+    assert sweep(matrix, results, "--dry-run", "--json") == 0
+    printed = capfd.readouterr()
+    document = json.loads(printed.out)
+    assert [cell["missing"] for cell in document["cells"]] == [2, 2]
+    assert {cell["estimate"] for cell in document["cells"]} == {"a quick measurement"}
+    assert [name.split("/")[0] for name in document["made_first"]] == ["random", "face_direction"]
+    assert not list(results.rglob("manifest.json"))
+
+    assert sweep(matrix, results, "--json") == 0
+    printed = capfd.readouterr()
+    document = json.loads(printed.out)
+    assert [cell["finished"] for cell in document["cells"]] == [2, 2]
+    assert (document["failures"], document["made_first"]) == ({}, [])
+    assert "4 of 4 runs ended" in printed.err
+    runs = runs_of_matrix(matrix, results)
+    assert [id for cell in document["cells"] for id in cell["runs"]] == [run.id for run in runs]
+    assert states(runs, results) == ["finished"] * 4
+
+    before = {path: path.read_bytes() for path in results.rglob("manifest.json")}
+    assert sweep(matrix, results) == 0
+    printed = capfd.readouterr()
+    assert "4 of 4 runs are already finished and skipped; nothing to do." in printed.out
+    assert {path: path.read_bytes() for path in results.rglob("manifest.json")} == before
+    # What has been measured tells how long more of it takes.
+    assert sweep(matrix, results, "--seeds", "0-2", "--dry-run", "--json") == 0
+    cells = json.loads(capfd.readouterr().out)["cells"]
+    assert [(cell["finished"], cell["missing"], cell["estimate"]) for cell in cells] == [
+        (2, 1, "measured runs")
+    ] * 2
+    assert main(["verify", "--results", str(results)]) == 0
+
+
+def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, results, capfd):
+    matrix = write_matrix(tmp_path, representations='"pca3", "full"', seeds="0")
+    encoded, full = runs_of_matrix(matrix, results)
+    assert main(["collect", "--steps", "4000", "--results", str(results)]) == 0
+    kind = ("--kind", "pca", "--latent", "3")
+    assert main(["train-encoder", *kind, "--results", str(results)]) == 0
+    (weights,) = results.rglob("encoder.safetensors")
+    whole = weights.read_bytes()
+    weights.write_bytes(whole[:-1])
+    capfd.readouterr()
+
+    assert sweep(matrix, results) == 1
+    printed = capfd.readouterr()
+    assert f"The run {encoded.id} failed: " in printed.out
+    assert "1 of 2 runs failed; --retry-failed retries them." in printed.err
+    assert states([encoded, full], results) == ["failed", "finished"]
+    assert "is damaged" in Results(results).find("run", encoded.id).manifest.summary["error"]
+
+    weights.write_bytes(whole)
+    assert sweep(matrix, results, "--json") == 1
+    printed = capfd.readouterr()
+    assert "1 runs failed before; --retry-failed retries them." in printed.err
+    assert list(json.loads(printed.out)["failures"]) == [encoded.id]
+    assert states([encoded], results) == ["failed"]
+    assert sweep(matrix, results, "--retry-failed") == 0
+    assert states([encoded, full], results) == ["finished"] * 2
+
+
+def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results, monkeypatch):
+    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0")
+    # This torch may have no CUDA: computing there would fail.
+    monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+    monkeypatch.setattr("jbench.commands.sweep_view.sweep", lambda *_: {})
+    assert sweep(matrix, results, "--device", "cpu") == 0
+    (encoder,) = Results(results).scan("encoder")[0]
+    assert (encoder.status, encoder.manifest.summary["device"]) == ("finished", "cpu")
+
+
+def test_ctrl_c_ends_it_and_typed_again_it_goes_on(tmp_path, results):
+    matrix = write_matrix(tmp_path, steps=4000, seeds="0")
+    (run,) = runs_of_matrix(matrix, results)
+    process = start(matrix, "--checkpoint-every", "0", results=results)
+    wait_until(lambda: committed(run, results), process)
+    (pid,) = workers(process)
+    os.kill(pid, signal.SIGSTOP)  # so that it is not finished by now
+    os.killpg(process.pid, signal.SIGINT)
+    printed = ended(process)
+    assert process.returncode == 1
+    assert "Stopped. What was committed is kept; type the same command again." in printed
+    assert "Traceback" not in printed
+    assert (held([run], results), states([run], results)) == ([], ["unfinished"])
+    again = start(matrix, results=results)
+    printed = ended(again)
+    assert again.returncode == 0
+    assert f"{run.id} was interrupted or failed; it resumes at control step" in printed
+    assert committed(run, results) == 4
+
+
+def test_a_process_that_dies_is_replaced_but_not_for_ever(tmp_path, results):
+    matrix = write_matrix(tmp_path, seeds="0-1")
+    runs = runs_of_matrix(matrix, results)
+    process = start(matrix, "--jobs", "1", results=results)
+    killed = set()
+    for _ in range(3):
+        (pid,) = wait_until(lambda: set(workers(process)) - killed, process)
+        killed.add(pid)
+        kill(pid)
+    printed = ended(process)
+    assert process.returncode == 1
+    assert printed.count("The process of seeds 0, 1 of td3 face_direction full died") == 2
+    assert "2 of 2 runs failed" in printed
+    assert states(runs, results) == ["failed"] * 2
+    process = start(matrix, "--jobs", "1", "--retry-failed", results=results)
+    (pid,) = wait_until(lambda: held(runs, results) and workers(process), process)
+    kill(pid)
+    printed = ended(process)
+    assert process.returncode == 0
+    assert "they are tried again" in printed
+    assert states(runs, results) == ["finished"] * 2
+
+
+def test_two_sweeps_share_the_runs_and_one_takes_over_what_the_other_leaves(tmp_path, results):
+    matrix = write_matrix(tmp_path, algos='"td3", "ppo"', seeds="0")
+    td3, ppo = runs = runs_of_matrix(matrix, results)
+    first = start(matrix, "--jobs", "1", results=results)
+    wait_until(lambda: held([td3], results), first)
+    (pid,) = workers(first)
+    os.kill(pid, signal.SIGSTOP)  # it goes on holding its run
+    second = start(matrix, "--jobs", "1", results=results)
+    wait_until(lambda: states([ppo], results) == ["finished"], second)
+    assert held([td3], results) == [td3]
+    assert states([td3], results) != ["finished"]
+    for process in (first.pid, pid):
+        kill(process)
+    first.communicate()
+    printed = ended(second)
+    assert second.returncode == 0
+    assert "seed 0 of td3 face_direction full: another process does it" in printed
+    assert states(runs, results) == ["finished"] * 2
+    # What came out is what one sweep alone finds.
+    alone = tmp_path / "alone"
+    assert sweep(matrix, alone) == 0
+    assert rows(runs, results) == rows(runs, alone)
+
+
+def test_two_sweeps_at_the_same_moment_both_end_with_everything_finished(tmp_path, results):
+    matrix = write_matrix(tmp_path, representations='"full", "pca3"')
+    runs = runs_of_matrix(matrix, results)
+    both = [start(matrix, "--jobs", "1", results=results) for _ in range(2)]
+    printed = [ended(process) for process in both]
+    assert [process.returncode for process in both] == [0, 0], printed
+    assert states(runs, results) == ["finished"] * 4
+    assert [committed(run, results) for run in runs] == [2] * 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("fig6",), "Unknown matrix 'fig6'; did you mean fig"),
+        (("smoke", "--executor", "rai"), "Unknown executor 'rai'; did you mean ray?"),
+        (("smoke", "--address", "here:1"), "are for --executor ray"),
+        (("smoke", "--gpus-per-task", "1"), "are for --executor ray"),
+        (("smoke", "--executor", "ray", "--device", "cpu"), "type --gpus-per-task"),
+        (("smoke", "--executor", "ray", "--gpus-per-task", "-1"), "type 0 or more"),
+        (("smoke", "--seeds", "b"), "type seeds like 0-9"),
+        (("smoke", "--steps", "none"), "type a positive whole number"),
+        (("smoke", "--jobs", "-1"), "type 0 for one on each core"),
+        (("smoke", "--device", "tpu"), "Unknown device 'tpu'"),
+    ],
+)
+def test_a_wrong_request_gets_one_sentence(arguments, says, results, capsys):
+    assert sweep(arguments[0], results, *arguments[1:]) == 2
+    printed = capsys.readouterr()
+    assert says in printed.err
+    assert (printed.err.count("\n"), printed.out) == (1, "")
+    assert not results.exists()

@@ -1,0 +1,353 @@
+"""The encoder that is meant is found; what is damaged or no encoder is refused, and never run."""
+
+import json
+import pathlib
+import pickle
+import shutil
+
+import gymnasium
+import numpy as np
+import pytest
+import safetensors.numpy
+import torch
+
+from jbench.encoders import find_encoder, load_encoder
+from jbench.encoders.kinds.ae import Autoencoder
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS, KeptEncoder
+from jbench.encoders.scaling import Scaling
+from jbench.encoders.settings import encoder_settings
+from jbench.encoders.training import train_encoder
+from jbench.encoders.wrapper import EncodedObservation
+from jbench.errors import RequestError, WorkError
+from jbench.store import Results
+from jbench.store.files import sha256
+from jbench.tasks.gym import environment_id
+from tests.encoders.encoder_data import alter_manifest
+
+
+class Bomb:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return pathlib.Path.touch, (self.path,)
+
+
+def add(results, id, updated, finished=True, **settings):
+    """An encoder without files that was last written then."""
+    settings = {"kind": "dae", "task": "face_direction", "latents": 12, **settings}
+    record = results.create("encoder", id, settings)
+    if finished:
+        record.finish({})
+    alter_manifest(record, updated=updated)
+
+
+def put_in_place(record, name, content):
+    """Another content of a file, with a manifest that agrees to it."""
+    (record.path / name).write_bytes(content)
+    files = [entry.model_dump() for entry in record.manifest.files]
+    for entry in files:
+        if entry["name"] == name:
+            entry |= {"bytes": len(content), "sha256": sha256(content)}
+    alter_manifest(record, files=files)
+
+
+def refusal(results, wanted, task="face_direction"):
+    with pytest.raises(RequestError) as error:
+        find_encoder(results, wanted, task)
+    return str(error.value)
+
+
+@pytest.fixture
+def copied(tmp_path, trained):
+    """The trained encoder, to be damaged."""
+    shutil.copytree(trained.results.path, tmp_path / "results")
+    return Results(tmp_path / "results").find("encoder", trained.record.id)
+
+
+@pytest.fixture
+def results(tmp_path):
+    return Results(tmp_path / "results")
+
+
+def test_number_means_the_newest_finished_autoencoder_of_that_size_and_task(results):
+    add(results, "face_direction/dae12/a", "2021")
+    add(results, "face_direction/dae12/c", "2023")
+    add(results, "face_direction/dae12/b", "2022")
+    add(results, "face_direction/dae12/d", "2024", finished=False)
+    add(results, "face_direction/dae11/e", "2025", latents=11)
+    add(results, "move_to_pose/dae12/f", "2026", task="move_to_pose")
+    add(results, "face_direction/pca12/g", "2027", kind="pca")
+    assert find_encoder(results, "12", "face_direction") == "face_direction/dae12/c"
+    assert find_encoder(results, "11", "face_direction") == "face_direction/dae11/e"
+    assert find_encoder(results, "12", "move_to_pose") == "move_to_pose/dae12/f"
+
+
+def test_encoders_of_augmented_robots_are_meant_by_their_ids_alone(results):
+    results.create("dataset", "random/x", {"augment": 3})
+    add(results, "face_direction/dae12/a", "2021", dataset="random/plain")
+    add(results, "face_direction/dae12/b", "2025", dataset="random/x")
+    assert find_encoder(results, "12", "face_direction") == "face_direction/dae12/a"
+
+
+def test_kind_and_number_mean_the_newest_finished_encoder_of_both(results):
+    add(results, "face_direction/lld-vae12/a", "2021", kind="lld-vae")
+    add(results, "face_direction/lld-vae12/b", "2023", kind="lld-vae")
+    add(results, "face_direction/lld-vae12/c", "2024", kind="lld-vae", finished=False)
+    add(results, "face_direction/lld-vae8/d", "2025", kind="lld-vae", latents=8)
+    add(results, "face_direction/dae12/e", "2026")
+    assert find_encoder(results, "lld-vae:12", "face_direction") == "face_direction/lld-vae12/b"
+    assert find_encoder(results, "lld-vae:8", "face_direction") == "face_direction/lld-vae8/d"
+    assert find_encoder(results, "dae:12", "face_direction") == "face_direction/dae12/e"
+
+
+def test_encoder_is_found_by_its_id(trained):
+    assert find_encoder(trained.results, trained.record.id, "face_direction") == trained.record.id
+
+
+def test_encoder_of_another_task_is_refused_with_the_command_to_type(trained):
+    id = trained.record.id
+    assert refusal(trained.results, id, "move_to_pose") == (
+        f"The encoder {id} is for face_direction, not for move_to_pose; type "
+        "jbench train-dae --task move_to_pose to make one."
+    )
+
+
+def test_none_of_that_size_names_the_command_to_type(results):
+    add(results, "face_direction/dae11/a", "2020", latents=11)
+    assert refusal(results, "12") == (
+        f"No dae of 12 latents for face_direction in {results.path}; type "
+        "jbench train-dae --task face_direction --latent 12 to make one."
+    )
+    assert refusal(results, "lld-vae:8") == (
+        f"No lld-vae of 8 latents for face_direction in {results.path}; type "
+        "jbench train-encoder --kind lld-vae --task face_direction --latent 8 to make one."
+    )
+
+
+@pytest.mark.parametrize(
+    ("wanted", "task", "most"), [("0", "face_direction", 16), ("20", "move_to_pose", 19)]
+)
+def test_number_of_latents_that_cannot_be_is_refused_with_the_range(results, wanted, task, most):
+    assert f"An encoder of {task} has 1 to {most} latents" in refusal(results, wanted, task)
+
+
+def test_unknown_id_is_answered_with_the_known_ones(results):
+    assert "there is none yet: run jbench train-dae" in refusal(results, "face_direction/x")
+    add(results, "face_direction/dae12/a", "2020")
+    assert refusal(results, "face_direction/x") == (
+        f"No encoder face_direction/x in {results.path}; there are face_direction/dae12/a."
+    )
+
+
+@pytest.mark.parametrize("wanted", ["dae:0", "dae:17", "dae:", "dae:-1", "pca:1.5", "ae:x"])
+def test_kind_with_a_number_that_cannot_be_is_refused_with_the_range(results, wanted):
+    assert "An encoder of face_direction has 1 to 16 latents" in refusal(results, wanted)
+
+
+def test_unknown_kind_is_answered_with_the_known_ones(results):
+    assert refusal(results, "aee:3").startswith("Unknown kind of encoder 'aee'; did you mean ae?")
+
+
+@pytest.mark.parametrize("wanted", ["-3", "../x", "/etc/passwd", ""])
+def test_what_is_neither_number_nor_id_is_refused(results, wanted):
+    assert "is not an id" in refusal(results, wanted)
+
+
+def test_superscript_number_is_refused(results):
+    assert refusal(results, "¹²")
+
+
+def test_unfinished_encoder_is_refused(results):
+    add(results, "face_direction/dae12/a", "2020", finished=False)
+    assert refusal(results, "face_direction/dae12/a") == (
+        "The encoder face_direction/dae12/a is unfinished; type the command that began it again "
+        "and it continues."
+    )
+
+
+@pytest.mark.parametrize("name", [WEIGHTS, DESCRIPTION])
+@pytest.mark.parametrize("damage", [lambda c: c[:-1], lambda c: c[:-1] + bytes([c[-1] ^ 1])])
+def test_altered_file_is_named(copied, name, damage):
+    path = copied.path / name
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(WorkError, match=f"{name} of the encoder {copied.id} is damaged"):
+        load_encoder(copied_results(copied), copied.id)
+
+
+def copied_results(record):
+    return Results(record.path.parents[3])
+
+
+def flipped(content, at):
+    return content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]
+
+
+FOREIGN_WEIGHTS = {
+    "cut short": lambda content: content[:-1],
+    "cut to its header": lambda content: content[:100],
+    "longer": lambda content: content + b"\0",
+    "other length of header": lambda content: flipped(content, 0),
+    "broken header": lambda content: flipped(content, 8),
+    "empty": lambda content: b"",
+    "no tensors": lambda content: safetensors.numpy.save({}),
+    "other names": lambda content: safetensors.numpy.save({"weight": np.zeros((3, 16))}),
+    "other sizes": lambda content: safetensors.numpy.save(
+        {"encoder.weight": np.zeros((16, 3), "f4"), "encoder.bias": np.zeros(3, "f4")}
+    ),
+    "no numbers": lambda content: safetensors.numpy.save(
+        {name: value * np.nan for name, value in safetensors.numpy.load(content).items()}
+    ),
+    "huge": lambda content: (2**63).to_bytes(8, "little") + content[8:],
+}
+
+
+@pytest.mark.parametrize("change", FOREIGN_WEIGHTS.values(), ids=FOREIGN_WEIGHTS)
+def test_weights_that_are_none_are_refused_though_their_checksum_is_right(copied, change):
+    put_in_place(copied, WEIGHTS, change(copied.read_file(WEIGHTS)))
+    with pytest.raises(
+        WorkError, match=f"The encoder {copied.id} can't be read .*; train it again"
+    ):
+        load_encoder(copied_results(copied), copied.id)
+
+
+FOREIGN_DESCRIPTIONS = {
+    "no JSON": lambda known: b"{",
+    "list": lambda known: b"[]",
+    "null": lambda known: b"null",
+    "not UTF-8": lambda known: b"\xff{}",
+    "no scaling": lambda known: {k: v for k, v in known.items() if k != "minimum"},
+    "short scaling": lambda known: {**known, "minimum": known["minimum"][:-1]},
+    "scaling of one": lambda known: {**known, "minimum": [0.0], "maximum": [1.0]},
+    "scaling of words": lambda known: {**known, "maximum": ["one"] * 16},
+    "other latents": lambda known: {**known, "latents": 4},
+    "other features": lambda known: {**known, "features": known["features"][:-1]},
+    "other kind": lambda known: {**known, "kind": "pca"},
+    "unknown kind": lambda known: {**known, "kind": "os"},
+    "no kind": lambda known: {**known, "kind": None},
+    "other options": lambda known: {**known, "options": {"rate": 1}},
+    "no options": lambda known: {**known, "options": None},
+    "no latents": lambda known: {**known, "latents": 0},
+}
+
+
+@pytest.mark.parametrize("change", FOREIGN_DESCRIPTIONS.values(), ids=FOREIGN_DESCRIPTIONS)
+def test_description_that_is_none_is_refused_though_its_checksum_is_right(copied, change):
+    changed = change(json.loads(copied.read_file(DESCRIPTION)))
+    content = changed if isinstance(changed, bytes) else json.dumps(changed).encode()
+    put_in_place(copied, DESCRIPTION, content)
+    with pytest.raises(WorkError, match=f"The encoder {copied.id} can't be read"):
+        load_encoder(copied_results(copied), copied.id)
+
+
+@pytest.mark.parametrize("name", [WEIGHTS, DESCRIPTION])
+def test_pickle_in_place_of_a_file_is_refused_and_not_run(tmp_path, copied, name):
+    made = tmp_path / "made"
+    bomb = pickle.dumps(Bomb(made))
+    pickle.loads(bomb)  # noqa: S301 - to see that it would have gone off
+    made.unlink()
+    put_in_place(copied, name, bomb)
+    with pytest.raises(WorkError, match=f"The encoder {copied.id} can't be read"):
+        load_encoder(copied_results(copied), copied.id)
+    assert not made.exists()
+
+
+def test_link_in_place_of_the_weights_is_refused(tmp_path, copied):
+    shutil.move(copied.path / WEIGHTS, tmp_path / "elsewhere")
+    (copied.path / WEIGHTS).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(WorkError, match="a link to another place"):
+        load_encoder(copied_results(copied), copied.id)
+
+
+def test_environment_with_an_encoder_observes_its_latents(trained):
+    encoder, _ = load_encoder(trained.results, trained.record.id)
+    plain = gymnasium.make(environment_id("face_direction"))
+    encoded = EncodedObservation(gymnasium.make(environment_id("face_direction")), encoder)
+    assert encoded.observation_space.shape == (3,)
+    pairs = [(plain.reset(seed=0)[0], encoded.reset(seed=0)[0])]
+    for action in np.random.default_rng(0).uniform(-1, 1, (5, 1)).astype(np.float32):
+        (seen, *others), (latents, *encoded_others) = plain.step(action), encoded.step(action)
+        assert others == encoded_others  # reward, ends and information are the task's
+        pairs.append((seen, latents))
+    for seen, latents in pairs:
+        np.testing.assert_array_equal(latents, encoder.encode(seen))
+        assert encoded.observation_space.contains(latents)
+
+
+OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)
+
+# Two latents of three features, of which the second never changes.
+WEIGHTS_BY_HAND = {
+    "encoder.weight": np.array([[0.5, 9.0, -1.0], [0.25, 9.0, 0.75]], np.float32),
+    "encoder.bias": np.array([0.1, -0.2], np.float32),
+    "decoder.weight": np.zeros((3, 2), np.float32),
+    "decoder.bias": np.zeros(3, np.float32),
+}
+LATENTS = np.tanh(
+    [
+        # OBSERVATIONS scaled by hand: (-1, 0, -1), (1, 0, 0), (-0.5, 0, 1).
+        [-0.5 + 1 + 0.1, -0.25 - 0.75 - 0.2],
+        [0.5 + 0.1, 0.25 - 0.2],
+        [-0.25 - 1 + 0.1, -0.125 + 0.75 - 0.2],
+    ]
+)
+
+
+@pytest.fixture
+def by_hand():
+    return KeptEncoder(Autoencoder(), WEIGHTS_BY_HAND, Scaling.of(OBSERVATIONS), 2)
+
+
+def test_encoder_is_its_kind_on_scaled_features(by_hand):
+    assert by_hand.latent_size == 2
+    found = by_hand.encode(OBSERVATIONS)
+    np.testing.assert_allclose(found, LATENTS, atol=1e-6)
+    assert found.dtype == by_hand.encode(OBSERVATIONS.astype(np.float64)).dtype == np.float32
+
+
+@pytest.mark.parametrize("shape", [(3,), (1, 3), (4, 3), (2, 5, 3), (0, 3)])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_leading_axes_are_free_in_numpy_and_in_torch(by_hand, shape, dtype):
+    batch = np.random.default_rng(0).uniform(-2, 6, shape).astype(np.float32)
+    scaled = batch.reshape(-1, 3) * [0.5, 0, 0.5] + [-1, 0, -0.5]
+    layer = WEIGHTS_BY_HAND["encoder.weight"].T, WEIGHTS_BY_HAND["encoder.bias"]
+    wanted = np.tanh(scaled @ layer[0] + layer[1]).reshape(*shape[:-1], 2)
+    ours, theirs = by_hand.encode(batch), by_hand.encode(torch.from_numpy(batch).to(dtype))
+    assert isinstance(ours, np.ndarray)
+    assert isinstance(theirs, torch.Tensor)
+    assert theirs.dtype == dtype
+    np.testing.assert_allclose(ours, wanted, atol=1e-6)
+    exact = 1e-7 if dtype == torch.float64 else 1e-6  # the weights are kept in float32
+    np.testing.assert_allclose(theirs.numpy(), wanted, atol=exact)
+
+
+def test_constant_feature_says_nothing_whatever_it_becomes(by_hand):
+    changed = OBSERVATIONS + np.array([0, 100, 0], np.float32)
+    np.testing.assert_array_equal(by_hand.encode(changed), by_hand.encode(OBSERVATIONS))
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        *("ae", "ddae", "vae", "lld-vae", "pca", "random"),
+        *("forward", "contrastive", "dmd", "random-features"),
+    ],
+)
+def test_encoder_of_every_kind_is_kept_and_used_as_an_observation(trained, results, kind):
+    options = {} if kind in ("pca", "random", "dmd", "random-features") else {"epochs": 1}
+    settings = encoder_settings(kind, options, dataset=trained.dataset.id, latents=4, seed=2)
+    record = train_encoder(settings, trained.states, results)
+    assert record.id.startswith(f"face_direction/{kind}4/s02-")
+    id = find_encoder(results, f"{kind}:4", "face_direction")
+    assert id == record.id
+    encoder, _ = load_encoder(Results(results.path), id)
+    encoded = EncodedObservation(gymnasium.make(environment_id("face_direction")), encoder)
+    latents, _ = encoded.reset(seed=0)
+    assert encoded.observation_space.contains(latents)
+    assert latents.shape == (4,)
+    seen = encoded.env.reset(seed=0)[0]
+    np.testing.assert_array_equal(encoder.encode(seen), latents)
+    many = encoder.encode(torch.from_numpy(np.stack([seen, seen])))
+    np.testing.assert_allclose(many.numpy(), [latents, latents], atol=1e-5)

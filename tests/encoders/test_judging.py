@@ -1,0 +1,96 @@
+"""The errors that are told: against what numpy makes of the same states."""
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from jbench.encoders.evaluation import heuristic_episodes
+from jbench.encoders.registry import make_kind
+from jbench.encoders.saved import WEIGHTS
+from jbench.encoders.states import split_episodes
+from jbench.tasks import features
+from tests.encoders.encoder_data import observations_of
+from tests.encoders.test_training import rows, train
+
+
+def weights_of(record):
+    return safetensors.numpy.load(record.read_file(WEIGHTS))
+
+
+def judged(record, trained, data):
+    """What a kept encoder reconstructs of (states, size), and what it should."""
+    kind = make_kind(record.settings["kind"], record.settings["options"])
+    episodes = {
+        "test": observations_of(trained.dataset)[split_episodes(5, 2)[1]],
+        "heuristic": heuristic_episodes("face_direction", None)[0],
+    }[data]
+    scaled = trained.states.scale(episodes)
+    ahead = kind.steps_ahead if kind.decodes_later else 0
+    now, later = scaled[:, : 1001 - ahead], scaled[:, ahead:]
+    weights = weights_of(record)
+    rebuilt = kind.decode(weights, kind.encode(weights, now))
+    return rebuilt.reshape(-1, 16).astype(np.float64), later.reshape(-1, 16).astype(np.float64)
+
+
+@pytest.mark.parametrize("data", ["test", "heuristic"])
+@pytest.mark.parametrize("kind", ["dae", "ddae", "vae", "lld-vae", "pca", "random"])
+def test_errors_are_those_of_the_kept_encoder(trained, results, kind, data):
+    record = train(trained.states, results, kind)
+    rebuilt, wanted = judged(record, trained, data)
+    mse, variance = np.mean((rebuilt - wanted) ** 2, axis=0), wanted.var(axis=0)
+    found = rows(record, "encoder_features")
+    np.testing.assert_allclose(found[f"{data}_mse"], mse, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(found[f"{data}_variance"], variance, rtol=1e-4, atol=1e-9)
+    (total,) = rows(record, "encoder_errors").to_dict("records")
+    assert total[f"{data}_explained"] == pytest.approx(1 - mse.sum() / variance.sum(), rel=1e-4)
+
+
+@pytest.mark.parametrize("latents", [1, 5, 16])
+def test_errors_beside_an_encoder_are_those_of_pca_and_random_of_its_size(
+    trained, results, latents
+):
+    beside = rows(train(trained.states, results, "ae", latents), "encoder_features")
+    for kind in ("pca", "random"):
+        own = rows(train(trained.states, results, kind, latents), "encoder_features")
+        for told, wanted in (
+            (f"{kind}_mse", "test_mse"),
+            (f"{kind}_heuristic_mse", "heuristic_mse"),
+        ):
+            np.testing.assert_allclose(beside[told], own[wanted], rtol=1e-3, atol=1e-9)
+
+
+def test_pca_beats_a_random_projection_and_all_latents_lose_nothing(trained, results):
+    errors = [
+        rows(train(trained.states, results, "pca", latents), "encoder_errors").iloc[0]
+        for latents in (4, 8, 16)
+    ]
+    for error in errors[:2]:
+        assert error["pca_explained"] > error["random_explained"]
+    assert [error["pca_mse"] for error in errors] == sorted(
+        (error["pca_mse"] for error in errors), reverse=True
+    )
+    for name in ("test_explained", "pca_explained", "random_explained"):
+        assert errors[-1][name] == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize("task", ["face_direction", "move_to_pose"])
+def test_heuristics_episodes_are_of_its_policy_and_always_the_same(task):
+    observed, actions, rewards = heuristic_episodes(task, None)
+    size = features.TASK_SPECS[task].observation_size
+    assert (observed.shape, actions.shape) == ((10, 1001, size), (10, 1000))
+    assert rewards.shape == (10, 1000)
+    assert ((rewards >= 0) & (rewards <= 1)).all()
+    assert np.isfinite(observed).all()
+    assert (np.abs(actions) <= 1).all()
+    # Episodes begin at the origin at rest, each in a pose of its own.
+    physical = features.denormalize(task, observed[:, 0].astype(np.float64))
+    np.testing.assert_allclose(physical[:, :3], [[0, 0, 0.035]] * 10, atol=1e-6)
+    assert len(np.unique(physical[:, 3])) == 10
+    assert heuristic_episodes(task, None)[0] is observed
+
+
+def test_heuristic_turns_to_its_target():
+    observed, *_ = heuristic_episodes("face_direction", None)
+    angle = features.denormalize("face_direction", observed)[..., -1]
+    assert np.abs(angle[:, 0]).mean() > 0.5
+    assert np.abs(angle[:, -200:]).mean() < 0.2

@@ -1,0 +1,272 @@
+"""What latents tell of the next control step: the probe, and the kinds that learn to foresee it."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from jbench.commands.display import show_encoders
+from jbench.commands.output import Output
+from jbench.datasets import DatasetSettings, collect, find_dataset
+from jbench.encoders import load_encoder
+from jbench.encoders.kind import Batch
+from jbench.encoders.kinds.contrastive import Contrastive
+from jbench.encoders.kinds.dmd import DynamicModes
+from jbench.encoders.kinds.forward import ForwardModel, changes_of, full_turns
+from jbench.encoders.kinds.random_features import RandomFeatures
+from jbench.encoders.kinds.scaled import Scaled
+from jbench.encoders.loop import Learner
+from jbench.encoders.predictions import TARGETS, effective_rank, probe
+from jbench.encoders.registry import make_kind
+from jbench.encoders.settings import encoder_settings
+from jbench.encoders.states import Shard, States
+from jbench.errors import RequestError
+from jbench.store import Results, schema
+from jbench.store.query import load
+from tests.encoders.encoder_data import observations_of
+from tests.encoders.test_training import rows, train
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory):
+    """The states of eight episodes of the real robot."""
+    results = Results(tmp_path_factory.mktemp("real") / "results")
+    collect(DatasetSettings(seed=1, steps=8000), results, threads=2)
+    states = States(find_dataset(results), "face_direction", 0)
+    states.read(CPU)
+    return states
+
+
+def learned(kind, states, latents=12):
+    """Weights of a learned kind, of numpy."""
+    learner = Learner(kind, states.size, latents, 0, CPU, kind.constants(states))
+    for _ in range(kind.epochs):
+        learner.epoch(states)
+    return {name: value.detach().numpy() for name, value in learner.weights.items()}
+
+
+def test_forward_predicts_the_yaw_rate_better_than_the_denoising_autoencoder(real):
+    cheap = {"epochs": 30, "batch": 256}
+    forward, dae = (make_kind(name, cheap) for name in ("forward", "dae"))
+    found = {
+        type(kind): probe(kind, learned(kind, real), real).r2["yaw_rate"] for kind in (forward, dae)
+    }
+    assert found[type(forward)] > found[type(dae)] + 0.1
+
+
+def test_probe_knows_what_is_in_the_latents_and_nothing_else(real):
+    class One(Scaled):
+        """The motor's speed alone, or nothing."""
+
+        seen: bool = True
+
+        def encode(self, weights, scaled):
+            return scaled[..., 14:15] * self.seen
+
+    whole, one = probe(Scaled(), {}, real), probe(One(), {}, real)
+    assert list(whole.r2) == list(TARGETS)
+    assert whole.r2["yaw_rate"] > max(0.5, one.r2["yaw_rate"] + 0.1)
+    nothing = probe(One(seen=False), {}, real)
+    # The action alone drives the yaw rate, and tells nothing of the reward.
+    assert nothing.r2["yaw_rate"] < whole.r2["yaw_rate"] - 0.1
+    assert nothing.r2["reward"] < 0.1
+    assert (one.effective_rank, nothing.effective_rank) == (pytest.approx(1), 0)
+    assert (whole.learned_rows, whole.test_rows) == (6000, 2000)
+    # Always the same, whatever was drawn before.
+    torch.manual_seed(3)
+    assert probe(Scaled(), {}, real) == whole
+
+
+@pytest.mark.parametrize(
+    ("spread", "wanted"),
+    [
+        ((1, 1, 1), 3),
+        ((5, 0, 0), 1),
+        ((3, 1, 0), math.exp(-0.75 * math.log(0.75) - 0.25 * math.log(0.25))),
+        ((0, 0, 0), 0),
+    ],
+)
+def test_effective_rank_worked_out_by_hand(spread, wanted):
+    # Columns at right angles with a mean of 0, so that their lengths are the singular values.
+    signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
+    assert effective_rank(signs * spread + 7) == pytest.approx(wanted)
+
+
+def test_predictions_are_rows_and_the_rank_is_in_the_table_of_encoders(trained):
+    found = rows(trained.record, "encoder_predictions")
+    assert found["target"].tolist() == list(TARGETS)
+    assert found["test_rows"].tolist() == [1000] * 4
+    (row,) = load(trained.results)[0]["encoders"].to_pylist()
+    assert row["effective_rank"] == found["effective_rank"][0]
+    assert 1 < row["effective_rank"] <= 3
+
+
+def test_encoders_from_before_the_predictions_are_read_and_shown(trained, results, capsys):
+    old = results.create("encoder", trained.record.id, trained.record.settings)
+    for name in ("encoder_features", "encoder_errors"):
+        old.append({name: trained.record.read(name, getattr(schema, name.upper()))})
+    old.finish({"test_mse": 0.1})
+    tables, problems = load(results)
+    assert problems == []
+    assert tables["encoder_predictions"].num_rows == 0
+    assert tables["encoders"].to_pylist()[0]["effective_rank"] is None
+    show_encoders([old], Output())
+    said = capsys.readouterr().out
+    assert "Variance explained" in said
+    assert "R²" not in said
+
+
+def test_changes_of_angles_go_the_shorter_way_and_are_of_unit_variance(real):
+    turns = full_turns(real)
+    gain, _ = real.scaling.gain_and_offset()
+    # The motor's angle and the angle to the target are observed in units of pi.
+    np.testing.assert_allclose(turns, [0] * 13 + [2 * gain[13], 0, 2 * gain[15]], rtol=1e-6)
+    now, later = torch.zeros(1, 16), torch.zeros(1, 16)
+    now[0, 13], later[0, 13] = float(0.99 * gain[13]), float(-0.98 * gain[13])
+    now[0, 14], later[0, 14] = 0.99, -0.98
+    changes = changes_of(Batch(now, later), turns)
+    assert changes[0, 13].item() == pytest.approx(0.03 * gain[13], rel=1e-4)
+    assert changes[0, 14].item() == pytest.approx(-1.97, rel=1e-4)
+    kind = ForwardModel(horizon=3)
+    constants = kind.constants(real)
+    (shard,) = real.learn()
+    batch = shard.take(torch.arange(shard.pairs(3)), 3, with_actions=True)
+    scaled = changes_of(batch, turns) * constants["change.scale"]
+    np.testing.assert_allclose(scaled.std(0), 1, rtol=1e-3)
+    rewards = batch.rewards.mean(1) * constants["reward.scale"]
+    assert rewards.std().item() == pytest.approx(1, rel=1e-3)
+
+
+def test_forward_loss_is_that_of_its_three_errors(real):
+    kind = ForwardModel(hidden=5, horizon=2)
+    weights = kind.initial(16, 3, torch.Generator().manual_seed(0)) | kind.constants(real)
+    (shard,) = real.learn()
+    batch = shard.take(torch.arange(50), 2, with_actions=True)
+    w = {name: value.double().numpy() for name, value in weights.items()}
+
+    def layer(name, values):
+        return values @ w[f"{name}.weight"].T + w[f"{name}.bias"]
+
+    now, later, actions = (
+        part.double().numpy() for part in (batch.now, batch.later, batch.actions)
+    )
+    latents = np.tanh(layer("encoder", now))
+    hidden = np.tanh(layer("hidden", np.hstack([latents, actions])))
+    change = (later - now + w["change.turn"] * 0.5) % np.where(
+        w["change.turn"], w["change.turn"], np.inf
+    ) - w["change.turn"] * 0.5
+    change = np.where(w["change.turn"] > 0, change, later - now)
+    reward = batch.rewards.double().numpy().mean(1)[:, None] * w["reward.scale"]
+    wanted = (
+        np.mean((layer("change", hidden) - change * w["change.scale"]) ** 2)
+        + np.mean((layer("reward", hidden) - reward) ** 2)
+        + np.mean((layer("decoder", latents) - now) ** 2)
+    )
+    assert kind.loss(weights, batch).item() == pytest.approx(wanted, rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", [ForwardModel(hidden=5), Contrastive(hidden=5)])
+def test_the_way_back_changes_nothing_of_the_latents(real, kind):
+    weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
+    weights = {name: value.requires_grad_() for name, value in weights.items()}
+    (shard,) = real.learn()
+    batch = shard.take(torch.arange(50), kind.steps_ahead, with_actions=True)
+    found = []
+    for factor in (1, 100):
+        scaled = weights | {"decoder.weight": weights["decoder.weight"] * factor}
+        loss = kind.loss(scaled | kind.constants(real), batch)
+        found.append(torch.autograd.grad(loss, weights["encoder.weight"])[0])
+    assert torch.equal(*found)
+
+
+def test_contrastive_loss_is_the_surprise_at_the_right_pairs(real):
+    kind = Contrastive(hidden=5, horizon=1)
+    weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
+    # The query is 0 for every row: all later states are equally likely.
+    weights["query.weight"].zero_()
+    (shard,) = real.learn()
+    batch = shard.take(torch.arange(0, 5000, 100), 1, with_actions=True)
+    readout = (kind.decode(weights, kind.encode(weights, batch.now)) - batch.now).square().mean()
+    loss = kind.loss(weights, batch) - readout
+    assert loss.item() == pytest.approx(math.log(50), rel=1e-5)
+    cheap = Contrastive(epochs=2, batch=128)
+    better = learned(cheap, real)
+    in_torch = {name: torch.from_numpy(value) for name, value in better.items()}
+    assert cheap.loss(in_torch, shard.take(torch.arange(0, 5000, 100), 5, True)) < math.log(50)
+
+
+def linear_system(order, size=10, episodes=3):
+    """Shards of a random linear system of an order, seen in more features with a little noise."""
+    random = np.random.default_rng(0)
+    rotation, _ = np.linalg.qr(random.normal(size=(order, order)))
+    seen, effect = random.normal(size=(size, order)), random.normal(size=order)
+    actions = random.uniform(-1, 1, (episodes, 1000))
+    hidden = np.zeros((episodes, 1001, order))
+    for step in range(1000):
+        hidden[:, step + 1] = 0.95 * hidden[:, step] @ rotation.T
+        hidden[:, step + 1] += actions[:, step, None] * effect
+    states = hidden @ seen.T + random.normal(0, 0.01, (episodes, 1001, size))
+    shard = Shard(*(torch.from_numpy(v.astype(np.float32)) for v in (states, actions, actions)))
+    return shard
+
+
+def states_of(shard):
+    """What a kind needs of `States`."""
+    return SimpleNamespace(
+        learn=lambda: iter([shard]), size=shard.states.shape[-1], device=CPU, seed=0
+    )
+
+
+@pytest.mark.parametrize("order", [2, 5])
+def test_dmd_recovers_the_order_of_a_linear_system_in_any_units(order):
+    shard = linear_system(order)
+    weights = DynamicModes().fit(states_of(shard), order)
+    values = weights["singular_values"]
+    assert ((values > 0.9).sum(), (values > 0.2).sum()) == (order, order)
+    assert DynamicModes().summary(weights)["singular_values"] == np.round(values, 4).tolist()
+    # Its latents give back all features but the noise.
+    rebuilt = DynamicModes().decode(weights, DynamicModes().encode(weights, shard.states.numpy()))
+    assert np.abs(rebuilt - shard.states.numpy()).std() < 0.02
+    latents = DynamicModes().encode(weights, shard.states.numpy()).reshape(-1, order)
+    # Other units of the features change neither singular values nor, but for signs, latents.
+    units = np.geomspace(0.01, 100, 10).astype(np.float32)
+    other = DynamicModes().fit(
+        states_of(shard._replace(states=shard.states * torch.from_numpy(units))), order
+    )
+    np.testing.assert_allclose(other["singular_values"], values, atol=1e-4)
+    again = DynamicModes().encode(other, (shard.states.numpy() * units)).reshape(-1, order)
+    along = np.abs(np.corrcoef(latents.T, again.T)[:order, order:]).max(1)
+    np.testing.assert_allclose(along, 1, atol=0.01)
+
+
+def test_an_encoder_of_more_latents_than_features_is_kept_and_judged(trained, results):
+    record = train(trained.states, results, "random-features", 64)
+    assert load_encoder(results, record.id)[0].latent_size == 64
+    (errors,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()
+    assert errors["pca_explained"] == pytest.approx(1, abs=1e-5)
+    assert len(rows(record, "encoder_predictions")) == len(TARGETS)
+
+
+def test_random_features_may_outnumber_features_and_lose_little(trained):
+    kind = RandomFeatures()
+    weights = kind.fit(trained.states, 64)
+    seen = trained.states.scale(observations_of(trained.dataset)).reshape(-1, 16)
+    latents = kind.encode(weights, seen)
+    assert latents.shape == (5005, 64)
+    inputs = np.arctanh(latents)
+    assert inputs.var(0).mean() == pytest.approx(1, rel=0.3)
+    rebuilt = kind.decode(weights, latents)
+    assert ((rebuilt - seen) ** 2).mean() < 0.05 * seen.var(0).mean()
+    assert effective_rank(latents) > 16
+
+
+def test_settings_let_random_features_outnumber_features_and_no_linear_kind():
+    shared = {"dataset": "random/a", "latents": 240}
+    settings = encoder_settings("random-features", {}, **shared)
+    assert settings.representation == "random-features240"
+    with pytest.raises(RequestError, match="face_direction has 16 features: type --latent 1 to 16"):
+        encoder_settings("random", {}, **shared)

@@ -1,0 +1,186 @@
+"""What an encoder learns from: every state once, in pairs of one episode, however it is read."""
+
+import numpy as np
+import pytest
+import torch
+
+from jbench.encoders.moments import Moments
+from jbench.encoders.scaling import Scaling
+from jbench.encoders.states import SAMPLE_EPISODES, States, split_episodes
+from jbench.errors import RequestError, WorkError
+from tests.encoders.encoder_data import (
+    made_up_actions,
+    made_up_states,
+    make_dataset,
+    observations_of,
+)
+
+CPU = torch.device("cpu")
+SMALL = 3 * 2 * 1001 * 16 * 4  # bytes that hold two episodes at a time
+
+
+def generator(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def read(dataset, seed=0, **more):
+    states = States(dataset, "face_direction", seed, **more)
+    states.read(CPU)
+    return states
+
+
+def gathered(shards):
+    """All episodes (episodes, 1001, size), and actions (episodes, 1000), of some shards."""
+    states, actions, _ = zip(*shards, strict=True)
+    return torch.cat(states).numpy(), torch.cat(actions).numpy()
+
+
+def sorted_(episodes):
+    """Episodes in the order of their first states."""
+    return episodes[np.lexsort(episodes[:, 0].T)]
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    from jbench.store import Results
+
+    results = Results(tmp_path_factory.mktemp("states") / "results")
+    return make_dataset(results, episodes=10, each=3)
+
+
+@pytest.fixture(scope="module")
+def scaled(dataset):
+    """All states of the dataset, scaled by hand."""
+    observations = observations_of(dataset).astype(np.float64)
+    low, high = (f(observations, axis=(0, 1)) for f in (np.min, np.max))
+    return 2 * (observations - low) / (high - low) - 1
+
+
+@pytest.mark.parametrize("episodes", [2, 5, 10, 13, 5000])
+def test_split_is_of_whole_episodes_eighty_to_twenty(episodes):
+    learned, held_out = split_episodes(episodes, 0)
+    assert sorted([*learned, *held_out]) == list(range(episodes))
+    assert len(held_out) == max(1, round(episodes / 5))
+
+
+def test_split_depends_on_the_seed_alone():
+    splits = [split_episodes(100, seed)[1].tolist() for seed in (0, 0, 1)]
+    assert splits[0] == splits[1] != splits[2]
+    assert splits[0] != list(range(20))
+
+
+def test_states_are_scaled_by_the_extremes_of_all_of_them(dataset, scaled):
+    states = read(dataset)
+    observations = observations_of(dataset)
+    np.testing.assert_array_equal(states.scaling.minimum, observations.min(axis=(0, 1)))
+    np.testing.assert_array_equal(states.scaling.maximum, observations.max(axis=(0, 1)))
+    learned, held_out = split_episodes(10, 0)
+    found, actions = gathered(states.learn(generator()))
+    np.testing.assert_allclose(found, scaled[learned], atol=1e-5)
+    np.testing.assert_array_equal(actions, made_up_actions(10)[learned])
+    np.testing.assert_allclose(gathered(states.test())[0], scaled[held_out], atol=1e-5)
+    np.testing.assert_allclose(states.scale(observations), scaled, atol=1e-5)
+
+
+def test_moments_are_those_of_the_scaled_states(dataset, scaled):
+    states = read(dataset)
+    for found, chosen in zip((states.learned, states.held_out), split_episodes(10, 0), strict=True):
+        wanted = Moments.of(scaled[chosen])
+        assert found.rows == wanted.rows == 1001 * len(chosen)
+        np.testing.assert_allclose(found.mean, wanted.mean, atol=1e-6)
+        np.testing.assert_allclose(found.covariance, wanted.covariance, atol=1e-6)
+
+
+def test_larger_than_memory_it_is_read_file_by_file_in_random_order(dataset):
+    whole, streamed = read(dataset), read(dataset, memory=SMALL)
+    assert (whole.in_memory, streamed.in_memory) == (True, False)
+    of_whole, orders = gathered(whole.learn(generator()))[0], []
+    for seed in range(5):
+        shards = list(streamed.learn(generator(seed)))
+        assert len(shards) > 2
+        orders.append(gathered(shards)[0])
+        np.testing.assert_array_equal(sorted_(orders[-1]), sorted_(of_whole))
+    assert len({order.tobytes() for order in orders}) > 1
+    np.testing.assert_array_equal(gathered(streamed.test())[0], gathered(whole.test())[0])
+    np.testing.assert_array_equal(streamed.sample.states, whole.sample.states)
+    np.testing.assert_array_equal(streamed.sample.actions, whole.sample.actions)
+    for name in ("learned", "held_out"):
+        for one, other in zip(getattr(streamed, name), getattr(whole, name), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_streamed_actions_go_with_their_states(dataset):
+    states, actions = gathered(read(dataset, memory=SMALL).learn(generator()))
+    all_states, all_actions = gathered(read(dataset).learn(generator()))
+    for state, action in zip(states, actions, strict=True):
+        (same,) = np.flatnonzero((all_states == state).all(axis=(1, 2)))
+        np.testing.assert_array_equal(action, all_actions[same])
+
+
+@pytest.mark.parametrize("ahead", [0, 1, 40])
+def test_pairs_are_so_many_steps_apart_in_one_episode(dataset, ahead):
+    (shard,) = read(dataset).learn(generator())
+    pairs = 8 * (1001 - ahead)
+    assert shard.pairs(ahead) == pairs
+    for kind in (torch.int32, torch.int64):
+        batch = shard.take(torch.arange(pairs, dtype=kind), ahead, with_actions=ahead > 0)
+        now, later = shard.states[:, : 1001 - ahead], shard.states[:, ahead:]
+        assert torch.equal(batch.now, now.reshape(pairs, 16))
+        assert torch.equal(batch.later, later.reshape(pairs, 16))
+        if ahead:
+            for i in (0, ahead - 1):
+                steps = slice(i, i + 1001 - ahead)
+                assert torch.equal(batch.actions[:, i], shard.actions[:, steps].flatten())
+                assert torch.equal(batch.rewards[:, i], shard.rewards[:, steps].flatten())
+            assert batch.actions.shape == batch.rewards.shape == (pairs, ahead)
+        else:
+            assert batch.actions is None
+
+
+def test_batch_is_split_with_all_its_parts(dataset):
+    (shard,) = read(dataset).learn(generator())
+    batch = shard.take(torch.arange(25), 1, with_actions=True)
+    parts = batch.split(10)
+    assert [len(part.now) for part in parts] == [10, 10, 5]
+    for name in ("now", "later", "actions", "rewards"):
+        joined = torch.cat([getattr(part, name) for part in parts])
+        assert torch.equal(joined, getattr(batch, name))
+    assert all(part.noise is None for part in parts)
+
+
+def test_dataset_is_read_once(results):
+    dataset = make_dataset(results)
+    states = read(dataset)
+    for path in dataset.record.path.glob("*.parquet"):
+        path.unlink()
+    states.read(CPU)
+    for shards in (states.learn(generator()), states.test()):
+        assert len(gathered(shards)[0])
+
+
+def test_sample_is_of_held_out_episodes_and_not_too_many(dataset):
+    states = read(dataset)
+    assert len(states.sample.states) == 2 <= SAMPLE_EPISODES
+    np.testing.assert_array_equal(states.sample.states, gathered(states.test())[0])
+
+
+def test_feature_that_never_changes_becomes_zero(results):
+    state = made_up_states(2)
+    state.velocity[..., 3] = 0.25
+    states = read(make_dataset(results, state=state))
+    assert not gathered(states.learn(generator()))[0][..., 10].any()
+    assert isinstance(states.scaling, Scaling)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_dataset_with_what_is_no_number_is_refused(results, number):
+    state = made_up_states(2)
+    state.velocity[1, 400, 3] = number
+    dataset = make_dataset(results, state=state)
+    with pytest.raises(WorkError, match=r"random/a holds .*NaN or infinite"):
+        read(dataset)
+
+
+def test_dataset_of_one_episode_is_refused(results):
+    with pytest.raises(RequestError, match=r"has one episode.*more --steps"):
+        States(make_dataset(results, episodes=1), "face_direction", 0)

@@ -1,0 +1,438 @@
+"""From a dataset to a kept encoder: what is learned, what is kept, what goes on after a stop."""
+
+import hashlib
+import json
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import safetensors.numpy
+import torch
+
+from jbench.encoders import load_encoder
+from jbench.encoders.kinds.ae import Autoencoder
+from jbench.encoders.kinds.dae import DenoisingAutoencoder
+from jbench.encoders.loop import Learner, find_device
+from jbench.encoders.registry import make_kind
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS
+from jbench.encoders.settings import EncoderSettings, encoder_settings
+from jbench.encoders.states import Shard, States, split_episodes
+from jbench.encoders.training import CHECKPOINT, train_encoder
+from jbench.errors import RequestError, WorkError
+from jbench.store import Results, query, schema
+from jbench.tasks.features import feature_labels
+from tests.encoders.encoder_data import made_up_states, make_dataset, observations_of
+
+CPU = torch.device("cpu")
+STREAMED = 3 * 2 * 1001 * 16 * 4  # bytes of memory that hold two episodes at a time
+CHEAP = {"epochs": 5, "batch": 500}
+LEARNED = {"dae": {}, "ddae": {"horizon": 3}, "vae": {"hidden": 8}, "lld-vae": {"hidden": 8}}
+LEARNED |= {"forward": {"hidden": 8, "horizon": 2}, "contrastive": {"hidden": 8}}
+WITHOUT_EPOCHS = ("pca", "random", "scaled", "planar", "dmd", "random-features")
+
+
+class StoppedError(Exception):
+    """What a test stops a training with."""
+
+
+def train(states, results, kind="dae", latents=3, seed=2, **more):
+    options = more.pop("options", {} if kind in WITHOUT_EPOCHS else CHEAP)
+    task = more.pop("task", "face_direction")
+    settings = encoder_settings(
+        kind, options, dataset=states.dataset.id, task=task, latents=latents, seed=seed
+    )
+    return train_encoder(settings, states, results, **more)
+
+
+def train_until(epoch, *arguments, **more):
+    """Stops a training once so many epochs are done and told."""
+
+    def stop(done):
+        if done == epoch:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        train(*arguments, progress=stop, **more)
+
+
+def files(record):
+    return [record.read_file(name) for name in (WEIGHTS, DESCRIPTION)]
+
+
+def rows(record, table="encoder_epochs"):
+    return record.read(table, getattr(schema, table.upper())).to_pandas()
+
+
+def of_rank_two(size=6):
+    """Shards to learn from: two hidden numbers seen in six features."""
+    random = np.random.default_rng(0)
+    values = random.uniform(-0.7, 0.7, (2, 1001, 2)) @ random.normal(size=(2, size)) / 2
+    states = torch.from_numpy(values.astype(np.float32))
+    shard = Shard(states, *torch.zeros(2, 2, 1000))
+    return SimpleNamespace(learn=lambda generator: iter([shard])), states.view(-1, size)
+
+
+def learned(kind, epochs, latents=2, seed=0):
+    states, rows = of_rank_two()
+    learner = Learner(kind, 6, latents, seed, CPU)
+    losses = [learner.epoch(states) for _ in range(epochs)]
+    weights = {name: value.detach() for name, value in learner.weights.items()}
+    rebuilt = kind.decode(weights, kind.encode(weights, rows))
+    explained = 1 - (rebuilt - rows).square().sum() / (rows - rows.mean(0)).square().sum()
+    return losses, float(explained)
+
+
+def test_two_latents_explain_data_of_rank_two_and_one_does_not():
+    kind = Autoencoder(epochs=40, batch=64, learning_rate=1e-2)
+    assert learned(kind, 40)[1] > 0.95
+    assert learned(kind, 40, latents=1)[1] < 0.9
+
+
+def test_loss_of_an_epoch_is_the_mean_over_its_rows_and_falls():
+    _, rows = of_rank_two()
+    kind = Autoencoder(batch=len(rows), learning_rate=1e-2)  # one step for each epoch
+    new = Learner(kind, 6, 2, 0, CPU).weights
+    losses, _ = learned(kind, 20)
+    rebuilt = kind.decode(new, kind.encode(new, rows))
+    assert losses[0] == pytest.approx((rebuilt - rows).square().mean().item(), rel=1e-5)
+    assert losses == sorted(losses, reverse=True)
+
+
+def test_noisy_features_are_not_what_is_wanted():
+    losses, _ = learned(DenoisingAutoencoder(noise=0.5, batch=64, learning_rate=1e-2), 30)
+    # Else the noise in the four directions that two latents cannot give back would be left: 4 / 6
+    # of its variance of 0.25.
+    assert losses[-1] < 4 / 6 * 0.25 / 2
+
+
+def test_every_row_is_learned_from_once_in_an_epoch():
+    states, rows = of_rank_two()
+    seen = []
+
+    class Watching(Autoencoder):
+        def gradient(self, weights, gradients, batch):
+            seen.append(batch.now.clone())
+            return super().gradient(weights, gradients, batch)
+
+    Learner(Watching(batch=64), 6, 2, 0, CPU).epoch(states)
+    assert [len(batch) for batch in seen] == [64] * (2002 // 64) + [2002 % 64]
+    found = torch.cat(seen)
+    assert not torch.equal(found, rows)
+    order = [np.lexsort(values.numpy().T) for values in (found, rows)]
+    assert torch.equal(found[order[0]], rows[order[1]])
+
+
+def test_global_random_numbers_and_threads_do_not_matter(trained, results, tmp_path):
+    found = []
+    for seed in (5, 6):
+        torch.manual_seed(seed)
+        torch.set_num_threads(seed - 4)
+        found.append(files(train(trained.states, Results(tmp_path / str(seed)))))
+        assert torch.get_num_threads() == seed - 4
+    torch.set_num_threads(1)
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("commit_every", [0.0, 1e9])
+@pytest.mark.parametrize("kind", LEARNED)
+def test_stopped_training_goes_on_to_the_same_weights(trained, tmp_path, kind, commit_every):
+    options = {**CHEAP, **LEARNED[kind]}
+    whole = train(trained.states, Results(tmp_path / "whole"), kind, options=options)
+    results = Results(tmp_path / "stopped")
+    more = {"options": options, "commit_every": commit_every}
+    for stop in (1, 2):
+        train_until(2 * stop, trained.states, results, kind, **more)
+        (begun,) = results.scan("encoder")[0]
+        assert begun.status == "unfinished"
+        # A process commits its first epoch at once, the others when it is time.
+        assert begun.rows("encoder_epochs") == (stop if commit_every else 2 * stop)
+    seen = []
+    done = train(trained.states, results, kind, progress=seen.append, **more)
+    assert files(done) == files(whole)
+    assert seen[0] > 0
+    assert seen[-1] == 5
+    told = ["epoch", "train_loss", "test_mse", "test_denoising_mse"]
+    assert rows(done)[told].equals(rows(whole)[told])
+    assert rows(done)["wall_time"].is_monotonic_increasing
+    assert not done.has_checkpoint(CHECKPOINT)
+
+
+def test_stopped_training_that_streams_goes_on_to_the_same_weights(trained, tmp_path):
+    dataset = make_dataset(Results(tmp_path / "data"), episodes=10, each=2)
+
+    def streamed():
+        return States(dataset, "face_direction", 2, memory=STREAMED)
+
+    whole = train(streamed(), Results(tmp_path / "whole"))
+    results = Results(tmp_path / "stopped")
+    train_until(3, streamed(), results, commit_every=0.0)
+    assert files(train(streamed(), results)) == files(whole)
+    in_memory = train(States(dataset, "face_direction", 2), Results(tmp_path / "memory"))
+    errors = [record.manifest.summary["test_mse"] for record in (whole, in_memory)]
+    assert errors[0] == pytest.approx(errors[1], rel=0.2)
+
+
+def test_stop_after_the_errors_were_told_does_not_tell_them_twice(trained, tmp_path):
+    whole = train(trained.states, Results(tmp_path / "whole"))
+    results = Results(tmp_path / "stopped")
+    train_until(5, trained.states, results)
+    (begun,) = results.scan("encoder")[0]
+    begun.append({"encoder_errors": whole.read("encoder_errors", schema.ENCODER_ERRORS)})
+    done = train(trained.states, results)
+    assert len(rows(done, "encoder_errors")) == 1
+    assert files(done) == files(whole)
+
+
+def test_checkpoint_that_is_none_is_refused(trained, results):
+    train_until(2, trained.states, results)
+    (begun,) = results.scan("encoder")[0]
+    begun.append({}, {CHECKPOINT: b"no tensors"})
+    with pytest.raises(WorkError, match="checkpoint can't be used"):
+        train(trained.states, results)
+
+
+@pytest.mark.parametrize("kind", LEARNED)
+def test_random_numbers_are_the_same_on_every_device(trained, kind):
+    # The meta device computes no values, so that this needs no GPU: all random numbers must come
+    # from the generator on the CPU, as many as a training on the CPU draws.
+    states = []
+    for device in (CPU, torch.device("meta")):
+        settings = encoder_settings(
+            kind, {**CHEAP, **LEARNED[kind]}, dataset=trained.dataset.id, latents=3, seed=2
+        )
+        learner = Learner(make_kind(kind, settings.options), 16, 3, 2, device)
+        there = States(trained.dataset, "face_direction", 2)
+        there.read(device)
+        for batch in learner._prepared(there):
+            assert batch.now.device == learner._flat.device == device
+        states.append(learner.random.get_state())
+    assert torch.equal(*states)
+
+
+def test_checkpoint_with_random_numbers_of_a_gpu_is_refused(trained, results):
+    train_until(2, trained.states, results)
+    (begun,) = results.scan("encoder")[0]
+    kept = safetensors.numpy.load(begun.read_file(CHECKPOINT))
+    kept["random.cuda"] = kept.pop("random.cpu")
+    begun.append({}, {CHECKPOINT: safetensors.numpy.save(kept)})
+    with pytest.raises(WorkError, match=r"drew its random numbers on a GPU.*delete the directory"):
+        train(trained.states, results)
+
+
+def test_device_that_is_not_there_is_refused():
+    assert find_device("cpu").type == "cpu"
+    if torch.cuda.is_available():
+        assert find_device("auto").type == find_device("cuda").type == "cuda"
+    else:
+        assert find_device("auto").type == "cpu"
+        with pytest.raises(RequestError, match=r"no CUDA device here .* type --device cpu"):
+            find_device("cuda")
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+@pytest.mark.parametrize("kind", LEARNED)
+def test_training_on_cuda_goes_on_to_the_same_weights(trained, tmp_path, kind):
+    options, cuda = {**CHEAP, **LEARNED[kind]}, torch.device("cuda")
+
+    def states():
+        return States(trained.dataset, "face_direction", 2)
+
+    more = {"options": options, "device": cuda}
+    whole = train(states(), Results(tmp_path / "whole"), kind, **more)
+    results = Results(tmp_path / "stopped")
+    train_until(3, states(), results, kind, commit_every=0.0, **more)
+    assert files(train(states(), results, kind, **more)) == files(whole)
+    on_cpu = train(states(), Results(tmp_path / "cpu"), kind, options=options)
+    errors = [rows(record)["test_mse"] for record in (whole, on_cpu)]
+    np.testing.assert_allclose(*errors, rtol=1e-3)
+    encoder, _ = load_encoder(results, whole.id)
+    batch = torch.rand(5, 16, device=cuda, dtype=torch.float64)
+    found = encoder.encode(batch)
+    assert (found.device.type, found.dtype) == ("cuda", torch.float64)
+    wanted = encoder.encode(batch.cpu().numpy())
+    np.testing.assert_allclose(found.cpu().numpy(), wanted, atol=1e-5)
+
+
+def test_rows_are_kept_for_each_epoch_and_for_each_feature(trained):
+    epochs, features = rows(trained.record), rows(trained.record, "encoder_features")
+    assert epochs["epoch"].tolist() == [1, 2, 3, 4]
+    assert features["index"].tolist() == list(range(16))
+    assert features["feature"].tolist() == feature_labels("face_direction")
+    errors = rows(trained.record, "encoder_errors")
+    for table in (epochs, features, errors):
+        assert set(table["encoder"]) == {trained.record.id}
+        assert table.notna().all(axis=None)
+    (total,) = errors.to_dict("records")
+    for name in schema.ENCODER_FEATURES.names[3:]:
+        assert features[name].mean() == pytest.approx(total[name])
+    # Five episodes have one held out, of which the error is told after each epoch too.
+    assert total["test_mse"] == pytest.approx(epochs["test_mse"].iloc[-1], rel=1e-5)
+    assert trained.record.manifest.summary["test_mse"] == total["test_mse"]
+    assert trained.record.manifest.provenance["device"] == "cpu"
+
+
+def test_kinds_that_do_not_corrupt_have_no_error_on_corrupted_states(trained, results):
+    assert rows(train(trained.states, results, "ae"))["test_denoising_mse"].isna().all()
+
+
+def test_closed_form_has_no_epochs(trained, results):
+    record = train(trained.states, results, "pca")
+    assert record.rows("encoder_epochs") == 0
+    assert record.status == "finished"
+
+
+def test_encoder_that_is_loaded_gives_the_latents_of_the_trained_network(trained):
+    encoder, description = load_encoder(Results(trained.results.path), trained.record.id)
+    assert encoder.latent_size == description["latents"] == 3
+    observations = observations_of(trained.dataset)[0]
+    weights = safetensors.numpy.load(trained.record.read_file(WEIGHTS))
+    scaled = trained.states.scale(observations)
+    hidden = np.tanh(scaled @ weights["encoder.weight"].T + weights["encoder.bias"])
+    np.testing.assert_allclose(encoder.encode(observations), hidden, atol=1e-5)
+
+
+def test_description_says_what_the_encoder_is_of(trained):
+    _, description = load_encoder(trained.results, trained.record.id)
+    observations = observations_of(trained.dataset).reshape(-1, 16)
+    assert (description["kind"], description["task"]) == ("dae", "face_direction")
+    assert description["options"] == DenoisingAutoencoder(**CHEAP | {"epochs": 4}).model_dump()
+    assert description["features"] == feature_labels("face_direction")
+    np.testing.assert_array_equal(np.float32(description["minimum"]), observations.min(axis=0))
+    np.testing.assert_array_equal(np.float32(description["maximum"]), observations.max(axis=0))
+
+
+def test_same_settings_give_the_same_files_elsewhere_and_another_seed_others(trained, results):
+    again = train_encoder(trained.settings, trained.states, results)
+    assert files(again) == files(trained.record)
+    assert again.id == trained.record.id
+    other = train(States(trained.dataset, "face_direction", 3), results, seed=3)
+    assert other.read_file(WEIGHTS) != again.read_file(WEIGHTS)
+
+
+def test_finished_encoder_is_not_trained_again(trained):
+    def state():
+        found = {path.name: path.stat() for path in trained.record.path.iterdir()}
+        return {name: (stat.st_ino, stat.st_mtime_ns) for name, stat in found.items()}
+
+    before, seen = state(), []
+    again = train_encoder(trained.settings, trained.states, trained.results, seen.append)
+    assert (again.id, seen) == (trained.record.id, [])
+    assert state() == before
+
+
+def test_unfinished_encoder_without_a_checkpoint_starts_over(trained, results):
+    begun = results.create("encoder", trained.settings.id, trained.settings.model_dump())
+    old = trained.record.read("encoder_epochs", schema.ENCODER_EPOCHS).slice(0, 2)
+    begun.append({"encoder_epochs": old})
+    again = train_encoder(trained.settings, trained.states, results)
+    assert rows(again)["epoch"].tolist() == [1, 2, 3, 4]
+    assert files(again) == files(trained.record)
+
+
+def test_encoder_is_a_row_of_the_database(trained):
+    tables = query.load(trained.results).tables
+    (row,) = tables["encoders"].to_pylist()
+    wanted = {
+        **{"kind": "dae", "representation": "dae3", "task": "face_direction"},
+        **{"latents": 3, "seed": 2},
+    }
+    assert wanted.items() <= row.items()
+    (errors,) = tables["encoder_errors"].to_pylist()
+    for name in ("test_mse", "test_explained"):
+        assert row[name] == trained.record.manifest.summary[name] == errors[name]
+
+
+def test_settings_are_the_papers_by_default():
+    settings = encoder_settings("dae", {}, dataset="random/a")
+    assert (settings.latents, settings.task) == (12, "face_direction")
+    assert settings.options == {
+        **{"noise": 0.1, "learning_rate": 1e-3, "epochs": 200, "batch": 8192}
+    }
+    text = json.dumps(settings.model_dump(), sort_keys=True, separators=(",", ":"))
+    digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+    assert settings.id == f"face_direction/dae12/s00-{digest}"
+
+
+@pytest.mark.parametrize(
+    ("task", "latents", "said"),
+    [
+        ("face_direction", 17, "face_direction has 16 features: type --latent 1 to 16"),
+        ("move_from_origin", 16, "type --latent 1 to 15"),
+        ("move_to_pose", 100, "type --latent 1 to 19"),
+        ("face_direction", 0, "latents of the encoder can't be 0"),
+        ("face_direction", -1, "greater than or equal to 1"),
+    ],
+)
+def test_latents_beyond_the_features_are_refused(task, latents, said):
+    with pytest.raises(RequestError, match=said):
+        encoder_settings("dae", {}, dataset="random/a", task=task, latents=latents)
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "said"),
+    [
+        *(("dae", {"noise": value}, "noise of dae can't be") for value in (-0.1, math.nan, "x")),
+        ("dae", {"epochs": 0}, "epochs of dae can't be 0"),
+        ("dae", {"epochs": 1.5}, "epochs of dae can't be 1.5"),
+        ("ae", {"batch": 0}, "batch of ae can't be 0"),
+        ("vae", {"learning_rate": math.inf}, "learning_rate of vae can't be inf"),
+        ("ddae", {"horizon": 0}, "horizon of ddae can't be 0"),
+        ("ddae", {"horizon": 1000}, "horizon of ddae can't be 1000"),
+        ("dae", {"horizon": 2}, "dae has no option horizon; it has batch, epochs,"),
+        ("ae", {"noise": 0.1}, "ae has no option noise; it has batch, epochs, learning_rate"),
+        ("pca", {"epochs": 3}, "pca has no option epochs; it has none"),
+        ("daee", {}, "Unknown kind of encoder 'daee'; did you mean dae"),
+    ],
+)
+def test_options_that_a_kind_has_not_are_refused(kind, options, said):
+    with pytest.raises(RequestError, match=said):
+        encoder_settings(kind, options, dataset="random/a")
+
+
+def test_unusable_dataset_leaves_nothing_behind(results):
+    state = made_up_states(2)
+    state.velocity[1, 400, 3] = np.nan
+    dataset = make_dataset(results, state=state)
+    settings = encoder_settings("dae", {"epochs": 1}, dataset=dataset.id)
+    with pytest.raises(WorkError, match="NaN"):
+        train_encoder(settings, States(dataset, "face_direction", 0), results)
+    assert results.find("encoder", settings.id) is None
+
+
+def test_training_that_diverges_says_so_and_is_not_kept(trained, results):
+    options = {**CHEAP, "hidden": 8, "learning_rate": 1e6}
+    with pytest.raises(WorkError, match=r"diverged: the loss of epoch \d is .*--learning-rate"):
+        train(trained.states, results, "vae", options=options)
+    (record,) = results.scan("encoder")[0]
+    assert record.status == "unfinished"
+
+
+def test_states_of_another_seed_are_not_taken_for_the_settings_own(trained, results):
+    with pytest.raises(ValueError, match="not the states of"):
+        train(trained.states, results, seed=1)
+
+
+def test_two_processes_do_not_train_the_same_encoder(trained, results):
+    held = results.record("encoder", trained.settings.id)
+    with held.lock(), pytest.raises(WorkError, match="Another process is writing the encoder"):
+        train_encoder(trained.settings, trained.states, results)
+
+
+def test_settings_are_checked_whoever_makes_them():
+    with pytest.raises(ValueError, match="type --latent 1 to 16"):
+        EncoderSettings(dataset="random/a", latents=17)
+
+
+def test_held_out_episodes_are_not_learned_from(results):
+    (held_out,) = split_episodes(5, 2)[1]
+    records = []
+    for share in (0.5, 0.1):  # slower than the others, so that the scaling is of the others
+        state = made_up_states(5)
+        state.velocity[held_out] *= share
+        dataset = make_dataset(results, f"random/{share}", state)
+        place = Results(results.path / str(share))
+        records.append(train(States(dataset, "face_direction", 2), place))
+    first, other = records
+    assert first.read_file(WEIGHTS) == other.read_file(WEIGHTS)
+    assert first.manifest.summary["test_mse"] != other.manifest.summary["test_mse"]

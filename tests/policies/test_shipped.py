@@ -1,0 +1,232 @@
+"""Runs are added to the package with the best policy of each cell, which `--policy` then finds."""
+
+import importlib.util
+import json
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from jbench.cli import main
+from jbench.policies import find
+from jbench.policies.saved import Policy, has_policy
+from jbench.store import Results, schema, settings_hash
+from jbench.store.rows import variant
+from jbench.store.shipped import shipped
+from jbench.store.verify import verify
+
+ROOT = Path(__file__).parents[2]
+POLICY = Policy([np.ones((1, 16), np.float32)], [np.zeros(1, np.float32)], "tanh")
+
+
+@pytest.fixture(scope="module")
+def script():
+    """The script that adds runs to the package."""
+    path = ROOT / "benchmarks" / "ship_reference.py"
+    spec = importlib.util.spec_from_file_location("ship_reference", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def add_run(results, seed, evaluations, algo="ddpg", finish=True):
+    """A run with a policy; one mean return for each of its evaluations, of two episodes each."""
+    settings = {"task": "face_direction", "algo": algo, "representation": "full"}
+    settings |= {"encoder": None, "seed": seed, "steps": 1000, "engine": "batched"}
+    id = f"face_direction/{algo}/full/s{seed:02d}-{settings_hash(settings)}"
+    record = results.create("run", id, settings)
+    rows = [
+        {"run": id, "evaluation": number, "control_steps": 1000, "episode": episode}
+        | {"episode_return": mean + change, "length": 1000, "wall_time": 1.0}
+        for number, mean in enumerate(evaluations)
+        for episode, change in enumerate((-50.0, 50.0))
+    ]
+    record.append({"evaluations": pa.Table.from_pylist(rows, schema.EVALUATIONS)})
+    if finish:
+        record.finish({"wall_time": 1.0}, POLICY.to_files())
+    return record
+
+
+def with_policies(results):
+    return {run.settings["seed"] for run in results.scan("run")[0] if has_policy(run)}
+
+
+@pytest.fixture
+def source(tmp_path):
+    return Results(tmp_path / "source")
+
+
+@pytest.fixture
+def target(tmp_path):
+    return Results(tmp_path / "target")
+
+
+def test_the_policy_with_the_best_last_evaluation_is_kept(script, source, target):
+    # The mean of all evaluations, the first and the best of them would choose seed 0.
+    for seed, evaluations in enumerate([(900, 990, 300), (100, 100, 800), (100, 100, 700)]):
+        add_run(source, seed, evaluations)
+    add_run(source, 7, [10], algo="sac")
+    assert script.ship(source, target) == []
+    assert with_policies(target) == {1, 7}
+    assert len(target.scan("run")[0]) == 4
+    assert verify(target, 1).findings == []
+
+
+def test_a_better_run_takes_the_place_of_a_shipped_policy(script, source, target):
+    first = add_run(source, 0, [500])
+    script.ship(source, target)
+    add_run(source, 1, [400])
+    script.ship(source, target)
+    assert with_policies(target) == {0}
+    add_run(source, 2, [600])
+    script.ship(source, target)
+    assert with_policies(target) == {2}
+    kept = target.find("run", first.id)
+    assert kept.read("evaluations", schema.EVALUATIONS).num_rows == 2
+    assert not list(kept.path.glob("policy*"))
+    assert verify(target, 1).findings == []
+
+
+def test_neither_the_command_nor_a_checkpoint_is_shipped(script, source, target):
+    run = add_run(source, 0, [500], finish=False)
+    run.append({}, {"checkpoint.safetensors": b"weights"})
+    assert script.ship(source, target) == [f"{run.id} is left out: it is unfinished."]
+    assert target.scan("run") == ([], [])
+    run.finish({"wall_time": 1.0}, POLICY.to_files())
+    script.ship(source, target)
+    kept = target.find("run", run.id)
+    assert "command" in run.manifest.provenance
+    assert "command" not in kept.manifest.provenance
+    assert kept.roles() == []
+
+
+@pytest.mark.parametrize("place", ["/home/ann/out", "see ~/out", "--results=/data/x", r"C:\out"])
+def test_a_run_that_names_a_directory_is_refused(script, source, target, place):
+    run = add_run(source, 0, [500])
+    text = json.loads((run.path / "manifest.json").read_text())
+    text["provenance"]["continued"] = [{"at": "now", "changed": {"libraries": [None, place]}}]
+    (run.path / "manifest.json").write_text(json.dumps(text))
+    (note,) = script.ship(source, target)
+    assert run.id in note
+    assert "names a directory" in note
+    assert target.scan("run") == ([], [])
+
+
+def test_a_damaged_run_is_left_out(script, source, target):
+    run = add_run(source, 0, [500])
+    (run.path / "policy.safetensors").write_bytes(b"")
+    (note,) = script.ship(source, target)
+    assert "is damaged" in note
+    assert target.scan("run") == ([], [])
+
+
+class TestOfTwoCells:
+    """Two seeds on the full observation, and two on 12 latents."""
+
+    @pytest.fixture
+    def place(self, script, demo_results, target, monkeypatch):
+        """What was shipped of them, as the package's own."""
+        assert script.ship(demo_results, target) == []
+        monkeypatch.setattr(find, "shipped", lambda: target.path)
+        return target
+
+    def test_there_is_nothing_to_warn_of(self, place):
+        found = verify(place, 1)
+        assert found.findings == []
+        assert found.records == 5  # four runs and their encoder, without its dataset
+        assert len(find.shipped_policies()) == 2
+
+    @pytest.mark.parametrize("representation", ["full", "dae12"])
+    def test_a_shipped_policy_acts_as_the_run_did(
+        self, place, representation, demo_results, tmp_path, capsys
+    ):
+        cell = f"reference/face_direction/td3/{representation}"
+        (name,) = [one for one in find.shipped_policies() if one.startswith(cell)]
+        assert find.full_name(cell) == name
+        shutil.copytree(demo_results.path, tmp_path / "own")
+        evaluate = ("evaluate", "--episodes", "1", "--threads", "1", "--json", "--policy")
+        said = []
+        for policy, results in ((name.removeprefix("reference/"), "own"), (cell, "other")):
+            capsys.readouterr()
+            assert main([*evaluate, policy, "--results", str(tmp_path / results)]) == 0
+            said.append(json.loads(capsys.readouterr().out))
+        assert said[1]["summary"] == said[0]["summary"]
+        assert said[1]["settings"]["policy"] == name
+        assert verify(Results(tmp_path / "other"), 1).findings == []
+
+    @pytest.mark.parametrize(
+        ("name", "says"),
+        [
+            ("reference/face_direction/sac", "No policy is shipped as {}; type one of {}."),
+            ("reference/face_direction/td3", "{} is not unique; type one of {}."),
+        ],
+    )
+    def test_a_name_that_is_none_gets_those_that_are(self, place, name, says, capsys):
+        there = ", ".join(find.shipped_policies())
+        assert main(["evaluate", "--policy", name]) == 2
+        assert says.format(name, there) in capsys.readouterr().err
+
+    def test_a_run_without_its_policy_says_so(self, place, capsys):
+        (rows, *_) = [run.id for run in place.scan("run")[0] if not has_policy(run)]
+        assert main(["evaluate", "--policy", rows, "--results", str(place.path)]) == 2
+        assert f"The run {rows} in {place.path} was kept without its policy." in (
+            capsys.readouterr().err
+        )
+
+    def test_where_none_is_shipped_it_is_said(self, tmp_path, monkeypatch, capsys):
+        monkeypatch.setattr(find, "shipped", lambda: tmp_path / "none")
+        assert main(["evaluate", "--policy", "reference/face_direction/td3/full"]) == 2
+        assert "this version of jbench ships none" in capsys.readouterr().err
+
+    def test_the_encoder_of_runs_that_are_shipped_already_is_added(
+        self, script, place, demo_results
+    ):
+        (encoder,) = place.scan("encoder")[0]
+        shutil.rmtree(encoder.path)
+        assert len(verify(place, 1).findings) == 2
+        assert script.ship(demo_results, place) == []
+        assert verify(place, 1).findings == []
+
+    def test_the_policy_of_a_run_on_another_encoder_is_not_shipped(
+        self, script, place, demo_results, tmp_path
+    ):
+        """The encoder of an id, trained on two processors, may differ in its last digits."""
+        for record in place.scan("run")[0]:
+            shutil.rmtree(record.path)
+        (encoder,) = place.scan("encoder")[0]
+        shutil.rmtree(encoder.path)
+        place.create("encoder", encoder.id, encoder.settings).finish({}, {"encoder.json": b"{}"})
+        notes = script.ship(demo_results, place)
+        assert len(notes) == 2
+        assert all("the shipped encoder is another one" in note for note in notes)
+        (kept,) = [run for run in place.scan("run")[0] if has_policy(run)]
+        assert kept.settings["representation"] == "full"
+
+
+class TestInThePackage:
+    def test_policies_that_are_shipped_can_be_loaded_and_are_one_a_cell(self):
+        results = Results(shipped())
+        runs = [run for run in results.scan("run")[0] if has_policy(run)]
+        assert len({variant(run.settings) for run in runs}) == len(runs)
+        for run in runs:
+            found = find.find_policy(results, f"reference/{run.id}", run.settings["task"])
+            size = {"face_direction": 16, "move_in_direction": 19}[run.settings["task"]]
+            assert np.abs(found.act(np.zeros((3, size), np.float32))).max() <= 1
+
+    def test_every_file_that_is_no_code_is_package_data(self):
+        package = ROOT / "jbench"
+        text = tomllib.loads((ROOT / "pyproject.toml").read_text())
+        patterns = text["tool"]["setuptools"]["package-data"]["jbench"]
+        carried = {path for pattern in patterns for path in package.glob(pattern)}
+        there = {
+            path
+            for path in package.rglob("*")
+            if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts
+        }
+        assert there - carried == set()
+
+    def test_the_package_is_small(self, script):
+        assert script.size(ROOT / "jbench") < script.LARGEST_PACKAGE

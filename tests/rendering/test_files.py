@@ -1,0 +1,174 @@
+"""Videos, animations and strips: read back, they hold the episode's pictures."""
+
+import importlib.util
+import io
+import itertools
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from jbench.errors import RequestError
+from jbench.rendering import write
+from jbench.rendering.episode import Scene, render_episode
+from jbench.rendering.overlay import strip_picture, video_picture
+from jbench.rendering.write import default_size, mp4, render_to_file
+from tests.rendering.render_policies import Constant
+
+SCENE = Scene("move_to_pose", seed=1, width=160, height=120)
+rendering = pytest.mark.usefixtures("rendering")
+
+
+def pictures(steps, draw):
+    return [draw(frame) for frame in render_episode(Constant(), SCENE, steps)]
+
+
+def as_video(frame):
+    return video_picture(frame, "move_to_pose, half power", "tracking camera")
+
+
+@rendering
+def test_strip_is_the_moments_side_by_side(tmp_path):
+    path = tmp_path / "new" / "strip.png"
+    done = render_to_file(Constant(), SCENE, path, name="constant", moments=3, steps=40)
+    strip = np.asarray(Image.open(path))
+    moments = pictures([0, 20, 40], strip_picture)
+    assert strip.shape == (120, 3 * 160, 3)
+    np.testing.assert_array_equal(strip, np.hstack(moments))
+    *_, last = render_episode(Constant(), SCENE, [40])
+    assert (done.path, done.pictures, done.seconds) == (path, 3, 0.4)
+    assert done.episode_return == last.episode_return > 0
+
+
+@rendering
+def test_gif_holds_the_episode_in_real_time_for_ever(tmp_path):
+    path = tmp_path / "episode.GIF"
+    done = render_to_file(Constant(), SCENE, path, name="half power", steps=40)
+    animation = Image.open(path)
+    assert (animation.n_frames, animation.size) == (11, (160, 120))
+    assert animation.info["loop"] == 0
+    assert (done.pictures, done.seconds) == (11, 0.4)
+    for index, wanted in enumerate(pictures(range(0, 41, 4), as_video)):
+        animation.seek(index)
+        assert animation.info["duration"] == 40  # ms
+        shown = np.asarray(animation.convert("RGB")).astype(int)
+        assert np.abs(shown - wanted).mean() < 6  # of 255: 256 colours are enough
+
+
+@rendering
+def test_mp4_holds_the_episode_in_slow_motion(tmp_path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "episode.mp4"
+    told = []
+    render_to_file(Constant(), SCENE, path, name="x", steps=40, speed=0.5, progress=told.append)
+    about, *shown = ffmpeg.read_frames(str(path))
+    assert (about["size"], about["fps"], about["codec"]) == ((160, 120), 25, "h264")
+    assert len(shown) == 21  # every second of 40 control steps
+    assert told == list(range(41))
+    steps = range(0, 41, 2)
+    for content, frame in zip(shown, render_episode(Constant(), SCENE, steps), strict=True):
+        note = "tracking camera, 0.5 x real time"
+        wanted = video_picture(frame, "move_to_pose, x", note).astype(int)
+        found = np.frombuffer(content, np.uint8).reshape(120, 160, 3)
+        assert np.abs(found - wanted).mean() < 8
+
+
+def test_odd_sides_of_a_video_are_made_even(tmp_path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    grey = np.full((65, 97, 3), 128, np.uint8)
+    (tmp_path / "odd.mp4").write_bytes(mp4(iter([grey] * 3), (97, 65), 0.1))
+    about, *shown = ffmpeg.read_frames(str(tmp_path / "odd.mp4"))
+    assert (about["size"], about["fps"], len(shown)) == ((98, 66), 10, 3)
+    assert np.abs(np.frombuffer(shown[1], np.uint8).astype(int) - 128).max() < 4
+
+
+def test_animation_keeps_the_colours_of_a_target_that_comes_late():
+    blue, green = np.zeros((2, 40, 60, 3), np.uint8)
+    blue[...], green[...] = (60, 100, 160), (40, 160, 80)
+    animation = Image.open(io.BytesIO(write.gif([blue, blue + 1, green], 0.1)))
+    animation.seek(animation.n_frames - 1)
+    assert np.abs(np.asarray(animation.convert("RGB")).astype(int) - green).max() < 8
+
+
+@rendering
+@pytest.mark.parametrize("ending", write.ENDINGS)
+def test_interrupted_writing_leaves_what_was_there(tmp_path, ending):
+    if ending == ".mp4":
+        pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / f"episode{ending}"
+    path.write_bytes(b"before")
+    with pytest.raises(KeyboardInterrupt):
+        render_to_file(Constant(fails_at=6), SCENE, path, name="x", steps=12)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+    assert path.read_bytes() == b"before"
+
+
+def test_default_sizes_have_one_shape(tmp_path):
+    sizes = [default_size(tmp_path / f"file{ending}") for ending in write.ENDINGS]
+    assert sizes == [(640, 480), (640, 480), (320, 240)]
+    assert {width * 3 for width, _ in sizes} == {height * 4 for _, height in sizes}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "sentence"),
+    [
+        ("film.avi", {}, "film.avi: nothing writes such files; end the name in .mp4, .gif, .png."),
+        ("film", {}, "film: nothing writes such files; end the name in .mp4, .gif, .png."),
+        ("a.gif", {"frames_per_second": 80}, "No .gif of 100 frames a second; it has at most 50."),
+        ("a.gif", {"frames_per_second": 200}, "No video of 200 frames a second"),
+        ("a.png", {"moments": 1}, "No strip of 1 moments"),
+        ("a.png", {"steps": 0}, "An episode has 1 to 1000 control steps, not 0."),
+        ("directory.png", {}, "directory.png is a directory; name a file."),
+        ("file/a.png", {}, "file is a file, or lies in one; name a directory."),
+    ],
+)
+def test_impossible_file_is_refused_before_anything_is_simulated(
+    tmp_path, name, settings, sentence
+):
+    (tmp_path / "directory.png").mkdir()
+    (tmp_path / "file").touch()
+    policy = Constant()
+    with pytest.raises(RequestError) as caught:
+        render_to_file(policy, SCENE, tmp_path / name, name="x", **settings)
+    assert sentence in str(caught.value)
+    assert policy.robots == []
+
+
+@pytest.mark.parametrize(
+    ("ending", "missing", "named"),
+    [
+        (".mp4", ["imageio_ffmpeg"], ".mp4 needs imageio_ffmpeg: "),
+        (".mp4", ["imageio", "imageio_ffmpeg"], ".mp4 needs imageio and imageio_ffmpeg: "),
+        (".gif", ["imageio"], ".gif needs imageio: "),
+    ],
+)
+def test_missing_library_is_named(tmp_path, monkeypatch, ending, missing, named):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name in missing else find(name)
+    )
+    with pytest.raises(RequestError) as caught:
+        render_to_file(Constant(), SCENE, tmp_path / f"a{ending}", name="x")
+    assert str(caught.value) == f"{named}type pip install 'jbench[render]'."
+
+
+@rendering
+def test_gif_needs_no_ffmpeg(tmp_path, monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if "ffmpeg" in name else find(name)
+    )
+    path = tmp_path / "a.gif"
+    render_to_file(Constant(), SCENE, path, name="x", steps=4)
+    assert Image.open(path).n_frames == 2
+
+
+@rendering
+def test_same_request_gives_the_same_file(tmp_path):
+    files = [tmp_path / name for name in ("one.png", "other.png", "second.png")]
+    for path, seed in zip(files, (1, 1, 2), strict=True):
+        scene = Scene("move_to_pose", seed=seed, width=96, height=64)
+        render_to_file(Constant(), scene, path, name="x", steps=4, moments=2)
+    contents = [path.read_bytes() for path in files]
+    assert contents[0] == contents[1]
+    assert all(one != contents[2] for one in itertools.islice(contents, 2))

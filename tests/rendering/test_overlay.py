@@ -1,0 +1,82 @@
+"""Text in pictures: where it is, that it is legible, and what it says."""
+
+import numpy as np
+import pytest
+
+from jbench.rendering.episode import Frame
+from jbench.rendering.overlay import strip_picture, times, video_picture, write
+from tests.rendering.render_policies import PAD
+
+HEIGHT, WIDTH = 480, 640
+LINE = 26  # 1.3 times the letters' 480 / 24 = 20 pixels
+MARGIN = 10
+
+
+def plain(grey=128, height=HEIGHT, width=WIDTH):
+    return np.full((height, width, 3), grey, np.uint8)
+
+
+def frame(step=250, episode_return=12.34, goal="target", picture=None):
+    return Frame(step, episode_return, goal, plain() if picture is None else picture)
+
+
+def changed_rows(one, other):
+    """First and last row in which two pictures differ."""
+    rows = np.nonzero(np.any(one != other, axis=(1, 2)))[0]
+    return rows.min(), rows.max()
+
+
+def test_text_is_on_its_lines_and_nowhere_else():
+    shown = frame()
+    written = video_picture(shown, "face_direction, heuristic", "ego camera")
+    np.testing.assert_array_equal(shown.picture, plain())  # left as it was
+    touched = np.any(written != 128, axis=2)
+    top, bottom = MARGIN + 3 * LINE, HEIGHT - MARGIN - LINE
+    assert not touched[top:bottom].any()
+    assert not touched[:, WIDTH - 200 :].any()
+    for first in (MARGIN, MARGIN + LINE, MARGIN + 2 * LINE, bottom):
+        line = written[first : first + LINE]
+        assert np.all(line == 255, axis=2).sum() > 100  # letters
+        assert np.all(line == (16, 24, 40), axis=2).sum() > 100  # their outline
+
+
+@pytest.mark.parametrize("grey", [0, 255])
+def test_text_stands_out_from_black_and_from_white(grey):
+    written = write(plain(grey), ["return 914"], [], lines_in_height=24).astype(int)
+    assert np.mean(np.abs(written - grey).max(axis=2) > 200) > 0.001
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [({"step": 260}, 1), ({"episode_return": 99.0}, 1), ({"goal": "other"}, 2)],
+)
+def test_each_line_shows_its_fact(change, line):
+    one, other = (video_picture(f, "title", "ego camera") for f in (frame(), frame(**change)))
+    first, last = changed_rows(one, other)
+    assert MARGIN + line * LINE <= first <= last < MARGIN + (line + 1) * LINE
+
+
+def test_title_and_camera_are_written():
+    written = video_picture(frame(), "title", "ego camera")
+    assert changed_rows(written, video_picture(frame(), "other", "ego camera"))[1] < MARGIN + LINE
+    below = changed_rows(written, video_picture(frame(), "title", "overhead camera"))
+    assert below[0] >= HEIGHT - MARGIN - LINE
+
+
+def test_numbers_are_equally_wide():
+    assert times(frame()) == f"{PAD}2.50 s   return {PAD}{PAD}12.3"
+    assert times(frame(1000, 914.37)) == "10.00 s   return" + f" {PAD}914.4"
+
+
+def test_moments_have_larger_letters():
+    picture = plain(height=240, width=320)
+    moment = strip_picture(frame(picture=picture))
+    video = write(picture, ["2.5 s", "return 12"], [], lines_in_height=24)
+    assert changed_rows(moment, picture)[1] > 1.5 * changed_rows(video, picture)[1]
+    other = strip_picture(frame(episode_return=80, picture=picture))
+    assert changed_rows(moment, other)[0] > 22  # its second line
+
+
+def test_small_pictures_keep_legible_letters():
+    rows = changed_rows(write(plain(0, 64, 64), ["8"], [], lines_in_height=24), plain(0, 64, 64))
+    assert rows[1] - rows[0] >= 8

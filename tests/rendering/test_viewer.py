@@ -1,0 +1,88 @@
+"""MuJoCo's window, once under a virtual display, and what is said where no window can be."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from jbench.errors import RequestError
+from jbench.rendering.episode import Scene
+from jbench.rendering.viewer import view
+from tests.rendering.render_policies import Constant
+
+# At its 60th action the policy takes a picture of the screen and closes the window; the episode,
+# cut to 25 steps, has begun again twice by then.
+WATCH = """
+import sys
+import time
+import mujoco.viewer
+import numpy as np
+from PIL import ImageGrab
+from jbench.rendering import viewer
+from jbench.rendering.episode import Scene
+from tests.rendering.render_policies import Constant
+
+windows, launch = [], mujoco.viewer.launch_passive
+def launch_and_keep(*arguments, **settings):
+    windows.append(launch(*arguments, **settings))
+    return windows[0]
+mujoco.viewer.launch_passive = launch_and_keep
+viewer.EPISODE_STEPS = 25
+
+class Closing(Constant):
+    def act(self, observations):
+        if len(self.asked) == 59:
+            # The window is drawn by a thread of its own, which a busy machine lets wait.
+            deadline = time.monotonic() + 120
+            while time.monotonic() < deadline:
+                picture = ImageGrab.grab()
+                red, green, blue = np.asarray(picture.convert("RGB")).astype(int).T
+                if np.sum((red > 150) & (green > 110) & (blue < 80)) > 200:
+                    break
+                time.sleep(0.2)
+            picture.save(sys.argv[1])
+            windows[0].close()
+        return super().act(observations)
+
+policy = Closing()
+print(viewer.view(policy, Scene("face_direction", seed=1)), len(policy.robots))
+"""
+
+
+@pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="no virtual display: install xvfb")
+def test_window_shows_the_robot_until_it_is_closed(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setenv("MUJOCO_GL", "disable")  # as the command line has it
+    screen = ["xvfb-run", "--auto-servernum", "--server-args", "-screen 0 1280x1024x24"]
+    done = subprocess.run(
+        [*screen, sys.executable, "-c", WATCH, tmp_path / "screen.png"],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr  # and did not crash while closing
+    assert done.stdout.split() == ["60", "3"]
+    red, green, blue = np.asarray(Image.open(tmp_path / "screen.png").convert("RGB")).astype(int).T
+    assert np.sum((red > 150) & (green > 110) & (blue < 80)) > 200  # the yellow torso
+    assert np.mean((blue > red + 50) & (blue > green + 20)) > 0.2  # the blue floor
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a desktop")
+def test_without_a_display_there_is_no_window(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(RequestError, match="There is no display to open a window on; jbench re"):
+        view(Constant(), Scene("face_direction"))
+
+
+def test_display_that_does_not_open_is_no_window(monkeypatch):
+    import glfw
+
+    monkeypatch.setenv("DISPLAY", ":77")
+    monkeypatch.setattr(glfw, "init", lambda: False)
+    with pytest.raises(RequestError, match="The display can't be opened; jbench render draws"):
+        view(Constant(), Scene("face_direction"))

@@ -1,0 +1,458 @@
+"""The report's page in a real browser: what it shows, what it does, and that nothing leaves it."""
+
+import re
+import shutil
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+
+import numpy as np
+import pandas as pd
+import pytest
+from playwright.sync_api import expect, sync_playwright
+
+from jbench.report.document import FigureItem, Section, TableItem
+from jbench.report.figure import Axis, Band, Panel, Series, Style
+from jbench.report.figures.plotting import draw, to_png
+from jbench.report.page import colors, render_document
+from tests.report import page_documents as made
+
+# matplotlib says that its font has no control characters.
+pytestmark = pytest.mark.filterwarnings("ignore:Glyph")
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+ARGUMENTS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+)
+DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 360, "height": 740}
+EXACT = 5e-5
+"""Relative: values under the pointer are shown with 5 digits."""
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """A browser; without one the tests here are skipped."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip("no browser: install Debian's package chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def listener():
+    """A server on this machine that notes what it is asked for."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.server.asked.append(self.path)
+            self.send_error(404)
+
+        def log_message(self, *args):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server.asked = []
+    thread = Thread(target=server.serve_forever)
+    thread.start()
+    yield server
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+class Opened:
+    """A page in the browser, and all that went wrong in it or left it."""
+
+    def __init__(self, chromium, path, viewport=DESKTOP, **options):
+        self.context = chromium.new_context(viewport=viewport, **options)
+        self.page = self.context.new_page()
+        self.trouble, self.requests = [], []
+        self.page.on("console", lambda message: self.trouble.append(message.text))
+        self.page.on("pageerror", lambda error: self.trouble.append(str(error)))
+        self.context.on("request", lambda request: self.requests.append(request.url))
+        self.page.add_init_script(
+            "window.violations = [];"
+            "document.addEventListener('securitypolicyviolation',"
+            " (event) => window.violations.push(event.violatedDirective));"
+        )
+        self.page.goto(path.as_uri())
+        self.own = path.as_uri()
+
+    def assert_quiet(self):
+        assert self.trouble == []
+        assert self.page.evaluate("window.violations") == []
+        assert self.page.evaluate("window.hacked") is None
+        assert [u for u in self.requests if u != self.own and not u.startswith("data:")] == []
+
+    def column(self, heading, table="#final-returns table"):
+        """Returns the texts of a column, from its first row to its last."""
+        headings = self.page.locator(f"{table} thead th").all_inner_texts()
+        place = headings.index(heading) + 1
+        return self.page.locator(f"{table} tbody tr > :nth-child({place})").all_inner_texts()
+
+    def point(self, id, figure, x, y, panel=0):
+        """Moves the pointer to a value of a panel; returns the texts of the tip."""
+        svg = self.page.locator(f"#{id} svg")
+        svg.scroll_into_view_if_needed()
+        box = svg.bounding_box()
+        drawn = draw(figure, text=False)
+        to_png(drawn)  # places the panels
+        width, height = drawn.get_size_inches() * drawn.dpi
+        across, up = drawn.axes[panel].transData.transform((x, y)) / (width, height)
+        self.page.mouse.move(box["x"] + across * box["width"], box["y"] + (1 - up) * box["height"])
+        return self.tip()
+
+    def tip(self):
+        return self.page.locator(".tip p, .tip li span:not(.swatch)").all_inner_texts()
+
+    def color(self, selector, name):
+        """Returns a colour of an element, as red, green and blue."""
+        element = self.page.locator(selector).first
+        text = element.evaluate(f"(element) => getComputedStyle(element)['{name}']")
+        return tuple(int(part) for part in re.findall(r"\d+", text)[:3])
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "index.html"
+    path.write_bytes(render_document(made.document()).encode())
+    return path
+
+
+@pytest.fixture
+def opened(chromium):
+    """Opens pages, and closes them after the test; each must have been quiet to the end."""
+    pages = []
+
+    def open_page(path, **options):
+        pages.append(Opened(chromium, path, **options))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.assert_quiet()
+        page.context.close()
+
+
+class TestNothingLeaves:
+    @pytest.mark.parametrize("guarded", [True, False])
+    def test_the_policy_stops_what_is_put_into_the_page(
+        self, chromium, written, tmp_path, listener, guarded
+    ):
+        here = f"http://127.0.0.1:{listener.server_port}"
+        text = written.read_text().replace(
+            "</main>",
+            f'</main><script>window.hacked = 1</script><img src="{here}/a.png">'
+            f'<b style="color: red" onclick="window.hacked = 1">b</b>'
+            f'<iframe src="{here}/b"></iframe>',
+        )
+        if not guarded:  # the same without the policy, to see that it is the policy that stops it
+            text = text.replace("Content-Security-Policy", "X-None")
+        path = tmp_path / "index.html"
+        path.write_text(text)
+        page = Opened(chromium, path)
+        page.page.locator("b", has_text=re.compile("^b$")).click()
+        if guarded:
+            page.page.wait_for_function("window.violations.length >= 5")
+        found = set(page.page.evaluate("window.violations"))
+        policies = {"script-src-elem", "script-src-attr", "style-src-attr", "img-src", "frame-src"}
+        assert found == (policies if guarded else set())
+        assert page.page.evaluate("window.hacked") == (None if guarded else 1)
+        assert sorted(listener.asked) == ([] if guarded else ["/a.png", "/b"])
+        page.context.close()
+
+    def test_hostile_names_stay_text(self, opened, tmp_path):
+        path = tmp_path / "index.html"
+        path.write_bytes(render_document(made.hostile_document()).encode())
+        page = opened(path)
+        expect(page.page.locator("h1")).to_contain_text(made.HOSTILE[0])
+        expect(page.page.locator("figure")).to_have_count(len(made.HOSTILE))
+        assert page.page.locator("figure h3").all_inner_texts()[:4] == list(made.HOSTILE[:4])
+        for button in page.page.locator("thead button").all()[: len(made.HOSTILE)]:
+            button.click()
+        figures = page.page.locator("figure .drawing")
+        for i in range(len(made.HOSTILE)):
+            figures.nth(i).focus()
+            page.page.keyboard.press("ArrowLeft")
+            expect(page.page.locator(".tip .near span").nth(1)).not_to_be_empty()
+        # Nothing in the page is turned about: right-to-left controls are written out.
+        assert "evil\\u202egnp.exe" in page.page.locator("h1").inner_text()
+
+
+class TestTables:
+    RETURNS = "final return: median [10th, 90th]"
+
+    @pytest.mark.parametrize(
+        ("heading", "rising"),
+        [
+            ("algorithm", ["ddpg", "PPO", "sac", "td3", "td10"]),
+            (RETURNS, ["-3 [-5, -1]", "99 [98, 100]", "668 [659, 676]", "1,000 [990, 1,000]", ""]),
+            ("seeds", ["1", "2", "9", "10", "100"]),
+            ("published median", ["1e-05", "40", "963.2", "1,234,568", ""]),
+            ("verdict", ["contradicted", "supported", "undecided", "not tested", ""]),
+        ],
+    )
+    def test_headings_sort_up_down_and_back(self, opened, written, heading, rising):
+        page = opened(written)
+        before = page.column(heading)
+        head = page.page.locator("#final-returns th", has_text=heading)
+        expect(head).to_have_attribute("aria-sort", "none")
+        head.locator("button").click()
+        expect(head).to_have_attribute("aria-sort", "ascending")
+        assert page.column(heading) == rising
+        head.locator("button").click()
+        expect(head).to_have_attribute("aria-sort", "descending")
+        present = [text for text in rising if text]
+        assert page.column(heading) == present[::-1] + [""] * rising.count("")
+        head.locator("button").click()
+        expect(head).to_have_attribute("aria-sort", "none")
+        assert page.column(heading) == before
+
+    def test_the_keyboard_sorts_and_one_column_is_sorted_at_a_time(self, opened, written):
+        page = opened(written)
+        headings = page.page.locator("#final-returns thead th")
+        headings.nth(0).locator("button").focus()
+        page.page.keyboard.press("Enter")
+        page.page.keyboard.press("Tab")
+        page.page.keyboard.press("Space")
+        sorts = headings.evaluate_all("(all) => all.map((head) => head.ariaSort)")
+        assert sorts == ["none", "ascending", "none", "none", "none"]
+        assert page.column("algorithm") == ["sac", "td10", "td3", "ddpg", "PPO"]
+
+    def test_rows_stay_whole(self, opened, written):
+        page = opened(written)
+        page.page.locator("#final-returns th", has_text="seeds").locator("button").click()
+        row = page.page.locator("#final-returns tbody tr").nth(3).locator("th, td")
+        assert row.all_inner_texts() == ["td3", "668 [659, 676]", "10", "963.2", "supported"]
+        expect(row.nth(1)).to_have_class("number best")
+
+
+class TestFigures:
+    @pytest.mark.parametrize("row", [0, 11, 29])
+    def test_the_pointer_shows_the_numbers_of_the_data(self, opened, written, row):
+        page = opened(written)
+        figure = made.curves_figure()
+        data = made.CURVES.iloc[row]
+        shown = page.point("curves", figure, data.control_steps, data.td3 + 20)
+        title, where, *values = shown
+        assert (title, where) == (
+            "face_direction", f"control steps (thousands): {data.control_steps / 1000:g}"
+        )  # fmt: skip
+        told = dict(zip(values[::2], values[1::2], strict=True))
+        assert set(told) == {"TD3 (10 seeds)", "DDPG (10 seeds)"}
+        numbers = [float(text) for text in re.findall(r"[\d.]+", told["TD3 (10 seeds)"])]
+        assert numbers == pytest.approx([data.td3, data.td3_low, data.td3_high], rel=EXACT)
+        assert float(told["DDPG (10 seeds)"]) == pytest.approx(data.ddpg, rel=EXACT)
+        near = page.page.locator(".tip .near span").nth(1)
+        expect(near).to_have_text("TD3 (10 seeds)")
+
+    def test_beside_the_panel_nothing_is_shown(self, opened, written):
+        page = opened(written)
+        figure = made.curves_figure()
+        assert page.point("curves", figure, 15_000, 500) != []
+        assert page.point("curves", figure, 15_000, 1080) == []
+        expect(page.page.locator(".tip")).to_be_hidden()
+        expect(page.page.locator(".mark")).to_have_count(0)
+
+    def test_a_logarithmic_axis(self, opened, written):
+        page = opened(written)
+        figure = made.log_figure()
+        tip = page.point("errors", figure, 7.9, 0.011, panel=1)
+        assert tip == ["latents: 8", "pca", "0.01"]
+
+    def test_the_cells_of_a_heat_map(self, opened, written):
+        page = opened(written)
+        figure = made.matrix_figure()
+        for (row, column), value in np.ndenumerate(made.MATRIX):
+            tip = page.point("matrix", figure, column + 0.3, row - 0.3)
+            names = [made.ALGORITHMS[column], made.TASKS[row], f"final return: {value:g}"]
+            assert tip == (names if np.isfinite(value) else [])
+
+    def test_the_keyboard_goes_through_values_and_panels(self, opened, written):
+        page = opened(written)
+        page.page.locator("#curves .drawing").focus()
+        page.page.keyboard.press("ArrowLeft")
+        assert page.tip()[1] == "control steps (thousands): 29"
+        page.page.keyboard.press("ArrowRight")
+        assert page.tip()[1] == "control steps (thousands): 30"
+        page.page.keyboard.press("Escape")
+        expect(page.page.locator(".tip")).to_be_hidden()
+        page.page.locator("#matrix .drawing").focus()
+        page.page.keyboard.press("ArrowRight")
+        assert page.tip() == ["TD3", "face_direction", "final return: 12.5"]
+
+    def test_the_tip_stays_in_the_window(self, opened, written):
+        page = opened(written, viewport=PHONE)
+        page.page.locator("#curves .drawing").focus()
+        for _ in range(35):
+            page.page.keyboard.press("ArrowLeft")
+            box = page.page.locator(".tip").bounding_box()
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= PHONE["width"]
+
+
+class TestDownload:
+    @pytest.mark.parametrize("scripts", [True, False])
+    def test_the_data_are_in_the_page(self, opened, written, tmp_path, scripts, chromium):
+        # Without scripts there is nothing that could say whether it was quiet.
+        page = opened(written) if scripts else Opened(chromium, written, java_script_enabled=False)
+        with page.page.expect_download() as download:
+            page.page.locator("#curves .download").click()
+        assert download.value.suggested_filename == "curves.csv"
+        download.value.save_as(tmp_path / "curves.csv")
+        pd.testing.assert_frame_equal(
+            pd.read_csv(tmp_path / "curves.csv"), made.CURVES, check_dtype=False, rtol=1e-9
+        )
+        if not scripts:
+            page.context.close()
+
+    @pytest.mark.parametrize("scripts", [True, False])
+    def test_large_data_are_unpacked_where_scripts_run(self, chromium, tmp_path, scripts):
+        frame = pd.DataFrame({"name": ["é, 🦾"] * 20_000, "x": np.linspace(0, 1, 20_000)})
+        item = FigureItem("large", "Large", made.curves_figure(), frame)
+        path = tmp_path / "index.html"
+        section = Section("S", [], [item])
+        path.write_bytes(render_document(made.document(sections=[section])).encode())
+        page = Opened(chromium, path, java_script_enabled=scripts)
+        with page.page.expect_download() as download:
+            page.page.locator("#large .download").click()
+        assert download.value.suggested_filename == ("large.csv" if scripts else "large.csv.gz")
+        download.value.save_as(tmp_path / download.value.suggested_filename)
+        saved = pd.read_csv(tmp_path / download.value.suggested_filename)
+        pd.testing.assert_frame_equal(saved, frame, check_dtype=False, rtol=1e-8)
+        assert page.trouble == []
+        page.context.close()
+
+    def test_every_table_has_its_data(self, opened, written, tmp_path):
+        page = opened(written)
+        names = page.page.locator(".download").evaluate_all("(all) => all.map((a) => a.download)")
+        assert names == ["final_returns.csv", "curves.csv", "provenance.csv"]
+        with page.page.expect_download() as download:
+            page.page.locator("#to-provenance .download").click()
+        download.value.save_as(tmp_path / "provenance.csv")
+        pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "provenance.csv"), made.provenance())
+
+
+def _contrast(one, other):
+    return colors._contrast(one, other)
+
+
+class TestLooks:
+    def test_light_and_dark_differ_and_text_is_read_in_both(self, opened, written):
+        papers = []
+        for scheme in ("light", "dark"):
+            page = opened(written, color_scheme=scheme)
+            paper = page.color(".item", "backgroundColor")
+            papers.append(paper)
+            for selector in ("p", "h1", ".soft", ".made", "td", "thead button", ".best strong"):
+                assert _contrast(page.color(selector, "color"), paper) >= 4.5, (scheme, selector)
+            # The figure's own ground is the item's, and its text is on it.
+            ground = page.color("#curves svg [fill='#ffffff']", "fill")
+            assert ground == paper
+            assert _contrast(page.color("#curves .drawing svg", "fill"), ground) >= 4.5
+            for line in page.page.locator("#curves svg g[clip-path], #curves svg path").all():
+                stroke = line.get_attribute("stroke")
+                if stroke in ("#0072b2", "#d00000"):
+                    shown = line.evaluate("(element) => getComputedStyle(element).stroke")
+                    rgb = tuple(int(part) for part in re.findall(r"\d+", shown)[:3])
+                    assert _contrast(rgb, ground) >= 3
+            # The numbers in a heat map are on its colours, which are the same.
+            assert page.color("#matrix [fill='rgb(26,26,26)']", "fill") == (26, 26, 26)
+        assert papers == [(255, 255, 255), colors.PAPER]
+
+    def test_the_button_turns_light_to_dark_and_back(self, opened, written):
+        page = opened(written)
+        for paper in (colors.PAPER, (255, 255, 255)):
+            page.page.locator("button.theme").click()
+            assert page.color(".item", "backgroundColor") == paper
+
+    def test_a_phone_has_no_page_wider_than_itself(self, opened, written, tmp_path):
+        hostile = tmp_path / "hostile.html"
+        hostile.write_bytes(render_document(made.hostile_document()).encode())
+        for path in (written, hostile):
+            page = opened(path, viewport=PHONE)
+            width = page.page.evaluate("document.documentElement.scrollWidth")
+            assert width == PHONE["width"]
+            wide = page.page.locator(".scroll").evaluate_all(
+                "(all) => all.filter((box) => box.scrollWidth > box.clientWidth).length"
+            )
+            assert wide > 0
+
+    def test_a_phone_shows_text_of_figures_at_a_size_to_read(self, opened, written):
+        page = opened(written, viewport=PHONE)
+        # The figure is 8.65 inches, so 622.8 points; at a pixel for a point, 8-point text has 8.
+        assert page.page.locator("#curves svg").bounding_box()["width"] >= 622
+
+    def test_paper_shows_all_in_black_on_white(self, opened, written):
+        page = opened(written, color_scheme="dark")
+        page.page.locator("button.theme").click()
+        page.page.locator("button.theme").click()
+        page.page.emulate_media(media="print")
+        hidden = page.page.locator(".scroll, .long").evaluate_all(
+            "(all) => all.filter((box) => box.scrollHeight > box.clientHeight + 1"
+            " && getComputedStyle(box).overflowY !== 'visible').length"
+        )
+        assert hidden == 0
+        expect(page.page.locator("nav")).to_be_hidden()
+        for name in ("figure", "table", "h2", "figcaption", ".problems", ".notes", ".made"):
+            for element in page.page.locator(name).all():
+                expect(element).to_be_visible()
+        assert page.color(".item", "backgroundColor") == (255, 255, 255)
+        assert _contrast(page.color("main p", "color"), (255, 255, 255)) >= 7
+
+    def test_it_can_be_printed(self, opened, written):
+        page = opened(written)
+        printed = page.page.pdf(prefer_css_page_size=True)
+        assert printed.startswith(b"%PDF-")
+        # A4 upright, and on its side for the tables and figures that are wide.
+        sizes = set(re.findall(rb"/MediaBox ?\[0 0 ([\d.]+) ([\d.]+)\]", printed))
+        assert {(round(float(w)), round(float(h))) for w, h in sizes} == {(595, 842), (842, 595)}
+
+    def test_without_scripts_it_is_a_plain_document(self, chromium, written):
+        page = Opened(chromium, written, java_script_enabled=False)
+        for text in ("No task is solved.", "668 [659, 676]", "Across seeds.", "jbench report"):
+            expect(page.page.get_by_text(text).first).to_be_visible()
+        expect(page.page.locator("button")).to_have_count(0)
+        expect(page.page.locator("svg")).to_have_count(3)
+        page.context.close()
+
+
+def test_a_page_of_200_long_runs_is_small_and_works(opened, tmp_path):
+    # 20 cells of 10 seeds and 5000 episodes in 5 figures, at the points that a curve is drawn with.
+    rng = np.random.default_rng(0)
+    steps = np.arange(1, 4902, 8) * 1000.0
+    items = []
+    for i in range(5):
+        series = []
+        for j in range(20):
+            y = rng.normal(500, 100, len(steps))
+            series.append(
+                Series(steps, y, Style(f"C{j % 10}"), f"cell {j}", [Band(y - 50, y + 50)])
+            )
+        returns = Axis("episode return", (-15, 1015))
+        figure = made.curves_figure(
+            Panel("face_direction", Axis("control steps", (0, steps[-1])), returns, series)
+        )
+        data = pd.DataFrame(rng.uniform(0, 1000, (20 * 4901, 8)), columns=list("abcdefgh"))
+        items.append(FigureItem(f"figure{i}", "Curves", figure, data))
+    runs = made.provenance(200)
+    sections = [Section("All", [], [*items, TableItem("runs", "Runs", "", runs)])]
+    path = tmp_path / "index.html"
+    path.write_bytes(render_document(made.document(sections=sections, provenance=runs)).encode())
+    assert path.stat().st_size < 10e6
+    page = opened(path)
+    tip = page.point("figure3", figure, 2.5e6, 500)
+    # 13 lines of 20; the others are counted.
+    assert tip[0] == "face_direction"
+    assert tip[-1] in ("and 6 more", "and 7 more")
+    page.page.locator("#runs th", has_text="wall time").locator("button").dblclick()
+    assert page.column("wall time (s)", "#runs table")[:2] == ["299.5", "298.5"]

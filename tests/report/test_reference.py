@@ -1,0 +1,96 @@
+"""The runs that are shipped with jbench are whole, and learned what was published."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jbench.report import sources
+from jbench.report.analysis import reduction
+from jbench.report.data.cells import of_kind
+from jbench.report.data.returns import EVALUATION
+from jbench.report.formatting import signed
+from jbench.report.request import Request
+from jbench.report.tables.values import estimate
+from jbench.store import Results, schema
+from jbench.store.shipped import shipped
+from jbench.store.verify import verify
+from jbench.training.settings import RunSettings
+
+
+@pytest.fixture(scope="module")
+def runs():
+    results = Results(shipped())
+    records, problems = results.scan("run")
+    assert problems == []
+    return records
+
+
+def test_they_are_whole(runs):
+    found = verify(Results(shipped()), 1)
+    assert found.faults == []
+    encoders = Results(shipped()).scan("encoder")[0]
+    assert found.records == len(runs) + len(encoders)
+    assert runs
+    assert {record.status for record in runs} == {"finished"}
+
+
+def test_no_place_of_the_machine_that_made_them_is_named(runs):
+    assert all("command" not in record.manifest.provenance for record in runs)
+
+
+def last_twenty(runs, steps, **settings):
+    """Returns the last 20 training returns of each of some seeds on face_direction."""
+    wanted = {"task": "face_direction", "steps": steps, **settings}
+    return [
+        record.read("episodes", schema.EPISODES)["episode_return"].to_numpy()[-20:]
+        for record in runs
+        if wanted.items() <= RunSettings(**record.settings).__dict__.items()
+    ]
+
+
+# Figure 9: by algorithm and control steps, the 10th and the 90th percentile of ten seeds.
+BANDS = {
+    ("td3", 100_000): (766.07, 971.14),
+    ("sac", 100_000): (840.23, 951.93),
+    ("ddpg", 300_000): (391.17, 859.33),
+}
+
+
+@pytest.mark.parametrize(
+    ("algo", "steps", "engine", "precision", "seeds"),
+    [
+        ("td3", 100_000, "batched", "float32", 6),
+        ("td3", 100_000, "batched", "bfloat16", 4),
+        ("td3", 100_000, "sb3", "float32", 4),
+        ("sac", 100_000, "batched", "float32", 5),
+        ("sac", 100_000, "sb3", "float32", 3),
+        ("ddpg", 300_000, "batched", "float32", 4),
+    ],
+)
+def test_the_last_twenty_episodes_lie_in_the_published_band(
+    runs, algo, steps, engine, precision, seeds
+):
+    wanted = {"algo": algo, "representation": "full", "engine": engine, "precision": precision}
+    chosen = last_twenty(runs, steps, **wanted)
+    assert len(chosen) == seeds
+    low, high = BANDS[algo, steps]
+    assert low <= np.median(chosen) <= high
+
+
+def test_on_twelve_latents_the_published_seed_lies_among_ours(runs):
+    chosen = last_twenty(runs, 300_000, algo="ddpg", representation="dae12")
+    assert len(chosen) == 3
+    # Figure 7, one seed: the mean of its points at 290,000 and 310,000 control steps.
+    assert min(map(np.median, chosen)) < 554.0 < max(map(np.median, chosen))
+
+
+def test_the_answer_of_the_readme_is_that_of_the_shipped_runs():
+    readme = " ".join((Path(__file__).parents[2] / "README.md").read_text().split())
+    cells = sources.own(Results(shipped()), Request()).cells
+    found = reduction.reductions(of_kind(cells, EVALUATION))
+    assert found
+    for one in found:
+        similar = one.findings[0]
+        assert f"{estimate(similar.effect, signed).text} (90% interval, n = " in readme
+        assert f"n = {one.seeds[0]}, {one.seeds[1]})" in readme

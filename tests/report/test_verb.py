@@ -1,0 +1,174 @@
+"""`jbench report` as its users type it."""
+
+import csv
+import json
+import re
+import signal
+import subprocess
+
+import numpy as np
+import pytest
+
+from jbench.cli import main
+from jbench.report import Request, write_report
+from jbench.report.watch import Interrupt, end, fingerprint, remembered_interrupt, watch
+from jbench.store.files import sha256
+from tests.command_line import INTERRUPTIBLE
+
+RELOADS = b'<meta http-equiv="refresh"'
+FLAT = np.full(40, 500.0)
+
+
+@pytest.fixture
+def filled(fabric):
+    for seed in range(3):
+        fabric.run(FLAT + seed, seed)
+        fabric.run(FLAT + 50 + seed, seed, representation="dae12")
+    return fabric.results.path
+
+
+def typed(results, *arguments):
+    return main(["report", *arguments, "--results", str(results)])
+
+
+def test_claims_are_in_the_document_the_files_and_the_page(filled, capsys):
+    assert typed(filled, "--claims", "--json", "--format", "svg", "--window", "4") == 0
+    said = json.loads(capsys.readouterr().out)
+    ours = {c["claim"]: c for c in said["claims"] if c["source"] == "ours"}
+    assert set(ours) == set("abcg")
+    assert ours["c"]["effect"] == pytest.approx(50)
+    assert ours["c"]["verdict"] == "undecided"  # of three seeds
+    assert ours["c"]["seeds_needed"] >= 6
+    (one,) = said["comparisons"]
+    assert one["probability_of_improvement"] == 1
+    out = filled / "report"
+    assert (
+        "With the reduced order learning is slightly faster. Ours, training returns: 1 undecided"
+        in (out / "index.html").read_text().replace("\n", " ")
+    )
+    assert (out / "claims.tex").exists()
+    command = "jbench report --claims --window 4 --format svg --results"
+    assert command in (out / "index.html").read_text()
+    assert str(out / "report.json") in said["files"]
+
+
+def test_returns_choose_what_leads(fabric, capsys):
+    for seed in range(3):
+        fabric.run(FLAT, seed, evaluated={20_000: 300.0, 40_000: 950.0})
+    results = fabric.results.path
+    medians = {}
+    for returns in ("evaluation", "training"):
+        assert typed(results, "--returns", returns, "--json", "--format", "svg") == 0
+        capsys.readouterr()
+        (row,) = csv.DictReader((results / "report" / "final_returns.csv").open())
+        medians[returns] = row["face_direction"]
+    assert medians == {"evaluation": "950.0", "training": "500.0"}
+    page = (results / "report" / "index.html").read_text()
+    assert "jbench report --returns training --format svg" in page
+
+
+def test_without_claims_nothing_is_said_of_them(filled, capsys):
+    assert typed(filled, "--json", "--format", "svg") == 0
+    assert "claims" not in json.loads(capsys.readouterr().out)
+    assert not (filled / "report" / "claims.csv").exists()
+
+
+def test_two_sides_are_compared_and_the_report_is_left_alone(filled, capsys):
+    sides = ("--compare", "representation=dae12", "representation=full")
+    assert typed(filled, *sides, "--format", "svg") == 0
+    said = capsys.readouterr().out
+    assert "1.00 [1.00, 1.00]" in said
+    assert (filled / "comparison" / "index.html").exists()
+    assert not (filled / "report").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--compare", "a=1", "engine=cpu"), "No run has a setting 'a'"),
+        (("--since", "now"), "--since now: type a date"),
+        (("--format", "gif"), "There is no format 'gif'"),
+        (("--columns", "3"), "--columns 3: type 1 or 2"),
+        (("--window", "0"), "A window of 0 episodes"),
+        (("--returns", "all"), "Unknown value of --returns 'all'; choose evaluation or training."),
+        (("--watch", "--json"), "--watch and --json exclude each other"),
+        (("--watch", "--since", "now"), "--since now"),
+    ],
+)
+def test_a_wrong_request_gets_one_sentence(filled, capsys, arguments, says):
+    assert typed(filled, *arguments) == 2
+    printed = capsys.readouterr()
+    assert says in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+
+
+class TestWatch:
+    def test_it_goes_on_when_a_record_is_committed_and_only_then(self, fabric, filled):
+        turns = watch(fabric.results, Request(), Interrupt(), look_every=0.01)
+        next(turns)
+        before = fingerprint([filled])
+        assert fingerprint([filled]) == before
+        fabric.run(FLAT, 9)
+        assert fingerprint([filled]) != before
+        next(turns)
+
+    def test_it_reports_again_while_runs_go_on_and_ends_on_ctrl_c(self, fabric):
+        fabric.results.path.mkdir()
+        command = [*INTERRUPTIBLE, "report", "--watch", "--format", "svg"]
+        process = subprocess.Popen(
+            [*command, "--results", str(fabric.results.path)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            wait_for(process, "Nothing to report yet: There are no runs")
+            fabric.run(FLAT, 0)
+            wait_for(process, "Wrote ")
+            fabric.run(FLAT, 1)
+            # The run may be seen before its episodes are: then there is a report more in between.
+            wait_for(process, r"td3 +full +2 ")
+            wait_for(process, "Wrote ")
+            page = fabric.results.path / "report" / "index.html"
+            assert page.read_bytes().count(RELOADS) == 1
+            process.send_signal(signal.SIGINT)
+            said, _ = process.communicate(timeout=120)
+        finally:
+            process.kill()
+        assert process.returncode == 0
+        assert "No longer watching; the last report is in" in said
+        assert RELOADS not in page.read_bytes()
+        # It is still known as the report's own file: the next report says nothing of changes.
+        again = write_report(fabric.results, page.parent)
+        assert not [note for note in again.notes if "of an earlier report" in note]
+
+    def test_ctrl_c_that_is_swallowed_ends_it_after_the_report(self, fabric, filled):
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            with remembered_interrupt() as interrupt:
+                turns = watch(fabric.results, Request(), interrupt)
+                next(turns)
+                with pytest.raises(KeyboardInterrupt):
+                    signal.raise_signal(signal.SIGINT)
+                assert list(turns) == []
+            assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+    def test_a_page_that_someone_changed_stays_theirs(self, fabric, filled):
+        made = write_report(fabric.results, filled / "report", Request(watched=True))
+        page = next(path for path in made.files if path.name == "index.html")
+        page.write_bytes(page.read_bytes() + b"mine")
+        end(page.parent)
+        assert RELOADS not in page.read_bytes()
+        assert page.read_bytes().endswith(b"mine")
+        listed = json.loads((page.parent / "report.json").read_bytes())["files"]
+        assert listed[page.name] != sha256(page.read_bytes())
+
+
+def wait_for(process, text):
+    """Reads what the process prints up to the first line that matches."""
+    if any(re.search(text, line) for line in process.stdout):
+        return
+    raise AssertionError(f"{text!r} was never said: {process.stderr.read()}")

@@ -1,0 +1,147 @@
+"""A query reads the tables that it needs, wherever their names stand in it."""
+
+import os
+import subprocess
+import sys
+
+import duckdb
+import pytest
+
+from jbench.errors import RequestError
+from jbench.store import query
+from tests.store.store_faults import PREAMBLE
+from tests.store.store_rows import add_run, listed
+from tests.store.test_damage import truncate
+
+
+@pytest.fixture
+def filled(results):
+    add_run(results, "a", [10.0, 20.0])
+    add_run(results, "b", [60.0], seed=1)
+    return results
+
+
+def rows(results, sql):
+    answer = query.ask(results, sql)
+    assert answer.problems == []
+    return answer.rows.to_numpy().tolist()
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "SELECT run, sum(episode_return) FROM episodes GROUP BY run ORDER BY run",
+        'SELECT RUN, SUM(episode_return) FROM "Episodes" GROUP BY run ORDER BY run',
+        "SELECT r.run, sum(episode_return) FROM runs r JOIN episodes USING (run) GROUP BY 1 "
+        "ORDER BY 1",
+        "WITH runs AS (FROM episodes) SELECT run, sum(episode_return) FROM runs GROUP BY 1 "
+        "ORDER BY 1",
+        "WITH episodes AS (FROM episodes) SELECT run, sum(episode_return) FROM episodes GROUP BY 1 "
+        "ORDER BY 1",
+        "SELECT run, (SELECT sum(episode_return) FROM episodes e WHERE e.run = runs.run) FROM runs "
+        "ORDER BY run",
+        "SELECT run, sum(episode_return) FROM query_table('epi' || 'sodes') GROUP BY 1 ORDER BY 1",
+        "SELECT run, sum(episode_return) FROM query('FROM epi' || 'sodes') GROUP BY 1 ORDER BY 1",
+        "SELECT run, sum(x) FROM (UNPIVOT (SELECT run, episode_return FROM episodes) ON "
+        "episode_return INTO NAME n VALUE x) GROUP BY 1 ORDER BY 1",
+    ],
+)
+def test_tables_are_found_by_any_way_to_name_them(filled, sql):
+    assert rows(filled, sql) == [["a", 30.0], ["b", 60.0]]
+
+
+def test_all_tables_are_listed(filled):
+    assert {name for (name,) in rows(filled, "SHOW TABLES")} == set(query.load(filled).tables)
+
+
+def test_file_of_a_table_that_is_not_asked_for_is_not_read(filled):
+    damaged = filled.find("run", "a")
+    truncate(damaged.path / listed(damaged)[0])
+    assert rows(filled, "SELECT run FROM runs ORDER BY run") == [["a"], ["b"]]
+    answer = query.ask(
+        filled, "SELECT run, count(*) FROM episodes JOIN runs USING (run) GROUP BY 1"
+    )
+    assert answer.rows.to_numpy().tolist() == [["b", 1]]
+    assert len(answer.problems) == 1
+
+
+def test_ids_are_texts_in_whatever_way_they_are_read(filled):
+    assert rows(
+        filled, "SELECT DISTINCT typeof(run), upper(run) || '!' FROM episodes ORDER BY 2"
+    ) == [
+        ["VARCHAR", "A!"],
+        ["VARCHAR", "B!"],
+    ]
+    coded = query.load(filled, ["episodes"], coded=True).tables["episodes"]
+    plain = query.load(filled, ["episodes"]).tables["episodes"]
+    assert coded.cast(plain.schema).equals(plain)
+
+
+def test_wrong_query_says_which_tables_there_are(filled):
+    for sql in ("FROM nothing", "SELECT nothing FROM runs"):
+        with pytest.raises(RequestError, match=r"nothing.*\(tables: datasets, encoder_epochs, "):
+            query.ask(filled, sql)
+
+
+WRITING = """
+from tests.store.store_rows import add_run
+while True:
+    for returns in ([1.0], [1.0, 2.0]):
+        record = add_run(results, "c", returns)
+        record.append({"episodes": record.read("episodes", schema.EPISODES).slice(0, 1)})
+        record.finish({})
+        print("finished", flush=True)
+"""
+
+
+def test_run_that_is_written_meanwhile_is_whole_in_one_of_its_states(filled):
+    command = [sys.executable, "-c", PREAMBLE + WRITING, str(filled.path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+        assert writer.stdout.readline() == "finished\n"
+        found = [rows(filled, "SELECT run, count(*) FROM episodes GROUP BY 1") for _ in range(40)]
+        assert writer.poll() is None
+        writer.kill()
+    assert {count for answer in found for run, count in answer if run == "c"} <= {1, 2, 3}
+    assert all(answer.count(["a", 2]) == answer.count(["b", 1]) == 1 for answer in found)
+
+
+FILES = ["'{}'", "read_csv('{}')", "read_json('{}')", "read_text('file://{}')", "glob('{}*')"]
+NETWORK = [
+    "'https://example.com/a.parquet'",
+    "read_csv('http://example.com/a.csv')",
+    "read_parquet('s3://bucket/a.parquet')",
+    "read_text('hf://datasets/a/b')",
+]
+
+
+@pytest.mark.parametrize("source", FILES)
+def test_no_file_can_be_read_not_even_one_of_the_results(filled, source):
+    run = filled.find("run", "a")
+    for path in ("/etc/passwd", run.path / listed(run)[0]):
+        with pytest.raises(RequestError, match=r"disabled by configuration|does not exist"):
+            query.ask(filled, f"FROM {source.format(path)}")
+
+
+@pytest.mark.parametrize("source", NETWORK)
+def test_no_network_can_be_reached(filled, source):
+    with pytest.raises(RequestError, match=r"disabled|Missing Extension|does not exist"):
+        query.ask(filled, f"FROM {source}")
+
+
+def test_what_does_not_fit_into_the_memory_is_not_put_into_files(filled):
+    sql = "SELECT current_setting('temp_directory') AS place"
+    assert duckdb.connect().execute(sql).fetchall() == [(".tmp",)]  # without us, it is
+    assert rows(filled, sql) == [[""]]
+
+
+def test_processes_that_end_right_after_a_query_end_well(filled):
+    script = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from jbench.store import Results, query\n"
+        "print(len(query.ask(Results(Path(sys.argv[1])), 'FROM episodes').rows))\n"
+    )
+    command = [sys.executable, "-c", script, os.fspath(filled.path)]
+    for _ in range(5):
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr

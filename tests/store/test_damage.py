@@ -1,0 +1,212 @@
+"""What is damaged, foreign or too new is refused in a sentence that names it."""
+
+import json
+import os
+import shutil
+
+import pytest
+
+from jbench.errors import WorkError
+from jbench.store import Results, query
+from jbench.store.files import sha256
+from tests.store.store_rows import ROWS, add_run, alter_manifest, listed, manifest_of, numbers, read
+
+
+def truncate(path):
+    path.write_bytes(path.read_bytes()[:-1])
+
+
+def flip_a_byte(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def remove(path):
+    path.unlink()
+
+
+def link(path):
+    """The same content, but somewhere else."""
+    elsewhere = path.parents[3] / "elsewhere"
+    shutil.move(path, elsewhere)
+    path.symlink_to(elsewhere)
+
+
+def make_directory(path):
+    path.unlink()
+    path.mkdir()
+
+
+DAMAGES = [
+    (truncate, "bytes, not"),
+    (flip_a_byte, "its checksum differs"),
+    (remove, "No such file"),
+    (link, "a link to another place"),
+    (make_directory, "Is a directory"),
+]
+
+
+@pytest.mark.parametrize("part", range(3))
+@pytest.mark.parametrize(("damage", "reason"), DAMAGES)
+def test_damaged_part_is_named_with_its_record(results, record, part, damage, reason):
+    for n in range(3):
+        record.append({"t": numbers(n)})
+    name = listed(record)[part]
+    damage(record.path / name)
+    again = results.find("run", "a/b")
+    for use in (lambda: read(again), lambda: again.finish({})):
+        with pytest.raises(WorkError, match=f"{name} of the run a/b is damaged.*{reason}"):
+            use()
+
+
+@pytest.mark.parametrize(("damage", "reason"), DAMAGES)
+def test_damaged_file_that_is_no_table_is_named(results, record, damage, reason):
+    record.finish({}, {"policy.safetensors": b"weights"})
+    damage(record.path / "policy.safetensors")
+    with pytest.raises(WorkError, match=f"policy.safetensors of the run a/b is damaged.*{reason}"):
+        results.find("run", "a/b").read_file("policy.safetensors")
+
+
+def test_damage_to_one_table_leaves_the_others(results, record):
+    record.append({"t": numbers(1), "u": numbers(2)})
+    truncate(record.path / listed(record)[0])
+    assert read(results.find("run", "a/b"), "u") == [2]
+
+
+def put_in_place(record, content, **entry):
+    """Another content of the only file, with a manifest that agrees to it."""
+    (record.path / listed(record)[0]).write_bytes(content)
+    (old,) = manifest_of(record)["files"]
+    changed = {**old, "bytes": len(content), "sha256": sha256(content), **entry}
+    alter_manifest(record, files=[changed])
+
+
+def test_file_that_is_no_parquet_is_named_though_its_checksum_is_right(results, record):
+    record.append({"t": numbers(1)})
+    put_in_place(record, b"PAR1 but not really PAR1")
+    with pytest.raises(WorkError, match=f"{listed(record)[0]} of the run a/b is damaged"):
+        read(results.find("run", "a/b"))
+
+
+def test_parquet_with_a_broken_footer_is_named_though_its_checksum_is_right(results, record):
+    record.append({"t": numbers(1)})
+    content = bytearray((record.path / listed(record)[0]).read_bytes())
+    content[-8 - int.from_bytes(content[-8:-4], "little")] ^= 0xFF  # first byte of the footer
+    put_in_place(record, bytes(content))
+    with pytest.raises(WorkError, match=f"{listed(record)[0]} of the run a/b is damaged"):
+        read(results.find("run", "a/b"))
+
+
+def test_rows_that_the_manifest_counts_otherwise_are_refused(results, record):
+    record.append({"t": numbers(1, 2)})
+    put_in_place(record, (record.path / listed(record)[0]).read_bytes(), rows=3)
+    with pytest.raises(WorkError, match="2 rows, not 3"):
+        read(results.find("run", "a/b"))
+
+
+def test_table_of_other_columns_is_refused(results, record):
+    record.append({"t": numbers(1).rename_columns(["m"])})
+    with pytest.raises(WorkError, match=f"{listed(record)[0]} of the run a/b is damaged"):
+        record.read("t", ROWS)
+
+
+BROKEN_MANIFESTS = {
+    "empty": lambda text: b"",
+    "half": lambda text: text[: len(text) // 2],
+    "list": lambda text: b"[]",
+    "not UTF-8": lambda text: b"\xff" + text,
+    "no kind": lambda text: text.replace(b'"kind"', b'"mind"'),
+    "no status": lambda text: text.replace(b'"unfinished"', b'"perhaps"'),
+    "negative": lambda text: text.replace(b'"rows": 1', b'"rows": -1'),
+    "deep": lambda text: b"[" * 100_000,
+}
+
+
+@pytest.mark.parametrize("breaking", BROKEN_MANIFESTS.values(), ids=BROKEN_MANIFESTS)
+def test_broken_manifest_is_named_and_the_other_records_are_read(results, record, breaking):
+    record.append({"t": numbers(1)})
+    results.create("run", "c", {}).append({"t": numbers(2)})
+    path = record.path / "manifest.json"
+    path.write_bytes(breaking(path.read_bytes()))
+    records, problems = results.scan("run")
+    assert [(other.id, read(other)) for other in records] == [("c", [2])]
+    (problem,) = problems
+    assert problem.startswith(f"{path} is not a manifest that can be read (")
+    with pytest.raises(WorkError) as refusal:
+        results.find("run", "a/b")
+    assert str(refusal.value) == problem
+
+
+def test_manifest_of_a_newer_schema_is_refused_with_both_versions(results, record):
+    alter_manifest(record, schema_version=7)
+    with pytest.raises(WorkError, match="is of schema version 7, and this jbench reads up to 4"):
+        results.find("run", "a/b")
+
+
+def test_newer_schema_is_what_is_said_even_with_fields_that_are_new(results, record):
+    alter_manifest(record, schema_version=7, shards=[])
+    with pytest.raises(WorkError, match="is of schema version 7, and this jbench reads up to 4"):
+        results.find("run", "a/b")
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", "../x.parquet", "/etc/passwd", "a/b", ".", "..", "", ".x", "manifest.json"]
+)
+def test_manifest_that_names_a_file_elsewhere_is_refused(results, record, name):
+    record.append({"t": numbers(1)})
+    (entry,) = manifest_of(record)["files"]
+    shutil.copy(record.path / entry["name"], record.path.parent / "x.parquet")
+    alter_manifest(record, files=[{**entry, "name": name}])
+    with pytest.raises(WorkError, match=r"manifest\.json .* a file is named outside its own dir"):
+        results.find("run", "a/b")
+
+
+@pytest.mark.parametrize("change", [{"id": "a/c"}, {"kind": "encoder"}])
+def test_manifest_that_calls_itself_otherwise_is_refused(results, record, change):
+    alter_manifest(record, **change)
+    wanted = rf"manifest\.json calls itself {change.get('kind', 'run')} {change.get('id', 'a/b')};"
+    with pytest.raises(WorkError, match=wanted):
+        results.find("run", "a/b")
+
+
+def test_copy_of_a_record_under_another_id_is_refused(results, record):
+    shutil.copytree(record.path, record.path.parent / "c")
+    records, problems = results.scan("run")
+    assert [found.id for found in records] == ["a/b"]
+    assert [problem.partition(" ")[2] for problem in problems] == [
+        "calls itself run a/b; it is not read."
+    ]
+
+
+@pytest.mark.parametrize("linked", ["out", "out/in"])
+def test_record_behind_a_link_out_of_the_results_is_not_read(tmp_path, results, linked):
+    others = Results(tmp_path / "others")
+    add_run(others, "out/in/r", [5.0])
+    add_run(results, "mine", [1.0])
+    (results.path / "runs" / linked).parent.mkdir(exist_ok=True)
+    os.symlink(others.path / "runs" / linked, results.path / "runs" / linked)
+    with pytest.raises(WorkError, match="out/in/r leads out of the results directory"):
+        results.find("run", "out/in/r")
+    tables = query.load(results).tables
+    assert tables["runs"]["run"].to_pylist() == ["mine"]
+    assert tables["episodes"]["episode_return"].to_pylist() == [1.0]
+
+
+def test_record_cannot_be_written_through_a_link_out_of_the_results(tmp_path, results):
+    (tmp_path / "outside").mkdir()
+    (results.path / "runs").mkdir(parents=True)
+    (results.path / "runs" / "out").symlink_to(tmp_path / "outside")
+    with pytest.raises(WorkError, match="leads out of the results directory"):
+        results.create("run", "out/r", {})
+    assert list((tmp_path / "outside").iterdir()) == []
+
+
+def test_manifest_is_plain_json_for_other_programs(results, record):
+    record.append({"t": numbers(1, 2)})
+    found = json.loads((results.path / "runs" / "a" / "b" / "manifest.json").read_bytes())
+    (entry,) = found["files"]
+    content = (record.path / entry["name"]).read_bytes()
+    assert (entry["table"], entry["rows"]) == ("t", 2)
+    assert (entry["bytes"], entry["sha256"]) == (len(content), sha256(content))
+    assert (found["schema_version"], found["kind"], found["id"]) == (4, "run", "a/b")

@@ -1,0 +1,232 @@
+"""When the system refuses, what was committed is still read, and a sentence says what happened."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from jbench.errors import RequestError, WorkError
+from jbench.store import Results
+from jbench.store.listing import list_runs
+from tests.store.store_faults import PREAMBLE, run_script
+from tests.store.store_rows import (
+    add_run,
+    alter_manifest,
+    listed,
+    manifest_of,
+    names,
+    numbers,
+    read,
+)
+
+APPENDING = """
+record = results.find("run", "a/b")
+try:
+    record.append({"t": numbers(2)})
+except WorkError as error:
+    print(error)
+print(read(record))
+"""
+
+
+def assert_as_before(results, record):
+    """The record holds the one row that was committed, and no other file than those listed."""
+    again = results.find("run", "a/b")
+    assert read(again) == [1]
+    again.clean()
+    assert names(record.path) == {"manifest.json", *listed(record)}
+
+
+def test_disk_full_in_the_middle_of_a_manifest(results, record):
+    record.append({"t": numbers(1)})
+    # The settings make a manifest that is larger than a part, so that only it has no room.
+    settings = {"long": "x" * 20_000}
+    alter_manifest(record, settings=settings)
+    said = run_script(results, "store_faults.leave_room(8192)\n" + APPENDING)
+    assert said[0].startswith(f"No room left to write manifest.json in {record.path}; what was ")
+    assert said[1] == "[1]"
+    assert results.find("run", "a/b").settings == settings
+    assert_as_before(results, record)
+
+
+def test_disk_full_at_the_end_loses_nothing_and_the_record_can_be_finished_later(results, record):
+    for n in range(5):
+        record.append({"t": numbers(n)})
+    script = """
+store_faults.leave_room(8192)
+try:
+    results.find("run", "a/b").finish({}, {"policy.json": b"x" * 10_000})
+except WorkError as error:
+    print(error)
+"""
+    (said,) = run_script(results, script)
+    assert said.startswith("No room left to write policy.json in ")
+    again = results.find("run", "a/b")
+    assert (again.status, read(again)) == ("unfinished", [0, 1, 2, 3, 4])
+    again.finish({}, {"policy.json": b"{}"})
+    assert read(results.find("run", "a/b")) == [0, 1, 2, 3, 4]
+    assert names(record.path) == {"manifest.json", *listed(record)}
+
+
+def test_directory_on_which_rename_fails(results, record):
+    record.append({"t": numbers(1)})
+    said = run_script(results, "store_faults.forbid_renames()\n" + APPENDING)
+    assert "t-00001-" in said[0]
+    assert said[0].endswith(".parquet can't be written (Operation not permitted).")
+    assert said[1] == "[1]"
+    assert_as_before(results, record)
+
+
+def test_directory_that_may_not_be_written(results, record):
+    record.append({"t": numbers(1)})
+    record.path.chmod(0o500)
+    said = run_script(results, "store_faults.give_up_rights()\n" + APPENDING)
+    record.path.chmod(0o700)
+    assert said[0].endswith(".parquet can't be written (Permission denied).")
+    assert said[1] == "[1]"
+    assert_as_before(results, record)
+
+
+@pytest.mark.parametrize("where", ["manifest.json", "a/b", "a"])
+def test_what_may_not_be_read_is_named_and_the_rest_is_used(results, record, where):
+    add_run(results, "c", [1.0])
+    path = record.path / where if where == "manifest.json" else results.path / "runs" / where
+    mode = path.stat().st_mode
+    path.chmod(0o000)
+    script = """
+store_faults.give_up_rights()
+records, problems = results.scan("run")
+print([record.id for record in records], *problems, sep="\\n")
+"""
+    found, problem = run_script(results, script)
+    path.chmod(mode)
+    assert found == "['c']"
+    assert problem.startswith(f"{path} can't be read (Permission denied)")
+
+
+def test_file_that_may_not_be_read_is_named(results, record):
+    record.append({"t": numbers(1)})
+    path = record.path / listed(record)[0]
+    path.chmod(0o000)
+    script = """
+store_faults.give_up_rights()
+try:
+    read(results.find("run", "a/b"))
+except WorkError as error:
+    print(error)
+"""
+    (said,) = run_script(results, script)
+    assert said.startswith(f"{path} of the run a/b can't be read (Permission denied)")
+
+
+def test_place_that_may_not_be_written_is_refused_before_any_work(tmp_path, results):
+    results.path.mkdir()
+    results.path.chmod(0o500)
+    script = """
+store_faults.give_up_rights()
+try:
+    results.create("run", "a/b", {})
+except RequestError as error:
+    print(error)
+"""
+    (said,) = run_script(results, script)
+    assert said.startswith(f"{results.path}/runs/a/b can't be made (Permission denied); name a dir")
+    assert list(results.path.iterdir()) == []
+
+
+def test_lock_that_is_a_directory_is_refused(record):
+    (record.path / "lock").mkdir()
+    with pytest.raises(WorkError, match=r"lock can't be opened \(Is a directory\)"):
+        record.lock().__enter__()
+
+
+def test_manifest_replaced_by_a_directory_is_named(results, record):
+    (record.path / "manifest.json").unlink()
+    (record.path / "manifest.json").mkdir()
+    add_run(results, "c", [1.0])
+    records, (problem,) = results.scan("run")
+    assert [found.id for found in records] == ["c"]
+    assert problem == f"{record.path}/manifest.json can't be read (Is a directory)."
+    with pytest.raises(WorkError, match=r"manifest\.json can't be written"):
+        results.create("run", "a/b", {})
+
+
+def test_removed_manifest_takes_the_record_with_it_and_nothing_else(results, record):
+    record.append({"t": numbers(1)})
+    add_run(results, "c", [1.0])
+    (record.path / "manifest.json").unlink()
+    assert [found.id for found in results.scan("run")[0]] == ["c"]
+
+
+def test_runs_under_a_file_are_refused(results):
+    results.path.mkdir()
+    (results.path / "runs").write_text("mine")
+    assert results.find("run", "a/b") is None
+    assert results.scan("run")[1] == [f"{results.path}/runs can't be read (Not a directory)."]
+    with pytest.raises(RequestError, match="is a file, or lies in one; name a directory"):
+        results.create("run", "a/b", {})
+
+
+def test_clock_set_back_while_a_record_is_written_changes_nothing_but_its_dates(results, record):
+    record.append({"t": numbers(1)})
+    # As it looks on the disk after a clock that was ahead by years has been set right.
+    alter_manifest(record, created="2999-01-01T00:00:00+00:00", updated="2999-01-02T00:00:00+00:00")
+    again = results.find("run", "a/b")
+    for n in (2, 3):
+        again.append({"t": numbers(n)})
+    again.finish({"n": 3})
+    found = Results(results.path).find("run", "a/b")
+    assert (read(found), found.status) == ([1, 2, 3], "finished")
+    assert found.manifest.updated < found.manifest.created
+    (line,), problems = list_runs(results, {})
+    assert (line.created, problems) == ("2999-01-01T00:00:00+00:00", [])
+
+
+def test_two_writers_of_one_record_are_one_after_the_other(results):
+    script = """
+record = results.record("run", "a/b")
+while True:
+    try:
+        with record.lock():
+            found = results.find("run", "a/b") or results.create("run", "a/b", {})
+            found.append({"t": numbers(found.rows("t"))})
+            if found.rows("t") >= 40:
+                break
+    except WorkError as error:
+        assert "Another process" in str(error)
+"""
+    command = [sys.executable, "-c", PREAMBLE + script, str(results.path)]
+    writers = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    for writer in writers:
+        assert writer.communicate(timeout=120)[1] == ""
+        assert writer.returncode == 0
+    found = results.find("run", "a/b")
+    assert read(found) == list(range(found.rows("t")))
+    assert found.rows("t") >= 40
+    assert names(found.path) == {"manifest.json", "lock", *listed(found)}
+
+
+def test_reader_of_a_record_that_is_joined_meanwhile_finds_its_rows(results, record):
+    for n in range(3):
+        record.append({"t": numbers(n)})
+    reader = results.find("run", "a/b")
+    record.finish({})
+    with pytest.raises(WorkError, match="No such file"):
+        read(reader)
+    assert reader.refresh()
+    assert read(reader) == [0, 1, 2]
+    assert not reader.refresh()
+
+
+def test_new_directories_are_made_with_all_their_parents(tmp_path):
+    deep = Results(tmp_path / "x" / "y").record("run", "a/b")
+    with deep.lock():
+        assert os.listdir(deep.path) == ["lock"]
+
+
+def test_manifest_lists_a_file_once(results, record):
+    record.append({"t": numbers(1)})
+    alter_manifest(record, files=manifest_of(record)["files"] * 2)
+    with pytest.raises(WorkError, match="a file is listed twice"):
+        results.find("run", "a/b")

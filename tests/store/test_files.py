@@ -1,0 +1,90 @@
+"""A file is there whole or not at all, and nothing is left beside it."""
+
+import subprocess
+import sys
+
+import pytest
+
+from jbench.errors import RequestError, WorkError
+from jbench.store.files import make_directory, write_atomic
+from tests.store.store_rows import names
+
+OLD, NEW = b"old" * 100, b"new" * 10_000
+
+# Python ignores SIGXFSZ, so that a write beyond the limit fails as on a full disk.
+WITHOUT_ROOM = """
+import resource, signal, sys
+from pathlib import Path
+from jbench.errors import WorkError
+from jbench.store.files import write_atomic
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+try:
+    write_atomic(Path(sys.argv[1]), b"new" * 10_000)
+except WorkError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("before", [None, OLD, NEW * 2])
+def test_write_replaces_the_whole_file_and_leaves_no_other(tmp_path, before):
+    path = tmp_path / "file"
+    if before is not None:
+        path.write_bytes(before)
+    write_atomic(path, NEW)
+    assert path.read_bytes() == NEW
+    assert names(tmp_path) == {"file"}
+
+
+def test_readers_of_the_old_file_keep_it(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(OLD)
+    with path.open("rb") as reader:
+        write_atomic(path, NEW)
+        assert reader.read() == OLD
+
+
+def test_file_can_be_read_by_others(tmp_path):
+    write_atomic(tmp_path / "file", NEW)
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
+
+
+@pytest.mark.parametrize("before", [None, OLD])
+def test_write_without_room_leaves_the_old_file_whole_and_says_so(tmp_path, before):
+    path = tmp_path / "file"
+    if before is not None:
+        path.write_bytes(before)
+    command = [sys.executable, "-c", WITHOUT_ROOM, str(path)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert said == (
+        f"No room left to write file in {tmp_path}; what was finished is kept: "
+        "make room and type the command again.\n"
+    )
+    assert names(tmp_path) == (set() if before is None else {"file"})
+    assert before is None or path.read_bytes() == before
+
+
+def test_write_into_no_directory_names_the_file(tmp_path):
+    with pytest.raises(WorkError, match=r"missing/file can't be written \(No such file"):
+        write_atomic(tmp_path / "missing" / "file", NEW)
+
+
+def test_write_over_a_directory_leaves_it_and_no_temporary(tmp_path):
+    (tmp_path / "there").mkdir()
+    with pytest.raises(WorkError, match="there can't be written"):
+        write_atomic(tmp_path / "there", NEW)
+    assert names(tmp_path) == {"there"}
+
+
+def test_directory_is_made_with_its_parents_and_may_be_there(tmp_path):
+    for _ in range(2):
+        make_directory(tmp_path / "a" / "b")
+        assert (tmp_path / "a" / "b").is_dir()
+
+
+@pytest.mark.parametrize("below", ["", "a", "a/b"])
+def test_directory_on_or_below_a_file_is_refused(tmp_path, below):
+    (tmp_path / "file").write_bytes(OLD)
+    with pytest.raises(RequestError, match="is a file, or lies in one; name a directory"):
+        make_directory(tmp_path / "file" / below)
+    assert (tmp_path / "file").read_bytes() == OLD

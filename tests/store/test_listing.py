@@ -1,0 +1,87 @@
+"""The list of runs: how far each is, from its manifest, and its last returns on request."""
+
+import pytest
+
+from jbench.store.listing import list_runs
+from tests.store.store_rows import alter_manifest, listed
+from tests.store.store_whole import add_whole_run
+from tests.store.test_damage import truncate
+
+
+def listed_ids(results, **wanted):
+    lines, problems = list_runs(results, wanted)
+    assert problems == []
+    return [line.run for line in lines]
+
+
+def test_line_of_a_finished_and_of_an_unfinished_run(results):
+    run = add_whole_run(results)
+    add_whole_run(results, [5.0], finish=False, seed=1, algo="sac")
+    (done, begun), problems = list_runs(results, {})
+    assert problems == []
+    assert done[:10] == (
+        *(run.id, "face_direction", "ddpg", "full", 0, "finished", 3, 3000, 3000, 7.5),
+    )
+    assert (done.last_return, done.created) == (None, run.manifest.created)
+    assert begun[2:10] == ("sac", "full", 1, "unfinished", 1, 1000, 3000, None)
+
+
+def test_steps_of_a_finished_run_are_those_that_it_says(results):
+    run = add_whole_run(results)
+    alter_manifest(run, summary={"steps_done": 4096})
+    assert list_runs(results, {})[0][0].steps_done == 4096
+
+
+@pytest.mark.parametrize(
+    ("count", "mean"),
+    [
+        (0, None),
+        (1, 0.0),
+        (3, 2.0),
+        (8, 6.5),  # a quarter: 6 and 7
+        (400, 349.5),  # 300 to 399
+        (1000, 949.5),  # 100 at most: 900 to 999
+    ],
+)
+def test_last_returns_are_of_the_last_quarter_but_100_at_most(results, count, mean):
+    add_whole_run(results, [float(n) for n in range(count)], finish=False)
+    (line,), _ = list_runs(results, {}, returns=True)
+    assert line.last_return == mean
+    # Two seconds an episode; an unfinished run has no other time.
+    assert line.wall_time == (2.0 * count or None)
+
+
+def test_filters_let_through_what_has_one_of_the_values(results):
+    a, b, c = (
+        add_whole_run(results, seed=0).id,
+        add_whole_run(results, seed=1, finish=False).id,
+        add_whole_run(results, seed=2, algo="sac", task="move_to_pose", representation="dae12").id,
+    )
+    assert listed_ids(results) == [a, b, c]
+    assert listed_ids(results, seed=[0, 2]) == [a, c]
+    assert listed_ids(results, status=["unfinished"]) == [b]
+    assert listed_ids(results, task=["move_to_pose"]) == listed_ids(results, algo=["sac"]) == [c]
+    assert listed_ids(results, representation=["full"], seed=[1, 2]) == [b]
+    assert listed_ids(results, seed=[7]) == []
+
+
+def test_damage_of_files_is_noticed_only_where_they_are_read(results):
+    run = add_whole_run(results)
+    other = add_whole_run(results, seed=1)
+    truncate(run.path / listed(run)[0])
+    assert len(listed_ids(results)) == 2
+    lines, (problem,) = list_runs(results, {}, returns=True)
+    assert [line.run for line in lines] == [other.id]
+    assert run.id in problem
+
+
+def test_what_a_manifest_says_in_the_wrong_type_is_nothing(results):
+    run = add_whole_run(results)
+    alter_manifest(
+        run,
+        settings={"task": 5, "algo": [1], "seed": "0", "steps": True},
+        summary={"wall_time": "long", "steps_done": float("inf")},
+    )
+    (line,), _ = list_runs(results, {})
+    assert (line.task, line.algo, line.seed, line.steps, line.wall_time) == (None,) * 5
+    assert line.steps_done == 3000

@@ -1,0 +1,302 @@
+"""Results of several machines become one directory; the same work with other content is refused."""
+
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pyarrow as pa
+import pytest
+
+from jbench.errors import RequestError
+from jbench.store import Results, query, schema
+from jbench.store.merge import TIMES, merge
+from jbench.store.verify import verify
+from tests.store.store_faults import PREAMBLE, run_script
+from tests.store.store_rows import (
+    RUN_SETTINGS,
+    alter_manifest,
+    episodes,
+    incompressible,
+    listed,
+    manifest_of,
+)
+from tests.store.store_whole import add, add_chain, add_whole_run, snapshot
+from tests.store.test_damage import DAMAGES
+
+
+@pytest.fixture
+def other(tmp_path):
+    return Results(tmp_path / "other")
+
+
+def outcomes(results, *sources):
+    """What became of each record, by its id."""
+    return {one.record.split(" ")[1]: one.outcome for one in merge(results, sources)}
+
+
+def add_timed(results, returns, seconds, finish=True, **columns):
+    """A run whose episodes took so long; with other values in columns."""
+    rows = [
+        {**row, **dict.fromkeys(TIMES, seconds * (row["episode"] + 1)), **columns}
+        for row in episodes("r", returns).to_pylist()
+    ]
+    tables = {"episodes": lambda id: pa.Table.from_pylist(rows, schema.EPISODES)}
+    files = {"policy.json": b"{}"}
+    return add(results, "run", "face_direction/ddpg/full", RUN_SETTINGS, tables, files, finish)
+
+
+def returns_of(results, id):
+    return results.find("run", id).read("episodes", schema.EPISODES)["episode_return"].to_pylist()
+
+
+def test_records_of_all_kinds_come_over_byte_for_byte(results, other):
+    records = add_chain(other)
+    mine = add_whole_run(results, seed=3)
+    before = snapshot(other.path)
+    assert outcomes(results, other) == dict.fromkeys((r.id for r in records), "copied")
+    assert snapshot(other.path) == before
+    merged = snapshot(results.path)
+    assert {path: merged[path] for path in before} == before
+    assert results.find("run", mine.id) is not None
+    found = verify(results, 2)
+    assert (found.records, found.findings) == (5, [])
+
+
+def test_several_sources_are_joined_and_again_is_nothing_new(tmp_path, results):
+    sources = [Results(tmp_path / str(n)) for n in range(3)]
+    runs = [add_whole_run(source, seed=seed) for seed, source in enumerate(sources)]
+    assert outcomes(results, *sources) == {run.id: "copied" for run in runs}
+    before = snapshot(results.path)
+    assert outcomes(results, *sources) == {run.id: "same" for run in runs}
+    assert snapshot(results.path) == before
+    assert sorted(query.load(results).tables["runs"]["seed"].to_pylist()) == [0, 1, 2]
+
+
+def test_into_results_that_are_not_there_yet(results, other):
+    run = add_whole_run(other)
+    assert not results.path.exists()
+    assert outcomes(results, other) == {run.id: "copied"}
+
+
+def test_same_rows_in_another_time_are_the_same_run(results, other):
+    mine, theirs = add_timed(results, [1.0, 2.0], 3.0), add_timed(other, [1.0, 2.0], 5.0)
+    assert mine.manifest.files != theirs.manifest.files
+    before = snapshot(results.path)
+    assert outcomes(results, other) == {mine.id: "same"}
+    before[f"runs/{mine.id}/lock"] = b""
+    assert snapshot(results.path) == before
+
+
+def test_same_rows_in_other_files_are_the_same_run(results, other):
+    mine = add_timed(results, [1.0, 2.0, 3.0], 3.0)
+    theirs = other.create("run", mine.id, mine.settings)
+    rows = mine.read("episodes", schema.EPISODES)
+    for first, count in ((0, 1), (1, 0), (1, 2)):
+        theirs.append({"episodes": rows.slice(first, count)})
+    theirs.finish({}, {"policy.json": b"{}"}, compact=False)
+    assert len(theirs.parts("episodes")) == 2
+    assert outcomes(results, other) == {mine.id: "same"}
+
+
+def test_nan_is_the_same_as_nan_and_not_as_nothing(results, other):
+    mine = add_timed(results, [1.0], 3.0, actor_loss=math.nan)
+    add_timed(other, [1.0], 5.0, actor_loss=math.nan)
+    assert outcomes(results, other) == {mine.id: "same"}
+    again = Results(other.path.parent / "again")
+    add_timed(again, [1.0], 5.0, actor_loss=None)
+    (one,) = merge(results, [again])
+    assert (one.outcome, "actor_loss of episodes" in one.reason) == ("refused", True)
+
+
+@pytest.mark.parametrize(
+    ("returns", "says"),
+    [
+        ([1.0, 2.5, 3.0], "episode_return of episodes, in rows 0 to 2"),
+        ([1.0, 2.0, 3.0, 4.0], "another number of rows"),
+        ([1.0, 2.0], "another number of rows"),
+    ],
+)
+def test_same_run_with_other_rows_is_refused_and_the_rest_is_merged(results, other, returns, says):
+    mine = add_timed(results, [1.0, 2.0, 3.0], 3.0)
+    theirs = add_timed(other, returns, 3.0)
+    more = add_whole_run(other, seed=7)
+    before, source = snapshot(results.path), snapshot(other.path)
+    merged = merge(results, [other])
+    assert {one.outcome for one in merged if more.id in one.record} == {"copied"}
+    (refused,) = (one for one in merged if one.outcome == "refused")
+    assert refused.record == f"run {mine.id}"
+    assert refused.reason == (
+        f"{theirs.path} has the settings of {mine.path}, but other content ({says}); neither is "
+        "changed."
+    )
+    after = snapshot(results.path)
+    assert {path: after[path] for path in before} == before
+    assert snapshot(other.path) == source
+
+
+def test_same_rows_with_another_policy_are_refused(results, other):
+    mine = add_whole_run(results)
+    theirs = other.create("run", mine.id, mine.settings)
+    theirs.append({"episodes": mine.read("episodes", schema.EPISODES)})
+    theirs.finish({}, {"policy.json": b"[]"})
+    (one,) = merge(results, [other])
+    assert (one.outcome, "(in policy.json)" in one.reason) == ("refused", True)
+
+
+def test_finished_run_is_taken_instead_of_an_unfinished_which_is_set_aside(results, other):
+    mine = add_whole_run(results, [1.0, 2.0], finish=False)
+    theirs = add_whole_run(other, [1.0, 2.5, 4.0])
+    before = snapshot(mine.path)
+    assert outcomes(results, other) == {mine.id: "replaced"}
+    assert returns_of(results, mine.id) == [1.0, 2.5, 4.0]
+    assert manifest_of(mine) == manifest_of(theirs)
+    (folder,) = (results.path / "set-aside").iterdir()
+    assert snapshot(folder / "runs" / mine.id) == before
+    assert verify(results, 2).findings == []
+
+
+def test_unfinished_or_failed_run_does_not_replace_a_finished_one(results, other):
+    mine = add_whole_run(results)
+    theirs = add_whole_run(other, [1.0], finish=False)
+    for _ in range(2):
+        assert outcomes(results, other) == {mine.id: "kept"}
+        theirs.fail("it diverged")
+    assert returns_of(results, mine.id) == [10.0, 20.0, 60.0]
+
+
+def test_of_two_states_of_one_work_the_later_is_taken(results, other):
+    mine = add_whole_run(results, [1.0, 2.0], finish=False)
+    theirs = add_whole_run(other, [1.0, 2.0, 3.0], finish=False)
+    assert outcomes(other, results) == {mine.id: "kept"}
+    assert outcomes(results, other) == {mine.id: "replaced"}
+    assert returns_of(results, mine.id) == returns_of(other, theirs.id) == [1.0, 2.0, 3.0]
+
+
+def test_two_unfinished_runs_that_went_apart_are_refused(results, other):
+    mine = add_whole_run(results, [1.0, 2.0], finish=False)
+    add_whole_run(other, [1.0, 2.5, 3.0], finish=False)
+    (one,) = merge(results, [other])
+    assert one.outcome == "refused"
+    assert returns_of(results, mine.id) == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(("damage", "reason"), DAMAGES)
+def test_damaged_record_is_refused_and_named(results, other, damage, reason):
+    bad, good = add_whole_run(other), add_whole_run(other, seed=1)
+    damage(bad.path / listed(bad)[0])
+    merged = {one.record: one for one in merge(results, [other])}
+    assert merged[f"run {good.id}"].outcome == "copied"
+    assert merged[f"run {bad.id}"].outcome == "refused"
+    assert reason in merged[f"run {bad.id}"].reason
+    assert results.find("run", bad.id) is None
+    assert verify(results, 2).findings == []
+
+
+def test_record_with_a_bad_manifest_or_the_wrong_id_is_refused(results, other):
+    broken, newer, renamed = (add_whole_run(other, seed=seed) for seed in range(3))
+    (broken.path / "manifest.json").write_bytes(b"{")
+    alter_manifest(newer, schema_version=7)
+    alter_manifest(renamed, settings={"seed": 5})
+    reasons = [one.reason for one in merge(results, [other]) if one.outcome == "refused"]
+    for says in ("not a manifest that can be read", "schema version 7", "not those that its id"):
+        assert sum(says in reason for reason in reasons) == 1
+    assert results.scan("run") == ([], [])
+
+
+def test_record_that_is_damaged_here_is_left_and_named(results, other):
+    run = add_whole_run(results)
+    add_timed(other, [10.0, 20.0, 60.0], 9.0)
+    (run.path / "manifest.json").write_bytes(b"{")
+    (one,) = merge(results, [other])
+    assert (one.outcome, "not a manifest" in one.reason) == ("refused", True)
+    assert (run.path / "manifest.json").read_bytes() == b"{"
+
+
+def test_record_that_is_being_written_here_is_left_and_named(results, other):
+    run = add_whole_run(results, finish=False)
+    add_whole_run(other)
+    with run.lock():
+        (one,) = merge(results, [other])
+    assert one.reason.startswith(f"Another process is writing the run {run.id};")
+    assert results.find("run", run.id).status == "unfinished"
+
+
+def test_leftovers_of_a_source_are_not_copied(results, other):
+    run = add_whole_run(other)
+    (run.path / "stray.json").write_bytes(b"left")
+    assert outcomes(results, other) == {run.id: "copied"}
+    assert not list(results.path.rglob("stray.json"))
+
+
+def test_source_must_hold_results_and_be_another_directory(tmp_path, results):
+    add_whole_run(results)
+    (tmp_path / "empty").mkdir()
+    for path in (tmp_path / "missing", tmp_path / "empty"):
+        with pytest.raises(RequestError, match="holds no results; name a directory with datasets"):
+            merge(results, [Results(path)])
+    (tmp_path / "link").symlink_to(results.path)
+    for path in (results.path, tmp_path / "link"):
+        with pytest.raises(RequestError, match="is the results directory itself"):
+            merge(results, [Results(path)])
+
+
+def test_source_on_a_medium_that_can_not_be_written(results, other):
+    run = add_whole_run(other)
+    for folder, _, _ in os.walk(other.path):
+        os.chmod(folder, 0o500)
+    script = f"""
+from jbench.store.merge import merge
+store_faults.give_up_rights()
+(one,) = merge(results, [Results(Path({str(other.path)!r}))])
+print(one.outcome, one.reason)
+"""
+    assert run_script(results, script) == ["copied "]
+    for folder, _, _ in os.walk(other.path):
+        os.chmod(folder, 0o700)
+    assert results.find("run", run.id) is not None
+
+
+def test_disk_full_in_the_middle_of_a_copy(results, other):
+    small = add_whole_run(other)
+    large = add(other, "dataset", "random", {"seed": 1}, {"t": lambda id: incompressible(50_000)})
+    script = f"""
+from jbench.store.merge import merge
+store_faults.leave_room(100_000)
+for one in merge(results, [Results(Path({str(other.path)!r}))]):
+    print(one.record, one.outcome, one.reason)
+"""
+    refused, copied = run_script(results, script)
+    assert refused.startswith(f"dataset {large.id} refused No room left to write t-00000-")
+    assert copied.startswith(f"run {small.id} copied")
+    assert outcomes(results, other) == {large.id: "copied", small.id: "same"}
+    assert verify(results, 2).findings == []
+
+
+MERGING = """
+from jbench.store.merge import merge
+print("begun", flush=True)
+merge(results, [Results(Path(sys.argv[2]))], lambda done, total: print(done, flush=True))
+"""
+
+
+def test_killed_merge_is_finished_by_the_next(results, other):
+    for seed in range(12):
+        add_whole_run(other, seed=seed)
+    source = snapshot(other.path)
+    command = [sys.executable, "-c", PREAMBLE + MERGING, str(results.path), str(other.path)]
+    for kill in range(4):
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            for _ in range(2 + 2 * kill):
+                process.stdout.readline()
+            time.sleep(random.Random(kill).uniform(0, 0.02))
+            process.send_signal(signal.SIGKILL)
+        # Whatever is committed is whole: nothing is damaged, there may be leftovers.
+        assert {f.sort for f in verify(results, 2).findings} <= {"leftover"}
+    merge(results, [other])
+    merged = snapshot(results.path)
+    assert {path: text for path, text in merged.items() if not path.endswith("lock")} == source
+    assert snapshot(other.path) == source

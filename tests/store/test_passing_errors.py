@@ -1,0 +1,205 @@
+"""An error that may pass is no damage: what can't be read now is named and left where it is."""
+
+import errno
+import fcntl
+import os
+
+import pytest
+
+from jbench.cli import main
+from jbench.errors import WorkError
+from jbench.store import Results, files, locks
+from jbench.store.repair import Aside, repair
+from jbench.store.verify import verify
+from jbench.training.settings import RunSettings
+from jbench.training.status import plan
+from tests.store.store_rows import add_run, listed, names
+from tests.store.store_whole import add_whole_run, snapshot
+from tests.sweep_matrices import runs_of_matrix, write_matrix
+
+PASSING = ("EMFILE", "ENFILE", "EIO", "EROFS", "EDQUOT", "ESTALE", "EACCES", "EINTR")
+
+
+@pytest.fixture
+def fail(monkeypatch):
+    """Makes a function of `os` fail for a path, so many times; 0 for always."""
+
+    def arm(function, path, code, times=0):
+        real, left = getattr(os, function), [times or 10**9]
+
+        def failing(target, *arguments, **named):
+            if not isinstance(target, int) and os.fspath(target) == str(path) and left[0]:
+                left[0] -= 1
+                raise OSError(code, os.strerror(code))
+            return real(target, *arguments, **named)
+
+        monkeypatch.setattr(os, function, failing)
+
+    yield arm
+    monkeypatch.undo()
+
+
+@pytest.mark.parametrize("code", PASSING)
+@pytest.mark.parametrize("which", ["manifest.json", "data"])
+def test_healthy_record_that_cannot_be_opened_is_left_and_named(
+    results, fail, monkeypatch, code, which, capsys
+):
+    run = add_whole_run(results)
+    before = snapshot(results.path)
+    path = run.path / (listed(run)[0] if which == "data" else which)
+    fail("open", path, getattr(errno, code))
+    assert main(["repair", "--results", str(results.path)]) == 1
+    said = capsys.readouterr().err
+    assert f"{path} can't be read ({os.strerror(getattr(errno, code))})" in said
+    assert "damaged" not in said
+    monkeypatch.undo()
+    assert snapshot(results.path) == before
+    assert verify(results, 1).findings == []
+
+
+def test_record_that_is_damaged_and_can_no_longer_be_read_is_left(results, fail):
+    run = add_whole_run(results)
+    broken, other = (run.path / name for name in listed(run))
+    broken.write_bytes(broken.read_bytes()[:-1])
+    findings = verify(results, 1).findings
+    assert [finding.sort for finding in findings] == ["damaged"]
+    before = snapshot(results.path)
+    fail("open", other, errno.EIO)
+    done = repair(results, findings)
+    assert (done.moved, snapshot(results.path)) == ([], before)
+    assert "Input/output error" in done.left[0]
+
+
+def test_record_whose_folder_cannot_be_listed_is_not_taken_for_empty(results, fail):
+    run = add_whole_run(results)
+    fail("scandir", run.path, errno.EMFILE)
+    with pytest.raises(WorkError, match=r"can't be read \(Too many open files\)"):
+        Aside(results).take_record(run.path)
+
+
+def test_row_that_cannot_be_read_now_is_no_reason_to_delete_its_record(results, record, fail):
+    run = add_run(results, "c", [1.0])
+    fail("open", run.path / listed(run)[0], errno.EMFILE)
+    with pytest.raises(files.UnreadableError) as caught:
+        run.rows_of(run.parts("episodes")[0])
+    assert "delete" not in str(caught.value)
+
+
+@pytest.mark.parametrize("function", ["scandir", "listdir"])
+def test_interrupted_listing_is_done_again(results, fail, function):
+    run = add_whole_run(results)
+    fail(function, run.path, errno.EINTR, times=1)
+    assert [found.id for found in results.scan("run")[0]] == [run.id]
+
+
+@pytest.mark.parametrize("code", [errno.EMFILE, errno.EIO])
+def test_folder_that_cannot_be_listed_ends_in_a_sentence(results, fail, code, capsys):
+    run = add_whole_run(results)
+    fail("scandir", run.path, code)
+    for verb in ("runs", "verify", "repair"):
+        assert main([verb, "--results", str(results.path)]) == 1
+        said = capsys.readouterr()
+        assert f"{run.path} can't be read ({os.strerror(code)})" in said.out + said.err
+    with results.hold("run", run.id) as found:  # what is left over there is removed the next time
+        assert found.id == run.id
+
+
+def test_lock_is_free_again_although_its_closing_was_interrupted(record, monkeypatch):
+    real = os.close
+
+    def interrupted(handle):
+        real(handle)
+        raise InterruptedError(errno.EINTR, os.strerror(errno.EINTR))
+
+    monkeypatch.setattr(os, "close", interrupted)
+    with record.lock():
+        assert locks.is_held(record.path)
+    assert not locks.is_held(record.path)
+    with locks.share(record.path):
+        pass
+
+
+def test_file_system_without_locks_is_not_taken_for_another_writer(record, monkeypatch):
+    def unlockable(handle, operation):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", unlockable)
+    with pytest.raises(WorkError, match=r"lock can't be locked \(No locks available\)"):
+        record.lock().__enter__()
+
+
+def test_results_that_cannot_be_looked_at_end_in_a_sentence(results, monkeypatch):
+    def failing(path):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(type(results.path), "exists", failing)
+    with pytest.raises(WorkError, match=r"can't be read \(Input/output error\)"):
+        Results(results.path)
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory):
+    """Results that a verb has written: their record has a lock."""
+    path = tmp_path_factory.mktemp("evaluated") / "results"
+    command = ["evaluate", "--episodes", "1", "--threads", "1"]
+    assert main([*command, "--results", str(path)]) == 0
+    return path, command
+
+
+def test_leftover_beside_a_lock_is_set_aside(evaluated, capsys):
+    path, _ = evaluated
+    (record,) = Results(path).scan("evaluation")[0]
+    assert "lock" in names(record.path)
+    left = record.path / "policy_episodes-00009-12345678.parquet"
+    left.write_bytes(b"left")
+    assert main(["verify", "--results", str(path)]) == 1
+    assert main(["repair", "--results", str(path)]) == 0
+    assert f"{left} -> " in capsys.readouterr().out
+    assert main(["verify", "--results", str(path)]) == 0
+    assert not left.exists()
+    assert "lock" in names(record.path)
+
+
+def test_leftover_of_a_finished_record_goes_when_its_verb_is_typed_again(evaluated):
+    path, command = evaluated
+    (record,) = Results(path).scan("evaluation")[0]
+    left = record.path / ".writing-abc"
+    left.write_bytes(b"left")
+    assert main([*command, "--results", str(path)]) == 0
+    assert not left.exists()
+    assert verify(Results(path), 1).findings == []
+
+
+def test_leftover_of_a_finished_run_goes_when_it_is_planned_again(results):
+    settings = RunSettings(
+        task="face_direction",
+        algo="td3",
+        seed=0,
+        steps=1000,
+        evaluate_every=1000,
+        evaluate_episodes=1,
+        hyperparameters={},
+    )
+    record = results.create("run", settings.id, settings.model_dump(mode="json"))
+    record.finish({})
+    left = record.path / ".writing-abc"
+    left.write_bytes(b"left")
+    with record.lock():
+        plan([settings], results)
+        assert left.exists()  # it may be the writer's
+    assert plan([settings], results).ids("finished") == [settings.id]
+    assert not left.exists()
+
+
+def test_leftover_of_a_finished_run_goes_when_its_sweep_is_typed_again(tmp_path, results):
+    matrix = write_matrix(tmp_path, seeds="0")
+    (settings,) = runs_of_matrix(matrix, results.path)
+    record = results.create("run", settings.id, settings.model_dump(mode="json"))
+    record.finish({})
+    left = record.path / ".writing-abc"
+    left.write_bytes(b"left")
+    command = ["sweep", matrix, "--results", str(results.path)]
+    assert main([*command, "--dry-run"]) == 0
+    assert left.exists()
+    assert main(command) == 0
+    assert not left.exists()

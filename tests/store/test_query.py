@@ -1,0 +1,177 @@
+"""The tables that SQL sees: their columns, their rows, and what is left out of them."""
+
+import json
+
+import pyarrow as pa
+import pytest
+
+from jbench.store import query, schema
+from jbench.store.rows import variant
+from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed, manifest_of
+
+ERRORS = (
+    "test_mse test_variance pca_mse random_mse "
+    "heuristic_mse heuristic_variance pca_heuristic_mse random_heuristic_mse"
+)
+COLUMNS = {
+    "policy_evaluations": "evaluation task policy seed episodes status median q10 q90 created "
+    "updated settings provenance",
+    "policy_episodes": "evaluation episode episode_return length target_x target_y target_yaw",
+    "runs": "run task algo representation encoder seed steps engine time_limit variant status "
+    "episodes wall_time processor_time diverged created updated settings provenance",
+    "episodes": "run episode control_steps episode_return length wall_time processor_time "
+    "actor_loss critic_loss entropy_coefficient policy_loss value_loss entropy_loss "
+    "prediction_loss",
+    "evaluations": "run evaluation control_steps episode episode_return length wall_time "
+    "processor_time",
+    "encoders": "encoder task kind representation latents seed dataset status test_mse "
+    "test_explained effective_rank wall_time created updated settings provenance",
+    "encoder_epochs": "encoder epoch train_loss test_mse test_denoising_mse wall_time",
+    "encoder_features": f"encoder index feature {ERRORS}",
+    "encoder_predictions": "encoder target r2 effective_rank learned_rows test_rows",
+    "encoder_errors": f"encoder test_states heuristic_states {ERRORS} test_explained "
+    "pca_explained random_explained heuristic_explained pca_heuristic_explained "
+    "random_heuristic_explained",
+    "datasets": "dataset seed steps steps_done status bytes created updated settings provenance",
+    "published": "figure task algo representation training_steps quantile episode_return source",
+}
+ENCODER = "face_direction/dae12/s00-0000abcd"
+DAE = {"representation": "dae12", "encoder": ENCODER}
+
+
+def ask(results, sql):
+    """The answer as tuples."""
+    return [tuple(row) for row in query.run_sql(sql, query.load(results).tables).to_numpy()]
+
+
+def add_encoder(results, id=ENCODER, test_mse=(0.5, 0.25)):
+    """An encoder with these test errors after its epochs."""
+    settings = {"kind": "dae", "task": "face_direction", "latents": 12, "seed": 0, "dataset": "d"}
+    record = results.create("encoder", id, settings)
+    rows = [
+        {"encoder": id, "epoch": epoch, "train_loss": 2 * mse, "test_mse": mse, "wall_time": 1.0}
+        for epoch, mse in enumerate(test_mse, 1)
+    ]
+    record.append({"encoder_epochs": pa.Table.from_pylist(rows, schema.ENCODER_EPOCHS)})
+    record.finish({"test_mse": test_mse[-1], "wall_time": 9.0})
+    return record
+
+
+@pytest.fixture
+def filled(results):
+    """Two seeds with full observations, one with an encoder, and the encoder."""
+    add_run(results, "full/s0", [10.0, 20.0, 60.0]).finish({"wall_time": 7.5})
+    add_run(results, "full/s1", [100.0], seed=1)
+    add_run(results, "dae/s0", [1.0, 3.0], **DAE).fail("killed")
+    add_encoder(results)
+    return results
+
+
+def test_empty_results_have_every_table_with_its_columns(results):
+    loaded = query.load(results)
+    assert {name: " ".join(table.column_names) for name, table in loaded.tables.items()} == COLUMNS
+    assert {name for name, table in loaded.tables.items() if table.num_rows} == {"published"}
+    assert loaded.problems == []
+
+
+@pytest.mark.parametrize("table", COLUMNS)
+def test_every_table_has_these_columns_in_sql(results, filled, table):
+    found = query.run_sql(f"select * from {table}", query.load(filled).tables)
+    assert " ".join(found.columns) == COLUMNS[table]
+
+
+def test_run_is_a_row_of_its_settings_and_its_state(filled):
+    wanted = [
+        ("dae/s0", "ddpg", "dae12", ENCODER, 0, 3000, "failed", 2, None),
+        ("full/s0", "ddpg", "full", None, 0, 3000, "finished", 3, 7.5),
+        ("full/s1", "ddpg", "full", None, 1, 3000, "unfinished", 1, None),
+    ]
+    found = query.run_sql(
+        "select run, algo, representation, encoder, seed, steps, status, episodes, wall_time "
+        "from runs order by run",
+        query.load(filled).tables,
+    )
+    found = found.astype(object).where(found.notna(), None)
+    assert [tuple(row) for row in found.to_numpy()] == wanted
+
+
+def test_settings_and_provenance_are_json_that_sql_can_look_into(filled):
+    sql = "select settings->>'engine', settings->'steps', provenance from runs where run='full/s1'"
+    ((engine, steps, provenance),) = ask(filled, sql)
+    assert (engine, int(steps)) == ("sb3", 3000)
+    assert json.loads(provenance)["packages"].keys() >= {"mujoco", "torch"}
+
+
+def test_runs_joined_with_their_episodes(filled):
+    sql = """
+        select representation, seed, count(*), avg(episode_return), max(control_steps)
+        from runs join episodes using (run) group by all order by all
+    """
+    # (1 + 3) / 2, (10 + 20 + 60) / 3, 100
+    assert ask(filled, sql) == [
+        ("dae12", 0, 2, 2, 2000),
+        ("full", 0, 3, 30, 3000),
+        ("full", 1, 1, 100, 1000),
+    ]
+
+
+def test_runs_joined_with_their_encoder_and_its_epochs(filled):
+    sql = """
+        select runs.run, encoders.latents, encoders.test_mse, sum(epochs.train_loss)
+        from runs join encoders using (encoder) join encoder_epochs epochs using (encoder)
+        group by all
+    """
+    assert ask(filled, sql) == [("dae/s0", 12, 0.25, 1.0 + 0.5)]
+
+
+def test_seeds_and_lengths_of_a_run_share_its_variant(results):
+    for id, change in (("a", {}), ("b", {"seed": 1}), ("c", {"steps": 9000}), ("d", DAE)):
+        add_run(results, id, **change)
+    a, b, c, d = (variant for (variant,) in ask(results, "select variant from runs order by run"))
+    assert a == b == c != d
+    assert a == variant(RUN_SETTINGS)
+
+
+def test_dataset_row_counts_control_steps_not_states(results):
+    record = results.create("dataset", "random/s07", {"seed": 7, "steps": 3000})
+    record.append(
+        {
+            "steps": pa.table({"step": list(range(1001)) * 2}),  # a state more than steps
+            "dataset_episodes": pa.table({"episode": [0, 1]}),
+        }
+    )
+    size = sum((record.path / name).stat().st_size for name in listed(record))
+    sql = "select dataset, seed, steps, steps_done, status, bytes from datasets"
+    assert ask(results, sql) == [("random/s07", 7, 3000, 2000, "unfinished", size)]
+
+
+def test_damaged_run_is_left_out_whole_and_named(filled):
+    damaged = filled.find("run", "full/s0")
+    path = damaged.path / listed(damaged)[0]
+    path.write_bytes(path.read_bytes()[:-1])
+    (problem,) = query.load(filled).problems
+    assert str(path) in problem
+    assert "run full/s0" in problem
+    assert ask(filled, "select run from runs order by run") == [("dae/s0",), ("full/s1",)]
+    assert ask(filled, "select distinct run from episodes order by run") == [
+        ("dae/s0",),
+        ("full/s1",),
+    ]
+
+
+def test_run_with_a_damaged_manifest_is_left_out_and_named(filled):
+    path = filled.path / "runs" / "full" / "s1" / "manifest.json"
+    path.write_bytes(b"{")
+    (problem,) = query.load(filled).problems
+    assert problem.startswith(f"{path} is not a manifest")
+    assert ask(filled, "select count(*), sum(episode_return) from episodes") == [(5, 94)]
+
+
+@pytest.mark.parametrize("change", [{"seed": "one"}, {"seed": 2**64}, {"algo": 5}])
+def test_run_with_settings_of_the_wrong_kind_is_left_out_and_named(filled, change):
+    record = filled.find("run", "full/s0")
+    alter_manifest(record, settings={**manifest_of(record)["settings"], **change})
+    loaded = query.load(filled)
+    assert len(loaded.problems) == 1
+    assert "full/s0" in loaded.problems[0]
+    assert loaded.tables["runs"].num_rows == 2

@@ -1,0 +1,185 @@
+"""What is committed is read, in order; what is not committed does not exist."""
+
+import importlib.metadata
+import platform
+import shutil
+import sys
+
+import pyarrow.parquet as pq
+import pytest
+
+from jbench.errors import RequestError, WorkError
+from jbench.store import Results
+from tests.store.store_rows import (
+    alter_manifest,
+    incompressible,
+    listed,
+    manifest_of,
+    names,
+    numbers,
+    read,
+)
+
+
+def test_rows_come_back_in_the_order_in_which_they_were_appended(results, record):
+    for rows in ((3, 1), (), (2,), (2,), (0, 9, 4)):
+        record.append({"t": numbers(*rows)})
+    again = results.find("run", "a/b")
+    assert read(record) == read(again) == [3, 1, 2, 2, 0, 9, 4]
+    assert again.rows("t") == 7
+
+
+def test_more_than_ten_parts_stay_in_order(results, record):
+    for n in range(12):
+        record.append({"t": numbers(n)})
+    assert read(results.find("run", "a/b")) == list(range(12))
+
+
+def test_tables_are_apart(results, record):
+    record.append({"t": numbers(1), "u": numbers(2, 3)})
+    record.append({"u": numbers(4)})
+    again = results.find("run", "a/b")
+    assert (read(again, "t"), read(again, "u"), read(again, "v")) == ([1], [2, 3, 4], [])
+
+
+def test_file_that_the_manifest_does_not_list_is_not_read(results, record):
+    record.append({"t": numbers(1)})
+    (name,) = listed(record)
+    shutil.copy(record.path / name, record.path / "t-00001-0badc0de.parquet")
+    pq.write_table(numbers(7), record.path / "t-00002.parquet")
+    again = results.find("run", "a/b")
+    assert read(again) == [1]
+    again.append({"t": numbers(2)})
+    assert read(again) == [1, 2]
+
+
+def test_directory_without_a_manifest_is_no_record(results, record):
+    record.append({"t": numbers(1)})
+    (record.path / "manifest.json").unlink()
+    assert results.find("run", "a/b") is None
+    assert results.scan("run") == ([], [])
+
+
+@pytest.mark.parametrize("id", ["c", "a", "a/b/c"])
+def test_unknown_id_is_found_nowhere(results, record, id):
+    assert results.find("run", id) is None
+
+
+def test_record_is_found_under_its_own_kind_only(results, record):
+    assert results.find("run", "a/b").id == "a/b"
+    assert results.find("encoder", "a/b") is None
+
+
+def test_finish_leaves_one_file_for_each_table_with_the_same_rows(results, record):
+    for n in range(5):
+        record.append({"t": numbers(n, n), "u": numbers(-n)})
+    before = read(record), read(record, "u")
+    record.finish({"best": 4}, {"policy.json": b"{}"})
+    again = results.find("run", "a/b")
+    assert (
+        (read(again), read(again, "u"))
+        == before
+        == ([0, 0, 1, 1, 2, 2, 3, 3, 4, 4], [*range(0, -5, -1)])
+    )
+    assert [len(again.parts(table)) for table in ("t", "u")] == [1, 1]
+    assert names(record.path) == {"manifest.json", *listed(record)}
+    assert (again.status, again.manifest.summary) == ("finished", {"best": 4})
+    assert again.read_file("policy.json") == b"{}"
+
+
+def test_finishing_again_keeps_the_files_of_before(results, record):
+    record.finish({"n": 1}, {"a.json": b"1"})
+    record.append({"t": numbers(1)})
+    record.finish({"n": 2}, {"b.json": b"2"})
+    again = results.find("run", "a/b")
+    assert (again.read_file("a.json"), again.read_file("b.json"), read(again)) == (b"1", b"2", [1])
+    assert again.manifest.summary == {"n": 2}
+
+
+def test_finish_without_compaction_keeps_the_files(results, record):
+    for n in range(3):
+        record.append({"t": numbers(n)})
+    before = listed(record)
+    record.finish({}, compact=False)
+    assert listed(record) == before
+    assert read(results.find("run", "a/b")) == [0, 1, 2]
+
+
+def test_compact_table_of_many_kinds_of_rows_is_exact(results, record):
+    parts = [incompressible(1000), numbers(), incompressible(10)]
+    for rows in parts:
+        record.append({"t": rows})
+    record.finish({})
+    assert read(results.find("run", "a/b")) == [n for rows in parts for n in rows["n"].to_pylist()]
+
+
+def test_file_that_was_never_committed_cannot_be_read(record):
+    (record.path / "policy.json").write_bytes(b"{}")
+    with pytest.raises(WorkError, match=r"The run a/b has no file policy.json"):
+        record.read_file("policy.json")
+
+
+def test_starting_over_empties_the_record_and_removes_what_lay_there(results, record):
+    record.append({"t": numbers(1)})
+    for stray in ("t-00009-0badc0de.parquet", ".writing-x1", "old.safetensors", "old.json"):
+        (record.path / stray).write_bytes(b"left by a killed process")
+    (record.path / "notes.txt").write_text("a user's")
+    again = results.create("run", "a/b", {"seed": 2})
+    assert read(again) == []
+    assert results.find("run", "a/b").settings == {"seed": 2}
+    assert names(record.path) == {"manifest.json", "notes.txt"}
+
+
+def test_clean_removes_what_is_not_committed_and_nothing_else(results, record):
+    record.append({"t": numbers(1)})
+    (record.path / "t-00009-0badc0de.parquet").write_bytes(b"left by a killed process")
+    (record.path / ".writing-x1").write_bytes(b"left by a killed process")
+    record.clean()
+    assert names(record.path) == {"manifest.json", *listed(record)}
+    assert read(results.find("run", "a/b")) == [1]
+
+
+def test_failed_work_keeps_its_rows_and_says_why(results, record):
+    record.append({"t": numbers(1)})
+    record.fail("it diverged")
+    again = results.find("run", "a/b")
+    assert (again.status, again.manifest.summary) == ("failed", {"error": "it diverged"})
+    assert read(again) == [1]
+
+
+def test_manifest_says_where_and_by_what_it_was_made(record):
+    made = manifest_of(record)["provenance"]
+    assert made["jbench"] == importlib.metadata.version("jbench")
+    assert made["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert made["system"] == platform.platform()
+    for package in ("mujoco", "numpy", "torch", "stable-baselines3"):
+        assert made["packages"][package] == importlib.metadata.version(package)
+    assert made["command"][1:] == sys.argv[1:]
+    assert made["cores"] >= 1
+    assert {"processor", "threads", "git_revision"} <= made.keys()
+
+
+def test_provenance_changes_nothing_of_the_settings(record):
+    assert manifest_of(record)["settings"] == {"seed": 1}
+
+
+def test_scan_gives_all_records_of_a_kind_oldest_first(results):
+    for id, created in (("b", "2020"), ("a/x", "2022"), ("c/y/z", "2021")):
+        alter_manifest(results.create("run", id, {}), created=created)
+    results.create("dataset", "d", {})
+    records, problems = results.scan("run")
+    assert [record.id for record in records] == ["b", "c/y/z", "a/x"]
+    assert problems == []
+
+
+def test_results_that_are_a_file_are_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RequestError, match="is a file; name a directory with --results"):
+        Results(tmp_path / "file")
+
+
+def test_results_need_not_exist_to_be_read(tmp_path):
+    results = Results(tmp_path / "missing")
+    assert results.find("run", "a") is None
+    assert results.scan("run") == ([], [])
+    assert not (tmp_path / "missing").exists()

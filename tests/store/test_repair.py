@@ -1,0 +1,230 @@
+"""What is damaged or left over is set aside, never deleted; what is whole is left as it is."""
+
+import os
+import shutil
+
+import pytest
+
+from jbench.errors import WorkError
+from jbench.store import Results, query
+from jbench.store.repair import repair
+from jbench.store.verify import verify
+from tests.store.store_faults import run_script
+from tests.store.store_rows import alter_manifest, incompressible, listed, names, numbers
+from tests.store.store_whole import add_chain, add_whole_run, snapshot
+from tests.store.test_damage import DAMAGES, truncate
+
+
+def repaired(results, dry_run=False):
+    """What a repair of what was found did."""
+    return repair(results, verify(results, 2).findings, dry_run)
+
+
+def content(directory):
+    """The content of every file, however often it comes: what must not get lost."""
+    found = snapshot(directory)
+    return sorted(text for path, text in found.items() if os.path.basename(path) != "lock")
+
+
+@pytest.fixture
+def broken(results):
+    """A whole chain, a whole run with a leftover, and three damaged runs."""
+    add_chain(results)
+    whole = add_whole_run(results, seed=1)
+    (whole.path / ".writing-x1").write_bytes(b"half")
+    for seed, damage in enumerate((truncate, os.unlink, truncate), start=2):
+        run = add_whole_run(results, seed=seed)
+        damage(run.path / listed(run)[0])
+    (run.path / "manifest.json").write_bytes(b"{")
+    (results.path / "runs" / "gone").mkdir()
+    (results.path / "runs" / "gone" / "stray.parquet").write_bytes(b"stray")
+    return results
+
+
+def test_after_a_repair_the_results_are_whole_and_no_byte_is_lost(broken):
+    before = content(broken.path)
+    whole = {record.id for kind in ("dataset", "encoder") for record in broken.scan(kind)[0]}
+    done = repaired(broken)
+    assert done.left == []
+    assert content(broken.path) == before
+    found = verify(broken, 2)
+    assert (found.findings, found.records) == ([], 5)
+    assert {r.id for kind in ("dataset", "encoder") for r in broken.scan(kind)[0]} == whole
+    assert query.load(broken).problems == []
+    assert repaired(broken) == ([], [])
+
+
+def test_what_was_set_aside_keeps_its_path_below_a_folder_of_its_time(broken):
+    done = repaired(broken)
+    (folder,) = (broken.path / "set-aside").iterdir()
+    assert folder.name[:2] == "20"
+    for path, to in done.moved:
+        assert to == folder / path.relative_to(broken.path)
+        assert to.exists()
+        assert not path.exists()
+
+
+def test_damaged_run_goes_as_a_whole_and_can_be_made_anew(results):
+    run = add_whole_run(results)
+    damaged = snapshot(run.path)
+    with run.lock():
+        pass
+    truncate(run.path / listed(run)[0])
+    repaired(results)
+    assert results.find("run", run.id) is None
+    assert names(run.path) == {"lock"}
+    (folder,) = (results.path / "set-aside").iterdir()
+    assert snapshot(folder / "runs" / run.id).keys() == damaged.keys()
+    again = add_whole_run(results)
+    assert again.id == run.id
+    assert verify(results, 2).findings == []
+
+
+@pytest.mark.parametrize(("damage", "_"), DAMAGES)
+def test_every_damage_can_be_repaired(results, damage, _):
+    run = add_whole_run(results)
+    damage(run.path / "policy.json")
+    repaired(results)
+    assert verify(results, 2).findings == []
+    assert add_whole_run(results).read_file("policy.json") == b"{}"
+
+
+def test_leftovers_go_and_their_record_stays(results):
+    run = add_whole_run(results)
+    before = snapshot(run.path)
+    (run.path / "stray.json").write_bytes(b"left")
+    done = repaired(results)
+    assert [path.name for path, _ in done.moved] == ["stray.json"]
+    assert snapshot(run.path) == before
+
+
+def test_dry_run_says_the_same_and_changes_nothing(broken):
+    before = snapshot(broken.path)
+    would = repaired(broken, dry_run=True)
+    assert snapshot(broken.path) == before
+    did = repaired(broken)
+    assert [path for path, _ in would.moved] == [path for path, _ in did.moved]
+
+
+def test_record_that_is_being_written_is_left_alone_and_named(results):
+    run = add_whole_run(results, finish=False)
+    other = add_whole_run(results, seed=1)
+    for record in (run, other):
+        truncate(record.path / listed(record)[0])
+    before = snapshot(run.path)
+    with run.lock():
+        for dry_run in (True, False):
+            (left,) = repaired(results, dry_run).left
+            assert left.startswith(f"Another process is writing the run {run.id};")
+        assert results.find("run", other.id) is None
+        assert snapshot(run.path).keys() == before.keys() | {"lock"}
+    assert repaired(results).left == []
+    assert results.find("run", run.id) is None
+
+
+def test_record_of_a_newer_version_is_left_alone_and_named(results):
+    run = add_whole_run(results)
+    alter_manifest(run, schema_version=7)
+    before = snapshot(results.path)
+    done = repaired(results)
+    assert done.moved == []
+    assert "is of schema version 7" in done.left[0]
+    assert snapshot(results.path) == before
+
+
+def test_record_within_the_folder_of_a_damaged_one_stays(results):
+    outer = results.create("run", "a", {})
+    outer.append({"t": numbers(1)})
+    add_whole_run(results)
+    shutil.move(results.path / "runs" / "face_direction", outer.path / "face_direction")
+    # Their ids are wrong now: both are found, and each is set aside with its own files only.
+    done = repaired(results)
+    assert len(done.moved) == 2 + 3
+    assert verify(results, 2).findings == []
+
+
+def test_folder_in_the_place_of_a_file_goes_with_what_is_in_it(results):
+    run = add_whole_run(results)
+    path = run.path / "policy.json"
+    path.unlink()
+    path.mkdir()
+    (path / "inner").write_bytes(b"mine")
+    repaired(results)
+    assert verify(results, 2).findings == []
+    assert b"mine" in content(results.path / "set-aside")
+
+
+def test_what_was_repaired_meanwhile_is_not_touched(results):
+    run = add_whole_run(results)
+    path = run.path / listed(run)[0]
+    good = path.read_bytes()
+    truncate(path)
+    findings = verify(results, 2).findings
+    path.write_bytes(good)
+    assert repair(results, findings) == ([], [])
+    assert results.find("run", run.id) is not None
+
+
+def test_repairs_of_the_same_second_have_folders_of_their_own(results):
+    for _ in range(3):
+        run = add_whole_run(results)
+        truncate(run.path / listed(run)[0])
+        assert len(repaired(results).moved) == 3
+    folders = sorted(path.name for path in (results.path / "set-aside").iterdir())
+    assert len(folders) == 3
+
+
+def test_set_aside_that_leads_elsewhere_is_refused(tmp_path, results):
+    run = add_whole_run(results)
+    truncate(run.path / listed(run)[0])
+    (tmp_path / "elsewhere").mkdir()
+    (results.path / "set-aside").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(WorkError, match="set-aside leads out of the results directory"):
+        repaired(results)
+    assert results.find("run", run.id) is not None
+
+
+def test_where_nothing_can_be_renamed_all_stays_and_is_named(broken):
+    before = content(broken.path)
+    script = """
+from jbench.store.repair import repair
+from jbench.store.verify import verify
+store_faults.forbid_renames()
+done = repair(results, verify(results, 2).findings)
+print(len(done.moved), *done.left, sep="\\n")
+"""
+    moved, *left = run_script(broken, script)
+    assert moved == "0"
+    assert len(left) == 5
+    assert all("can't be moved to" in sentence for sentence in left)
+    assert all("Operation not permitted" in sentence for sentence in left)
+    assert content(broken.path) == before
+    assert repaired(broken).left == []
+
+
+def test_killed_repair_is_finished_by_the_next(results):
+    record = results.create("run", "a/b", {})
+    for _ in range(60):
+        record.append({"t": incompressible(1)})
+    alter_manifest(record, id="b/a")
+    before = content(results.path)
+    script = """
+import os, threading, time
+from jbench.store.repair import repair
+from jbench.store.verify import verify
+findings = verify(results, 2).findings
+def kill():
+    while len(list(results.path.rglob("set-aside/**/*.parquet"))) < 5:
+        time.sleep(0.001)
+    os.write(1, b"killed\\n")
+    os._exit(0)
+threading.Thread(target=kill, daemon=True).start()
+repair(results, findings)
+time.sleep(60)
+"""
+    assert run_script(results, script) == ["killed"]
+    assert content(results.path) == before
+    repaired(results)
+    assert content(results.path) == before
+    assert verify(results, 2).findings == []
+    assert Results(results.path).scan("run") == ([], [])

@@ -1,0 +1,328 @@
+"""Every fault of a results directory is found, named with its record, and nothing is changed."""
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jbench.store import Results, settings_hash
+from jbench.store.files import sha256
+from jbench.store.manifest import Manifest
+from jbench.store.verify import examine, verify
+from tests.store.store_faults import PREAMBLE, run_script
+from tests.store.store_rows import alter_manifest, listed, manifest_of, numbers
+from tests.store.store_whole import add, add_chain, add_whole_run, snapshot
+from tests.store.test_damage import BROKEN_MANIFESTS, DAMAGES, flip_a_byte, truncate
+
+
+def sentences(results):
+    """What is found, with its sort and its record."""
+    return [(f.sort, f.kind, f.id, str(f)) for f in verify(results, 2).findings]
+
+
+def assert_one(results, sort, record, says):
+    """There is one finding, and it is this."""
+    (found,) = verify(results, 2).findings
+    assert (found.sort, found.kind, found.id) == (sort, record.kind, record.id)
+    assert says in str(found), str(found)
+
+
+def test_whole_results_are_whole_and_counted(results):
+    records = add_chain(results)
+    add_whole_run(results, finish=False, seed=1)
+    found = verify(results, 2)
+    paths = [record.path / name for record in records for name in listed(record)]
+    assert (found.records, found.findings, found.faults) == (5, [], [])
+    assert found.files == len(paths) + 1
+    assert found.bytes > sum(path.stat().st_size for path in paths)
+
+
+def test_no_results_are_whole(results):
+    assert verify(results, 2) == (0, 0, 0, [])
+
+
+@pytest.mark.parametrize(("damage", "reason"), DAMAGES)
+@pytest.mark.parametrize("name", ["episodes", "policy"])
+def test_damaged_file_is_found(results, name, damage, reason):
+    add_chain(results)
+    run = add_whole_run(results, seed=5)
+    (path,) = run.path.glob(f"{name}*")
+    damage(path)
+    (found,) = (finding for finding in verify(results, 2).findings if finding.sort == "damaged")
+    assert (found.kind, found.id, found.path) == ("run", run.id, path)
+    assert str(found).startswith(f"{path} is damaged (")
+    assert reason in str(found)
+    assert examine(results, "run", run.id) == [found]
+
+
+def test_every_fault_is_found_at_once(results):
+    whole = add_chain(results)
+    for seed, damage in enumerate((truncate, flip_a_byte), start=1):
+        run = add_whole_run(results, seed=seed)
+        for name in listed(run):
+            damage(run.path / name)
+    (whole[0].path / "steps-left.parquet").write_bytes(b"left")
+    found = sentences(results)
+    assert [sort for sort, *_ in found] == ["leftover"] + ["damaged"] * 4
+    assert len({id for _, kind, id, _ in found if kind == "run"}) == 2
+
+
+def put_in_place(record, content, **entry):
+    """Another content of the first file, with a manifest that agrees to it."""
+    first, *rest = manifest_of(record)["files"]
+    (record.path / first["name"]).write_bytes(content)
+    changed = {**first, "bytes": len(content), "sha256": sha256(content), **entry}
+    alter_manifest(record, files=[changed, *rest])
+
+
+@pytest.mark.parametrize(
+    ("content", "entry", "says"),
+    [
+        (b"PAR1 but not really PAR1", {}, "is damaged ("),
+        (None, {"rows": 4}, "is damaged (3 rows, not 4)"),
+    ],
+)
+def test_manifest_that_agrees_with_a_wrong_file_does_not_help(results, content, entry, says):
+    run = add_whole_run(results)
+    put_in_place(run, content or (run.path / listed(run)[0]).read_bytes(), **entry)
+    assert_one(results, "damaged", run, says)
+
+
+def test_table_without_one_of_its_columns_is_found(results):
+    settings = {"seed": 0}
+    record = results.create("run", f"s00-{settings_hash(settings)}", settings)
+    record.append({"episodes": numbers(1), "mine": numbers(2)})
+    assert_one(results, "damaged", record, "is damaged (it has no column run)")
+
+
+@pytest.mark.parametrize("breaking", BROKEN_MANIFESTS.values(), ids=BROKEN_MANIFESTS)
+def test_broken_manifest_is_found(results, breaking):
+    run = add_whole_run(results, [1.0], finish=False)
+    path = run.path / "manifest.json"
+    path.write_bytes(breaking(path.read_bytes()))
+    assert_one(results, "damaged", run, f"{path} is not a manifest that can be read (")
+
+
+def test_manifest_from_the_future_is_found_and_is_no_damage(results):
+    run = add_whole_run(results)
+    alter_manifest(run, schema_version=7)
+    assert_one(results, "foreign", run, "is of schema version 7, and this jbench reads up to 4")
+
+
+def test_id_that_its_settings_do_not_give_is_found(results):
+    run = add_whole_run(results)
+    altered = {**manifest_of(run)["settings"], "seed": 1}
+    alter_manifest(run, settings=altered)
+    assert_one(results, "damaged", run, f"has settings of the hash {settings_hash(altered)}")
+    alter_manifest(run, settings={"seed": float("nan")})
+    assert_one(results, "damaged", run, "says what can't be")
+
+
+def test_manifest_that_calls_itself_otherwise_is_found(results):
+    run = add_whole_run(results)
+    shutil.copytree(run.path, copy := run.path.parent / "s07-copied00")
+    (found,) = verify(results, 2).findings
+    assert found.id.endswith("s07-copied00")
+    assert str(found) == f"{copy}/manifest.json calls itself run {run.id}; it is not read."
+
+
+def test_folder_that_is_no_id_is_found(results):
+    run = add_whole_run(results)
+    run.path.rename(run.path.parent / "my copy")
+    (found,) = verify(results, 2).findings
+    assert (found.sort, "is not an id" in found.problem) == ("damaged", True)
+
+
+def test_leftovers_are_found_wherever_they_lie(results):
+    run = add_whole_run(results)
+    wanted = []
+    for path in (
+        run.path / ".writing-x1",
+        run.path / "episodes-00007-0badc0de.parquet",
+        run.path / "notes.txt",
+        run.path.parent / "stray.json",
+        results.path / "runs" / "stray",
+        results.path / "runs" / "gone" / "episodes-00000-0badc0de.parquet",
+    ):
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"left")
+        wanted.append(f"{path} is listed by no manifest.")
+    assert sorted(text for *_, text in sentences(results)) == sorted(wanted)
+    assert {sort for sort, *_ in sentences(results)} == {"leftover"}
+
+
+def test_locks_and_what_lies_beside_the_kinds_are_no_leftovers(results):
+    run = add_whole_run(results)
+    with run.lock():
+        pass
+    (results.path / "report").mkdir()
+    for path in (results.path / "README.md", results.path / "report" / "index.html"):
+        path.write_text("mine")
+    assert verify(results, 2).findings == []
+
+
+def test_link_is_named_and_not_followed(tmp_path, results):
+    run = add_whole_run(results)
+    other = add_whole_run(Results(tmp_path / "other"), seed=9)
+    (results.path / "runs" / "out").symlink_to(tmp_path / "other" / "runs")
+    (finding,) = verify(results, 2).findings
+    assert str(finding) == f"{results.path}/runs/out is listed by no manifest."
+    (results.path / "runs" / "out").unlink()
+    (run.path / "manifest.json").unlink()
+    (run.path / "manifest.json").symlink_to(other.path / "manifest.json")
+    assert_one(results, "damaged", run, "manifest.json can't be read (a link to another place).")
+
+
+def test_kind_behind_a_link_is_not_read(tmp_path, results):
+    add_whole_run(Results(tmp_path / "other"))
+    results.path.mkdir()
+    (results.path / "runs").symlink_to(tmp_path / "other" / "runs")
+    (found,) = verify(results, 2).findings
+    assert found.sort == "foreign"
+    assert str(found) == f"{results.path}/runs leads out of the results directory; it is not used."
+
+
+def test_missing_references_are_worth_a_warning_and_no_fault(results):
+    dataset, encoder, run, evaluation = add_chain(results)
+    for lost, user in ((encoder, run), (run, evaluation)):
+        shutil.move(lost.path, moved := results.path / "moved")
+        found = verify(results, 2)
+        assert [(f.sort, f.id) for f in found.findings] == [("warning", user.id)]
+        assert f"names the {lost.kind} {lost.id}, which is not whole" in str(found.findings[0])
+        assert found.faults == []
+        shutil.move(moved, lost.path)
+    shutil.rmtree(dataset.path)
+    assert verify(results, 2).findings == []  # a finished encoder needs nothing but itself
+    alter_manifest(encoder, status="unfinished")
+    assert f"names the dataset {dataset.id}" in str(verify(results, 2).findings[0])
+
+
+def test_an_evaluation_of_a_shipped_policy_names_no_run_of_these_results(results):
+    for policy, warnings in (("reference/face_direction/td3/full/s00-1", 0), ("face/s00-1", 1)):
+        settings = {"task": "face_direction", "policy": policy, "seed": 0}
+        add(results, "evaluation", "face_direction/policy", settings)
+        assert len(verify(results, 2).findings) == warnings
+
+
+@pytest.mark.parametrize(
+    ("date", "says"),
+    [
+        ("2999-01-01T00:00:00+00:00", "in the future"),
+        ("2020-01-01T00:00:00", "no date with a time zone"),
+        ("long ago", "no date"),
+    ],
+)
+def test_dates_that_can_not_be_are_worth_a_warning(results, date, says):
+    run = add_whole_run(results)
+    alter_manifest(run, created=date)
+    assert_one(results, "warning", run, f"was created '{date}': {says}")
+
+
+def test_record_that_is_being_written_has_no_leftovers(results):
+    run = add_whole_run(results, finish=False)
+    (run.path / ".writing-x1").write_bytes(b"half a fi")
+    with run.lock():
+        assert verify(results, 2).findings == []
+    assert_one(results, "leftover", run, "is listed by no manifest")
+
+
+WRITING = """
+with results.record("run", sys.argv[2]).lock():
+    record = results.find("run", sys.argv[2])
+    print("begun", flush=True)
+    while True:
+        record = results.create("run", record.id, record.settings)
+        for n in range(3):
+            record.append({"t": numbers(n)}, {"checkpoint.json": b"%d" % n})
+        record.finish({}, {"policy.json": b"{}"})
+"""
+
+
+def test_record_that_changes_all_the_time_is_never_called_damaged(results):
+    run = add_whole_run(results, finish=False)
+    command = [sys.executable, "-c", PREAMBLE + WRITING, str(results.path), run.id]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+        assert writer.stdout.readline() == "begun\n"
+        found = [finding for _ in range(30) for finding in verify(results, 2).findings]
+        assert writer.poll() is None
+        writer.kill()
+    assert found == []
+
+
+def test_what_may_not_be_read_is_no_damage(results):
+    run = add_whole_run(results)
+    script = """
+from jbench.store.verify import verify
+store_faults.give_up_rights()
+for finding in verify(results, 2).findings:
+    print(finding.sort, finding)
+"""
+    for path in (run.path / "policy.json", run.path / "manifest.json", run.path):
+        mode = path.stat().st_mode
+        path.chmod(0)
+        (said,) = run_script(results, script)
+        path.chmod(mode)
+        assert said.startswith(f"foreign {path} can't be read")
+
+
+def test_nothing_is_changed(results):
+    run = add_whole_run(results)
+    truncate(run.path / listed(run)[0])
+    (run.path / "stray.json").write_bytes(b"{}")
+    before = snapshot(results.path)
+    verify(results, 2)
+    assert snapshot(results.path) == before
+
+
+def test_progress_counts_the_bytes_of_all_files(results):
+    add_chain(results)
+    told = []
+    found = verify(results, 2, lambda done, total: told.append((done, total)))
+    assert [total for _, total in told] == [found.bytes] * found.files
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert told[-1][0] == found.bytes
+
+
+def test_memory_does_not_grow_with_the_files(results):
+    run = add_whole_run(results, (), finish=False)
+    size = 300_000_000
+    path = run.path / "policy.safetensors"
+    with path.open("wb") as file:
+        file.truncate(size)
+    entry = {"name": path.name, "table": None, "rows": 0, "bytes": size, "sha256": "0" * 64}
+    alter_manifest(run, files=[entry])
+    script = """
+import resource
+from jbench.store.verify import verify
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+(found,) = verify(results, 2).findings
+print(found.problem, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+    (said,) = run_script(results, script)
+    problem, _, kilobytes = said.rpartition(" ")
+    assert problem == "is damaged (its checksum differs)"
+    assert int(kilobytes) < 50_000
+
+
+# What settings may hold: see `manifest.py`.
+TEXT = st.text("abcXYZ0189 _.,:;+*/()[]=^%~-").map(lambda text: "a" + text)
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**63 - 1)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | TEXT,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXT, inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(TEXT, JSON, max_size=4))
+@settings(max_examples=100)
+def test_settings_have_their_hash_still_when_they_come_back_from_a_manifest(values):
+    manifest = Manifest(kind="run", id="a", settings=values, created="", updated="")
+    back = Manifest.from_bytes(manifest.to_bytes(), "here")
+    assert settings_hash(back.settings) == settings_hash(values)

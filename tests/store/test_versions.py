@@ -1,0 +1,89 @@
+"""Results of an older jbench are read: these files were written by its version 1 of the schema."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from jbench.errors import WorkError
+from jbench.store import Results, query, schema
+from jbench.store.manifest import OLDEST_SCHEMA_VERSION, SCHEMA_VERSION
+from jbench.store.merge import merge
+from jbench.store.verify import verify
+from tests.store.store_rows import alter_manifest, episodes, manifest_of
+
+KEPT = Path(__file__).parent / "version1"
+
+
+@pytest.fixture
+def old(tmp_path):
+    shutil.copytree(KEPT, tmp_path / "old")
+    return Results(tmp_path / "old")
+
+
+def only(results, kind):
+    records, problems = results.scan(kind)
+    assert problems == []
+    return records[0]
+
+
+def test_files_are_of_the_oldest_version_that_is_read(old):
+    assert [manifest_of(only(old, kind))["schema_version"] for kind in ("encoder", "run")] == [1, 1]
+    assert OLDEST_SCHEMA_VERSION == 1 < SCHEMA_VERSION
+
+
+def test_episodes_are_as_they_were(old):
+    rows = only(old, "run").read("episodes", schema.EPISODES).to_pylist()
+    assert [(row["episode_return"], row["wall_time"]) for row in rows] == [
+        (10.0, 2.0),
+        (20.0, 4.0),
+        (60.0, 6.0),
+    ]
+
+
+def test_column_that_has_another_name_now_is_found_under_it(old):
+    answer = query.ask(old, "SELECT epoch, train_loss, test_mse FROM encoder_epochs ORDER BY 1")
+    assert answer.problems == []
+    # As the old version wrote it: train_mse 1 and 1/2, test_mse half of it.
+    assert answer.rows.to_numpy().tolist() == [[1, 1.0, 0.5], [2, 0.5, 0.25]]
+
+
+def test_what_was_not_measured_then_is_null_now(old):
+    (row,) = only(old, "encoder").read("encoder_features", schema.ENCODER_FEATURES).to_pylist()
+    assert (row["feature"], row["test_mse"], row["test_variance"]) == ("position_x", 0.25, 1.0)
+    assert {name for name, value in row.items() if value is None} == {
+        *("pca_mse", "random_mse", "heuristic_mse", "heuristic_variance"),
+        *("pca_heuristic_mse", "random_heuristic_mse"),
+    }
+    (row,) = query.load(old).tables["encoders"].to_pylist()
+    assert (row["test_mse"], row["test_explained"]) == (0.25, None)
+
+
+def test_they_are_whole_and_can_be_merged(tmp_path, old):
+    assert verify(old, 2).faults == []
+    new = Results(tmp_path / "new")
+    assert [one.outcome for one in merge(new, [old])] == ["copied", "copied"]
+    assert query.load(new).tables["encoder_epochs"].num_rows == 2
+    assert manifest_of(only(new, "run")) == manifest_of(only(old, "run"))
+
+
+def test_rows_added_today_are_read_with_those_of_then(old):
+    run = only(old, "run")
+    run.append({"episodes": episodes(run.id, [70.0])})
+    rows = only(old, "run").read("episodes", schema.EPISODES)
+    assert rows["episode_return"].to_pylist() == [10.0, 20.0, 60.0, 70.0]
+
+
+def test_version_that_is_read_no_more_is_refused(old):
+    run = only(old, "run")
+    alter_manifest(run, schema_version=0)
+    says = "is of schema version 0, and this jbench reads from 1: read it with the jbench that wro"
+    with pytest.raises(WorkError, match=says):
+        old.find("run", run.id)
+
+
+def test_column_missing_from_a_record_of_today_is_still_damage(old):
+    encoder = only(old, "encoder")
+    alter_manifest(encoder, schema_version=SCHEMA_VERSION)
+    with pytest.raises(WorkError, match="it has no column train_loss: another version"):
+        only(old, "encoder").read("encoder_epochs", schema.ENCODER_EPOCHS)

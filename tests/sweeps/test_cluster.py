@@ -1,0 +1,104 @@
+"""A sweep on a real Ray cluster of two nodes on this machine, one of which is killed."""
+
+import contextlib
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from jbench.cli import main
+from jbench.store.locks import LOCK
+from tests.sweep_matrices import (
+    committed,
+    end_all,
+    held,
+    rows,
+    runs_of_matrix,
+    start,
+    states,
+    wait_until,
+    workers,
+    write_matrix,
+)
+
+pytest.importorskip("ray")
+
+# A node is given up half a second after it is gone, not half a minute.
+IMPATIENT = {
+    "health_check_initial_delay_ms": 0,
+    "health_check_period_ms": 500,
+    "health_check_failure_threshold": 5,
+}
+SMALL = {"num_cpus": 1, "object_store_memory": 80 * 1024 * 1024}
+
+
+@pytest.fixture(autouse=True)
+def no_process_left():
+    yield
+    end_all()
+
+
+@pytest.fixture
+def cluster(monkeypatch):
+    """Two nodes of a core each; `nodes` are the head and the other."""
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    monkeypatch.setenv("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "1")
+    from ray.cluster_utils import Cluster
+
+    head = {**SMALL, "include_dashboard": False, "_system_config": IMPATIENT}
+    cluster = Cluster(initialize_head=True, head_node_args=head)
+    cluster.nodes = [cluster.head_node, cluster.add_node(**SMALL)]
+    cluster.wait_for_nodes()
+    yield cluster
+    cluster.shutdown()
+
+
+def raylet(node):
+    """The process of a node below which its tasks are."""
+    return node.all_processes["raylet"][0].process.pid
+
+
+def in_the_middle(node, runs, path):
+    """The run that a node has begun, and its process, once an episode of it is committed."""
+    for pid in workers(raylet(node)):
+        opened = set()
+        with contextlib.suppress(OSError):  # closed, or ended, meanwhile
+            opened = {os.path.realpath(handle) for handle in Path(f"/proc/{pid}/fd").iterdir()}
+        for run in runs:
+            lock = os.path.realpath(path / "runs" / run.id / LOCK)
+            if lock in opened and committed(run, path):
+                return run, pid
+    return None
+
+
+def test_a_node_that_is_killed_leaves_the_rows_of_the_local_executor(cluster, tmp_path):
+    results, local = tmp_path / "results", tmp_path / "local"
+    matrix = write_matrix(tmp_path, seeds="0-1", steps=5000)
+    runs = runs_of_matrix(matrix, results)
+    where = ("--executor", "ray", "--address", cluster.address)
+    process = start(matrix, *where, "--checkpoint-every", "0", "--json", results=results)
+    head, other = cluster.nodes
+    run, pid = wait_until(lambda: in_the_middle(other, runs, results), process)
+    os.kill(pid, signal.SIGSTOP)  # it holds its run and gets no further
+    assert (held([run], results), states([run], results)) == ([run], ["unfinished"])
+    cluster.remove_node(other, allow_graceful=False)
+    os.kill(pid, signal.SIGKILL)
+    out, err = process.communicate(timeout=600)
+    assert process.returncode == 0, err
+    assert list(json.loads(out)["failures"]) == []
+    assert states(runs, results) == ["finished"] * 2
+    assert main(["sweep", matrix, "--results", str(local)]) == 0
+    assert rows(runs, results) == rows(runs, local)
+    assert head.any_processes_alive()
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "here"])
+def test_a_cluster_that_is_not_there_is_named(address, tmp_path, capsys):
+    matrix = write_matrix(tmp_path)
+    more = ("--executor", "ray", "--address", address)
+    assert main(["sweep", matrix, *more, "--results", str(tmp_path / "results")]) == 2
+    printed = capsys.readouterr().err
+    assert f"No Ray cluster can be joined at {address} (" in printed
+    assert printed.count("\n") == 1

@@ -1,0 +1,291 @@
+"""What a file of TOML asks for, and what is said where it can't be."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from jbench.errors import RequestError
+from jbench.names import ALGORITHMS, SWEEPS, TASKS
+from jbench.store import Results
+from jbench.store.shipped import shipped
+from jbench.sweeps.matrix import Matrix, all_runs, matrix_cells, read_matrix
+from jbench.training.request import request_runs
+from tests.sweep_matrices import write_matrix
+
+DOCUMENTATION = Path(__file__).parents[2] / "docs" / "sweeps.md"
+
+
+def cells_of(name, path, **changes):
+    return matrix_cells(read_matrix(name, **changes), Results(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "runs"),
+    [("smoke", 8, 16), ("fig7", 2, 2), ("fig8", 2, 20), ("fig9", 20, 200), ("question", 19, 170)],
+)
+def test_the_shipped_matrices_have_so_many_cells_and_runs(name, cells, runs, tmp_path):
+    found = cells_of(name, tmp_path)
+    assert (len(found), len(list(all_runs(found)))) == (cells, runs)
+    assert {run.engine for run in all_runs(found)} == {"batched"}
+
+
+def test_every_name_that_is_offered_is_shipped():
+    assert all(read_matrix(name) for name in SWEEPS)
+
+
+def test_figure_9_is_the_paper_s(tmp_path):
+    cells = cells_of("fig9", tmp_path)
+    assert [(cell.task, cell.algo) for cell in cells] == [
+        (task, algo) for task in TASKS for algo in ALGORITHMS
+    ]
+    for cell in cells:
+        assert [run.seed for run in cell.runs] == list(range(10))
+        assert {(run.steps, run.representation) for run in cell.runs} == {(5_000_000, "full")}
+        assert cell.runs[0].hyperparameters["hidden_layers"] == [350, 250]
+
+
+def test_figures_7_and_8_are_ddpg_on_12_latents_and_without(tmp_path):
+    for name, task in (("fig7", "face_direction"), ("fig8", "move_in_direction")):
+        full, encoded = cells_of(name, tmp_path)
+        assert {run.task for cell in (full, encoded) for run in cell.runs} == {task}
+        assert {cell.algo for cell in (full, encoded)} == {"ddpg"}
+        assert full.encoder is None
+        assert (encoded.encoder.kind, encoded.encoder.latents) == ("dae", 12)
+        assert {run.encoder for run in encoded.runs} == {encoded.encoder.id}
+
+
+def test_the_question_begins_with_the_runs_that_are_shipped(tmp_path):
+    full, encoded = cells_of("question", tmp_path)[:2]
+    expected = [
+        f"face_direction/ddpg/{name}" for name in ("full/s00-7e4e6902", "dae12/s00-cb04f42b")
+    ]
+    assert [full.runs[0].id, encoded.runs[0].id] == expected
+    reference = Results(shipped())
+    for cell in (full, encoded):
+        assert [run.seed for run in cell.runs] == list(range(10))
+        for run in cell.runs[:3]:
+            assert reference.find("run", run.id).settings == run.model_dump(mode="json")
+
+
+def test_the_question_asks_of_ppo_with_both_settings(tmp_path):
+    ppo = [cell for cell in cells_of("question", tmp_path) if cell.algo == "ppo"]
+    assert [(cell.part.settings, cell.part.steps) for cell in ppo] == [
+        ("published", 1_000_000),
+        ("script", 1_000_000),
+    ]
+    assert len({run.id for cell in ppo for run in cell.runs}) == 20
+
+
+PARTS = """
+algos = ["td3"]
+seeds = "0-3"
+steps = 2000
+[evaluation]
+every = 1000
+[hyperparameters.td3]
+batch_size = 16
+[[part]]
+tasks = ["face_direction"]
+[[part]]
+tasks = ["move_to_pose"]
+algos = ["ppo"]
+seeds = "2"
+[part.evaluation]
+episodes = 1
+[part.hyperparameters.ppo]
+n_envs = 2
+"""
+
+
+def test_the_keys_beside_the_parts_are_their_defaults(tmp_path):
+    file = tmp_path / "parts.toml"
+    file.write_text(PARTS)
+    first, second = cells_of(str(file), tmp_path)
+    assert [(cell.task, cell.algo, len(cell.runs)) for cell in (first, second)] == [
+        ("face_direction", "td3", 4),
+        ("move_to_pose", "ppo", 1),
+    ]
+    assert first.runs[0].hyperparameters["batch_size"] == 16
+    assert (first.runs[0].evaluate_every, first.runs[0].evaluate_episodes) == (1000, 10)
+    # A table of a part replaces the keys that it has, not the whole table.
+    assert (second.runs[0].evaluate_every, second.runs[0].evaluate_episodes) == (1000, 1)
+    assert second.runs[0].hyperparameters["n_envs"] == 2
+    alone = tmp_path / "alone.toml"
+    alone.write_text(
+        PARTS.partition("[[part]]")[0].replace("algos", 'tasks = ["face_direction"]\nalgos')
+    )
+    assert cells_of(str(alone), tmp_path)[0].runs == first.runs
+
+
+def test_seeds_and_steps_are_replaced_in_all_parts(tmp_path):
+    file = tmp_path / "parts.toml"
+    file.write_text(PARTS)
+    runs = all_runs(cells_of(str(file), tmp_path, seeds=[7], steps=3000))
+    assert [(run.algo, run.seed, run.steps) for run in runs] == [("td3", 7, 3000), ("ppo", 7, 3000)]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (PARTS + "[[part]]\nalgos = ['td4']\n", "part 3: the key tasks is missing"),
+        (
+            PARTS + "[[part]]\ntasks = ['move_to_poze']\n",
+            "part 3: Unknown task 'move_to_poze'; did you",
+        ),
+        ("algos = ['td3']\n[part]\ntasks = ['move_to_pose']\n", "write [[part]] above each"),
+        ("algos = ['td3']\npart = []\n", "write [[part]] above each"),
+        ("[[prat]]\ntasks = ['move_to_pose']\n", "Unknown key 'prat'; did you mean part?"),
+        (PARTS + "engine = 'sb3'\n", "setting of ppo 'engine'"),
+        (PARTS + "[[part]]\ntasks = ['move_to_pose']\nengine = 'sb3'\n", "not batched and sb3"),
+    ],
+)
+def test_a_wrong_part_gets_a_sentence_that_names_it(text, says, tmp_path):
+    file = tmp_path / "wrong.toml"
+    file.write_text(text)
+    with pytest.raises(RequestError) as raised:
+        cells_of(str(file), tmp_path)
+    assert says in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_its_runs_are_those_of_jbench_train(tmp_path):
+    matrix = write_matrix(tmp_path, algos='"td3", "ppo"', seeds="0,3-4")
+    asked = {
+        "task": "face_direction",
+        "encoder": "none",
+        "seeds": [0, 3, 4],
+        "steps": 2000,
+        "base": "published",
+        "time_limit": "bootstrap",
+        "evaluate_every": 2000,
+        "evaluate_episodes": 1,
+        "engine": "batched",
+    }
+    td3 = ["learning_starts=500", "train_freq=100", "gradient_steps=2", "batch_size=16"]
+    ppo = ["n_envs=2", "n_steps=128", "batch_size=64"]
+    for cell, overrides in zip(cells_of(matrix, tmp_path), (td3, ppo), strict=True):
+        typed = request_runs(
+            Results(tmp_path),
+            algo=cell.algo,
+            overrides=["hidden_layers=[8]", *overrides],
+            **asked,
+        )
+        assert cell.runs == typed
+        assert [run.id for run in cell.runs] == [run.id for run in typed]
+
+
+def test_seeds_and_steps_can_be_replaced(tmp_path):
+    cells = cells_of("fig9", tmp_path, seeds=[7], steps=300_000)
+    assert {(run.seed, run.steps) for run in all_runs(cells)} == {(7, 300_000)}
+
+
+def test_an_encoder_is_of_the_file_s_own_dataset_and_options(tmp_path):
+    def encoder(more):
+        file = tmp_path / "encoded.toml"
+        file.write_text(
+            'tasks = ["face_direction"]\nalgos = ["td3"]\nrepresentations = ["dae:5"]\n' + more
+        )
+        (cell,) = cells_of(str(file), tmp_path)
+        assert cell.runs[0].representation == "dae5"
+        return cell.encoder
+
+    plain = encoder("")
+    assert encoder("") == plain
+    other = encoder("[encoder.options.dae]\nepochs = 3\n")
+    assert (other.options["epochs"], other.dataset) == (3, plain.dataset)
+    assert encoder("[dataset]\nsteps = 2e4\n").dataset != plain.dataset
+    assert len({plain.id, other.id, encoder("[encoder]\nseed = 1\n").id}) == 3
+
+
+def test_the_size_of_planar_follows_from_the_task(tmp_path):
+    file = tmp_path / "planar.toml"
+    file.write_text(
+        'tasks = ["face_direction", "move_to_pose"]\nalgos = ["td3"]\n'
+        'representations = ["planar", "scaled"]\n'
+    )
+    found = [cell.runs[0].representation for cell in cells_of(str(file), tmp_path)]
+    assert sorted(found) == ["planar12", "planar14", "scaled16", "scaled19"]
+
+
+def test_the_documented_file_says_what_is_so_without_it(tmp_path):
+    documented = DOCUMENTATION.read_text()
+    (text,) = re.findall(r"```toml\n(.*?)```", documented, re.DOTALL)
+    content = tomllib.loads(text)
+    assert set(content) == set(Matrix.model_fields)
+    file = tmp_path / "documented.toml"
+    file.write_text(text)
+    short = tmp_path / "short.toml"
+    short.write_text('tasks = ["face_direction"]\nalgos = ["ddpg", "td3"]\nenvironments = 1\n')
+    written, defaults = cells_of(str(file), tmp_path), cells_of(str(short), tmp_path)
+    assert [cell[:-1] for cell in written] == [cell[:-1] for cell in defaults]
+    assert [f"`{name}`" in documented for name in SWEEPS] == [True] * len(SWEEPS)
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("task = []", "Unknown key 'task'; did you mean tasks? Choose tasks, algos,"),
+        (
+            'tasks = ["face_direktion"]',
+            "Unknown task 'face_direktion'; did you mean face_direction?",
+        ),
+        ('algos = ["td4"]', "Unknown algorithm 'td4'; did you mean td3?"),
+        ('engine = "bached"', "Unknown engine 'bached'; did you mean batched?"),
+        ('time_limit = "terminel"', "Unknown time_limit 'terminel'; did you mean terminal?"),
+        ('representations = ["ful"]', "Unknown representation 'ful'; did you mean full?"),
+        ('representations = ["dae"]', "Unknown representation 'dae'; did you mean dae12?"),
+        ('representations = ["dea12"]', "Unknown kind of encoder 'dea'; did you mean dae?"),
+        ('representations = ["planar8"]', "planar of face_direction has 12 latents"),
+        ('representations = ["dae17"]', "face_direction has 16 features: type --latent 1 to 16"),
+        ('representations = ["move_to_pose/dae12/s00-12345678"]', "is of move_to_pose, which is"),
+        ('representations = ["face_direction/dae12/s00-12345678"]', "No encoder face_direction/"),
+        ('seeds = "3-1"', "type seeds like 0-9"),
+        ("seeds = []", "seeds of the matrix can't be []"),
+        ("seeds = [-1]", "seeds.0 of the matrix can't be -1"),
+        ("steps = 1.5", "steps of the matrix can't be 1.5"),
+        ("steps = 999", "type --steps 1000 or more"),
+        ("evaluation = 3", "write [evaluation] and its keys below it"),
+        ("[evaluation]\nevry = 3", "Unknown key of [evaluation] 'evry'; did you mean every?"),
+        ("[evaluation]\nevery = 0", "evaluation.every of the matrix can't be 0"),
+        ("[hyperparameters.td4]\ntau = 0.1", "Unknown algorithm 'td4'; did you mean td3?"),
+        ("[hyperparameters.td3]\ntua = 0.1", "Unknown setting of td3 'tua'; did you mean tau?"),
+        ("[hyperparameters.td3]\ntau = 2", "tau of td3 can't be 2"),
+        ("[encoder.options.dea]\nepochs = 2", "Unknown kind of encoder 'dea'; did you mean dae?"),
+        ("[encoder.options.dae]\nepoch = 2", "Unknown option of dae 'epoch'; did you mean epochs?"),
+        ("[dataset]\nsteps = 1500", "type --steps 2000"),
+        ("tasks = [", "is not TOML"),
+    ],
+)
+def test_what_can_not_be_gets_a_sentence_that_names_it(line, says, tmp_path):
+    content = {"tasks": '["face_direction"]', "algos": '["td3"]', "representations": '["dae3"]'}
+    content.pop(line.split(" =")[0], None)
+    file = tmp_path / "wrong.toml"
+    file.write_text("\n".join([*(f"{key} = {value}" for key, value in content.items()), line]))
+    with pytest.raises(RequestError) as raised:
+        cells_of(str(file), tmp_path)
+    assert says in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "line"), [("tasks", 'algos = ["td3"]'), ("algos", 'tasks = ["face_direction"]')]
+)
+def test_what_must_be_there_is_missed(key, line, tmp_path):
+    file = tmp_path / "short.toml"
+    file.write_text(line)
+    with pytest.raises(RequestError, match=f"the key {key} is missing; write {key} = "):
+        read_matrix(str(file))
+
+
+def test_a_matrix_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(
+        RequestError, match=r"Unknown matrix 'fig6'; did you mean fig\d\? .*FILE\.toml"
+    ):
+        read_matrix("fig6")
+    with pytest.raises(RequestError, match=r"gone\.toml can't be read \(No such file"):
+        read_matrix(str(tmp_path / "gone.toml"))
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(RequestError, match=r"bytes\.toml can't be read \(it is no text"):
+        read_matrix(str(tmp_path / "bytes.toml"))

@@ -1,0 +1,195 @@
+"""Does a small batch of runs and kills it (SIGKILL), again and again, until it has finished.
+
+    python -m tests.training.kills '{"path": DIR, "runs": […], "encoder": 3, "at": "random"}'
+
+In DIR/whole the batch is done without a kill; then in DIR/0, DIR/1 … with kills. Each attempt is a
+process of its own: a fork of this one, which has imported everything but started no thread. With
+"at": "random" its parent kills it at a random moment, and goes on to the next folder until there
+were 20 kills. With "at": "writes" attempt n kills itself at its n-th point of writing, until one
+gets to the end: before, within and after each write, and before and after each fsync and rename
+that `jbench/store/files.py` makes, which does all writing.
+
+Episodes have 50 control steps, so that there are many in a second.
+
+Its answer is JSON: {"kills": n, "folders": n, "steps": for each folder, after each kill, the
+control steps of every run's last checkpoint, "problems": what `jbench verify` says after each}.
+"""
+
+import json
+import os
+import random
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+
+import torch
+
+from jbench.encoders import Encoder
+from jbench.store import Results, files
+from jbench.store.verify import verify
+from jbench.training.batched_run import run_batch
+from jbench.training.checkpoints import load
+from jbench.training.settings import RunSettings
+from tests.training.small_runs import shorten_episodes
+
+KILLS = 20
+
+
+class Squashed(Encoder):
+    """An encoder of few latents: a product, and a function that is not linear."""
+
+    def __init__(self, latents):
+        self._latents = latents
+
+    @property
+    def latent_size(self):
+        return self._latents
+
+    def encode(self, observations):
+        size = observations.shape[-1]
+        weights = torch.linspace(-1, 1, size * self._latents).reshape(size, -1)
+        return torch.tanh(observations @ weights)
+
+
+class Deadly:
+    """Passes on to a module, and kills this process at one of the points of writing."""
+
+    def __init__(self, module, at):
+        self._module, self._left = module, at
+
+    def __getattr__(self, name):
+        return getattr(self._module, name)
+
+    def point(self):
+        self._left -= 1
+        if self._left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def fsync(self, handle):
+        self.point()
+        self._module.fsync(handle)
+        self.point()
+
+    def replace(self, source, target):
+        self.point()
+        self._module.replace(source, target)
+        self.point()
+
+    def fdopen(self, handle, *mode):
+        file = self._module.fdopen(handle, *mode)
+        return DeadlyFile(file, self) if mode == ("wb",) else file
+
+
+class DeadlyFile:
+    """A file whose writing can be deadly."""
+
+    def __init__(self, file, points):
+        self._file, self._points = file, points
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self._file.close()
+
+    def write(self, content):
+        self._points.point()
+        self._file.write(content[: len(content) // 2])
+        self._file.flush()
+        self._points.point()
+        self._file.write(content[len(content) // 2 :])
+        self._file.flush()
+        self._points.point()
+
+
+class Killer:
+    """Does the batch of a request, with kills and without."""
+
+    def __init__(self, request):
+        self._path, self._at = Path(request["path"]), request["at"]
+        self._runs = [RunSettings(**run) for run in request["runs"]]
+        self._encoder = Squashed(request["encoder"]) if request.get("encoder") else None
+        self._draw, self._longest = random.Random(0), 0.0
+        self.kills, self.steps, self.problems = 0, [], []
+
+    def whole(self):
+        """Does the batch without a kill, and notes how long it takes."""
+        began = time.perf_counter()
+        assert self._end(self._fork(self._path / "whole")) == 0
+        self._longest = 0.7 * (time.perf_counter() - began)
+
+    def until_done(self, folder):
+        """Does the batch with kills."""
+        path = self._path / folder
+        self.steps.append([])
+        while True:
+            if self._at == "writes":
+                process = self._fork(path, self.kills + 1)
+            else:
+                process = self._fork(path)
+                if self.kills < KILLS:
+                    time.sleep(self._draw.uniform(0, self._longest))
+                    os.kill(process, signal.SIGKILL)
+            code = self._end(process)
+            if code is not None:
+                assert code == 0, code
+                return
+            self.kills += 1
+            results = Results(path)
+            self.steps[-1].append([steps_of(run, results) for run in self._runs])
+            findings = verify(results, 1).findings
+            self.problems += [str(one) for one in findings if one.sort == "damaged"]
+
+    def _fork(self, path, deadly_point=None):
+        process = os.fork()
+        if process:
+            return process
+        code = 1
+        try:
+            if deadly_point is not None:
+                files.os = Deadly(os, deadly_point)
+            failures = run_batch(self._runs, Results(path), self._encoder, checkpoint_every=0)
+            code = 3 if failures else 0
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+
+    def _end(self, process):
+        """Waits for a process; returns its exit code, or None if it was killed."""
+        _, status = os.waitpid(process, 0)
+        return None if os.WIFSIGNALED(status) else os.waitstatus_to_exitcode(status)
+
+
+def steps_of(run, results):
+    """Returns the control steps of a run's last checkpoint; a finished one has all."""
+    record = results.find("run", run.id)
+    if record is None:
+        return 0
+    if record.status == "finished":
+        return run.steps
+    checkpoint, refused = load(record)
+    assert not refused
+    return 0 if checkpoint is None else checkpoint.position.control_steps
+
+
+def main(request):
+    torch.set_num_threads(1)
+    shorten_episodes()
+    killer = Killer(request)
+    killer.whole()
+    folders = 0
+    while folders == 0 or (request["at"] == "random" and killer.kills < KILLS):
+        killer.until_done(str(folders))
+        folders += 1
+    answer = {"kills": killer.kills, "folders": folders}
+    print(json.dumps({**answer, "steps": killer.steps, "problems": killer.problems}))
+
+
+if __name__ == "__main__":
+    main(json.loads(sys.argv[1]))

@@ -1,0 +1,184 @@
+"""Runs side by side on the batched engine give the rows that each would give alone."""
+
+import pytest
+import torch
+
+from jbench.agents.settings import algorithm_settings
+from jbench.errors import RequestError
+from jbench.policies.saved import WEIGHTS, load_agent
+from jbench.store import Results, schema
+from jbench.training import batched_run, evaluation
+from jbench.training.batched_run import run_batch
+from jbench.training.evaluation import robot_model
+from jbench.training.request import find_device
+from jbench.training.speed import _short_schedule, seconds_per_step
+from jbench.training.status import plan
+from jbench.training.train import batches
+from tests.training.small_runs import rows, small_run
+
+SMALL = {
+    "ddpg": {"train_freq": 100, "gradient_steps": 5},
+    "td3": {"learning_starts": 500, "train_freq": 100, "gradient_steps": 5},
+    "sac": {"learning_starts": 500, "train_freq": 100, "gradient_steps": 5},
+    "ppo": {"n_envs": 2, "n_steps": 128},
+}
+
+
+def settings(algo="td3", seed=0, **changes):
+    lengths = {"steps": 2000, "evaluate_every": 1000, "evaluate_episodes": 2}
+    about = {"engine": "batched", "seed": seed, **lengths, **changes}
+    return small_run(algo, {"batch_size": 16, **SMALL[algo]}, **about)
+
+
+@pytest.mark.parametrize("algo", SMALL)
+@pytest.mark.usefixtures("short_episodes")
+def test_a_run_among_others_is_the_run_alone(algo, tmp_path):
+    together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
+    runs = [settings(algo, seed, steps=1000, evaluate_every=500) for seed in (0, 3)]
+    assert run_batch(runs, together, None) == {}
+    assert run_batch(runs[1:], alone, None) == {}
+    found = [results.find("run", runs[1].id) for results in (together, alone)]
+    assert found[0].status == "finished"
+    assert rows(found[0]) == rows(found[1])
+    assert found[0].read_file(WEIGHTS) == found[1].read_file(WEIGHTS)
+    other = together.find("run", runs[0].id)
+    returns = [[row["episode_return"] for row in rows(record)] for record in (other, found[0])]
+    assert returns[0] != returns[1]
+
+
+def test_rows_come_when_they_are_due(tmp_path):
+    results, told = Results(tmp_path), []
+    run = settings(steps=3000, evaluate_every=2000)
+    run_batch([run], results, None, progress=lambda *now: told.append(now))
+    record = results.find("run", run.id)
+    episodes = record.read("episodes", schema.EPISODES).to_pylist()
+    assert [(row["episode"], row["control_steps"]) for row in episodes] == [
+        (0, 1000),
+        (1, 2000),
+        (2, 3000),
+    ]
+    assert told == [(run, row["control_steps"], row["episode_return"]) for row in episodes]
+    assert all(row["critic_loss"] > 0 for row in episodes)
+    evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    assert [(row["evaluation"], row["control_steps"]) for row in evaluations] == [
+        (0, 2000),
+        (0, 2000),
+        (1, 3000),
+        (1, 3000),
+    ]
+    assert len({row["episode_return"] for row in evaluations}) == 4
+    assert load_agent(results, run.id).task == "face_direction"
+    assert plan([run], results).ids("finished") == [run.id]
+    # Typed again, it is found.
+    before = record.manifest
+    run_batch([run], results, None)
+    assert results.find("run", run.id).manifest == before
+
+
+def test_a_run_that_another_process_does_is_left_to_it(tmp_path):
+    results = Results(tmp_path)
+    runs = [settings(seed=seed, steps=1000, evaluate_episodes=0) for seed in range(2)]
+    record = results.create("run", runs[0].id, runs[0].model_dump(mode="json"))
+    with record.lock():
+        failures = run_batch(runs, results, None)
+    assert list(failures) == [runs[0].id]
+    assert "Another process is writing" in str(failures[runs[0].id])
+    assert results.find("run", runs[1].id).status == "finished"
+
+
+def test_several_environments_share_the_steps_and_the_updates(tmp_path):
+    results = Results(tmp_path)
+    run = settings("ddpg", parallel=4, steps=4000, evaluate_episodes=0)
+    run_batch([run], results, None)
+    episodes = results.find("run", run.id).read("episodes", schema.EPISODES).to_pylist()
+    assert [row["control_steps"] for row in episodes] == [4000] * 4
+    assert len({row["episode_return"] for row in episodes}) == 4
+
+
+def test_a_sequence_of_robots_is_gone_through():
+    run = settings("ddpg", robots=2, augment=5, steps=4000)
+    first, second = robot_model(run, 0), robot_model(run, 1)
+    assert (first.body_pos != second.body_pos).any() or (first.geom_size != second.geom_size).any()
+    assert robot_model(run, 7) is second
+    assert (run.episodes_on_each, run.robot_at(2000), run.robot_at(2001)) == (2, 0, 1)
+
+
+def test_seeds_are_dealt_out_to_processes():
+    runs = [settings(seed=seed) for seed in range(5)]
+    others = [settings(seed=seed, engine="sb3") for seed in range(2)]
+    found = batches([*runs, *others], 2, "cpu")
+    assert [[run.seed for run in batch] for batch in found] == [[0, 1, 2], [3, 4], [0], [1]]
+    assert [len(batch) for batch in batches(runs, 2, "cuda")] == [5]
+    ddpg = settings("ddpg")
+    assert batches([*runs, ddpg], 1, "cpu") == [runs, [ddpg]]
+
+
+def test_settings_and_devices_that_do_not_go_together_are_refused():
+    with pytest.raises(ValueError, match="are for --engine batched"):
+        settings(engine="sb3", parallel=2)
+    with pytest.raises(ValueError, match="are for --engine batched"):
+        settings(engine="sb3", precision="bfloat16")
+    with pytest.raises(RequestError, match="--device cuda is for --engine batched"):
+        find_device("sb3", "cuda")
+    assert find_device("sb3", "auto") == "cpu"
+    if not torch.cuda.is_available():
+        with pytest.raises(RequestError, match="no CUDA device here; type --device cpu"):
+            find_device("batched", "cuda")
+        with pytest.raises(RequestError, match="Only a GPU has --precision tf32"):
+            find_device("batched", "auto", "tf32")
+
+
+def test_ppo_is_refused_in_bfloat16():
+    assert settings("sac", precision="bfloat16").precision == "bfloat16"
+    with pytest.raises(ValueError, match="PPO does not learn in --precision bfloat16: type float3"):
+        settings("ppo", precision="bfloat16")
+
+
+@pytest.mark.usefixtures("short_episodes")
+def test_evaluations_use_the_threads_of_the_training(tmp_path, monkeypatch):
+    given, make, robots = [], batched_run.make_engine, evaluation.Robots
+    monkeypatch.setattr(batched_run, "make_engine", lambda *a, **o: make(*a, **o, threads=3))
+    monkeypatch.setattr(evaluation, "Robots", lambda *args: given.append(args[2]) or robots(*args))
+    run = settings("ddpg", steps=100, evaluate_every=50)
+    assert run_batch([run], Results(tmp_path), None) == {}
+    assert given == [3, 3]
+
+
+@pytest.mark.parametrize(
+    ("algo", "environments", "short"),
+    [
+        # Published: 100 control steps, 50 updates. Seven robots take 14 steps each, 98 in all,
+        # and learn 49 times; no part of that is whole but the seventh, of 7 updates.
+        ("ddpg", 1, (50, 25)),
+        ("ddpg", 7, (98, 49)),
+        ("td3", 1, (20, 20)),
+        ("sac", 8, (8, 8)),
+    ],
+)
+def test_the_measured_schedule_has_the_ratio_of_the_engine(algo, environments, short):
+    found = _short_schedule(algorithm_settings(algo), environments)
+    assert (found["train_freq"], found["gradient_steps"]) == short
+
+
+@pytest.mark.usefixtures("short_episodes")
+def test_the_speed_is_measured_with_any_number_of_environments():
+    run = small_run(
+        "ddpg",
+        {},
+        engine="batched",
+        parallel=7,
+        steps=7000,
+        evaluate_every=10**4,
+        evaluate_episodes=0,
+    )
+    assert seconds_per_step([run], None) > 0
+
+
+@pytest.mark.parametrize("algo", ["td3", "ppo"])
+def test_measuring_the_speed_changes_nothing(algo, tmp_path):
+    run = settings(algo, steps=1000 if algo == "td3" else 2000, evaluate_episodes=0)
+    once, again = Results(tmp_path / "once"), Results(tmp_path / "again")
+    run_batch([run], once, None)
+    assert seconds_per_step([run], None) > 0
+    run_batch([run], again, None)
+    assert rows(once.find("run", run.id)) == rows(again.find("run", run.id))

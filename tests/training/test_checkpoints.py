@@ -1,0 +1,277 @@
+"""Checkpoints of runs: what is written, what is refused, and from where a run goes on."""
+
+import errno
+import json
+import os
+
+import pytest
+import safetensors.torch
+import torch
+
+from jbench.store import Results, schema
+from jbench.training import checkpoints, log
+from jbench.training.batched_run import run_batch
+from jbench.training.checkpoints import _next_piece, _Piece, load
+from tests.training.test_resume import outcome, settings
+
+
+class Stopped(BaseException):
+    """What a test stops a run with, as Ctrl-C would."""
+
+
+pytestmark = pytest.mark.usefixtures("short_episodes")
+
+
+def do(path, runs, **more):
+    """Does runs; returns what is told of those that were begun before."""
+    told = []
+    more.setdefault("checkpoint_every", 0)
+    failures = run_batch(
+        runs, Results(path), None, notice=lambda run, *rest: told.append((run.seed, *rest)), **more
+    )
+    assert failures == {}
+    return told
+
+
+def stop_at(path, runs, steps):
+    """Does runs until one of them begins the episode after the given control step."""
+
+    def stop(run, now, episode_return):
+        if now > steps:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        do(path, runs, progress=stop)
+
+
+def only(path, run):
+    return Results(path).find("run", run.id)
+
+
+def file_of(record, prefix, number):
+    """Returns the path of a checkpoint's file, in the order in which they were written."""
+    found = [entry for entry in record.manifest.files if (entry.role or "").startswith(prefix)]
+    return record.path / found[number].name
+
+
+@pytest.fixture
+def stopped(tmp_path):
+    """A run that was stopped after 250 of 400 control steps, and what it should become."""
+    run = settings("td3", 1)
+    stop_at(tmp_path / "stopped", [run], 250)
+    do(tmp_path / "whole", [run])
+    return tmp_path / "stopped", run, outcome(tmp_path / "whole", run)
+
+
+@pytest.mark.parametrize("which", ["checkpoint-", "replay-", "episodes-", "manifest.json"])
+@pytest.mark.parametrize("code", [errno.EMFILE, errno.EIO])
+def test_a_checkpoint_that_cannot_be_read_now_is_not_given_up(stopped, which, code, monkeypatch):
+    path, run, whole = stopped
+    before = only(path, run).roles()
+    file = max(p for p in only(path, run).path.iterdir() if p.name.startswith(which))
+    real = os.open
+
+    def failing(target, *arguments, **named):
+        if target == file:
+            raise OSError(code, os.strerror(code))
+        return real(target, *arguments, **named)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "open", failing)
+        failures = run_batch([run], Results(path), None, checkpoint_every=0)
+    assert f"can't be read ({os.strerror(code)})" in str(failures[run.id])
+    assert only(path, run).roles() == before
+    assert do(path, [run]) == [(1, 250, "")]
+    assert outcome(path, run) == whole
+
+
+def test_a_run_that_cannot_note_that_it_resumes_keeps_its_checkpoint(stopped, monkeypatch):
+    path, run, whole = stopped
+    before, real, left = only(path, run).roles(), os.replace, [1]
+
+    def full(source, target):
+        if left[0]:
+            left[0] -= 1
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    failures = run_batch([run], Results(path), None, checkpoint_every=0)
+    assert "No room left to write manifest.json" in str(failures[run.id])
+    assert only(path, run).roles() == before
+    assert do(path, [run]) == [(1, 250, "")]
+    assert outcome(path, run) == whole
+
+
+def test_the_newest_two_checkpoints_are_kept_with_the_rows_before_them(stopped):
+    path, run, whole = stopped
+    record = only(path, run)
+    assert sum(role.startswith("checkpoint-") for role in record.roles()) == 2
+    checkpoint, refused = load(record)
+    assert refused == []
+    assert checkpoint.newest
+    position = checkpoint.position
+    # Evaluations at 150, and that of 300 is not yet made.
+    assert (position.control_steps, position.episodes) == (250, 5)
+    assert (position.evaluations, position.last_evaluation) == (1, 150)
+    assert record.rows("episodes") == 5
+    # 5 episodes of 50 steps: 51 rows each.
+    assert checkpoint.replay_row == 255
+    assert checkpoints.read_replay(record, 255).shape == (1, 255, 18)
+    assert do(path, [run]) == [(1, 250, "")]
+    assert outcome(path, run) == whole
+
+
+def damage(path):
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+
+
+def test_instead_of_a_damaged_checkpoint_the_one_before_it_is_used(stopped):
+    path, run, whole = stopped
+    damage(file_of(only(path, run), "checkpoint-", -1))
+    ((_, steps, told),) = do(path, [run])
+    assert steps == 200
+    assert told.startswith(f"The checkpoint of {run.id} at 250 control steps is not used: ")
+    assert "its checksum differs" in told
+    assert outcome(path, run) == whole
+
+
+def test_without_its_last_rows_the_replay_buffer_is_that_of_the_checkpoint_before(stopped):
+    path, run, whole = stopped
+    file_of(only(path, run), "replay-", -1).unlink()
+    ((_, steps, told),) = do(path, [run])
+    assert steps == 200
+    assert "No such file" in told
+    assert outcome(path, run) == whole
+
+
+def test_a_run_without_a_checkpoint_that_is_whole_starts_over(stopped):
+    path, run, whole = stopped
+    # The first piece of the replay buffer is needed by both.
+    damage(file_of(only(path, run), "replay-", 0))
+    ((_, steps, told),) = do(path, [run])
+    assert steps == 0
+    assert told.count("is not used") == 2
+    assert outcome(path, run) == whole
+
+
+def test_a_run_whose_rows_are_damaged_starts_over(stopped):
+    path, run, whole = stopped
+    damage(next(only(path, run).path.glob("episodes-*")))
+    ((_, steps, told),) = do(path, [run])
+    assert steps == 0
+    assert "its checksum differs" in told
+    assert outcome(path, run) == whole
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        (
+            {"run": "face_direction/td3/full/s09-00000000"},
+            "it is one of face_direction/td3/full/s09",
+        ),
+        ({"format": 99}, "it is of format 99, and this jbench has 1"),
+        ({"scalars": 3}, "it is none"),
+    ],
+)
+def test_a_checkpoint_of_something_else_is_refused(stopped, changes, reason):
+    path, run, whole = stopped
+    record = only(path, run)
+    role = [role for role in record.roles() if role.startswith("checkpoint-")][-1]
+    tensors = safetensors.torch.load(record.read_file(role))
+    said = {**json.loads(bytes(tensors["envelope"].numpy())), **changes}
+    content = bytearray(json.dumps(said).encode())
+    tensors["envelope"] = torch.frombuffer(content, dtype=torch.uint8)
+    record.append({}, {role: safetensors.torch.save(tensors)})
+    ((_, steps, told),) = do(path, [run])
+    assert steps == 200
+    assert reason in told
+    assert outcome(path, run) == whole
+
+
+def test_seeds_that_stopped_at_different_steps_go_on_together(tmp_path):
+    runs = [settings("ddpg", seed) for seed in (0, 3, 5)]
+    do(tmp_path / "whole", runs)
+    path = tmp_path / "stopped"
+    stop_at(path, runs[:1], 300)
+    stop_at(path, runs[1:2], 100)
+    # The one that was never begun is new.
+    assert sorted(do(path, runs)) == [(0, 300, ""), (3, 100, "")]
+    for run in runs:
+        assert outcome(path, run) == outcome(tmp_path / "whole", run)
+
+
+def test_a_run_that_goes_on_with_other_versions_says_so(stopped):
+    path, run, _ = stopped
+    record = only(path, run)
+    known = record.manifest.provenance
+    packages = {**known["packages"], "torch": "2.0.0"}
+    record._update(provenance={**known, "packages": packages, "processor": "a toaster"})
+    ((_, steps, told),) = do(path, [run])
+    assert steps == 250
+    assert "torch 2.0.0 is now" in told
+    assert "processor a toaster is now" in told
+    (continued,) = only(path, run).manifest.provenance["continued"]
+    assert continued["control_steps"] == 250
+    assert set(continued["changed"]) == {"torch", "processor"}
+    assert continued["changed"]["torch"][0] == "2.0.0"
+
+
+def test_a_failed_run_goes_on_too(stopped):
+    path, run, whole = stopped
+    only(path, run).fail("the disk was full")
+    assert do(path, [run]) == [(1, 250, "")]
+    assert outcome(path, run) == whole
+
+
+def test_a_run_is_never_in_more_than_some_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(log, "_MOST_PARTS", 3)
+    monkeypatch.setattr(checkpoints, "_JOINED", 2)
+    run = settings("td3", 1)
+    do(tmp_path / "whole", [run], checkpoint_every=1000)
+    stop_at(tmp_path / "stopped", [run], 300)
+    record = only(tmp_path / "stopped", run)
+    assert len(record.parts("episodes")) <= 3
+    numbers = record.read("episodes", schema.EPISODES)["episode"].to_pylist()
+    assert numbers == list(range(6))
+    # Two pieces of a size are one.
+    assert sum(role.startswith("replay-") for role in record.roles()) == 1
+    assert do(tmp_path / "stopped", [run]) == [(1, 300, "")]
+    assert outcome(tmp_path / "stopped", run) == outcome(tmp_path / "whole", run)
+
+
+def test_pieces_of_a_size_are_joined_sixteen_at_a_time():
+    pieces, written = [], 0
+    for number in range(1, 4097):
+        piece, joined = _next_piece(pieces, 0, 1000 * number)
+        assert pieces[len(pieces) - len(joined) :] == joined
+        pieces = [*pieces[: len(pieces) - len(joined)], piece]
+        written += piece.end - piece.first
+        assert [p.first for p in pieces] == [0, *(p.end for p in pieces[:-1])]
+        assert len(pieces) <= 3 * 15 + 1
+    assert pieces == [_Piece(0, 4_096_000)]
+    # Once by itself or in the piece of its size, and once in each of the larger sizes.
+    assert written / 4_096_000 < 4
+
+
+def test_a_piece_that_is_too_old_to_be_read_again_is_not_joined():
+    pieces = [_Piece(1000 * i, 1000 * (i + 1)) for i in range(15)]
+    assert _next_piece(pieces, 0, 16_000) == (_Piece(0, 16_000), pieces)
+    assert _next_piece(pieces, 1, 16_000) == (_Piece(15_000, 16_000), [])
+    # All are: what has been overwritten meanwhile is missing.
+    assert _next_piece(pieces, 20_000, 30_000) == (_Piece(20_000, 30_000), [])
+
+
+def test_another_device_since_the_beginning_is_reported(stopped):
+    path, run, _ = stopped
+    record = only(path, run)
+    assert record.manifest.provenance["device"] == "cpu"
+    begun = {**record.manifest.provenance, "device": "cuda", "gpu": "NVIDIA H100"}
+    record._update(provenance=begun)
+    ((_, _, told),) = do(path, [run])
+    assert told.startswith("Since it began, device cuda is now cpu: its numbers may differ from")
+    (resumed,) = only(path, run).manifest.provenance["continued"]
+    assert resumed["changed"] == {"device": ["cuda", "cpu"]}

@@ -1,0 +1,181 @@
+"""Runs whose agents diverge fail, keep what they had until then, and leave the others alone."""
+
+import functools
+import math
+
+import pytest
+import safetensors.torch
+
+from jbench.agents.divergence import DivergedError
+from jbench.store import Results, schema
+from jbench.training import batched_run
+from jbench.training.batched_run import run_batch
+from jbench.training.log import RunLog
+from jbench.training.sb3_run import run as run_sb3
+from tests.training.small_runs import rows
+from tests.training.test_checkpoints import only
+from tests.training.test_resume import outcome, settings
+from tests.training.test_sb3_run import settings as sb3_settings
+
+HUGE = {"learning_rate": 1e30}
+
+
+def diverging(algo, **changes):
+    """Settings of a run that diverges at its first updates, and would be long without that."""
+    run = settings(algo, 0, steps=10**7, evaluate_every=100, **changes)
+    later = {} if algo == "ppo" else {"learning_starts": 160}
+    return run.model_copy(update={"hyperparameters": {**run.hyperparameters, **HUGE, **later}})
+
+
+@pytest.fixture
+def engines(monkeypatch):
+    """The engines that are made, in their order."""
+    made, make = [], batched_run.make_engine
+
+    @functools.wraps(make)
+    def remembered(*arguments, **options):
+        made.append(make(*arguments, **options))
+        return made[-1]
+
+    monkeypatch.setattr(batched_run, "make_engine", remembered)
+    return made
+
+
+def train(path, runs, **more):
+    told = []
+    failures = run_batch(
+        runs,
+        Results(path),
+        None,
+        checkpoint_every=0,
+        notice=lambda run, *rest: told.append(rest),
+        **more,
+    )
+    return failures, told
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
+@pytest.mark.usefixtures("short_episodes")
+def test_a_diverged_run_fails_with_its_rows_and_the_batch_ends(algo, tmp_path, engines):
+    run = diverging(algo)
+    failures, _ = train(tmp_path, [run])
+    record = only(tmp_path, run)
+    assert record.status == "failed"
+    error = failures[run.id]
+    assert isinstance(error, DivergedError)
+    diverged = record.manifest.summary["diverged"]
+    assert diverged == error.divergence._asdict()
+    assert {*diverged} == {"update", "control_steps", "what"}
+    assert record.manifest.summary["error"] == str(error)
+    assert str(error).startswith("The agent diverged: its ")
+    assert f"after update {diverged['update']:,}, at control step" in str(error)
+    # With everything failed, the engine stops at once: a step of each environment later.
+    (engine,) = engines
+    last = engine.control_steps
+    assert last - engine.environments.observations.shape[1] <= diverged["control_steps"] <= last
+    assert 0 < diverged["update"] == engine.updates
+    reached = [row["control_steps"] for row in rows(record)]
+    assert max(reached, default=0) <= diverged["control_steps"]
+    if algo != "ppo":
+        assert [row["control_steps"] for row in rows(record) if row["length"] == 50][:3] == [
+            50,
+            100,
+            150,
+        ]
+    for role in record.roles():
+        if role.startswith("checkpoint-"):
+            tensors = safetensors.torch.load(record.read_file(role))
+            assert all(bool(tensor.isfinite().all()) for tensor in tensors.values())
+
+
+@pytest.mark.usefixtures("short_episodes")
+def test_a_retried_run_starts_at_its_last_finite_checkpoint_and_diverges_again(tmp_path):
+    run = diverging("td3")
+    train(tmp_path, [run])
+    record = only(tmp_path, run)
+    failures, told = train(tmp_path, [run])
+    assert told == [(150, "")]
+    again = only(tmp_path, run)
+    assert list(failures) == [run.id]
+    assert again.manifest.summary == record.manifest.summary
+    assert rows(again) == rows(record)
+
+
+@pytest.mark.usefixtures("short_episodes")
+def test_the_other_runs_end_as_alone(tmp_path, engines):
+    runs = [settings("td3", seed) for seed in (0, 3)]
+    assert train(tmp_path / "alone", runs[1:]) == ({}, [])
+
+    def poison(run, steps, episode_return):
+        if (run.seed, steps) == (0, 200):
+            engines[-1]._team.tensors.kept["critic1"][0, 0] = math.nan
+
+    failures, _ = train(tmp_path / "both", runs, progress=poison)
+    assert list(failures) == [runs[0].id]
+    assert outcome(tmp_path / "both", runs[1]) == outcome(tmp_path / "alone", runs[1])
+    failed = only(tmp_path / "both", runs[0])
+    # Weights are looked at before the checkpoint of 200 control steps, with the last row.
+    assert failed.manifest.summary["diverged"]["what"] == "weights"
+    assert failed.manifest.summary["diverged"]["control_steps"] == 200
+    episodes = failed.read("episodes", schema.EPISODES)
+    assert episodes["control_steps"].to_pylist() == [50, 100, 150, 200]
+    positions = [int(role.split("-")[1]) for role in failed.roles() if "checkpoint" in role]
+    assert positions == [100, 150]
+
+
+@pytest.mark.usefixtures("short_episodes")
+def test_weights_of_the_last_update_are_looked_at_before_they_are_kept(tmp_path, engines):
+    run = settings("ddpg", 0, steps=100, evaluate_every=1000)
+
+    def poison(run, steps, episode_return):
+        if steps == 100:
+            engines[-1]._team.tensors.kept["critic_target"][0, 0] = math.inf
+
+    failures, _ = train(tmp_path, [run], progress=poison)
+    assert list(failures) == [run.id]
+    record = only(tmp_path, run)
+    assert record.rows("evaluations") == 0
+    assert not [entry for entry in record.manifest.files if entry.name.startswith("policy")]
+
+
+@pytest.mark.parametrize("algo", ["td3", "ppo"])
+def test_an_agent_of_stable_baselines3_that_diverges_fails_too(algo, tmp_path):
+    first = {
+        "td3": {"learning_starts": 1000},
+        "ppo": {"n_envs": 2, "n_steps": 1100, "batch_size": 100, "n_epochs": 2},
+    }
+    run = sb3_settings(algo, {**first[algo], **HUGE}, steps=9000, evaluate_episodes=0)
+    results = Results(tmp_path)
+    with pytest.raises(DivergedError, match="after update"):
+        run_sb3(run, results)
+    record = results.find("run", run.id)
+    assert record.status == "failed"
+    diverged = record.manifest.summary["diverged"]
+    assert {*diverged} == {"update", "control_steps", "what"}
+    assert 1000 < diverged["control_steps"] < 9000
+    episodes = record.read("episodes", schema.EPISODES)
+    assert episodes.num_rows > 0
+    assert episodes["control_steps"][-1].as_py() <= diverged["control_steps"]
+
+
+def test_losses_without_a_column_are_refused(tmp_path):
+    record = Results(tmp_path).create("run", "a/s00-00000000", {})
+    with pytest.raises(Exception, match="no column for kl, q_loss; the losses that it has are act"):
+        RunLog(record).episode(1000, 1.0, 1000, {"q_loss": 1.0, "actor_loss": 0.5, "kl": 2.0})
+
+
+@pytest.mark.usefixtures("short_episodes")
+def test_an_error_later_does_not_hide_that_a_run_diverged(tmp_path, engines):
+    runs = [settings("ddpg", seed, steps=200, evaluate_episodes=0) for seed in (0, 3)]
+
+    def disturb(run, steps, episode_return):
+        if (run.seed, steps) == (0, 50):
+            engines[-1]._team.tensors.kept["critic"][0, 0] = math.nan
+        if steps == 150:
+            raise ValueError("something else")
+
+    with pytest.raises(ValueError, match="something else"):
+        train(tmp_path, runs, progress=disturb)
+    summaries = [only(tmp_path, run).manifest.summary for run in runs]
+    assert "diverged" in summaries[0]
+    assert summaries[1] == {"error": "ValueError: something else"}

@@ -1,0 +1,128 @@
+"""Runs with features that are learned with the agent: their settings, ids, rows and policies."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jbench.agents.ofe import OFESettings
+from jbench.errors import RequestError
+from jbench.policies.find import find_policy
+from jbench.policies.saved import DESCRIPTION, Policy, load_agent
+from jbench.report.data.variants import comparable, variant_labels
+from jbench.store import Results, schema
+from jbench.sweeps import deciding
+from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.training.batched_run import run_batch
+from jbench.training.request import request_runs
+from jbench.training.settings import RunSettings
+from tests.training.small_runs import small_run
+
+ABOUT = {"steps": 100, "evaluate_every": 50, "evaluate_episodes": 1}
+
+
+def settings(algo="td3", units=6, engine="batched", **changes):
+    small = {"learning_starts": 40, "train_freq": 10, "gradient_steps": 2, "batch_size": 16}
+    ofe = OFESettings(units=units, layers=2)
+    changes = {**ABOUT, "ofe": ofe, "representation": f"ofe{units}", "engine": engine, **changes}
+    return small_run(algo, {} if algo == "ppo" else small, **changes)
+
+
+def requested(results, encoder, *overrides, algo="td3"):
+    (run,) = request_runs(
+        results,
+        algo=algo,
+        task="face_direction",
+        encoder=encoder,
+        seeds=[0],
+        steps=2000,
+        base="published",
+        overrides=list(overrides),
+        time_limit="bootstrap",
+        evaluate_every=1000,
+        evaluate_episodes=1,
+    )
+    return run
+
+
+def test_features_are_part_of_the_settings_and_the_id_of_their_runs_alone(tmp_path):
+    results = Results(tmp_path)
+    full, few = (requested(results, encoder) for encoder in ("none", "ofe12"))
+    other = requested(results, "ofe:12", "ofe.layers=3", "ofe.pretraining=0")
+    assert "ofe" not in full.model_dump()
+    assert few.id.startswith("face_direction/td3/ofe12/s00-")
+    assert few.ofe == OFESettings(units=12)
+    assert other.ofe == OFESettings(units=12, layers=3, pretraining=0.0)
+    assert len({run.id for run in (full, few, other)}) == 3
+    for run in (full, few, other):
+        assert RunSettings(**json.loads(json.dumps(run.model_dump(mode="json")))) == run
+    texts = [run.model_dump(mode="json") for run in (full, few, other)]
+    # A representation is compared with another one of the same algorithm, whatever it is made of.
+    assert len({comparable(text, "representation") for text in texts}) == 1
+    assert len({comparable(text) for text in texts}) == 3
+    labels = variant_labels({str(i): json.dumps(text) for i, text in enumerate(texts[1:])})
+    assert labels == {"1": "layers=3, pretraining=0", "0": "layers=6, pretraining=1"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"algo": "ppo"}, "ofe6 is for DDPG, TD3 and SAC: PPO keeps no transitions"),
+        ({"engine": "sb3"}, "ofe6 is for --engine batched"),
+        ({"encoder": "face_direction/dae12/s00-0"}, "ofe6 learns from observations: it can't have"),
+        ({"representation": "ofe7"}, "6 features are called ofe6"),
+        ({"representation": "full"}, "features that are learned with the agent are called ofeN"),
+        ({"ofe": None}, "features that are learned with the agent are called ofeN"),
+    ],
+)
+def test_what_does_not_go_with_features_is_refused(changes, says):
+    with pytest.raises(ValueError, match=says):
+        settings(**changes)
+
+
+def write_matrix(path, algo="td3", representation="ofe12", option="layers = 3"):
+    file = path / "features.toml"
+    file.write_text(
+        f'tasks = ["face_direction"]\nalgos = ["{algo}"]\nseeds = "0"\n'
+        f'representations = ["full", "{representation}"]\n[ofe]\n{option}\n'
+    )
+    return str(file)
+
+
+def test_a_matrix_has_features_as_representations(tmp_path):
+    path = write_matrix(tmp_path)
+    full, few = matrix_cells(read_matrix(path), Results(tmp_path))
+    assert few.encoder is None
+    assert few.runs[0].ofe == OFESettings(units=12, layers=3)
+    assert full.runs[0].ofe is None
+    names = [one.name for one in deciding.comparisons([full, few])]
+    assert names == ["face_direction td3 ofe12 against full"]
+    for change, says in (
+        ({"option": "layer = 3"}, r"Unknown setting of ofe 'layer'; did you mean layers\?"),
+        ({"option": "layers = 0"}, "layers of ofe12 can't be 0"),
+        ({"representation": "ofe"}, "ofe needs a number of features: type ofe12 or ofe240"),
+        ({"algo": "ppo"}, "ofe12 is for DDPG, TD3 and SAC"),
+    ):
+        path = write_matrix(tmp_path, **change)
+        with pytest.raises(RequestError, match=says):
+            matrix_cells(read_matrix(path), Results(tmp_path))
+
+
+@pytest.mark.usefixtures("short_episodes")
+def test_a_run_keeps_its_prediction_loss_and_a_policy_with_its_features(tmp_path):
+    results, run = Results(tmp_path), settings()
+    assert run_batch([run], results, None) == {}
+    record = results.find("run", run.id)
+    losses = record.read("episodes", schema.EPISODES)["prediction_loss"].to_pylist()
+    assert len(losses) == 2
+    assert 0 < losses[1] < 10
+    agent = load_agent(results, run.id)
+    observations = np.random.default_rng(0).normal(size=(5, 16)).astype(np.float32)
+    actions = find_policy(results, run.id, "face_direction").act(observations)
+    np.testing.assert_array_equal(actions, agent.act(observations))
+    assert json.loads(record.read_file(DESCRIPTION))["features"] == {"layers": 2, "appended": False}
+    # The agent sees its features and nothing else.
+    blind = Policy(agent.policy.weights, agent.policy.biases, "tanh")
+    features = agent.policy.features(observations)
+    assert features.shape == (5, 6)
+    np.testing.assert_array_equal(blind.act(features), actions)

@@ -1,0 +1,104 @@
+"""The worker processes of `jbench train`: their requests, and how they are stopped."""
+
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+from jbench import cli
+from jbench.cli import main
+from jbench.commands import sweep
+from jbench.store import Results
+from jbench.sweeps.executors import Local
+from jbench.training.status import plan
+from tests.training.small_runs import small_run
+
+TD3 = {"batch_size": 8, "learning_starts": 500, "train_freq": 100, "gradient_steps": 2}
+SHORT = {"engine": "batched", "steps": 1000, "evaluate_every": 1000, "evaluate_episodes": 0}
+
+# Ctrl-C comes when the worker is started, but not yet known to its parent. The worker must not
+# take it for itself, not even before its first line.
+INTERRUPTED = """
+import os, signal, subprocess, sys, time
+from jbench.cli import main
+from jbench.sweeps import executors
+
+start = subprocess.Popen
+
+def popen(arguments, **more):
+    process = start(arguments, **more)
+    if "jbench.training.worker" in arguments:
+        with open(f"/proc/{process.pid}/status") as status:
+            (mask,) = (line.split()[1] for line in status if line.startswith("SigBlk:"))
+        assert int(mask, 16) & 1 << signal.SIGINT - 1
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(1)
+    return process
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+subprocess.Popen = popen
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_any_number_of_seeds_fit_into_the_request_of_a_process(tmp_path):
+    # Linux takes 128 KiB in one argument. The runs are finished, so that nothing is trained.
+    results = Results(tmp_path)
+    runs = [small_run("td3", TD3, seed=seed, **SHORT) for seed in range(250)]
+    assert sum(len(run.model_dump_json()) for run in runs) > 2**17
+    for run in runs:
+        results.create("run", run.id, run.model_dump(mode="json")).finish({})
+    messages = list(Local(results, 1, "cpu").do(runs))
+    assert messages == [{"run": run.id, "finished": True} for run in runs]
+
+
+@pytest.mark.parametrize("verb", [("train", "--algo", "td3"), ("sweep", "fig9", "--jobs", "1")])
+def test_ctrl_c_while_a_process_is_being_started_ends_it_too(verb, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED, *verb, "--seeds", "0", "--results", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        # Otherwise it waits for the whole training of five million control steps.
+        _, said = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 1
+    assert said.splitlines()[-1].startswith("Stopped. What was committed is kept")
+    assert "Traceback" not in said
+
+
+def test_failed_runs_are_retried_only_when_asked(tmp_path, capsys, monkeypatch):
+    results, asked = Results(tmp_path), []
+    monkeypatch.setattr(
+        "jbench.commands.display.train_with_progress", lambda runs, *_: asked.append(runs) or {}
+    )
+    arguments = ["train", "--seeds", "0-3", "--results", str(tmp_path)]
+    assert main(arguments) == 0
+    (runs,) = asked
+    finished, interrupted, failed, new = runs
+    for run in (finished, interrupted, failed):
+        results.create("run", run.id, run.model_dump(mode="json"))
+    results.find("run", finished.id).finish({})
+    results.find("run", failed.id).fail("out of luck")
+    assert plan(runs, results).to_do(retry_failed=False) == [interrupted, new]
+    capsys.readouterr()
+    assert main(arguments) == 1
+    said = capsys.readouterr()
+    assert asked[1:] == [[interrupted, new]]
+    assert f"The run {failed.id} failed before: out of luck\n" in said.out
+    assert said.err == "Error: 1 of 4 runs failed; --retry-failed retries them.\n"
+    # It still is failed, as nothing was trained here.
+    assert main([*arguments, "--retry-failed"]) == 1
+    assert asked[2:] == [[interrupted, failed, new]]
+
+
+def test_train_and_sweep_write_checkpoints_equally_often():
+    defaults = [
+        inspect.signature(verb).parameters["checkpoint_every"].default
+        for verb in (cli.train, sweep.sweep)
+    ]
+    assert defaults == [60.0, 60.0]

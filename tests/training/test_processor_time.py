@@ -1,0 +1,75 @@
+"""Processor time of runs: shared among the seeds of a process, continued when a run is resumed."""
+
+import itertools
+import shutil
+from pathlib import Path
+
+import pytest
+
+from jbench.store import Results, query, schema
+from jbench.store.verify import verify
+from jbench.training import log
+from jbench.training.checkpoints import load
+from tests.training.test_checkpoints import do, only, stop_at
+from tests.training.test_resume import settings
+
+pytestmark = pytest.mark.usefixtures("short_episodes")
+
+VERSION_2 = Path(__file__).parent / "version2"
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch):
+    """A process whose processor time grows by 6 s between two looks at it."""
+    readings = itertools.count(step=6.0)
+    monkeypatch.setattr(log.time, "process_time", lambda: next(readings))
+
+
+def times(record):
+    """Processor times of a run's episodes and of its evaluations."""
+    tables = (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS))
+    return [record.read(table, columns)["processor_time"].to_pylist() for table, columns in tables]
+
+
+@pytest.mark.parametrize("seeds", [1, 3])
+def test_seeds_share_the_time_of_their_process_evenly(seeds, tmp_path):
+    runs = [settings("ppo", seed, steps=200, evaluate_every=100) for seed in range(seeds)]
+    do(tmp_path, runs, checkpoint_every=1000)
+    share = 6 / seeds
+    for run in runs:
+        record = only(tmp_path, run)
+        # Two environments end an episode each at 100 and 200 steps; evaluations follow, and the
+        # last one at 240, the end of a rollout.
+        assert times(record) == [
+            [share, share, 3 * share, 3 * share],
+            [2 * share, 4 * share, 5 * share],
+        ]
+        assert record.manifest.summary["processor_time"] == 6 * share
+    answer = query.ask(Results(tmp_path), "SELECT DISTINCT processor_time FROM runs")
+    assert answer.rows["processor_time"].tolist() == [6 * share]
+
+
+def test_a_resumed_run_counts_on_from_its_checkpoint(tmp_path):
+    run = settings("td3", 1, steps=200, evaluate_episodes=0)
+    stop_at(tmp_path, [run], 100)
+    checkpoint, _ = load(only(tmp_path, run))
+    before = checkpoint.position.processor_time
+    assert (checkpoint.position.control_steps, before) == (100, 24.0)
+    do(tmp_path, [run])
+    assert times(only(tmp_path, run))[0] == [6.0, 18.0, before + 6, before + 24]
+
+
+def test_an_unfinished_run_of_version_2_is_resumed_without_times(tmp_path):
+    shutil.copytree(VERSION_2, tmp_path / "old")
+    run = settings("td3", 1, steps=200, evaluate_every=50)
+    kept = only(tmp_path / "old", run).read("episodes", schema.EPISODES)
+    ((seed, steps, _),) = do(tmp_path / "old", [run])
+    assert (seed, steps) == (1, 100)
+    record = only(tmp_path / "old", run)
+    assert (record.status, record.manifest.schema_version) == ("finished", 2)
+    rows = record.read("episodes", schema.EPISODES)
+    assert rows["control_steps"].to_pylist() == [50, 100, 150, 200]
+    assert rows.slice(0, 2).equals(kept)
+    # The fifth evaluation is that at 210, the end of a rollout.
+    assert times(record) == [[None] * 4, [None] * 5]
+    assert verify(Results(tmp_path / "old"), 1).faults == []

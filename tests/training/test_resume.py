@@ -1,0 +1,85 @@
+"""Runs of the batched engine that are killed end as if they had never been."""
+
+import itertools
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jbench.agents.ofe import OFESettings
+from jbench.policies.saved import WEIGHTS
+from jbench.store import Results
+from tests.training.kills import KILLS
+from tests.training.small_runs import rows, small_run
+
+SMALL = {
+    "ddpg": {"train_freq": 10, "gradient_steps": 2, "buffer_size": 125},
+    "td3": {"learning_starts": 50, "train_freq": 30, "gradient_steps": 2},
+    "sac": {"learning_starts": 50, "train_freq": 10, "gradient_steps": 2},
+    "ppo": {"n_envs": 2, "n_steps": 24},
+}
+
+
+def settings(algo, seed, **changes):
+    lengths = {"steps": 400, "evaluate_every": 150, "evaluate_episodes": 1}
+    about = {"engine": "batched", "seed": seed, **lengths, **changes}
+    return small_run(algo, {"batch_size": 16, **SMALL[algo]}, **about)
+
+
+def outcome(path, run):
+    """Returns all rows of a finished run but their times, and its weights."""
+    record = Results(path).find("run", run.id)
+    assert record.status == "finished"
+    assert record.roles() == []
+    return rows(record), record.read_file(WEIGHTS)
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def kill(path, runs, **request):
+    """Does runs in processes that are killed; returns what `kills.py` says of it."""
+    asked = {"path": str(path), "runs": [run.model_dump(mode="json") for run in runs], **request}
+    command = [sys.executable, "-m", "tests.training.kills", json.dumps(asked)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert answer["problems"] == []
+    for folder, steps in enumerate(answer["steps"]):
+        # What was committed is never lost.
+        assert all(
+            before <= after
+            for pair in itertools.pairwise(steps)
+            for before, after in zip(*pair, strict=True)
+        )
+        for run in runs:
+            assert outcome(path / str(folder), run) == outcome(path / "whole", run)
+    return answer
+
+
+FEATURES = {"ofe": OFESettings(units=6, layers=2), "representation": "ofe6"}
+
+
+@pytest.mark.parametrize(
+    ("algo", "encoder", "changes"),
+    [*((algo, encoder, {}) for algo in SMALL for encoder in (None, 3)), ("td3", None, FEATURES)],
+)
+def test_killed_at_random_moments_a_batch_ends_as_if_it_had_not_been(
+    algo, encoder, changes, tmp_path
+):
+    runs = [settings(algo, seed, **changes) for seed in (0, 3)]
+    answer = kill(tmp_path, runs, encoder=encoder, at="random")
+    assert answer["kills"] == KILLS
+    reached = {steps for folder in answer["steps"] for both in folder for steps in both}
+    # Some of them in the middle, or nothing would have been tried.
+    assert reached & set(range(50, 400, 50))
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "ppo"])
+def test_killed_at_each_point_of_writing_a_run_ends_as_if_it_had_not_been(algo, tmp_path):
+    run = settings(algo, 1, steps=200, evaluate_every=50)
+    answer = kill(tmp_path, [run], at="writes")
+    # Of one checkpoint alone there are some dozens.
+    assert answer["kills"] > 40

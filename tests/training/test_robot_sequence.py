@@ -1,0 +1,337 @@
+"""A run on an augmented robot, and one that goes through several of them."""
+
+import hashlib
+import json
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import torch
+from pydantic import ValidationError
+
+from jbench import cli
+from jbench.agents import sb3
+from jbench.policies.saved import load_agent
+from jbench.report.data.building import build_cells, usable_runs
+from jbench.report.data.cells import LearnedCurve, of_kind
+from jbench.report.data.curves import learning_curve
+from jbench.report.data.published import read_published, read_sequences
+from jbench.report.data.returns import TRAINING
+from jbench.report.data.summaries import summary_table
+from jbench.store import Results, query, schema
+from jbench.tasks import model
+from jbench.training import sb3_run as running
+from jbench.training.sb3_run import make_env, make_training_env, run
+from jbench.training.settings import RunSettings
+from tests.training.small_runs import small_run
+
+# Rollouts of 700 steps do not end where a robot's share does; after each there is an update.
+TD3 = {
+    "batch_size": 8,
+    "learning_starts": 500,
+    "train_freq": 700,
+    "gradient_steps": 5,
+}
+
+
+def settings(algo="td3", overrides=TD3, **changes):
+    lengths = {"steps": 4000, "evaluate_every": 2000, "evaluate_episodes": 1}
+    about = {"task": "move_in_direction", "engine": "sb3", **lengths, **changes}
+    return small_run(algo, overrides, **about)
+
+
+def shape(env_or_model):
+    """Where the feet and the motor's mass of a robot are, and what its bodies weigh."""
+    robot = getattr(env_or_model, "unwrapped", None)
+    robot = env_or_model if robot is None else robot.model
+    return np.concatenate([robot.geom_pos.ravel(), robot.body_mass])
+
+
+def flat(weights):
+    return np.concatenate([weight.ravel() for weight in weights])
+
+
+class Watched:
+    """A run, with the robots' shapes, the agent's policy and its replay buffer on the way."""
+
+    def __init__(self, path, wanted):
+        self.shapes, self.weights, self.stored, self.evaluated = {}, {}, {}, {}
+        on_step, evaluate = running._Recorder._on_step, running.Evaluator.__call__
+
+        def watched_step(recorder):
+            step = recorder.num_timesteps
+            if step % 1000:  # else the episode has ended, and the next has begun already
+                self.shapes[step] = [shape(env) for env in recorder.training_env.envs]
+            if step % 100 in (0, 1):
+                self.weights[step] = flat(sb3.policy(recorder.model).weights)
+                if hasattr(recorder.model, "replay_buffer"):
+                    self.stored[step] = recorder.model.replay_buffer.size()
+            return on_step(recorder)
+
+        def watched_evaluation(evaluator, act, control_steps):
+            outcome = evaluate(evaluator, act, control_steps)
+            self.evaluated[control_steps] = shape(evaluator._env)
+            return outcome
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(running._Recorder, "_on_step", watched_step)
+            patch.setattr(running.Evaluator, "__call__", watched_evaluation)
+            self.results = Results(path)
+            self.record = run(wanted, self.results)
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    return watched(tmp_path_factory, robots=2, augment=5)
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    return watched(tmp_path_factory, augment=5, steps=2000)
+
+
+def watched(tmp_path_factory, **changes):
+    # Outside of the tests, which the fixture above does this for.
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        return Watched(tmp_path_factory.mktemp("watched"), settings(**changes))
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_plain_settings_keep_the_id_they_had_before_there_were_other_robots():
+    kept = {
+        "task": "move_in_direction",
+        "algo": "td3",
+        "representation": "full",
+        "encoder": None,
+        "seed": 0,
+        "steps": 4000,
+        "engine": "sb3",
+        "time_limit": "bootstrap",
+        "evaluate_every": 2000,
+        "evaluate_episodes": 1,
+        "hyperparameters": settings().hyperparameters,
+    }
+    text = json.dumps(kept, sort_keys=True, separators=(",", ":"))
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    assert settings().id == f"move_in_direction/td3/full/s00-{digest[:8]}"
+    assert settings(augment=None, robots=1).model_dump(mode="json") == kept
+
+
+def test_robots_are_told_apart_by_the_id():
+    different = [
+        settings(),
+        settings(augment=0),
+        settings(augment=1),
+        settings(robots=2),
+        settings(robots=4),
+        settings(robots=2, augment=1),
+    ]
+    assert len({each.id for each in different}) == 6
+    # The first of several is that of seed 0 whether that is said or not.
+    assert settings(robots=2).id == settings(robots=2, augment=0).id
+    for each in different:
+        assert RunSettings.model_validate_json(each.model_dump_json()) == each
+
+
+@pytest.mark.parametrize(
+    ("steps", "robot"), [(0, 0), (1, 0), (2000, 0), (2001, 1), (4000, 1), (4096, 1)]
+)
+def test_the_robot_of_a_step(steps, robot):
+    assert settings(robots=2).robot_at(steps) == robot
+
+
+def test_one_augmented_robot_is_learned_and_evaluated_on_throughout(alone):
+    expected = shape(model.load(5))
+    assert not np.array_equal(expected, shape(model.load()))
+    assert all(np.array_equal(each, expected) for (each,) in alone.shapes.values())
+    assert list(alone.evaluated) == [2000, 2100]
+    assert all(np.array_equal(each, expected) for each in alone.evaluated.values())
+    assert alone.record.settings["augment"] == 5
+    assert "robots" not in alone.record.settings
+
+
+def test_episodes_and_evaluations_count_through_both_robots(two):
+    rows = two.record.read("episodes", schema.EPISODES).to_pylist()
+    assert [(r["episode"], r["control_steps"], r["length"]) for r in rows] == [
+        (0, 1000, 1000),
+        (1, 2000, 1000),
+        (2, 3000, 1000),
+        (3, 4000, 1000),
+    ]
+    rows = two.record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    # The last rollout of 700 steps ends at 4200, and with it the run.
+    assert [row["control_steps"] for row in rows] == [2000, 4000, 4200]
+    assert two.record.settings["robots"] == 2
+
+
+def test_the_robot_is_exchanged_when_it_has_had_its_share(two):
+    first, second = shape(model.load(5)), shape(model.load(6))
+    assert not np.array_equal(first, second)
+    assert len(two.shapes) == 4200 - 4
+    for step, (seen,) in two.shapes.items():
+        assert np.array_equal(seen, first if step <= 2000 else second), step
+
+
+def test_evaluations_are_with_the_robot_of_the_moment(two):
+    robots = [shape(model.load(seed)) for seed in (5, 6)]
+    chosen = {
+        steps: [np.array_equal(seen, robot) for robot in robots].index(True)
+        for steps, seen in two.evaluated.items()
+    }
+    assert chosen == {2000: 0, 4000: 1, 4200: 1}
+
+
+def test_the_second_robot_begins_with_what_was_learned_on_the_first(two, alone):
+    # Updates came after steps 700 and 1400; the next comes after 2100.
+    assert not np.array_equal(alone.weights[1], alone.weights[2000])
+    for step in (1, 1000, 2000):
+        assert np.array_equal(two.weights[step], alone.weights[step]), step
+    assert np.array_equal(two.weights[2001], alone.weights[2000])
+    ours, theirs = (
+        each.record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
+        for each in (two, alone)
+    )
+    assert ours[:2] == theirs
+
+
+def test_learning_goes_on_with_all_that_was_seen(two):
+    # A transition is stored right after the recorder has looked.
+    assert [two.stored[step] for step in (2000, 2001, 4200)] == [1999, 2000, 4199]
+    kept = flat(load_agent(two.results, two.record.id).policy.weights)
+    assert not np.array_equal(two.weights[2001], kept)
+
+
+def test_the_next_robot_draws_on_and_does_not_repeat_the_first_ones_episodes():
+    sequence, plain = make_training_env(settings(robots=4), None), make_env(settings(), None)
+    seen = {sequence: [], plain: []}
+    for env, beginnings in seen.items():
+        env.reset(seed=4)
+        for _ in range(3):
+            beginnings.append((*env.unwrapped.data.qpos[3:7], env.unwrapped._target.yaw))
+            if env is sequence:
+                for _ in range(1000):
+                    *_, info = env.step(np.zeros(1, np.float32))
+                assert info["episode"]["l"] == 1000
+            env.reset()
+    # Pose and target are drawn alike for every robot.
+    assert seen[sequence] == seen[plain]
+    assert len(set(seen[plain])) == 3
+    assert np.array_equal(shape(sequence), shape(model.load(3)))
+
+
+def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
+    ppo = {"hidden_layers": [8], "n_envs": 2, "n_steps": 300, "batch_size": 600, "n_epochs": 1}
+    wanted = settings("ppo", ppo, robots=2, evaluate_episodes=0)
+    watched = Watched(tmp_path, wanted)
+    rows = watched.record.read("episodes", schema.EPISODES).to_pylist()
+    assert [row["control_steps"] for row in rows] == [2000, 2000, 4000, 4000]
+    robots = [shape(model.load(seed)) for seed in (0, 1)]
+    assert max(watched.shapes) == 4200
+    for step, seen in watched.shapes.items():
+        expected = robots[0 if step <= 2000 else 1]
+        assert all(np.array_equal(each, expected) for each in seen), step
+
+
+@pytest.mark.parametrize(
+    ("robots", "steps", "told"),
+    [(3, 4000, 6000), (2, 1000, 2000), (2, 3000, 4000), (4, 4500, 8000)],
+)
+def test_robots_that_do_not_share_the_episodes_are_refused(robots, steps, told):
+    with pytest.raises(ValidationError, match=f"type --steps {told},"):
+        settings(robots=robots, steps=steps)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ["--robots", "3", "--steps", "10000"],
+            "--robots 3 of --steps 10000: each robot gets equally many episodes of 1000 control "
+            "steps: type --steps 12000, or another multiple of 3000.",
+        ),
+        (
+            ["--robots", "20", "--steps", "10000"],
+            "--robots 20 of --steps 10000: each robot gets equally many episodes of 1000 control "
+            "steps: type --steps 20000, or another multiple of 20000.",
+        ),
+        (
+            ["--robots", "2", "--steps", "10000", "--algo", "ppo"],
+            "--robots 2 of --steps 10000: each robot gets equally many episodes of 1000 control "
+            "steps in each of 8 environments: type --steps 16000, or another multiple of 16000.",
+        ),
+        (["--robots", "0"], "--robots can't be 0: "),
+        (["--robots", "-1"], "--robots can't be -1: "),
+        (["--augment", "-1"], "--augment -1: type a whole number from 0 up"),
+        (["--augment", "-1", "--robots", "2"], "--augment -1: type a whole number"),
+    ],
+)
+def test_what_cannot_be_trained_is_refused_in_a_sentence(arguments, said, tmp_path, capsys):
+    results = tmp_path / "results"
+    assert cli.main(["train", *arguments, "--results", str(results)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(f"Error: {said}")
+    assert printed.err.endswith(".\n")
+    assert printed.err.count("\n") == 1
+    assert not results.exists()
+
+
+def test_the_command_line_asks_for_the_robots_that_were_typed(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "jbench.commands.display.train_with_progress", lambda runs, *_: asked.extend(runs) or {}
+    )
+    command = ["train", "--algo", "sac", "--task", "move_in_direction", "--results", str(tmp_path)]
+    assert cli.main([*command, "--robots", "10", "--steps", "10e6", "--seeds", "0"]) == 0
+    assert cli.main([*command, "--augment", "7", "--seeds", "0-1"]) == 0
+    assert cli.main([*command, "--seeds", "0"]) == 0
+    assert [(run.augment, run.robots, run.seed) for run in asked] == [
+        (0, 10, 0),
+        (7, 1, 0),
+        (7, 1, 1),
+        (None, 1, 0),
+    ]
+
+
+def reported(path, **changes):
+    """The row of a report's table for runs with such settings, of returns of 500 throughout."""
+    results = Results(path)
+    wanted = settings("sac", {}, steps=10_000_000, **changes)
+    steps = range(1000, 10_000_001, 1000)
+    rows = [
+        {"run": wanted.id, "episode": i, "control_steps": n, "episode_return": 500.0}
+        for i, n in enumerate(steps)
+    ]
+    record = results.create("run", wanted.id, wanted.model_dump(mode="json"))
+    record.append({"episodes": pa.Table.from_pylist(rows, schema.EPISODES)})
+    record.finish({"wall_time": 1.0})
+    tables = query.load(results).tables
+    cells, _ = build_cells(
+        usable_runs(tables["runs"])[0], tables["episodes"], tables["evaluations"]
+    )
+    learned = [
+        LearnedCurve(c, learning_curve(c.returns, c.control_steps, c.lengths))
+        for c in of_kind(cells, TRAINING)
+    ]
+    published = [*read_published(query.published()), *read_sequences(query.published())]
+    (row,) = summary_table(learned, published, 100).to_dict("records")
+    return row
+
+
+def test_the_authors_sequence_is_reported_beside_ours_and_beside_no_other(tmp_path):
+    row = reported(tmp_path / "ten", robots=10)
+    # Published are 807.00 at 9,931,000 and 808.17 at 9,971,000; ours is centred between.
+    assert row["training_return_steps"] == 9_950_500
+    assert row["published_median"] == pytest.approx(807.57, abs=0.01)
+    assert row["published_figure"] == "augmented-sac"
+    assert "learned on 10 augmented robots in turn" in row["notes"]
+    # Figure 9 ends at 5e6 steps: beside the plain robot there is nothing.
+    row = reported(tmp_path / "plain")
+    assert np.isnan(row["published_median"])
+    assert "augmented" not in row["notes"]
+    row = reported(tmp_path / "one", augment=0)
+    assert np.isnan(row["published_median"])
+    assert "the published curves are of the plain one" in row["notes"]

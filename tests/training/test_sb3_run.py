@@ -1,0 +1,199 @@
+"""A run keeps what happened, and the same settings give the same rows."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jbench.errors import RequestError, WorkError
+from jbench.policies.saved import load_agent
+from jbench.store import Results, schema
+from jbench.store.merge import TIMES
+from jbench.training.sb3_run import make_env, run
+from jbench.training.settings import RunSettings
+from jbench.training.speed import seconds_per_step
+from jbench.training.status import plan
+from tests.training.small_runs import small_run
+
+TD3 = {"learning_starts": 1500, "train_freq": 500, "gradient_steps": 5}
+
+
+def settings(algo="td3", overrides=None, **changes):
+    lengths = {"steps": 3000, "evaluate_every": 2000, "evaluate_episodes": 2}
+    chosen = {"batch_size": 8, **(TD3 if algo == "td3" else {}), **(overrides or {})}
+    return small_run(algo, chosen, **{"engine": "sb3", **lengths, **changes})
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    results = Results(tmp_path_factory.mktemp("results"))
+    told = []
+    record = run(settings(), results, lambda *told_now: told.append(told_now))
+    return results, record, told
+
+
+def test_every_training_episode_is_a_row(finished):
+    _, record, _ = finished
+    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    assert [row["episode"] for row in rows] == [0, 1, 2]
+    assert [row["control_steps"] for row in rows] == [1000, 2000, 3000]
+    assert {row["length"] for row in rows} == {1000}
+    assert {row["run"] for row in rows} == {record.id}
+    assert all(0 <= row["episode_return"] <= 1000 for row in rows)
+    assert np.all(np.diff([row["wall_time"] for row in rows]) > 0)
+    assert np.all(np.diff([row["processor_time"] for row in rows]) > 0)
+    assert record.manifest.summary["processor_time"] > rows[-1]["processor_time"]
+
+
+def test_losses_are_null_before_learning_starts_and_numbers_after(finished):
+    _, record, _ = finished
+    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    # Learning starts after 1500 steps: at the end of the second episode, 2000.
+    assert [row["critic_loss"] is None for row in rows] == [True, True, False]
+    assert {row["value_loss"] for row in rows} == {None}  # PPO's alone
+
+
+def test_evaluations_come_when_asked_for_and_at_the_end(finished):
+    _, record, _ = finished
+    rows = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    assert [(r["evaluation"], r["episode"], r["control_steps"]) for r in rows] == [
+        (0, 0, 2000),
+        (0, 1, 2000),
+        (1, 0, 3000),
+        (1, 1, 3000),
+    ]
+    assert {row["length"] for row in rows} == {1000}
+
+
+def test_progress_is_told_episode_by_episode(finished):
+    _, record, told = finished
+    returns = record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
+    assert told == list(zip([1000, 2000, 3000], returns, strict=True))
+
+
+def test_a_finished_run_is_not_repeated(finished):
+    results, record, _ = finished
+    before = (record.path / "manifest.json").read_bytes()
+    run(settings(), results, lambda *_: pytest.fail("it trained again"))
+    assert (record.path / "manifest.json").read_bytes() == before
+    planned = plan([settings(), settings(seed=1)], results)
+    assert (planned.ids("finished"), planned.ids("missing")) == (
+        [settings().id],
+        [settings(seed=1).id],
+    )
+    assert planned.to_do(retry_failed=True) == [settings(seed=1)]
+
+
+def test_the_same_settings_give_the_same_rows_elsewhere(finished, tmp_path):
+    _, record, _ = finished
+    # Measuring the speed before, as the command line does, changes nothing of the run.
+    assert seconds_per_step([settings()], None) > 0
+    again = run(settings(), Results(tmp_path))
+    for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS)):
+        first, second = (r.read(table, columns).drop(TIMES) for r in (record, again))
+        assert first.equals(second)
+    assert record.read_file("policy.safetensors") == again.read_file("policy.safetensors")
+
+
+def test_another_seed_gives_other_episodes(finished, tmp_path):
+    _, record, _ = finished
+    other = run(settings(seed=1, evaluate_episodes=0), Results(tmp_path))
+    first, second = (
+        r.read("episodes", schema.EPISODES)["episode_return"].to_pylist() for r in (record, other)
+    )
+    assert not set(first) & set(second)
+
+
+def test_the_kept_agent_repeats_an_evaluation(finished):
+    results, record, _ = finished
+    agent = load_agent(results, record.id)
+    assert agent.task == "face_direction"
+    # The evaluation's environment goes on from episode to episode, from the seed of the run.
+    evaluation_seed = int(np.random.SeedSequence(0).generate_state(2)[1])
+    env = make_env(settings(), None)
+    env.reset(seed=evaluation_seed)
+    returns = []
+    for _ in range(4):
+        observation, _ = env.reset()
+        total, ended = 0.0, False
+        while not ended:
+            observation, reward, _, ended, _ = env.step(agent.act(observation))
+            total += reward
+        returns.append(total)
+    rows = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    # The last two were of the final policy; the first two of an earlier one.
+    assert returns[2:] == pytest.approx([row["episode_return"] for row in rows[2:]])
+
+
+def test_an_agent_of_no_run_is_refused(finished):
+    results, _, _ = finished
+    with pytest.raises(RequestError, match="No run face_direction/td3/full/s09-00000000"):
+        load_agent(results, "face_direction/td3/full/s09-00000000")
+
+
+def test_ppo_counts_the_steps_of_all_its_environments(tmp_path):
+    ppo = settings(
+        "ppo",
+        steps=4000,
+        evaluate_every=10_000,
+        overrides={"n_envs": 4, "n_steps": 250, "batch_size": 500, "n_epochs": 1},
+    )
+    rows = run(ppo, Results(tmp_path)).read("episodes", schema.EPISODES).to_pylist()
+    # Four environments end their first episodes together, at step 1000 of each.
+    assert [row["control_steps"] for row in rows] == 4 * [4000]
+    assert len({row["episode_return"] for row in rows}) == 4
+    assert all(row["value_loss"] is not None for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("time_limit", "ends"), [("bootstrap", (False, True)), ("terminal", (True, False))]
+)
+def test_the_time_limit_is_told_to_the_agent_as_chosen(time_limit, ends):
+    env = make_env(settings(time_limit=time_limit), None)
+    env.reset(seed=0)
+    for _ in range(1000):
+        *_, terminated, truncated, info = env.step(np.zeros(1, np.float32))
+    assert (terminated, truncated) == ends
+    assert info["episode"]["l"] == 1000
+
+
+def test_a_failure_is_recorded_and_tried_again(tmp_path, monkeypatch):
+    results = Results(tmp_path)
+    wanted = settings(steps=1000, evaluate_episodes=0)
+
+    def burn(*_, **__):
+        raise FloatingPointError("on fire")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("jbench.training.sb3_run.sb3.build", burn)
+        with pytest.raises(FloatingPointError):
+            run(wanted, results)
+    failed = results.find("run", wanted.id)
+    assert failed.status == "failed"
+    assert failed.manifest.summary == {"error": "FloatingPointError: on fire"}
+    assert plan([wanted], results).to_do(retry_failed=False) == []
+    assert plan([wanted], results).to_do(retry_failed=True) == [wanted]
+    assert run(wanted, results).status == "finished"
+
+
+def test_a_run_under_way_is_left_to_its_process(tmp_path):
+    results = Results(tmp_path)
+    record = results.create("run", settings().id, settings().model_dump(mode="json"))
+    with record.lock(), pytest.raises(WorkError, match="Another process"):
+        run(settings(), results)
+
+
+def test_the_id_names_what_was_done_and_changes_with_every_setting():
+    base = settings()
+    assert base.id.startswith("face_direction/td3/full/s00-")
+    others = [
+        settings(seed=1),
+        settings(steps=4000),
+        settings(time_limit="terminal"),
+        settings(evaluate_every=1000),
+        settings(overrides={"tau": 0.01}),
+        settings("ddpg"),
+    ]
+    assert len({base.id, *(other.id for other in others)}) == 7
+    again = RunSettings.model_validate_json(json.dumps(base.model_dump(mode="json")))
+    assert again.id == base.id

@@ -23,6 +23,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output, printable
 from jbench.errors import RequestError, WorkError
+from jbench.seeds import parse_seeds
 
 app = typer.Typer(
     name="jbench",
@@ -151,19 +152,19 @@ def train(
     from jbench.training.status import failures_among, plan
 
     output, place = Output(json), parsing.results_to_write(results)
-    chosen = parsing.known("engine", engine, names.ENGINES)
-    products = parsing.known("precision", precision, names.PRECISIONS)
-    place_of_work = find_device(chosen, parsing.known("device", device, names.DEVICES), products)
+    chosen = names.known("engine", engine, names.ENGINES)
+    products = names.known("precision", precision, names.PRECISIONS)
+    place_of_work = find_device(chosen, names.known("device", device, names.DEVICES), products)
     runs = request_runs(
         place,
-        algo=parsing.known("algorithm", algo, names.ALGORITHMS),
-        task=parsing.known("task", task, names.TASKS),
+        algo=names.known("algorithm", algo, names.ALGORITHMS),
+        task=names.known("task", task, names.TASKS),
         encoder=encoder,
-        seeds=parsing.seeds(seeds),
+        seeds=parse_seeds(seeds),
         steps=parsing.count("--steps", steps),
-        base=parsing.known("value of --settings", settings, names.BASES),
+        base=names.known("value of --settings", settings, names.BASES),
         overrides=set_ or [],
-        time_limit=parsing.known("value of --time-limit", time_limit, names.TIME_LIMITS),
+        time_limit=names.known("value of --time-limit", time_limit, names.TIME_LIMITS),
         evaluate_every=parsing.count("--evaluate-every", evaluate_every),
         evaluate_episodes=evaluate_episodes,
         augment=parsing.augmented(augment),

@@ -1,6 +1,12 @@
 """The names that users type, without heavy imports, so that help and completion stay instant."""
 
-from typing import Literal, get_args
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import Literal, TypeVar, get_args
+
+from jbench.errors import RequestError
+
+_Name = TypeVar("_Name", bound=str)
 
 TASKS = (
     "move_from_origin",
@@ -98,3 +104,23 @@ CONTROL_TIMESTEP = 0.01
 
 PHYSICS_STEPS = 50
 """Physics steps of 0.2 ms in a control step, the action held (paper, section 4.1)."""
+
+
+def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
+    """Returns the value if it is one of the names.
+
+    Raises:
+        RequestError: if it is none; it says which there are.
+    """
+    for name in names:
+        if name == value:
+            return name
+    close = difflib.get_close_matches(value, names, 1)
+    hint = f"did you mean {close[0]}? Choose" if close else "choose"
+    raise RequestError(f"Unknown {what} {value!r}; {hint} {one_of(names)}.")
+
+
+def one_of(names: Iterable[str]) -> str:
+    """Returns names as a sentence offers them: `a, b or c`."""
+    *others, last = names
+    return f"{', '.join(others)} or {last}" if others else last

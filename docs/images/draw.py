@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from jbench.rendering.backend import choose_backend
+from jbench.opengl import choose_backend
 
 HERE = Path(__file__).parent
 

@@ -7,9 +7,8 @@ from typing import Any
 from pydantic import BaseModel, Field, PositiveInt
 
 from jbench import validation
-from jbench.commands.parsing import known
 from jbench.errors import RequestError
-from jbench.names import OFE
+from jbench.names import OFE, known
 
 _PREFIX = f"{OFE}."
 

@@ -119,8 +119,8 @@ def export(
     json: JsonOption = False,
 ) -> None:
     """Write a dataset, as one task sees it, in a format that other tools read."""
-    parsing.known("task", task, names.TASKS)
-    parsing.known("value of --format", format, FORMATS)
+    names.known("task", task, names.TASKS)
+    names.known("value of --format", format, FORMATS)
     from jbench.datasets import find_dataset
     from jbench.datasets.export import export_minari
 

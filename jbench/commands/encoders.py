@@ -10,6 +10,7 @@ from jbench.commands import parsing
 from jbench.commands.options import RESULTS, JsonOption, ResultsOption, complete
 from jbench.commands.output import Output
 from jbench.errors import RequestError
+from jbench.seeds import parse_numbers
 
 TasksOption = Annotated[
     str,
@@ -136,8 +137,8 @@ def _train(
     from jbench.encoders.training import CHECKPOINT, train_encoder
 
     place = parsing.results_to_write(results)
-    tasks = names.TASKS if task == "all" else (parsing.known("task", task, (*names.TASKS, "all")),)
-    chosen = find_device(parsing.known("value of --device", device, names.DEVICES))
+    tasks = names.TASKS if task == "all" else (names.known("task", task, (*names.TASKS, "all")),)
+    chosen = find_device(names.known("value of --device", device, names.DEVICES))
     given = {name: value for name, value in options.items() if value is not None}
     source = find_dataset(place, dataset)
     shared = {"dataset": source.id, "seed": parsing.seed(seed)}
@@ -177,7 +178,7 @@ def _sizes(kinds: list[str], task: str, latent: str | None) -> list[tuple[str, i
     """
     from jbench.encoders.registry import find_kind
 
-    numbers = parsing.numbers("--latent", latent or "12", "12, or 2,4,8, or 1-16")
+    numbers = parse_numbers("--latent", latent or "12", "12, or 2,4,8, or 1-16")
     only = {}
     for kind in kinds:
         sizes = find_kind(kind).latent_sizes(task)

@@ -2,39 +2,15 @@
 
 import difflib
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from jbench.errors import RequestError
 from jbench.names import ENCODER_KINDS, FULL, LARGEST_SEED, OFE, REFERENCE
 
 if TYPE_CHECKING:
     from jbench.store import Results
-
-_MOST_NUMBERS = 10_000  # in one range; more is a slip of the keyboard
-
-_Name = TypeVar("_Name", bound=str)
-
-
-def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
-    """Returns the value if it is one of the names.
-
-    Raises:
-        RequestError: if it is none; it says which there are.
-    """
-    for name in names:
-        if name == value:
-            return name
-    close = difflib.get_close_matches(value, names, 1)
-    hint = f"did you mean {close[0]}? Choose" if close else "choose"
-    raise RequestError(f"Unknown {what} {value!r}; {hint} {one_of(names)}.")
-
-
-def one_of(names: Iterable[str]) -> str:
-    """Returns names as a sentence offers them: `a, b or c`."""
-    *others, last = names
-    return f"{', '.join(others)} or {last}" if others else last
 
 
 def known_or_held(
@@ -152,36 +128,6 @@ def augmented(number: int | None) -> int | None:
     if number is not None and not 0 <= number <= LARGEST_SEED:
         raise RequestError(f"--augment {number}: type a whole number from 0 up to {LARGEST_SEED}.")
     return number
-
-
-def seeds(text: str) -> list[int]:
-    """Returns the seeds of a text like 0-9 or 0,2,5-7, each once, in order.
-
-    Raises:
-        RequestError: if it is no such text.
-    """
-    return numbers("--seeds", text, "seeds like 0-9, or 0,2,5-7")
-
-
-def numbers(option: str, text: str, example: str) -> list[int]:
-    """Returns the whole numbers of a text like 0-9 or 0,2,5-7, each once, in order.
-
-    Args:
-        option: that the text was typed for.
-        text: what was typed.
-        example: of what to type, for the error.
-
-    Raises:
-        RequestError: if it is no such text.
-    """
-    chosen: set[int] = set()
-    for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        whole = first.isdecimal() and (not dash or last.isdecimal())
-        if not whole or not 0 <= int(last or first) - int(first) < _MOST_NUMBERS:
-            raise RequestError(f"{option} {text}: type {example}.")
-        chosen.update(range(int(first), int(last or first) + 1))
-    return sorted(chosen)
 
 
 def all_cores(wanted: int) -> int:

@@ -56,7 +56,7 @@ def evaluate(
     settings = validated(
         EvaluationSettings,
         "the evaluation",
-        task=parsing.known("task", task, names.TASKS),
+        task=names.known("task", task, names.TASKS),
         policy=policy,
         episodes=episodes,
         seed=parsing.seed(seed),
@@ -97,10 +97,10 @@ def render(
     json: JsonOption = False,
 ) -> None:
     """Render an episode of any policy as a video, an animation or a picture."""
-    from jbench.rendering.backend import choose_backend
+    from jbench.opengl import choose_backend
 
-    parsing.known("task", task, names.TASKS)
-    parsing.known("camera", camera, names.CAMERAS)
+    names.known("task", task, names.TASKS)
+    names.known("camera", camera, names.CAMERAS)
     if not 1 <= steps <= names.EPISODE_STEPS:
         raise RequestError(f"--steps {steps}: type 1 to {names.EPISODE_STEPS}.")
     parsing.augmented(augment)
@@ -134,7 +134,7 @@ def view(
     from jbench.rendering.viewer import view as open_viewer
 
     place, policy = _place_and_policy(results, policy)
-    parsing.known("task", task, names.TASKS)
+    names.known("task", task, names.TASKS)
     parsing.augmented(augment)
     found = find_policy(place, policy, task, parsing.seed(seed))
     _say_other_robot(Output(), place, policy, augment)

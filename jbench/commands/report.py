@@ -109,12 +109,12 @@ def report(
     if watch and json:
         raise RequestError("--watch and --json exclude each other; type one of them.")
     request = Request(
-        order=parsing.known("value of --order", order, names.ORDERS),
+        order=names.known("value of --order", order, names.ORDERS),
         window=window,
         task=task and parsing.known_or_held("task", task, names.TASKS, read),
         algo=algo and parsing.known_or_held("algo", algo, names.ALGORITHMS, read),
         since=since,
-        returns=parsing.known("value of --returns", returns, names.RETURNS),
+        returns=names.known("value of --returns", returns, names.RETURNS),
         claims=claims,
         each_seed=each_seed,
         formats=tuple(dict.fromkeys(format_ or ("png", "svg"))),

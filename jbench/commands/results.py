@@ -21,6 +21,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output, Progress, duration, short
 from jbench.errors import RequestError, WorkError
+from jbench.seeds import parse_numbers
 
 STATUSES = ("unfinished", "finished", "failed")
 
@@ -53,9 +54,9 @@ def runs(
     place = parsing.existing_results(results)
     filters: dict[str, Collection[Any]] = {}
     if status is not None:
-        filters["status"] = [parsing.known("status", status, STATUSES)]
+        filters["status"] = [names.known("status", status, STATUSES)]
     if seed is not None:
-        filters["seed"] = parsing.numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
+        filters["seed"] = parse_numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
     for setting, value, known in (
         ("task", task, names.TASKS),
         ("algo", algo, names.ALGORITHMS),

@@ -17,6 +17,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
+from jbench.seeds import parse_seeds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -113,11 +114,11 @@ def sweep(
     if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
     changes: dict[str, Any] = {
-        **({} if seeds is None else {"seeds": parsing.seeds(seeds)}),
+        **({} if seeds is None else {"seeds": parse_seeds(seeds)}),
         **({} if steps is None else {"steps": parsing.count("--steps", steps)}),
     }
     wanted = read_matrix(matrix, **changes)
-    parsing.known("executor", executor, names.EXECUTORS)
+    names.known("executor", executor, names.EXECUTORS)
     chosen = _device(executor, address, gpus_per_task, wanted[0].engine, device)
     cores = parsing.all_cores(jobs)
     at_a_time = cores if jobs or chosen == "cpu" else 1
@@ -203,7 +204,7 @@ def _device(
     """Returns what the batched engine learns on, `cpu` or `cuda`."""
     from jbench.training.request import find_device
 
-    parsing.known("device", device, names.DEVICES)
+    names.known("device", device, names.DEVICES)
     if executor == "local":
         if address is not None or gpus_per_task:
             raise RequestError("--address and --gpus-per-task are for --executor ray.")

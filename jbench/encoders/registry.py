@@ -10,10 +10,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from jbench.commands.parsing import known
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.errors import RequestError, WorkError
-from jbench.names import ENCODER_KINDS, OFE
+from jbench.names import ENCODER_KINDS, OFE, known
 from jbench.validation import validated
 
 GROUP = "jbench.encoders"

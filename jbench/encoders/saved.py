@@ -10,11 +10,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.commands.parsing import known
 from jbench.encoders.kind import Kind
 from jbench.encoders.registry import find_kind, kind_names, make_kind
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
+from jbench.names import known
 from jbench.store import Record, Results
 from jbench.tasks.features import Array
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.commands.parsing import known
 from jbench.errors import RequestError
-from jbench.names import CAMERAS, CONTROL_TIMESTEP, EPISODE_STEPS, TASKS
+from jbench.names import CAMERAS, CONTROL_TIMESTEP, EPISODE_STEPS, TASKS, known
 from jbench.policies.find import ActingPolicy
 from jbench.tasks import features
 from jbench.tasks.gym import JitterbugEnv

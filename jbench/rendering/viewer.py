@@ -9,8 +9,8 @@ import numpy as np
 
 from jbench.errors import RequestError
 from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
+from jbench.opengl import has_display
 from jbench.policies.find import ActingPolicy
-from jbench.rendering.backend import has_display
 from jbench.rendering.episode import Scene
 from jbench.tasks.gym import JitterbugEnv
 

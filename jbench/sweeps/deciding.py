@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.commands import parsing
 from jbench.errors import RequestError, WorkError
-from jbench.names import kind_of
+from jbench.names import kind_of, known
 from jbench.report.analysis import sequential
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.reduction import BASELINES
@@ -137,7 +136,7 @@ def comparisons(cells: Sequence[Cell], claims: Collection[str] = ()) -> list[Com
         )
     names = list(dict.fromkeys(name for one in found for name in one.claims))
     for claim in claims:
-        parsing.known("claim", claim, names)
+        known("claim", claim, names)
     return [one for one in found if not claims or {*one.claims} & {*claims}]
 
 

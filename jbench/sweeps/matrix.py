@@ -14,7 +14,6 @@ from pydantic import BaseModel, BeforeValidator, Field, NonNegativeInt, Positive
 from jbench import validation
 from jbench.agents.ofe import check_options, requested_ofe
 from jbench.agents.settings import SETTINGS, algorithm_settings
-from jbench.commands import parsing
 from jbench.datasets import DatasetSettings
 from jbench.encoders import load_encoder
 from jbench.encoders.registry import find_kind, kind_names
@@ -34,7 +33,9 @@ from jbench.names import (
     Engine,
     Precision,
     TimeLimit,
+    known,
 )
+from jbench.seeds import parse_seeds
 from jbench.store import Results
 from jbench.sweeps.matrix_file import PART, parts_of, read_content
 from jbench.training.request import runs_of
@@ -159,7 +160,7 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
 
 def _known(where: str, what: str, value: str, names: Sequence[str]) -> None:
     try:
-        parsing.known(what, value, names)
+        known(what, value, names)
     except RequestError as error:
         raise RequestError(f"{where}: {error}") from None
 
@@ -188,11 +189,11 @@ def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
     """Returns what a file says, checked."""
     try:
         _check_keys(Matrix, content, "")
-        for key, known in _NAMES.items():
+        for key, values in _NAMES.items():
             if isinstance(content.get(key), str):
-                parsing.known(key, content[key], known)
+                known(key, content[key], values)
         seeds = content.get("seeds")
-        given = {"seeds": parsing.seeds(seeds)} if isinstance(seeds, str) else {}
+        given = {"seeds": parse_seeds(seeds)} if isinstance(seeds, str) else {}
         matrix = validation.validated(Matrix, "the matrix", **{**content, **given})
         _check_names(matrix)
     except RequestError as error:
@@ -211,7 +212,7 @@ _NAMES = {
 def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -> None:
     """Refuses keys that there are not, and misses those that there must be."""
     for key, value in content.items():
-        parsing.known(f"key{where}", key, tuple(kind.model_fields))
+        known(f"key{where}", key, tuple(kind.model_fields))
         inner = kind.model_fields[key].annotation
         if isinstance(inner, type) and issubclass(inner, BaseModel):
             if not isinstance(value, Mapping):
@@ -226,16 +227,16 @@ def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -
 def _check_names(matrix: Matrix) -> None:
     """Refuses names that there are not."""
     for task in matrix.tasks:
-        parsing.known("task", task, TASKS)
+        known("task", task, TASKS)
     for algo in (*matrix.algos, *matrix.hyperparameters):
-        parsing.known("algorithm", algo, ALGORITHMS)
+        known("algorithm", algo, ALGORITHMS)
     for algo, overrides in matrix.hyperparameters.items():
         for key in overrides:
-            parsing.known(f"setting of {algo}", key, tuple(SETTINGS[algo].model_fields))
+            known(f"setting of {algo}", key, tuple(SETTINGS[algo].model_fields))
     check_options(matrix.ofe)
     for kind, options in matrix.encoder.options.items():
         for key in options:
-            parsing.known(f"option of {kind}", key, tuple(find_kind(kind).model_fields))
+            known(f"option of {kind}", key, tuple(find_kind(kind).model_fields))
     for name in matrix.representations:
         task, slash, _ = name.partition("/")
         if slash and task not in matrix.tasks:
@@ -254,9 +255,7 @@ def _kind_and_latents(name: str, task: str) -> tuple[str, int]:
     found = _REPRESENTATION.fullmatch(name)
     if found is None:
         # Where it is no kind and number: the word `full`, or a kind without its number.
-        parsing.known(
-            "representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE)))
-        )
+        known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
     assert found is not None
     kind, latents = found.groups()
     find_kind(kind)

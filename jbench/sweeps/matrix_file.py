@@ -6,7 +6,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jbench.commands import parsing
+from jbench import names
 from jbench.errors import RequestError
 from jbench.names import SWEEPS
 
@@ -62,7 +62,7 @@ def _text(name: str) -> str:
     path = Path(name)
     if path.suffix != ".toml":
         try:
-            parsing.known("matrix", name, SWEEPS)
+            names.known("matrix", name, SWEEPS)
         except RequestError as error:
             raise RequestError(f"{str(error).rstrip('.')}; or type a FILE.toml.") from None
     try:

@@ -146,7 +146,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._renderer is None:
             # Imported only here: these look for a window system, or load it.
             if self.render_mode == "rgb_array" and not os.environ.get("MUJOCO_GL"):
-                from jbench.rendering.backend import choose_backend
+                from jbench.opengl import choose_backend
 
                 choose_backend()
             from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer

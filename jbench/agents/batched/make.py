@@ -16,10 +16,9 @@ from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.ofe import OFESettings
 from jbench.agents.settings import AlgorithmSettings, OffPolicySettings, PPOSettings
-from jbench.commands.parsing import one_of
 from jbench.encoders import Encoder
 from jbench.errors import RequestError
-from jbench.names import DEVICES, EPISODE_STEPS, PRECISIONS, TimeLimit
+from jbench.names import DEVICES, EPISODE_STEPS, PRECISIONS, TimeLimit, one_of
 from jbench.store.provenance import cores
 
 

@@ -6,14 +6,14 @@ import sys
 
 import pytest
 
+from jbench import opengl
 from jbench.errors import RequestError
-from jbench.rendering import backend
-from jbench.rendering.backend import choose_backend
+from jbench.opengl import choose_backend
 
 CHOOSE = """
 import os, sys
 from jbench.errors import RequestError
-from jbench.rendering.backend import choose_backend
+from jbench.opengl import choose_backend
 try:
     print(choose_backend(), os.environ["MUJOCO_GL"], "mujoco" in sys.modules)
 except RequestError as error:
@@ -59,7 +59,7 @@ def imagined(monkeypatch):
             monkeypatch.setenv(name, "")
         monkeypatch.setenv("MUJOCO_GL", mujoco_gl)
         monkeypatch.setenv("DISPLAY", display)
-        monkeypatch.setattr(backend, "_draws", lambda name: (tried.append(name), name in works)[1])
+        monkeypatch.setattr(opengl, "_draws", lambda name: (tried.append(name), name in works)[1])
         return tried
 
     return imagine
@@ -107,7 +107,7 @@ def test_backend_that_is_set_and_fails_is_refused():
 
 
 def test_unknown_backend_is_refused(imagined):
-    tried = imagined(works=backend.BACKENDS, mujoco_gl="vulkan")
+    tried = imagined(works=opengl.BACKENDS, mujoco_gl="vulkan")
     with pytest.raises(RequestError, match=r"^MUJOCO_GL=vulkan is no backend; set it to glfw, egl"):
         choose_backend()
     assert tried == []
@@ -132,7 +132,7 @@ def test_first_backend_that_works_is_taken(imagined, works, display, tried):
     ("value", "chosen"), [("glfw", "glfw"), (" OSMesa ", "osmesa"), ("on", "glfw")]
 )
 def test_value_of_mujoco_gl_is_understood_as_mujoco_does(imagined, value, chosen):
-    attempts = imagined(works=backend.BACKENDS, mujoco_gl=value)
+    attempts = imagined(works=opengl.BACKENDS, mujoco_gl=value)
     assert choose_backend() == chosen == os.environ["MUJOCO_GL"]
     assert attempts == [chosen]
 
@@ -149,6 +149,6 @@ def test_value_of_mujoco_gl_is_understood_as_mujoco_does(imagined, value, chosen
     ],
 )
 def test_driver_that_crashes_hangs_or_draws_nothing_is_passed_over(monkeypatch, probe, draws):
-    monkeypatch.setattr(backend, "_PROBE", probe)
-    monkeypatch.setattr(backend, "_PROBE_SECONDS", 3)
-    assert backend._draws.__wrapped__("egl") is draws
+    monkeypatch.setattr(opengl, "_PROBE", probe)
+    monkeypatch.setattr(opengl, "_PROBE_SECONDS", 3)
+    assert opengl._draws.__wrapped__("egl") is draws

@@ -1,0 +1,35 @@
+"""Seeds as users type them, on the command line and in the file of a sweep."""
+
+from jbench.errors import RequestError
+
+_MAX_NUMBERS = 10_000  # in one range; more is a typing error
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Returns the seeds of a text like 0-9 or 0,2,5-7, each once, in order.
+
+    Raises:
+        RequestError: if it is not such a text.
+    """
+    return parse_numbers("--seeds", text, "seeds like 0-9, or 0,2,5-7")
+
+
+def parse_numbers(option: str, text: str, example: str) -> list[int]:
+    """Returns the whole numbers of a text like 0-9 or 0,2,5-7, each once, in order.
+
+    Args:
+        option: the option, for the error.
+        text: what was typed.
+        example: what to type instead, for the error.
+
+    Raises:
+        RequestError: if it is not such a text.
+    """
+    numbers: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        is_range = first.isdecimal() and (not dash or last.isdecimal())
+        if not is_range or not 0 <= int(last or first) - int(first) < _MAX_NUMBERS:
+            raise RequestError(f"{option} {text}: type {example}.")
+        numbers.update(range(int(first), int(last or first) + 1))
+    return sorted(numbers)

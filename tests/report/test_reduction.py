@@ -127,7 +127,11 @@ def test_the_report_answers_by_evaluations_first(fabric, out):
     assert len(numbers) == 1 + 2 * len(FINALS)  # by both kinds of return
 
 
-def test_the_names_of_representations_are_split():
+def test_numbers_that_an_agent_sees():
     assert kind_of("lld-vae12") == "lld-vae"
-    assert reduction.latents_of("ofe240") == 240
-    assert (kind_of("full"), reduction.latents_of("full")) == ("full", None)
+    assert reduction.numbers_seen("lld-vae12", "face_direction") == 12
+    assert reduction.numbers_seen("full", "face_direction") is None
+    # The observation of face_direction has 16 numbers, that of move_to_pose 19.
+    assert reduction.numbers_seen("ofe12", "face_direction") == 12
+    assert reduction.numbers_seen("ofe240", "face_direction") == 256
+    assert reduction.numbers_seen("ofe240", "move_to_pose") == 259

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from jbench.names import FULL, kind_of
+from jbench.names import FULL, OFE, kind_of
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.examine import reduction_findings
@@ -46,13 +46,13 @@ class Point(NamedTuple):
 
     Attributes:
         cell: of the representation.
-        latents: numbers that its agents see; None for the full observation.
+        numbers: how many its agents see; None for the full observation.
         final: (seeds,) final returns.
         estimate: their interquartile mean with its 95% interval.
     """
 
     cell: Cell
-    latents: int | None
+    numbers: int | None
     final: FloatArray
     estimate: st.Estimate
 
@@ -71,10 +71,22 @@ class Group(NamedTuple):
     short: Sequence[Cell]
 
 
-def latents_of(representation: str) -> int | None:
-    """Returns how many numbers agents see of a representation; None for the full observation."""
-    digits = representation.removeprefix(kind_of(representation))
-    return int(digits) if digits else None
+def numbers_seen(representation: str, task: str) -> int | None:
+    """Returns how many numbers an agent sees; None for the full observation.
+
+    Features learned with the agent that outnumber the observation are appended to it.
+    """
+    kind = kind_of(representation)
+    if kind == representation:
+        return None
+    numbers = int(representation.removeprefix(kind))
+    if kind != OFE:
+        return numbers
+    # Imported only here: the package brings dm_control with it.
+    from jbench.tasks.features import feature_labels
+
+    observed = len(feature_labels(task))
+    return numbers + observed if numbers > observed else numbers
 
 
 def reductions(cells: Sequence[Cell]) -> list[Reduction]:
@@ -117,7 +129,7 @@ def groups(cells: Sequence[Cell]) -> list[Group]:
 def _point(cell: Cell, control_steps: int) -> Point:
     final = scores_of(cell, control_steps).final
     estimate = st.estimate(st.interquartile_mean, [final])
-    return Point(cell, latents_of(cell.representation), final, estimate)
+    return Point(cell, numbers_seen(cell.representation, cell.task), final, estimate)
 
 
 def _alike(cells: Sequence[Cell]) -> list[list[Cell]]:
@@ -144,7 +156,7 @@ def frame(found: Sequence[Group]) -> pd.DataFrame:
                 "representation": point.cell.representation,
                 "settings": point.cell.label,
                 "returns": point.cell.kind.name,
-                "latents": point.latents,
+                "latents": point.numbers,
                 "control_steps": group.control_steps,
                 "seeds": len(point.final),
                 "iqm": point.estimate.value,

@@ -67,10 +67,10 @@ def _panel(group: Group) -> Panel:
     by_kind = {kind_of(point.cell.representation): point for point in group.points}
     baselines = [_baseline(name, by_kind[name]) for name in BASELINES if name in by_kind]
     reduced = [p for p in group.points if kind_of(p.cell.representation) not in BASELINES]
-    sizes = sorted({point.latents for point in reduced if point.latents is not None})
+    sizes = sorted({point.numbers for point in reduced if point.numbers is not None})
     series: list[Series] = []
     for column, size in enumerate(sizes):
-        of_size = [point for point in reduced if point.latents == size]
+        of_size = [point for point in reduced if point.numbers == size]
         for i, point in enumerate(of_size):
             series += _point_series(column + _WIDTH * ((i + 0.5) / len(of_size) - 0.5), point)
     return Panel(

@@ -7,7 +7,7 @@ import pandas as pd
 from jbench.names import FULL
 from jbench.report import formatting
 from jbench.report.analysis.claims import CLAIMS, MARGIN, Finding
-from jbench.report.analysis.reduction import BASELINES, SCALED, Reduction, latents_of
+from jbench.report.analysis.reduction import BASELINES, SCALED, Reduction, numbers_seen
 from jbench.report.data.returns import Returns
 from jbench.report.document import TableItem, Value
 from jbench.report.tables import values
@@ -91,7 +91,8 @@ def table(found: Sequence[Reduction], kind: Returns, name: str) -> TableItem | N
     rows = []
     for one, named in zip(found, values.names([one.cell for one in found]), strict=True):
         seeds = {"this": one.seeds[0], "baseline": one.seeds[1]}
-        row = {**named, "numbers": latents_of(one.cell.representation), "against": one.baseline}
+        numbers = numbers_seen(one.cell.representation, one.cell.task)
+        row = {**named, "numbers": numbers, "against": one.baseline}
         row["n"] = Value(f"{one.seeds[0]}, {one.seeds[1]}", min(one.seeds), numbers=seeds)
         steps = one.findings[0].control_steps or 0
         row["at control step"] = Value(formatting.steps(steps), steps)

@@ -22,13 +22,13 @@ import numpy as np
 import torch
 
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.settings import algorithm_settings
 from jbench.names import ALGORITHMS, EPISODE_STEPS
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, files
 from jbench.training.batched_run import engine_of
 from jbench.training.checkpoints import save
 from jbench.training.log import RunLog
-from jbench.training.settings import RunSettings
 
 SEEDS = 5
 TRAINED = 100  # control steps of a turn: DDPG's updates come that far apart

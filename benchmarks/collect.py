@@ -29,8 +29,9 @@ from numpy.typing import NDArray
 
 import jbench.tasks  # noqa: F401 - adds the domain to the suite
 from jbench.commands.output import Output
-from jbench.datasets import DatasetSettings, collect
+from jbench.datasets import collect
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
+from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import Robots
 from jbench.store import Results
 from jbench.tasks import features, model, resets

@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from jbench.store import Record, Results, schema, settings_hash
+from jbench.settings.base import settings_hash
+from jbench.store import Record, Results, schema
 
 SQL = (
     "SELECT algo, representation, seed, avg(episode_return) AS mean FROM episodes JOIN runs "

@@ -16,8 +16,8 @@ from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.rules import ON_FEATURES
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import Tensors
-from jbench.agents.ofe import OFESettings
-from jbench.agents.settings import TD3Settings
+from jbench.settings.algorithms import TD3Settings
+from jbench.settings.ofe import OFESettings
 
 _SIZE = 16  # numbers in an observation
 _UNITS = (12, 240)

@@ -23,7 +23,8 @@ from typing import NamedTuple
 from database import rows_of
 
 from jbench.names import ALGORITHMS, TASKS
-from jbench.store import Results, settings_hash
+from jbench.settings.base import settings_hash
+from jbench.store import Results
 
 MEASURED = """
 import resource, sys, time

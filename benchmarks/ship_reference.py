@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from jbench.policies.saved import DESCRIPTION, WEIGHTS, has_policy
+from jbench.settings.alike import variant
 from jbench.store import Record, Results, files, schema
 from jbench.store.manifest import MANIFEST, FileEntry, Manifest
-from jbench.store.rows import variant
 from jbench.store.shipped import shipped
 from jbench.store.verify import examine
 

@@ -25,7 +25,7 @@ Run = Callable[[float], int]
 
 def settings_of(request: Request) -> Any:
     """Returns the published settings, but with one update for each control step."""
-    from jbench.agents.settings import algorithm_settings
+    from jbench.settings.algorithms import algorithm_settings
 
     every = {"train_freq": 1, "gradient_steps": 1, "learning_starts": 256, "buffer_size": 100_000}
     changes = {} if request["algo"] == "ppo" else every

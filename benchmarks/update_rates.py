@@ -17,8 +17,8 @@ from torch import Tensor
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.settings import algorithm_settings
 from jbench.names import ALGORITHMS
+from jbench.settings.algorithms import algorithm_settings
 
 BATCH, OBSERVATION, HIDDEN = 256, 16, (350, 250)
 TRANSITIONS = 100_000

@@ -10,13 +10,14 @@ import numpy as np
 import pyarrow as pa
 import safetensors.numpy
 
-from jbench.agents.settings import algorithm_settings
-from jbench.datasets import DatasetSettings, collect
+from jbench.datasets import collect
 from jbench.encoders import saved
 from jbench.encoders.settings import encoder_settings
 from jbench.policies.saved import Policy
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.dataset import DatasetSettings
+from jbench.settings.run import RunSettings
 from jbench.store import schema
-from jbench.training.settings import RunSettings
 
 TASK = "face_direction"
 DATASET = "random/s00-5de9f54f"

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from jbench.cli import main
-from jbench.datasets import DatasetSettings
 from jbench.encoders.settings import EncoderSettings
-from jbench.policies.evaluate import EvaluationSettings
+from jbench.settings.dataset import DatasetSettings
+from jbench.settings.evaluation import EvaluationSettings
+from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.store.merge import TIMES
 from jbench.store.shipped import shipped
-from jbench.training.settings import RunSettings
 from tests.fixtures.make_results import (
     FINISHED,
     INTERRUPTED,

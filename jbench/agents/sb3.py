@@ -15,8 +15,8 @@ from stable_baselines3.common.noise import (
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from jbench.agents.settings import AlgorithmSettings, OffPolicySettings
 from jbench.policies.saved import Policy
+from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
 """The class of each algorithm."""

@@ -38,9 +38,9 @@ def collect(
 ) -> None:
     """Collect a random-policy dataset that serves all five tasks."""
     from jbench.commands import display
-    from jbench.datasets import DatasetSettings
     from jbench.datasets import collect as collect_dataset
-    from jbench.validation import validated
+    from jbench.settings.base import validated
+    from jbench.settings.dataset import DatasetSettings
 
     output, place = Output(json), parsing.results_to_write(results)
     settings = validated(

@@ -9,6 +9,7 @@ from jbench.commands.output import Output
 from jbench.errors import RequestError
 from jbench.report.analysis import sequential
 from jbench.report.analysis.claims import MARGIN
+from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.sweeps.deciding import (
     Comparison,
@@ -19,7 +20,6 @@ from jbench.sweeps.deciding import (
     rate_of_each,
 )
 from jbench.sweeps.matrix import Cell, all_runs
-from jbench.training.settings import RunSettings
 
 _VERDICTS = {
     "larger": "higher",

@@ -9,8 +9,8 @@ from jbench.commands.output import Output, duration
 from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY
 from jbench.returns import final_return
+from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, schema
-from jbench.training.settings import RunSettings
 
 if TYPE_CHECKING:
     from jbench.training.status import Plan

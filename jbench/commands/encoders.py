@@ -100,7 +100,7 @@ def train_encoder(
     json: JsonOption = False,
 ) -> None:
     """Train encoders of any kind on a dataset, one for each kind and number of latents."""
-    from jbench.agents.settings import parse_overrides
+    from jbench.commands.parsing import parse_overrides
 
     options: dict[str, Any] = {
         "noise": noise,

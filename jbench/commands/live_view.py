@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from jbench.commands.output import Output, duration, printable
+from jbench.settings.run import RunSettings
 from jbench.training.processes import Message
-from jbench.training.settings import RunSettings
 from jbench.training.train import resume_sentence
 
 _PLAIN_EVERY = 60.0  # s between plain lines, where there is no terminal

@@ -1,10 +1,11 @@
-"""Reading what users type: names, counts, seeds and results directories."""
+"""Reading what users type: names, counts, seeds, settings and results directories."""
 
 import difflib
+import json
 import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jbench.errors import RequestError
 from jbench.names import ENCODER_KINDS, FULL, LARGEST_SEED, OFE, REFERENCE
@@ -128,6 +129,26 @@ def augmented(number: int | None) -> int | None:
     if number is not None and not 0 <= number <= LARGEST_SEED:
         raise RequestError(f"--augment {number}: type a whole number from 0 up to {LARGEST_SEED}.")
     return number
+
+
+def parse_overrides(assignments: list[str]) -> dict[str, Any]:
+    """Returns the values by name of texts like `tau=0.005`, `hidden_layers=[64,64]`.
+
+    Raises:
+        RequestError: if one is not of the form NAME=VALUE, or a name comes twice.
+    """
+    overrides: dict[str, Any] = {}
+    for assignment in assignments:
+        name, equals, text = assignment.partition("=")
+        if not equals or not name or name in overrides:
+            raise RequestError(
+                f"--set {assignment}: type each setting once, as NAME=VALUE, like --set tau=0.005."
+            )
+        try:
+            overrides[name] = json.loads(text)
+        except json.JSONDecodeError:
+            overrides[name] = text
+    return overrides
 
 
 def all_cores(wanted: int) -> int:

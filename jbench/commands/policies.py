@@ -43,11 +43,11 @@ def evaluate(
 ) -> None:
     """Run episodes of any policy and save their returns."""
     from jbench.commands import display
-    from jbench.policies.evaluate import EvaluationSettings
     from jbench.policies.evaluate import evaluate as run_episodes
     from jbench.policies.find import full_name
+    from jbench.settings.base import validated
+    from jbench.settings.evaluation import EvaluationSettings
     from jbench.store import schema
-    from jbench.validation import validated
 
     output, (place, policy) = Output(json), _place_and_policy(results, policy)
     if target_yaw is not None and not math.isfinite(target_yaw):

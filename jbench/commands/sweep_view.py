@@ -14,7 +14,7 @@ from typing import Any
 from jbench.commands.display import show_plan
 from jbench.commands.live_view import sweep_view
 from jbench.commands.output import Output, duration
-from jbench.datasets import DatasetSettings
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 from jbench.store.provenance import cores
 from jbench.sweeps.executors import Executor

@@ -9,52 +9,17 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from pydantic import BaseModel, Field, field_validator
 
-from jbench import validation
 from jbench.datasets import layout
-from jbench.names import EPISODE_STEPS, LARGEST_SEED, TASKS
+from jbench.names import EPISODE_STEPS, TASKS
+from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import simulate
-from jbench.store import Record, Results, settings_hash
+from jbench.store import Record, Results
 from jbench.tasks import model as robot
 from jbench.tasks import resets
 
 # Episodes in one file: what is committed at a time, and what is in memory.
 _PART_EPISODES = 25
-
-
-class DatasetSettings(BaseModel):
-    """What a dataset is made of; the id is made from it."""
-
-    model_config = validation.SETTINGS
-
-    policy: str = "random"
-    robot: str = "jitterbug"
-    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
-    steps: int = Field(
-        default=5_000_000, gt=0, description="control steps (paper, section 5.2: 5 million)"
-    )
-    # Left out where there is none: a plain dataset keeps the id that it had before.
-    augment: int | None = Field(
-        default=None,
-        ge=0,
-        le=LARGEST_SEED,
-        exclude_if=lambda augment: augment is None,
-        description="seed of an augmented robot",
-    )
-
-    @field_validator("steps")
-    @classmethod
-    def _whole_episodes(cls, steps: int) -> int:
-        if steps % EPISODE_STEPS:
-            up = (steps // EPISODE_STEPS + 1) * EPISODE_STEPS
-            raise ValueError(f"episodes last {EPISODE_STEPS} control steps: type --steps {up}")
-        return steps
-
-    @property
-    def id(self) -> str:
-        """The dataset's id, such as random/s00-1f9a2c4e."""
-        return f"{self.policy}/s{self.seed:02d}-{settings_hash(self.model_dump())}"
 
 
 def collect(

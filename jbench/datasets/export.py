@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 
-from jbench.datasets.collect import DatasetSettings
 from jbench.datasets.reader import Block, Dataset
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
+from jbench.settings.base import validated
+from jbench.settings.dataset import DatasetSettings
 from jbench.store.files import make_directory
 from jbench.tasks import features
 from jbench.tasks.gym import environment_id
-from jbench.validation import validated
 
 # Of the format: the one that Minari writes by itself.
 _STORAGE = "hdf5"

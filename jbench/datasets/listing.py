@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from jbench.datasets.collect import DatasetSettings
 from jbench.names import EPISODE_STEPS
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Record, Results
 
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field
+from pydantic import Field
 from torch import Tensor
 
-from jbench import validation
 from jbench.encoders.moments import Moments
+from jbench.settings.base import Settings
 from jbench.tasks.features import TASK_SPECS, Array
 
 if TYPE_CHECKING:
@@ -49,15 +49,13 @@ class Batch(NamedTuple):
         return [Batch(*each) for each in zip(*parts, strict=True)]
 
 
-class Kind(BaseModel):
+class Kind(Settings):
     """What all kinds share. The fields of a kind are its options; they are part of the id.
 
     Attributes:
         uses_actions: whether it learns from actions too.
         decodes_later: whether `decode` gives the state `steps_ahead` steps later, not the present.
     """
-
-    model_config = validation.SETTINGS
 
     uses_actions: ClassVar[bool] = False
     decodes_later: ClassVar[bool] = False

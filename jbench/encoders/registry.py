@@ -13,7 +13,7 @@ from typing import Any
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.errors import RequestError, WorkError
 from jbench.names import ENCODER_KINDS, OFE, known
-from jbench.validation import validated
+from jbench.settings.base import validated
 
 GROUP = "jbench.encoders"
 

@@ -3,19 +3,16 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field, model_validator
 
-from jbench import validation
 from jbench.encoders.registry import find_kind, make_kind
 from jbench.names import LARGEST_SEED
-from jbench.store import settings_hash
+from jbench.settings.base import Settings, validated
 from jbench.tasks.features import TASK_SPECS
 
 
-class EncoderSettings(BaseModel):
+class EncoderSettings(Settings):
     """What an encoder is made of; the id is made from it."""
-
-    model_config = validation.SETTINGS
 
     kind: str = "dae"
     task: str = "face_direction"
@@ -31,13 +28,13 @@ class EncoderSettings(BaseModel):
             return self
         if len(sizes) == 1:
             raise ValueError(
-                f"{self.kind} of {self.task} has {sizes[0]} latents: leave --latent out"
+                f"{self.kind} of {self.task} has {sizes[0]} latents, not {self.latents}"
             )
         size = TASK_SPECS[self.task].observation_size
         most = (
             f"{self.task} has {size} features" if sizes[-1] == size else f"{self.kind} is limited"
         )
-        raise ValueError(f"{most}: type --latent {sizes[0]} to {sizes[-1]}")
+        raise ValueError(f"{most}: latents must be {sizes[0]} to {sizes[-1]}")
 
     @property
     def representation(self) -> str:
@@ -47,9 +44,7 @@ class EncoderSettings(BaseModel):
     @property
     def id(self) -> str:
         """The encoder's id, such as face_direction/dae12/s00-1f9a2c4e."""
-        return (
-            f"{self.task}/{self.representation}/s{self.seed:02d}-{settings_hash(self.model_dump())}"
-        )
+        return f"{self.task}/{self.representation}/s{self.seed:02d}-{self.hash}"
 
 
 def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> EncoderSettings:
@@ -64,4 +59,4 @@ def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> En
         RequestError: if there is no such kind or option, or a value can't be.
     """
     full = make_kind(kind, options).model_dump(mode="json")
-    return validation.validated(EncoderSettings, "the encoder", kind=kind, options=full, **values)
+    return validated(EncoderSettings, "the encoder", kind=kind, options=full, **values)

@@ -4,39 +4,18 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pyarrow as pa
-from pydantic import BaseModel, Field
 
-from jbench import validation
-from jbench.names import EPISODE_STEPS, LARGEST_SEED
+from jbench.names import EPISODE_STEPS
 from jbench.policies.find import find_policy
+from jbench.settings.evaluation import EvaluationSettings
 from jbench.simulation import Act, Robots, Transition, rollout
-from jbench.store import Record, Results, schema, settings_hash
+from jbench.store import Record, Results, schema
 from jbench.tasks import features, resets
 from jbench.tasks import model as robot
 from jbench.tasks.resets import Starts
 
 # Robots stepped together: enough for the threads, and 100 episodes keep little in memory.
 _TOGETHER = 50
-
-
-class EvaluationSettings(BaseModel):
-    """What an evaluation is made of; the id is made from it."""
-
-    model_config = validation.SETTINGS
-
-    task: str
-    policy: str = Field(description="heuristic, random, constant:U, or the id of a run")
-    episodes: int = Field(default=100, ge=1, title="--episodes")
-    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
-    states: bool = Field(default=False, description="whether every state is kept")
-    target_yaw: float | None = Field(default=None, description="rad; else as the task draws it")
-    augment: int | None = Field(default=None, ge=0, description="seed of an augmented robot")
-
-    @property
-    def id(self) -> str:
-        """The evaluation's id, such as move_to_pose/heuristic/s00-1f9a2c4e."""
-        name = self.policy.replace("/", ".").replace(":", ".")
-        return f"{self.task}/{name}/s{self.seed:02d}-{settings_hash(self.model_dump())}"
 
 
 def evaluate(

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from jbench.errors import RequestError
 from jbench.policies.saved import has_policy, load_agent
+from jbench.settings.run import read_run
 from jbench.store import Record, Results
 from jbench.store.shipped import shipped
 from jbench.tasks.heuristics import heuristic
@@ -130,11 +131,10 @@ def robots_learned_on(results: Results, name: str) -> range:
         RequestError: if it looks like a run's id and can't be one, or is no shipped policy.
         WorkError: if the run's manifest can't be read.
     """
-    settings = {} if (record := _find_run(results, name)) is None else record.settings
-    first, robots = settings.get("augment"), settings.get("robots", 1)
-    if not isinstance(first, int) or not isinstance(robots, int):
+    run = None if (record := _find_run(results, name)) is None else read_run(record.settings)
+    if run is None or not isinstance(run.augment, int):
         return range(0)
-    return range(first, first + robots)
+    return range(run.augment, run.augment + run.robots)
 
 
 def _find_run(results: Results, name: str) -> Record | None:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,16 @@ import pyarrow as pa
 from jbench.errors import RequestError, WorkError
 from jbench.report.data.building import build_cells, usable_runs
 from jbench.report.data.cells import OURS, Cell
-from jbench.report.data.variants import flatten, value_text
+from jbench.report.data.variants import value_text
 from jbench.report.request import Request
+from jbench.settings.alike import flatten
+from jbench.settings.run import Run, read_run
 from jbench.store import Results, query
 
 REFERENCE = "reference"
 """What the cells of the shipped runs are called."""
 
-Choice = Callable[[Mapping[str, Any]], bool]
+Choice = Callable[[Run], bool]
 """Says of a run's settings whether it is chosen."""
 
 _RUNS = ("runs", "episodes", "evaluations")
@@ -95,7 +97,7 @@ def side(text: str, results: Results, request: Request) -> Source:
         found = _source(tables, problems, request, text)
     else:
         tables, problems = query.load(results, _RUNS, **_READ)
-        settings = [json.loads(one) for one in tables["runs"]["settings"].to_pylist()]
+        settings = [read_run(json.loads(one)) for one in tables["runs"]["settings"].to_pylist()]
         choice = _choice(text, settings)
         found = _source(tables, problems, request, text, choice)
     if not found.cells:
@@ -136,7 +138,7 @@ def _source(
 ) -> Source:
     runs, unusable = usable_runs(tables["runs"])
     if choice is not None:
-        runs = runs[np.array([choice(json.loads(one)) for one in runs["settings"]], bool)]
+        runs = runs[np.array([choice(read_run(json.loads(one))) for one in runs["settings"]], bool)]
     runs, early = _begun_since(runs, request)
     runs = _filter(runs, request.task, request.algo, strict=strict) if len(runs) else runs
     points = tables.pop("episodes"), tables.pop("evaluations")
@@ -178,7 +180,7 @@ def _filter(
     return runs[wanted]
 
 
-def _choice(text: str, settings: Sequence[Mapping[str, Any]]) -> Choice:
+def _choice(text: str, settings: Sequence[Run]) -> Choice:
     """Returns what chooses runs by the settings that were typed.
 
     Raises:
@@ -204,7 +206,7 @@ def _choice(text: str, settings: Sequence[Mapping[str, Any]]) -> Choice:
     )
 
 
-def _values(settings: Mapping[str, Any], name: str) -> list[Any]:
+def _values(settings: Run, name: str) -> list[Any]:
     """Returns the values of a setting that is named whole, or by its last part."""
     flat = flatten(settings)
     return [value for path, value in flat.items() if name in (path[-1], ".".join(path))]

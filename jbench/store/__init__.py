@@ -1,7 +1,6 @@
 """The results database: identity, layout, atomic writes and SQL. See `docs/architecture.md`."""
 
 from jbench.store.database import Results
-from jbench.store.identity import canonical_json, settings_hash
 from jbench.store.record import Record
 
-__all__ = ["Record", "Results", "canonical_json", "settings_hash"]
+__all__ = ["Record", "Results"]

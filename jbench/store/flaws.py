@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jbench.errors import WorkError
+from jbench.settings.base import settings_hash
 from jbench.store import files, schema
-from jbench.store.identity import settings_hash
 from jbench.store.manifest import SCHEMA_VERSION, FileEntry
 from jbench.store.record import Record
 from jbench.store.rows import row_of

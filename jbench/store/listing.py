@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.returns import final_return
+from jbench.settings.run import read_run
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.record import Record
@@ -77,23 +78,19 @@ def values_of(results: Results, setting: str) -> set[str]:
 
 
 def _line(record: Record) -> RunLine:
-    settings, manifest = record.settings, record.manifest
-    task, algo, representation = (
-        value if isinstance(value := settings.get(name), str) else None
-        for name in ("task", "algo", "representation")
-    )
+    settings, manifest = read_run(record.settings), record.manifest
     episodes = record.rows("episodes")
     done = _number(manifest.summary.get("steps_done"))
     return RunLine(
         run=record.id,
-        task=task,
-        algo=algo,
-        representation=representation,
-        seed=_number(settings.get("seed")),
+        task=settings.task,
+        algo=settings.algo,
+        representation=settings.representation,
+        seed=settings.seed,
         status=manifest.status,
         episodes=episodes,
         steps_done=episodes * EPISODE_STEPS if done is None else done,
-        steps=_number(settings.get("steps")),
+        steps=settings.steps,
         wall_time=_number(manifest.summary.get("wall_time")),
         last_return=None,
         created=manifest.created,

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from jbench.errors import WorkError
+from jbench.settings.alike import variant
 from jbench.store import schema
-from jbench.store.identity import settings_hash
 from jbench.store.manifest import Kind
 from jbench.store.record import Record
 
@@ -48,11 +48,6 @@ def row_of(record: Record) -> Row:
             f"{record.path} to make it again."
         ) from None
     return row
-
-
-def variant(settings: dict[str, Any]) -> str:
-    """Returns the hash of a run's settings but seed and steps: of what its seeds share."""
-    return settings_hash({k: v for k, v in settings.items() if k not in ("seed", "steps")})
 
 
 def _run_row(record: Record) -> Row:

@@ -18,9 +18,9 @@ from typing import Any
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import CHECKPOINT_EVERY
+from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
 from jbench.training.processes import Message, Workers, worker_request
-from jbench.training.settings import RunSettings
 from jbench.training.status import run_status
 
 _ANSWERS_WITHIN = 10.0  # s; a cluster that is there

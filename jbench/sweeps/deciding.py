@@ -15,12 +15,11 @@ from jbench.report.analysis import sequential
 from jbench.report.analysis.claims import MARGIN
 from jbench.report.analysis.reduction import BASELINES
 from jbench.report.data.curves import FloatArray, final_returns
-from jbench.store import Record, Results, canonical_json, schema
+from jbench.settings.alike import SEED, alike, with_implied
+from jbench.settings.run import RunSettings
+from jbench.store import Record, Results, schema
 from jbench.sweeps.matrix import Cell
-from jbench.training.settings import RunSettings
 from jbench.training.status import run_status
-
-_REDUCTION = ("representation", "encoder", "ofe", "seed")
 
 
 class Comparison(NamedTuple):
@@ -155,8 +154,7 @@ def _kind(cell: Cell) -> str:
 
 def _likeness(cell: Cell) -> str:
     """Returns what is the same text for cells that differ in their representation alone."""
-    settings = cell.runs[0].model_dump(mode="json")
-    return canonical_json({key: settings[key] for key in settings if key not in _REDUCTION})
+    return alike(cell.runs[0], {*SEED, *with_implied("representation")})
 
 
 def outcomes(

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 from jbench.names import CHECKPOINT_EVERY
+from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.processes import Message, Workers, worker_request
-from jbench.training.settings import RunSettings
 
 
 class Executor(Protocol):

@@ -7,28 +7,19 @@ others there are, so typing a matrix again gives the same runs.
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
 
-from jbench import validation
-from jbench.agents.ofe import check_options, requested_ofe
-from jbench.agents.settings import SETTINGS, algorithm_settings
-from jbench.datasets import DatasetSettings
-from jbench.encoders import load_encoder
 from jbench.encoders.registry import find_kind, kind_names
 from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.errors import RequestError
 from jbench.names import (
     ALGORITHMS,
-    BASES,
-    ENGINES,
     FULL,
     LARGEST_SEED,
     OFE,
-    PRECISIONS,
     TASKS,
-    TIME_LIMITS,
     Base,
     Engine,
     Precision,
@@ -36,10 +27,18 @@ from jbench.names import (
     known,
 )
 from jbench.seeds import parse_seeds
+from jbench.settings.algorithms import SETTINGS, algorithm_settings
+from jbench.settings.base import Settings, validated
+from jbench.settings.dataset import DatasetSettings
+from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.sweeps.matrix_file import PART, parts_of, read_content
-from jbench.training.request import runs_of
-from jbench.training.settings import RunSettings
+from jbench.training.request import (
+    check_options,
+    representation_of,
+    requested_ofe,
+    runs_of,
+)
 
 _REPRESENTATION = re.compile(r"([a-z][a-z0-9-]*?):?([0-9]+)")
 
@@ -55,28 +54,27 @@ _Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
 _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 
 
-class Evaluation(BaseModel):
-    """The table [evaluation]."""
+def _like_run(name: str) -> Any:
+    """Returns a key with the default and the limits of a field of `RunSettings`."""
+    return RunSettings.model_fields[name]
 
-    model_config = validation.SETTINGS
+
+class Evaluation(Settings):
+    """The table [evaluation]."""
 
     every: _Count = Field(default=50_000, description="control steps between evaluations")
     episodes: NonNegativeInt = Field(default=10, description="in an evaluation; 0 for none")
 
 
-class DatasetPart(BaseModel):
+class DatasetPart(Settings):
     """The table [dataset]: what encoders that are missing are trained on."""
-
-    model_config = validation.SETTINGS
 
     steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.2")
     seed: _Seed = 0
 
 
-class EncoderPart(BaseModel):
+class EncoderPart(Settings):
     """The table [encoder]: how encoders that are missing are trained."""
-
-    model_config = validation.SETTINGS
 
     seed: _Seed = 0
     options: dict[str, dict[str, Any]] = Field(
@@ -84,22 +82,23 @@ class EncoderPart(BaseModel):
     )
 
 
-class Matrix(BaseModel):
-    """What a file, or a part of it, asks for; `docs/sweeps.md` has every key."""
+class Matrix(Settings):
+    """What a file, or a part of it, asks for; `docs/sweeps.md` has every key.
 
-    model_config = validation.SETTINGS
+    The runs get the value of each key that has the name, or the title, of a field of `RunSettings`.
+    """
 
     tasks: _Names
     algos: _Names
     representations: _Names = (FULL,)
     seeds: tuple[_Seed, ...] = Field(default=tuple(range(10)), strict=False, min_length=1)
     steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.1")
-    engine: Engine = "batched"
-    precision: Precision = "float32"
-    environments: PositiveInt | None = Field(
-        default=None, description="of each seed, with the batched engine; None: the algorithm's own"
-    )
-    time_limit: TimeLimit = "bootstrap"
+    engine: Engine = _like_run("engine")
+    precision: Precision = _like_run("precision")
+    environments: int | None = _like_run("parallel")
+    time_limit: TimeLimit = _like_run("time_limit")
+    augment: int | None = _like_run("augment")
+    robots: int = _like_run("robots")
     settings: Base = Field(default="published", description="whose defaults apply")
     hyperparameters: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="by algorithm, those that are not at their defaults"
@@ -110,9 +109,22 @@ class Matrix(BaseModel):
     ofe: dict[str, Any] = Field(default_factory=dict, description="of ofeN, not at their defaults")
 
     @property
+    def run_fields(self) -> dict[str, Any]:
+        """The fields of `RunSettings` that are the same in all its runs."""
+        names = {name: field.title or name for name, field in RunSettings.model_fields.items()}
+        fields = {
+            name: getattr(self, key) for name, key in names.items() if key in Matrix.model_fields
+        }
+        evaluation = self.evaluation
+        return fields | {
+            "evaluate_every": evaluation.every,
+            "evaluate_episodes": evaluation.episodes,
+        }
+
+    @property
     def dataset_settings(self) -> DatasetSettings:
         """The settings of the dataset of its encoders."""
-        return validation.validated(
+        return validated(
             DatasetSettings, "[dataset]", steps=self.dataset.steps, seed=self.dataset.seed
         )
 
@@ -189,24 +201,16 @@ def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
     """Returns what a file says, checked."""
     try:
         _check_keys(Matrix, content, "")
-        for key, values in _NAMES.items():
-            if isinstance(content.get(key), str):
-                known(key, content[key], values)
+        for key, field in Matrix.model_fields.items():
+            if get_origin(field.annotation) is Literal and isinstance(content.get(key), str):
+                known(key, content[key], get_args(field.annotation))
         seeds = content.get("seeds")
         given = {"seeds": parse_seeds(seeds)} if isinstance(seeds, str) else {}
-        matrix = validation.validated(Matrix, "the matrix", **{**content, **given})
+        matrix = validated(Matrix, "the matrix", **{**content, **given})
         _check_names(matrix)
     except RequestError as error:
         raise RequestError(f"{name}: {error}") from None
     return matrix
-
-
-_NAMES = {
-    "engine": ENGINES,
-    "precision": PRECISIONS,
-    "time_limit": TIME_LIMITS,
-    "settings": BASES,
-}
 
 
 def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -> None:
@@ -264,13 +268,19 @@ def _kind_and_latents(name: str, task: str) -> tuple[str, int]:
 
 def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
     """Returns a cell of the matrix."""
-    encoder, encoder_id, representation = None, None, FULL
-    ofe = requested_ofe(name, matrix.ofe)
-    if ofe is not None:
-        representation = ofe.representation
+    algorithm = algorithm_settings(algo, matrix.settings, matrix.hyperparameters.get(algo))
+    fields = matrix.run_fields | {
+        "task": task,
+        "algo": algo,
+        "encoder": None,
+        "hyperparameters": algorithm.model_dump(mode="json"),
+        "ofe": requested_ofe(name, matrix.ofe),
+    }
+    encoder = None
+    if fields["ofe"] is not None:
+        fields["representation"] = fields["ofe"].representation
     elif "/" in name:
-        encoder_id, (_, description) = name, load_encoder(results, name)
-        representation = f"{description['kind']}{description['latents']}"
+        fields |= {"encoder": name, "representation": representation_of(results, name)}
     elif name != FULL:
         kind, latents = _kind_and_latents(name, task)
         encoder = encoder_settings(
@@ -281,24 +291,8 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
             latents=latents,
             seed=matrix.encoder.seed,
         )
-        encoder_id, representation = encoder.id, encoder.representation
-    algorithm = algorithm_settings(algo, matrix.settings, matrix.hyperparameters.get(algo))
-    runs = runs_of(
-        list(matrix.seeds),
-        task=task,
-        algo=algo,
-        representation=representation,
-        encoder=encoder_id,
-        ofe=ofe,
-        steps=matrix.steps,
-        time_limit=matrix.time_limit,
-        evaluate_every=matrix.evaluation.every,
-        evaluate_episodes=matrix.evaluation.episodes,
-        hyperparameters=algorithm.model_dump(mode="json"),
-        engine=matrix.engine,
-        precision=matrix.precision,
-        parallel=matrix.environments,
-    )
+        fields |= {"encoder": encoder.id, "representation": encoder.representation}
+    runs = runs_of(matrix.seeds, **fields)
     return Cell(task, algo, name, encoder, runs, matrix)
 
 

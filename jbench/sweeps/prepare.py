@@ -5,12 +5,13 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from typing import TypeVar
 
-from jbench.datasets import DatasetSettings, collect, find_dataset
+from jbench.datasets import collect, find_dataset
 from jbench.encoders.loop import find_device
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 from jbench.store.locks import HeldError
 from jbench.sweeps.matrix import Cell

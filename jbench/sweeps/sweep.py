@@ -11,10 +11,10 @@ from collections.abc import Collection, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import Protocol
 
+from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.sweeps.executors import Executor
 from jbench.training.processes import Message
-from jbench.training.settings import RunSettings
 from jbench.training.status import is_elsewhere, record_failure, run_status
 from jbench.training.train import batches
 

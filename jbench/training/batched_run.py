@@ -15,13 +15,13 @@ from jbench.agents.divergence import DivergedError, Divergence
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY, EPISODE_STEPS
+from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import device_provenance
 from jbench.training.checkpoints import Checkpoint, load, read_replay, save
 from jbench.training.evaluation import Evaluator, robot_model
 from jbench.training.log import Pace, Position, ProcessorClock, RunLog
-from jbench.training.settings import RunSettings
 
 Progress = Callable[[RunSettings, int, float], None]
 """Told after each training episode: the run, its control steps so far, and the return."""

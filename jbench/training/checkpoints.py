@@ -18,10 +18,10 @@ import torch
 from pydantic import BaseModel, ValidationError
 from torch import Tensor
 
-from jbench import validation
 from jbench.agents.batched.engine import Engine, SeedState
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.errors import WorkError
+from jbench.settings.base import Settings
 from jbench.store import Record
 from jbench.store.files import UnreadableError
 from jbench.training.log import Position, RunLog
@@ -40,7 +40,7 @@ _ENVELOPE, _ROWS = "envelope", "rows"
 class _Envelope(BaseModel):
     """What a checkpoint says of itself."""
 
-    model_config = validation.SETTINGS
+    model_config = Settings.model_config
 
     format: int
     run: str

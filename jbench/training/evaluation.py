@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.engine import Engine
+from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout
 from jbench.tasks import model as robot
 from jbench.tasks import resets
-from jbench.training.settings import RunSettings
 
 
 def robot_model(settings: RunSettings, which: int) -> mujoco.MjModel:

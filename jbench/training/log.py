@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import BaseModel, Field
 
-from jbench import validation
 from jbench.errors import WorkError
+from jbench.settings.base import Settings
 from jbench.store import Record, schema
 
 _TABLES = {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
@@ -30,7 +30,7 @@ class Position(BaseModel):
             checkpoints of an older version.
     """
 
-    model_config = validation.SETTINGS
+    model_config = Settings.model_config
 
     control_steps: int = Field(default=0, ge=0)
     episodes: int = Field(default=0, ge=0)

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from jbench.settings.run import RunSettings
 from jbench.tasks.features import TASK_SPECS
-from jbench.training.settings import RunSettings
 
 _WORTH_SAYING = 2_000_000_000  # bytes
 

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from typing import IO, Any
 
 from jbench.errors import WorkError
+from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.training.settings import RunSettings
 
 Message = dict[str, Any]
 """What a worker reports: see `jbench.training.worker`."""

@@ -1,16 +1,20 @@
 """From what a user asks for to the settings of the runs."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jbench.agents.ofe import requested_ofe, without_ofe
-from jbench.agents.settings import algorithm_settings, parse_overrides
+from jbench.commands.parsing import parse_overrides
 from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, FULL, Base, Engine, Precision, TimeLimit
+from jbench.names import EPISODE_STEPS, OFE, Base, Engine, Precision, known
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.base import validated
+from jbench.settings.ofe import OFESettings
+from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.training.settings import RunSettings
-from jbench.validation import validated
+
+_PREFIX = f"{OFE}."
 
 
 def request_runs(
@@ -19,18 +23,10 @@ def request_runs(
     algo: str,
     task: str,
     encoder: str,
-    seeds: list[int],
-    steps: int,
+    seeds: Sequence[int],
     base: Base,
     overrides: list[str],
-    time_limit: TimeLimit,
-    evaluate_every: int,
-    evaluate_episodes: int,
-    augment: int | None = None,
-    robots: int = 1,
-    engine: Engine = "batched",
-    precision: Precision = "float32",
-    parallel: int | None = None,
+    **fields: Any,
 ) -> list[RunSettings]:
     """Returns the settings of one run for each seed.
 
@@ -41,74 +37,91 @@ def request_runs(
         encoder: "none", "ofeN" for N features that are learned with the agent, a number of
             latents, or an encoder's id.
         seeds: one for each run.
-        steps: control steps of a run, over all its environments.
         base: "published", "script" or "sb3"; see `algorithm_settings`.
         overrides: texts NAME=VALUE that replace single settings, ofe.NAME=VALUE those of ofeN.
-        time_limit: one of `jbench.names.TIME_LIMITS`.
-        evaluate_every: control steps between evaluations.
-        evaluate_episodes: episodes in an evaluation.
-        augment: seed of the augmented robot; None for the plain one.
-        robots: augmented robots, one after the other, the first of seed `augment` or else 0.
-        engine: what trains them.
-        precision: of the batched engine's products.
-        parallel: environments of each seed; None for the algorithm's own.
+        fields: the other fields of `RunSettings`.
 
     Raises:
         RequestError: if there is no such encoder, setting or robot, no episode could end, or the
             robots don't divide the steps into whole episodes.
     """
-    of_algorithm, of_features = without_ofe(parse_overrides(overrides))
-    algorithm = algorithm_settings(algo, base, of_algorithm)
-    ofe = requested_ofe(encoder, of_features)
-    representation, encoder_id = FULL, None
+    given = parse_overrides(overrides)
+    of_features = {n.removeprefix(_PREFIX): v for n, v in given.items() if n.startswith(_PREFIX)}
+    of_algorithm = {name: v for name, v in given.items() if not name.startswith(_PREFIX)}
+    fields["ofe"] = ofe = requested_ofe(encoder, of_features)
     if ofe is not None:
-        representation = ofe.representation
+        fields["representation"] = ofe.representation
     elif of_features:
         raise RequestError(
             "--set ofe.NAME=VALUE is for --encoder ofeN, such as ofe12; leave it out."
         )
     elif encoder != "none":
-        encoder_id = find_encoder(results, encoder, task)
-        _, description = load_encoder(results, encoder_id)
-        representation = f"{description['kind']}{description['latents']}"
-    shared: dict[str, Any] = {
-        "task": task,
-        "algo": algo,
-        "representation": representation,
-        "encoder": encoder_id,
-        "ofe": ofe,
-        "steps": steps,
-        "time_limit": time_limit,
-        "evaluate_every": evaluate_every,
-        "evaluate_episodes": evaluate_episodes,
-        "hyperparameters": algorithm.model_dump(mode="json"),
-        "augment": augment,
-        "robots": robots,
-        "engine": engine,
-        "precision": precision,
-        "parallel": parallel,
-    }
-    return runs_of(seeds, **shared)
+        fields["encoder"] = found = find_encoder(results, encoder, task)
+        fields["representation"] = representation_of(results, found)
+    algorithm = algorithm_settings(algo, base, of_algorithm)
+    return runs_of(
+        seeds,
+        task=task,
+        algo=algo,
+        hyperparameters=algorithm.model_dump(mode="json"),
+        **fields,
+    )
 
 
-def runs_of(seeds: Sequence[int], **shared: Any) -> list[RunSettings]:
+def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
     """Returns the settings of one run for each seed.
 
     Args:
         seeds: one for each run.
-        shared: the other fields of `RunSettings`.
+        fields: the other fields of `RunSettings`.
 
     Raises:
-        RequestError: if a value can't be, or no episode could end.
+        RequestError: if a value is invalid, or no episode could end.
     """
-    runs = [validated(RunSettings, "the run", seed=seed, **shared) for seed in seeds]
+    runs = [validated(RunSettings, "the run", seed=seed, **fields) for seed in seeds]
     least, steps = EPISODE_STEPS * runs[0].environments, runs[0].steps
     if steps < least:
         raise RequestError(
-            f"--steps {steps}: no episode would end, since {runs[0].environments} environments of "
-            f"{EPISODE_STEPS} control steps go on at a time; type --steps {least} or more."
+            f"No episode would end in {steps} control steps, since {runs[0].environments} "
+            f"environments of {EPISODE_STEPS} control steps run in parallel: steps must be {least} "
+            "or more."
         )
     return runs
+
+
+def representation_of(results: Results, encoder: str) -> str:
+    """Returns what an agent with an encoder sees, such as dae12.
+
+    Raises:
+        RequestError: if there is no such encoder.
+    """
+    _, description = load_encoder(results, encoder)
+    return f"{description['kind']}{description['latents']}"
+
+
+def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
+    """Returns the settings of a representation such as ofe12, or None if it is another one.
+
+    Args:
+        name: of a representation, as a user types it.
+        options: settings that are not at their defaults.
+
+    Raises:
+        RequestError: if the number is missing, or a setting is unknown, or its value is invalid.
+    """
+    found = re.fullmatch(rf"{OFE}:?([0-9]*)", name)
+    if found is None:
+        return None
+    if not found[1]:
+        raise RequestError(f"{name} needs a number of features: type {OFE}12 or {OFE}240.")
+    check_options(options)
+    return validated(OFESettings, name, units=int(found[1]), **options)
+
+
+def check_options(options: Mapping[str, Any]) -> None:
+    """Raises a RequestError that names the settings of ofe if one of the options is none."""
+    for option in options:
+        known(f"setting of {OFE}", option, [n for n in OFESettings.model_fields if n != "units"])
 
 
 def find_device(engine: Engine, wanted: str, precision: Precision = "float32") -> str:

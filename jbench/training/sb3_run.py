@@ -15,11 +15,11 @@ from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.errors import WorkError
+from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.tasks.gym import environment_id
 from jbench.training.evaluation import Schedule
 from jbench.training.log import Pace, ProcessorClock, RunLog
-from jbench.training.settings import RunSettings
 
 _COMMIT_EVERY = 15.0  # s
 

@@ -9,12 +9,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
 from jbench.agents.batched.off_policy import schedule
-from jbench.agents.settings import OffPolicySettings, PPOSettings
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
+from jbench.settings.algorithms import OffPolicySettings, PPOSettings
+from jbench.settings.run import RunSettings
 from jbench.training.batched_run import engine_of
 from jbench.training.sb3_run import make_env
-from jbench.training.settings import RunSettings
 
 _STEPS, _UPDATES = 300, 20
 

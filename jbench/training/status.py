@@ -3,19 +3,17 @@
 import contextlib
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
-from jbench.store import Record, Results, canonical_json, locks
+from jbench.settings.alike import COST, SEED, alike
+from jbench.settings.run import RunSettings, read_run
+from jbench.store import Record, Results, locks
 from jbench.store.provenance import cores, processor
 from jbench.sweeps.matrix import Cell
-from jbench.training.settings import RunSettings, but_seed
 
 State = Literal["finished", "partial", "failed", "missing"]
-
-# What makes no difference to how long a control step takes.
-_FREE = ("task", "representation", "encoder", "seed", "steps", "augment", "robots")
 
 
 class RunStatus(NamedTuple):
@@ -133,7 +131,7 @@ def cell_statuses(
         left = sum(each.steps_left for each in found)
         seconds, source = measured.seconds_per_step(cell.runs[0]), "measured runs"
         if seconds is None and left and quick:
-            likeness = _likeness(cell.runs[0].model_dump(mode="json"))
+            likeness = alike(cell.runs[0], COST)
             if likeness not in quickly:
                 quickly[likeness] = _quick_measurement(cell.runs[0], device)
             seconds, source = quickly[likeness], "a quick measurement"
@@ -183,18 +181,14 @@ class _Measured:
         for record in results.scan("run")[0]:
             seconds = _core_seconds_per_step(record)
             if seconds is not None:
-                self._exact.setdefault(but_seed(record.settings), []).append(seconds)
-                self._alike.setdefault(_likeness(record.settings), []).append(seconds)
+                run = read_run(record.settings)
+                self._exact.setdefault(alike(run, SEED), []).append(seconds)
+                self._alike.setdefault(alike(run, COST), []).append(seconds)
 
     def seconds_per_step(self, run: RunSettings) -> float | None:
         """Returns the median over the runs of the same settings, else over those like them."""
-        settings = run.model_dump(mode="json")
-        found = self._exact.get(but_seed(settings)) or self._alike.get(_likeness(settings))
+        found = self._exact.get(alike(run, SEED)) or self._alike.get(alike(run, COST))
         return statistics.median(found) if found else None
-
-
-def _likeness(settings: Mapping[str, Any]) -> str:
-    return canonical_json({name: settings[name] for name in sorted({*settings} - {*_FREE})})
 
 
 def _core_seconds_per_step(record: Record) -> float | None:

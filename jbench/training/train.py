@@ -7,9 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from jbench.names import CHECKPOINT_EVERY
+from jbench.settings.alike import SEED, alike
+from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.training.processes import Message, Workers, worker_request
-from jbench.training.settings import RunSettings, but_seed
 
 
 def resume_sentence(run: RunSettings, message: Message) -> str:
@@ -88,14 +89,14 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
         jobs: processes at a time.
         device: `cpu` or `cuda`.
     """
-    alike: dict[str, list[RunSettings]] = {}
+    groups: dict[str, list[RunSettings]] = {}
     for run in runs:
         alone = run.engine != "batched"
-        key = run.id if alone else but_seed(run.model_dump(mode="json"))
-        alike.setdefault(key, []).append(run)
+        key = run.id if alone else alike(run, SEED)
+        groups.setdefault(key, []).append(run)
     parts = 1 if device == "cuda" else jobs
     return [
         [group[i] for i in share]
-        for group in alike.values()
+        for group in groups.values()
         for share in np.array_split(np.arange(len(group)), min(parts, len(group)))
     ]

@@ -32,8 +32,8 @@ def main() -> int:
     import torch
 
     from jbench.errors import RequestError, WorkError
+    from jbench.settings.run import RunSettings
     from jbench.store import Results
-    from jbench.training.settings import RunSettings
 
     torch.set_num_threads(1)
     request = json.loads(line)

@@ -11,7 +11,7 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.network import affines
 from jbench.agents.batched.rules import LEARNERS
 from jbench.agents.batched.tensors import Tensors
-from jbench.agents.settings import algorithm_settings
+from jbench.settings.algorithms import algorithm_settings
 from jbench.tasks.gym import JitterbugEnv
 
 SIZE = 16  # of an observation of face_direction

@@ -15,11 +15,11 @@ from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.streams import Streams
-from jbench.agents.ofe import OFESettings
-from jbench.agents.settings import SCRIPT, algorithm_settings
 from jbench.errors import RequestError
 from jbench.names import ALGORITHMS
 from jbench.policies.saved import Policy
+from jbench.settings.algorithms import SCRIPT, algorithm_settings
+from jbench.settings.ofe import OFESettings
 from jbench.tasks import model
 from jbench.tasks.gym import JitterbugEnv
 

@@ -9,7 +9,7 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import LOSS_SUMS
 from jbench.agents.batched.on_policy import minibatch_of
 from jbench.agents.batched.rollout import Rollout
-from jbench.agents.settings import SCRIPT
+from jbench.settings.algorithms import SCRIPT
 from tests.agents.batched_oracle import (
     SIZE,
     fill,

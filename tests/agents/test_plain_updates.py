@@ -9,7 +9,7 @@ from torch import nn
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.network import Affine
 from jbench.agents.batched.ppo import Minibatch
-from jbench.agents.settings import SCRIPT, algorithm_settings
+from jbench.settings.algorithms import SCRIPT, algorithm_settings
 from tests.agents.batched_oracle import SIZE, learners_of, settings_of
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_ppo import PlainPPO

@@ -9,7 +9,8 @@ import time
 import pytest
 
 from jbench.cli import main
-from jbench.datasets import DatasetSettings, collect
+from jbench.datasets import collect
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 from tests.command_line import INTERRUPTIBLE
 

@@ -4,14 +4,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.agents.settings import algorithm_settings
 from jbench.commands.display import show_runs
 from jbench.commands.output import Output
 from jbench.report.data.curves import final_returns
 from jbench.returns import final_return
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.store.listing import list_runs
-from jbench.training.settings import RunSettings
 
 RUN = RunSettings(
     task="face_direction",

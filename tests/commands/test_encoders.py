@@ -138,10 +138,13 @@ def test_encoders_are_reported_and_used(filled, tmp_path, capsys):
         (("--noise", "0.1", "--set", "noise=0.2"), "noise is given twice"),
         (("--epochs", "0"), "epochs of dae can't be 0"),
         (("--latent", "0"), "latents of the encoder can't be 0"),
-        (("--latent", "17"), "face_direction has 16 features: type --latent 1 to 16"),
+        (("--latent", "17"), "face_direction has 16 features: latents must be 1 to 16"),
         (("--latent", "2,many"), "--latent 2,many: type 12, or 2,4,8, or 1-16"),
-        (("--latent", "16", "--task", "all"), "move_from_origin has 15 features: type --latent 1"),
-        (("--kind", "planar", "--latent", "8"), "planar of face_direction has 12 latents: leave"),
+        (
+            ("--latent", "16", "--task", "all"),
+            "move_from_origin has 15 features: latents must",
+        ),
+        (("--kind", "planar", "--latent", "8"), "planar of face_direction has 12 latents, not 8"),
         (("--latent", "12", "--task", "fly"), "Unknown task 'fly'"),
         (
             ("--device", "gpu"),

@@ -145,7 +145,7 @@ def test_a_damaged_run_is_named_and_all_others_are_reported(pipeline, tmp_path):
     assert part.name in queried.stderr
 
 
-@pytest.mark.parametrize(("latent", "says"), [("17", "type --latent 1 to 16"), ("0", "can't be 0")])
+@pytest.mark.parametrize(("latent", "says"), [("17", "must be 1 to 16"), ("0", "can't be 0")])
 def test_latents_outside_the_observation_are_refused(pipeline, latent, says, capsys):
     assert main(["train-dae", "--latent", latent, "--results", str(pipeline)]) == 2
     assert says in capsys.readouterr().err

@@ -4,7 +4,8 @@ import importlib
 
 import pytest
 
-from jbench.datasets import Dataset, DatasetSettings, collect
+from jbench.datasets import Dataset, collect
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 
 # By its name, for the package has a function of the same name.

@@ -15,7 +15,8 @@ import sys
 import time
 from pathlib import Path
 
-from jbench.datasets import DatasetSettings, collect
+from jbench.datasets import collect
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 
 # By its name, for the package has a function of the same name.

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from jbench import cli
-from jbench.datasets import Dataset, DatasetSettings, collect, layout
+from jbench.datasets import Dataset, collect, layout
 from jbench.names import EPISODE_STEPS, TASKS
+from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import simulate
 from jbench.store import Results, schema
 from jbench.tasks import features, model, resets

@@ -12,15 +12,18 @@ import pyarrow
 import pytest
 from pydantic import ValidationError
 
-from jbench.datasets import DatasetSettings, collect
+from jbench.datasets import collect
 from jbench.errors import WorkError
+from jbench.settings import dataset
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 
 # One episode to a file; a line is printed as each is committed.
 COLLECTING = """
 import importlib, sys
 from pathlib import Path
-from jbench.datasets import DatasetSettings, collect
+from jbench.datasets import collect
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 importlib.import_module("jbench.datasets.collect")._PART_EPISODES = 1
 progress = lambda steps: print(steps, flush=True)
@@ -39,8 +42,8 @@ def checksums(record):
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"steps": 1500}, "episodes last 1000 control steps: type --steps 2000"),
-        ({"steps": 1}, "type --steps 1000"),
+        ({"steps": 1500}, "steps must be a multiple, such as 2000"),
+        ({"steps": 1}, "such as 1000"),
         ({"steps": 0}, "greater than 0"),
         ({"steps": -1000}, "greater than 0"),
         ({"steps": 1000.5}, "integer"),
@@ -106,7 +109,8 @@ def test_killed_and_collected_again_is_as_never_killed(tmp_path, collect_in_file
 def test_memory_is_the_same_for_four_times_as_many_files(tmp_path, monkeypatch):
     collecting = importlib.import_module("jbench.datasets.collect")
     monkeypatch.setattr(collecting, "_PART_EPISODES", 1)
-    monkeypatch.setattr(collecting, "EPISODE_STEPS", 500)
+    for module in (collecting, dataset):
+        monkeypatch.setattr(module, "EPISODE_STEPS", 500)
     peaks, held = [], []
     for episodes in (2, 4, 16):  # the first for what is made once
         settings = DatasetSettings(seed=3, steps=500 * episodes)

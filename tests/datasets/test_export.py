@@ -9,10 +9,11 @@ import minari
 import numpy as np
 import pytest
 
-from jbench.datasets import Dataset, DatasetSettings, collect, find_dataset
+from jbench.datasets import Dataset, collect, find_dataset
 from jbench.datasets.export import export_minari, minari_id
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 from jbench.tasks.gym import environment_id
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from jbench.datasets import DatasetSettings, collect
+from jbench.datasets import collect
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 
 KILLS = 20

@@ -9,7 +9,7 @@ import torch
 
 from jbench.commands.display import show_encoders
 from jbench.commands.output import Output
-from jbench.datasets import DatasetSettings, collect, find_dataset
+from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
 from jbench.encoders.kind import Batch
 from jbench.encoders.kinds.contrastive import Contrastive
@@ -23,6 +23,7 @@ from jbench.encoders.registry import make_kind
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import Shard, States
 from jbench.errors import RequestError
+from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results, schema
 from jbench.store.query import load
 from tests.encoders.encoder_data import observations_of
@@ -268,5 +269,5 @@ def test_settings_let_random_features_outnumber_features_and_no_linear_kind():
     shared = {"dataset": "random/a", "latents": 240}
     settings = encoder_settings("random-features", {}, **shared)
     assert settings.representation == "random-features240"
-    with pytest.raises(RequestError, match="face_direction has 16 features: type --latent 1 to 16"):
+    with pytest.raises(RequestError, match="16 features: latents must be 1 to 16"):
         encoder_settings("random", {}, **shared)

@@ -357,9 +357,9 @@ def test_settings_are_the_papers_by_default():
 @pytest.mark.parametrize(
     ("task", "latents", "said"),
     [
-        ("face_direction", 17, "face_direction has 16 features: type --latent 1 to 16"),
-        ("move_from_origin", 16, "type --latent 1 to 15"),
-        ("move_to_pose", 100, "type --latent 1 to 19"),
+        ("face_direction", 17, "face_direction has 16 features: latents must be 1 to 16"),
+        ("move_from_origin", 16, "latents must be 1 to 15"),
+        ("move_to_pose", 100, "latents must be 1 to 19"),
         ("face_direction", 0, "latents of the encoder can't be 0"),
         ("face_direction", -1, "greater than or equal to 1"),
     ],
@@ -420,7 +420,7 @@ def test_two_processes_do_not_train_the_same_encoder(trained, results):
 
 
 def test_settings_are_checked_whoever_makes_them():
-    with pytest.raises(ValueError, match="type --latent 1 to 16"):
+    with pytest.raises(ValueError, match="latents must be 1 to 16"):
         EncoderSettings(dataset="random/a", latents=17)
 
 

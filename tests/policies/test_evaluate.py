@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from jbench.cli import main
-from jbench.policies.evaluate import EvaluationSettings, evaluate
+from jbench.policies.evaluate import evaluate
+from jbench.settings.evaluation import EvaluationSettings
 from jbench.store import Results, schema
 from jbench.store.query import load, run_sql
 from jbench.tasks import resets
@@ -91,7 +92,7 @@ def test_the_command_line_keeps_it_in_the_database(tmp_path, capsys):
         (["--policy", "face_direction/td3/full/s00-00000000"], "No run face_direction/td3"),
         (["--policy", "../x"], "is not an id"),
         (["--task", "fly"], "Unknown task 'fly'"),
-        (["--episodes", "0"], "--episodes can't be 0"),
+        (["--episodes", "0"], "episodes of the evaluation can't be 0"),
         (["--augment", "-1"], "--augment -1: type a whole number"),
         (["--target-yaw", "nan"], "type degrees"),
     ],

@@ -13,8 +13,9 @@ import pytest
 from jbench.cli import main
 from jbench.policies import find
 from jbench.policies.saved import Policy, has_policy
-from jbench.store import Results, schema, settings_hash
-from jbench.store.rows import variant
+from jbench.settings.alike import variant
+from jbench.settings.base import settings_hash
+from jbench.store import Results, schema
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
 

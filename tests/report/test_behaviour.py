@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from jbench.policies.evaluate import EvaluationSettings, evaluate
+from jbench.policies.evaluate import evaluate
 from jbench.report.figures import behaviour
+from jbench.settings.evaluation import EvaluationSettings
 from jbench.store import Results
 
 

@@ -1,16 +1,15 @@
 """Which runs belong together, and what is said about them."""
 
-import json
-
 import numpy as np
 import pyarrow as pa
 import pytest
 
 from jbench.report.data.building import build_cells, usable_runs
 from jbench.report.data.cells import file_name, in_order
-from jbench.report.data.variants import UNSAID, variant_labels
+from jbench.report.data.variants import variant_labels
+from jbench.settings.alike import alike, comparable, flatten
+from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import query
-from jbench.training.settings import RunSettings
 
 
 def test_a_cell_has_the_seeds_of_one_setting(fabric):
@@ -122,6 +121,44 @@ def test_episodes_are_aligned_by_their_index_whatever_the_order_of_rows(fabric):
     np.testing.assert_equal(again[0].returns, [[1, 2, 3], [4, 5, np.nan]])
 
 
+RUN = {
+    "task": "face_direction",
+    "algo": "td3",
+    "seed": 0,
+    "steps": 1000,
+    "evaluate_every": 1000,
+    "evaluate_episodes": 1,
+    "hyperparameters": {"tau": 0.005},
+}
+
+
+class TestSettings:
+    def test_ours_are_read_and_others_are_kept_as_they_are_recorded(self):
+        assert read_run(RUN) == RunSettings(**RUN)
+        newer = {**RUN, "seed": "none", "augment": 3, "gravity": -1.62}
+        for values in (newer, {**RUN, "algo": "mine"}, {**RUN, "hyperparameters": {"tau": 2}}, {}):
+            run = read_run(values)
+            assert isinstance(run, Unreadable)
+            assert run.values == values
+        run = read_run(newer)
+        assert (run.algo, run.seed, run.steps) == ("td3", None, 1000)
+        assert (run.augment, run.robots, run.hyperparameters) == (3, 1, {"tau": 0.005})
+
+    def test_what_is_omitted_is_what_it_means(self):
+        said = {**RUN, **RunSettings.omitted()}
+        assert alike(read_run(said), ()) == alike(read_run(RUN), ())
+        foreign = {**RUN, "algo": "mine"}
+        assert alike(read_run({**foreign, "robots": 1}), ()) == alike(read_run(foreign), ())
+        assert alike(read_run({**RUN, "robots": 2, "steps": 4000}), ("steps",)) != alike(
+            read_run(RUN), ("steps",)
+        )
+
+    def test_what_follows_from_a_free_setting_is_free_too(self):
+        encoded = read_run({**RUN, "representation": "dae12", "encoder": "e"})
+        assert comparable(encoded, "representation") == comparable(read_run(RUN), "representation")
+        assert alike(encoded, ("representation",)) != alike(read_run(RUN), ("representation",))
+
+
 class TestVariants:
     def test_each_is_a_cell_of_its_own_and_named_by_what_differs(self, fabric):
         for rate in (1e-3, 1e-4, 1e-5):
@@ -141,46 +178,47 @@ class TestVariants:
         assert [cell.label for cell in fabric.cells()[0]] == ["", "", ""]
 
     def test_what_is_missing_in_one_is_said(self):
-        labels = variant_labels({"a": '{"noise": {"sigma": 0.1}}', "b": "{}"})
+        labels = variant_labels({"a": {"noise": {"sigma": 0.1}}, "b": {}})
         assert labels == {"a": "sigma=0.1", "b": "sigma=(not set)"}
 
     def test_what_a_run_keeps_only_where_it_is_unusual_is_said(self):
-        labels = variant_labels({"a": "{}", "b": '{"precision": "bfloat16"}'})
+        labels = variant_labels({"a": read_run({}), "b": read_run({"precision": "bfloat16"})})
         assert labels == {"a": "precision=float32", "b": "precision=bfloat16"}
 
     def test_what_an_algorithm_keeps_only_where_it_is_unusual_is_said(self):
         runs = {
-            name: json.dumps({"algo": "ppo", "hyperparameters": {"gamma": 0.9, **more}})
+            name: read_run({"algo": "ppo", "hyperparameters": {"gamma": 0.9, **more}})
             for name, more in {"a": {}, "b": {"shared_layers": True}}.items()
         }
         assert variant_labels(runs) == {"a": "shared_layers=false", "b": "shared_layers=true"}
 
     def test_that_is_what_the_settings_of_a_run_leave_out(self):
-        fields = RunSettings.model_fields
-        left_out = {name: field for name, field in fields.items() if field.exclude_if is not None}
-        assert {name: field.default for name, field in left_out.items()} == UNSAID
+        omitted = flatten(read_run({}))
+        assert omitted == {(name,): value for name, value in RunSettings.omitted().items()}
+        whole = RunSettings(**RUN, **RunSettings.omitted())
+        assert not {path[0] for path in omitted} & set(whole.values)
 
     def test_names_that_would_be_the_same_are_written_in_full(self):
         settings = {
             "a": {"actor": {"lr": 1}, "critic": {"lr": 1}},
             "b": {"actor": {"lr": 2}, "critic": {"lr": 3}},
         }
-        labels = variant_labels({name: json.dumps(value) for name, value in settings.items()})
+        labels = variant_labels(settings)
         assert labels == {"a": "actor.lr=1, critic.lr=1", "b": "actor.lr=2, critic.lr=3"}
 
     def test_seed_and_steps_are_no_difference(self):
-        assert variant_labels({"a": '{"seed": 1, "steps": 2}', "b": '{"seed": 3, "x": 1}'}) == {
+        assert variant_labels({"a": {"seed": 1, "steps": 2}, "b": {"seed": 3, "x": 1}}) == {
             "a": "x=(not set)",
             "b": "x=1",
         }
 
     def test_labels_stay_apart_when_there_is_no_room_for_all_that_differs(self):
-        many = {c: json.dumps(dict.fromkeys("pqrst", c)) for c in "ab"}
+        many = {c: dict.fromkeys("pqrst", c) for c in "ab"}
         assert variant_labels(many) == {
             "a": "p=a, q=a, r=a, s=a, … (a)",
             "b": "p=b, q=b, r=b, s=b, … (b)",
         }
-        long = {c: json.dumps({"x": "-" * 50 + c + "-" * 50}) for c in "ab"}
+        long = {c: {"x": "-" * 50 + c + "-" * 50} for c in "ab"}
         assert len(set(variant_labels(long).values())) == 2
 
 

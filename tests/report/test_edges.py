@@ -151,7 +151,7 @@ def test_two_engines_are_two_variants(fabric):
         ("engine=sb3", 3),
     ]
     (one,) = report.made_of.comparisons
-    assert {one.ours.settings["engine"], one.theirs.settings["engine"]} == {"sb3", "batched"}
+    assert {one.ours.settings.engine, one.theirs.settings.engine} == {"sb3", "batched"}
 
 
 def evaluated(fabric, policy, returns, **settings):

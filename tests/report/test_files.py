@@ -10,9 +10,10 @@ import pandas as pd
 import pytest
 
 from jbench.errors import RequestError, WorkError
-from jbench.policies.evaluate import EvaluationSettings, evaluate
+from jbench.policies.evaluate import evaluate
 from jbench.report import Request, write_report
 from jbench.report.data.curves import QUANTILES
+from jbench.settings.evaluation import EvaluationSettings
 
 KEY = ["task", "algo", "representation", "variant", "source", "returns"]
 FLAT = np.full(400, 500.0)

@@ -12,10 +12,10 @@ from jbench.report.data.returns import EVALUATION
 from jbench.report.formatting import signed
 from jbench.report.request import Request
 from jbench.report.tables.values import estimate
+from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
-from jbench.training.settings import RunSettings
 
 
 @pytest.fixture(scope="module")

@@ -159,7 +159,7 @@ class TestComparisons:
         cells = fabric.cells()[0]
         pairs = {
             frozenset(
-                (c.task, c.algo, c.representation, c.settings["engine"])
+                (c.task, c.algo, c.representation, c.settings.engine)
                 for c in (one.ours, one.theirs)
             )
             for one in within(cells)
@@ -176,7 +176,7 @@ class TestComparisons:
             for rate in (1, 2, 3):
                 flat(fabric, [1], algo=algo, hyperparameters={"rate": rate})
         pairs = [
-            tuple((c.algo, c.settings["hyperparameters"]["rate"]) for c in (one.ours, one.theirs))
+            tuple((c.algo, c.settings.hyperparameters["rate"]) for c in (one.ours, one.theirs))
             for one in within(fabric.cells()[0])
         ]
         assert pairs == [

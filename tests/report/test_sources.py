@@ -83,8 +83,8 @@ class TestCompare:
     def test_a_setting_of_the_algorithm_by_its_last_name(self, both, typed):
         other = f"{typed.split('=')[0]}=0.5, engine=sb3"
         (one,) = gather(both, Request(compare=(typed, other))).comparisons
-        assert one.ours.settings["hyperparameters"] == {"tau": 0.25}
-        assert one.theirs.settings["engine"] == "sb3"
+        assert one.ours.settings.hyperparameters == {"tau": 0.25}
+        assert one.theirs.settings.engine == "sb3"
 
     @pytest.mark.parametrize(
         ("compare", "said"),

@@ -4,7 +4,8 @@ import os
 
 import pyarrow as pa
 
-from jbench.store import schema, settings_hash
+from jbench.settings.base import settings_hash
+from jbench.store import schema
 from tests.store.store_rows import RUN_SETTINGS, episodes
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jbench.errors import RequestError
-from jbench.store import canonical_json, settings_hash
+from jbench.settings.base import canonical_json, settings_hash
 from jbench.store.identity import check_id
 
 SETTINGS = {"task": "face_direction", "seed": 3, "noise": 0.1, "encoder": None, "more": {"b": 1}}

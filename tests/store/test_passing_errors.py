@@ -8,10 +8,10 @@ import pytest
 
 from jbench.cli import main
 from jbench.errors import WorkError
+from jbench.settings.run import RunSettings
 from jbench.store import Results, files, locks
 from jbench.store.repair import Aside, repair
 from jbench.store.verify import verify
-from jbench.training.settings import RunSettings
 from jbench.training.status import plan
 from tests.store.store_rows import add_run, listed, names
 from tests.store.store_whole import add_whole_run, snapshot

@@ -5,8 +5,8 @@ import json
 import pyarrow as pa
 import pytest
 
+from jbench.settings.alike import variant
 from jbench.store import query, schema
-from jbench.store.rows import variant
 from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed, manifest_of
 
 ERRORS = (

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbench.store import Results, settings_hash
+from jbench.settings.base import settings_hash
+from jbench.store import Results
 from jbench.store.files import sha256
 from jbench.store.manifest import Manifest
 from jbench.store.verify import examine, verify

@@ -1,13 +1,16 @@
 """What a file of TOML asks for, and what is said where it can't be."""
 
+import inspect
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
 
+from jbench.cli import train
 from jbench.errors import RequestError
 from jbench.names import ALGORITHMS, SWEEPS, TASKS
+from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.shipped import shipped
 from jbench.sweeps.matrix import Matrix, all_runs, matrix_cells, read_matrix
@@ -176,6 +179,52 @@ def test_its_runs_are_those_of_jbench_train(tmp_path):
         assert [run.id for run in cell.runs] == [run.id for run in typed]
 
 
+# A value of each field of a run that is not its default, as a key of a matrix and for `train`.
+KEYS = {
+    "steps": ("steps = 4000", {"steps": 4000}),
+    "engine": ('engine = "sb3"', {"engine": "sb3"}),
+    "time_limit": ('time_limit = "terminal"', {"time_limit": "terminal"}),
+    "evaluate_every": ("[evaluation]\nevery = 7", {"evaluate_every": 7}),
+    "evaluate_episodes": ("[evaluation]\nepisodes = 3", {"evaluate_episodes": 3}),
+    "hyperparameters": ("[hyperparameters.td3]\ntau = 0.5", {"overrides": ["tau=0.5"]}),
+    "augment": ("augment = 3", {"augment": 3}),
+    "robots": ("robots = 2", {"robots": 2}),
+    "precision": ('precision = "bfloat16"', {"precision": "bfloat16"}),
+    "parallel": ("environments = 2", {"parallel": 2}),
+    "ofe": (
+        'representations = ["ofe12"]\n[ofe]\nlayers = 3',
+        {"encoder": "ofe12", "overrides": ["ofe.layers=3"]},
+    ),
+}
+
+
+@pytest.mark.parametrize("field", RunSettings.model_fields)
+def test_a_sweep_can_do_what_train_can(field, tmp_path):
+    if field in ("task", "algo", "representation", "encoder", "seed"):  # what a matrix is of
+        return
+    line, typed = KEYS[field]
+    file = tmp_path / "field.toml"
+    file.write_text(
+        f'tasks = ["face_direction"]\nalgos = ["td3"]\nseeds = [0]\n'
+        f"{'' if field == 'steps' else 'steps = 2000'}\n{line}\n"
+    )
+    (run,) = all_runs(cells_of(str(file), tmp_path))
+    shared = {"task": "face_direction", "algo": "td3", "encoder": "none", "seeds": [0]}
+    shared |= {"base": "published", "overrides": [], "evaluate_every": 50_000}
+    shared |= {"steps": 2000, "evaluate_episodes": 10}
+    assert [run] == request_runs(Results(tmp_path), **{**shared, **typed})
+    (plain,) = request_runs(Results(tmp_path), **shared)
+    assert run.values.get(field) != plain.values.get(field)
+
+
+def test_every_setting_of_a_run_is_an_option_of_train():
+    options = inspect.signature(train).parameters.keys() | {"seed", "representation"}
+    others = {"seed": "seeds", "hyperparameters": "set_", "representation": "encoder"}
+    others |= {"ofe": "encoder"}
+    for name, field in RunSettings.model_fields.items():
+        assert others.get(name, field.title or name) in options
+
+
 def test_seeds_and_steps_can_be_replaced(tmp_path):
     cells = cells_of("fig9", tmp_path, seeds=[7], steps=300_000)
     assert {(run.seed, run.steps) for run in all_runs(cells)} == {(7, 300_000)}
@@ -212,7 +261,7 @@ def test_the_size_of_planar_follows_from_the_task(tmp_path):
 def test_the_documented_file_says_what_is_so_without_it(tmp_path):
     documented = DOCUMENTATION.read_text()
     (text,) = re.findall(r"```toml\n(.*?)```", documented, re.DOTALL)
-    content = tomllib.loads(text)
+    content = tomllib.loads(text.replace("# augment =", "augment ="))  # TOML has no none
     assert set(content) == set(Matrix.model_fields)
     file = tmp_path / "documented.toml"
     file.write_text(text)
@@ -238,14 +287,14 @@ def test_the_documented_file_says_what_is_so_without_it(tmp_path):
         ('representations = ["dae"]', "Unknown representation 'dae'; did you mean dae12?"),
         ('representations = ["dea12"]', "Unknown kind of encoder 'dea'; did you mean dae?"),
         ('representations = ["planar8"]', "planar of face_direction has 12 latents"),
-        ('representations = ["dae17"]', "face_direction has 16 features: type --latent 1 to 16"),
+        ('representations = ["dae17"]', "face_direction has 16 features: latents must be 1 to 16"),
         ('representations = ["move_to_pose/dae12/s00-12345678"]', "is of move_to_pose, which is"),
         ('representations = ["face_direction/dae12/s00-12345678"]', "No encoder face_direction/"),
         ('seeds = "3-1"', "type seeds like 0-9"),
         ("seeds = []", "seeds of the matrix can't be []"),
         ("seeds = [-1]", "seeds.0 of the matrix can't be -1"),
         ("steps = 1.5", "steps of the matrix can't be 1.5"),
-        ("steps = 999", "type --steps 1000 or more"),
+        ("steps = 999", "steps must be 1000 or more"),
         ("evaluation = 3", "write [evaluation] and its keys below it"),
         ("[evaluation]\nevry = 3", "Unknown key of [evaluation] 'evry'; did you mean every?"),
         ("[evaluation]\nevery = 0", "evaluation.every of the matrix can't be 0"),
@@ -254,7 +303,7 @@ def test_the_documented_file_says_what_is_so_without_it(tmp_path):
         ("[hyperparameters.td3]\ntau = 2", "tau of td3 can't be 2"),
         ("[encoder.options.dea]\nepochs = 2", "Unknown kind of encoder 'dea'; did you mean dae?"),
         ("[encoder.options.dae]\nepoch = 2", "Unknown option of dae 'epoch'; did you mean epochs?"),
-        ("[dataset]\nsteps = 1500", "type --steps 2000"),
+        ("[dataset]\nsteps = 1500", "must be a multiple, such as 2000"),
         ("tasks = [", "is not TOML"),
     ],
 )

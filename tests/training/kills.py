@@ -27,11 +27,11 @@ from pathlib import Path
 import torch
 
 from jbench.encoders import Encoder
+from jbench.settings.run import RunSettings
 from jbench.store import Results, files
 from jbench.store.verify import verify
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
-from jbench.training.settings import RunSettings
 from tests.training.small_runs import shorten_episodes
 
 KILLS = 20

@@ -3,11 +3,12 @@
 import functools
 import importlib
 
-from jbench.agents.settings import algorithm_settings
+from jbench.settings import run
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.run import RunSettings
 from jbench.store import schema
 from jbench.store.merge import TIMES
-from jbench.training import batched_run, settings
-from jbench.training.settings import RunSettings
+from jbench.training import batched_run
 
 EPISODE = 50
 
@@ -16,7 +17,7 @@ def shorten_episodes(set_attribute=setattr):
     """Makes the batched engine's episodes `EPISODE` control steps long."""
     # Each module knows their length by itself.
     rollout = importlib.import_module("jbench.simulation.rollout")  # the package has a function
-    for module in (batched_run, rollout, settings):
+    for module in (batched_run, rollout, run):
         set_attribute(module, "EPISODE_STEPS", EPISODE)
     shorter = functools.partial(batched_run.make_engine, episode_steps=EPISODE)
     set_attribute(batched_run, "make_engine", shorter)

@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from jbench.agents.settings import algorithm_settings
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
+from jbench.settings.algorithms import algorithm_settings
 from jbench.store import Results, schema
 from jbench.training import batched_run, evaluation
 from jbench.training.batched_run import run_batch
@@ -114,9 +114,9 @@ def test_seeds_are_dealt_out_to_processes():
 
 
 def test_settings_and_devices_that_do_not_go_together_are_refused():
-    with pytest.raises(ValueError, match="are for --engine batched"):
+    with pytest.raises(ValueError, match="are settings of the batched engine"):
         settings(engine="sb3", parallel=2)
-    with pytest.raises(ValueError, match="are for --engine batched"):
+    with pytest.raises(ValueError, match="are settings of the batched engine"):
         settings(engine="sb3", precision="bfloat16")
     with pytest.raises(RequestError, match="--device cuda is for --engine batched"):
         find_device("sb3", "cuda")

@@ -1,8 +1,8 @@
 """What runs will take of memory is said before."""
 
-from jbench.agents.settings import algorithm_settings
+from jbench.settings.algorithms import algorithm_settings
+from jbench.settings.run import RunSettings
 from jbench.training.memory import memory_sentence, replay_bytes
-from jbench.training.settings import RunSettings
 
 
 def run(algo="ddpg", seed=0, **changes):

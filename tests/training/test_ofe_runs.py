@@ -5,17 +5,18 @@ import json
 import numpy as np
 import pytest
 
-from jbench.agents.ofe import OFESettings
 from jbench.errors import RequestError
 from jbench.policies.find import find_policy
 from jbench.policies.saved import DESCRIPTION, Policy, load_agent
-from jbench.report.data.variants import comparable, variant_labels
+from jbench.report.data.variants import variant_labels
+from jbench.settings.alike import comparable
+from jbench.settings.ofe import OFESettings
+from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.sweeps import deciding
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.training.batched_run import run_batch
 from jbench.training.request import request_runs
-from jbench.training.settings import RunSettings
 from tests.training.small_runs import small_run
 
 ABOUT = {"steps": 100, "evaluate_every": 50, "evaluate_episodes": 1}
@@ -56,11 +57,11 @@ def test_features_are_part_of_the_settings_and_the_id_of_their_runs_alone(tmp_pa
     assert len({run.id for run in (full, few, other)}) == 3
     for run in (full, few, other):
         assert RunSettings(**json.loads(json.dumps(run.model_dump(mode="json")))) == run
-    texts = [run.model_dump(mode="json") for run in (full, few, other)]
+    runs = (full, few, other)
     # A representation is compared with another one of the same algorithm, whatever it is made of.
-    assert len({comparable(text, "representation") for text in texts}) == 1
-    assert len({comparable(text) for text in texts}) == 3
-    labels = variant_labels({str(i): json.dumps(text) for i, text in enumerate(texts[1:])})
+    assert len({comparable(run, "representation") for run in runs}) == 1
+    assert len({comparable(run) for run in runs}) == 3
+    labels = variant_labels({str(i): run for i, run in enumerate(runs[1:])})
     assert labels == {"1": "layers=3, pretraining=0", "0": "layers=6, pretraining=1"}
 
 
@@ -68,7 +69,7 @@ def test_features_are_part_of_the_settings_and_the_id_of_their_runs_alone(tmp_pa
     ("changes", "says"),
     [
         ({"algo": "ppo"}, "ofe6 is for DDPG, TD3 and SAC: PPO keeps no transitions"),
-        ({"engine": "sb3"}, "ofe6 is for --engine batched"),
+        ({"engine": "sb3"}, "ofe6 needs the batched engine"),
         ({"encoder": "face_direction/dae12/s00-0"}, "ofe6 learns from observations: it can't have"),
         ({"representation": "ofe7"}, "6 features are called ofe6"),
         ({"representation": "full"}, "features that are learned with the agent are called ofeN"),

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from jbench.agents.ofe import OFESettings
 from jbench.policies.saved import WEIGHTS
+from jbench.settings.ofe import OFESettings
 from jbench.store import Results
 from tests.training.kills import KILLS
 from tests.training.small_runs import rows, small_run

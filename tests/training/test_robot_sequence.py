@@ -18,11 +18,11 @@ from jbench.report.data.curves import learning_curve
 from jbench.report.data.published import read_published, read_sequences
 from jbench.report.data.returns import TRAINING
 from jbench.report.data.summaries import summary_table
+from jbench.settings.run import RunSettings
 from jbench.store import Results, query, schema
 from jbench.tasks import model
 from jbench.training import sb3_run as running
 from jbench.training.sb3_run import make_env, make_training_env, run
-from jbench.training.settings import RunSettings
 from tests.training.small_runs import small_run
 
 # Rollouts of 700 steps do not end where a robot's share does; after each there is an update.
@@ -240,7 +240,7 @@ def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
     [(3, 4000, 6000), (2, 1000, 2000), (2, 3000, 4000), (4, 4500, 8000)],
 )
 def test_robots_that_do_not_share_the_episodes_are_refused(robots, steps, told):
-    with pytest.raises(ValidationError, match=f"type --steps {told},"):
+    with pytest.raises(ValidationError, match=f"steps must be {told},"):
         settings(robots=robots, steps=steps)
 
 
@@ -249,21 +249,21 @@ def test_robots_that_do_not_share_the_episodes_are_refused(robots, steps, told):
     [
         (
             ["--robots", "3", "--steps", "10000"],
-            "--robots 3 of --steps 10000: each robot gets equally many episodes of 1000 control "
-            "steps: type --steps 12000, or another multiple of 3000.",
+            "3 robots can't share 10000 steps equally, in episodes of 1000 control steps: steps "
+            "must be 12000, or another multiple of 3000.",
         ),
         (
             ["--robots", "20", "--steps", "10000"],
-            "--robots 20 of --steps 10000: each robot gets equally many episodes of 1000 control "
-            "steps: type --steps 20000, or another multiple of 20000.",
+            "20 robots can't share 10000 steps equally, in episodes of 1000 control steps: steps "
+            "must be 20000, or another multiple of 20000.",
         ),
         (
             ["--robots", "2", "--steps", "10000", "--algo", "ppo"],
-            "--robots 2 of --steps 10000: each robot gets equally many episodes of 1000 control "
-            "steps in each of 8 environments: type --steps 16000, or another multiple of 16000.",
+            "2 robots can't share 10000 steps equally, in episodes of 1000 control steps in each "
+            "of 8 environments: steps must be 16000, or another multiple of 16000.",
         ),
-        (["--robots", "0"], "--robots can't be 0: "),
-        (["--robots", "-1"], "--robots can't be -1: "),
+        (["--robots", "0"], "robots of the run can't be 0: "),
+        (["--robots", "-1"], "robots of the run can't be -1: "),
         (["--augment", "-1"], "--augment -1: type a whole number from 0 up"),
         (["--augment", "-1", "--robots", "2"], "--augment -1: type a whole number"),
     ],

@@ -14,7 +14,7 @@ from jbench.agents.batched.learner import (
 )
 from jbench.agents.batched.network import Network
 from jbench.agents.batched.tensors import Part
-from jbench.agents.settings import DDPGSettings
+from jbench.settings.algorithms import DDPGSettings
 
 
 class DDPG(OffPolicyLearner):

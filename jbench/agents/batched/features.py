@@ -17,8 +17,8 @@ from jbench.agents.batched.dense import DenseLayers
 from jbench.agents.batched.learner import initialize_uniform
 from jbench.agents.batched.network import Affine, Layer, Network, affine_count, affine_views
 from jbench.agents.batched.tensors import Part
-from jbench.agents.ofe import OFESettings
 from jbench.policies.feature_map import LARGEST, SMALLEST_DEVIATION, FeatureMap
+from jbench.settings.ofe import OFESettings
 
 
 class Features:

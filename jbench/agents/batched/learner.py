@@ -11,8 +11,8 @@ from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.network import Affine, Network, Sizes, parameter_count
 from jbench.agents.batched.tensors import Part
-from jbench.agents.settings import AlgorithmSettings, Initialization
 from jbench.policies.feature_map import FeatureMap
+from jbench.settings.algorithms import AlgorithmSettings, Initialization
 
 LOSS_SUMS = "losses"
 """Name of the tensor (..., losses, 2) with the sum and the number of values of each loss."""

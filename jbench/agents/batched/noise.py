@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.streams import Streams
-from jbench.agents.settings import OffPolicySettings
+from jbench.settings.algorithms import OffPolicySettings
 
 
 class ActionNoise:

@@ -16,9 +16,9 @@ from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.updates import Updates
-from jbench.agents.settings import OffPolicySettings
 from jbench.errors import RequestError
 from jbench.names import TimeLimit
+from jbench.settings.algorithms import OffPolicySettings
 
 
 class OffPolicyEngine(Engine):

@@ -18,8 +18,8 @@ from jbench.agents.batched.network import Network
 from jbench.agents.batched.sac import SAC
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import Part
-from jbench.agents.ofe import OFESettings
 from jbench.policies.feature_map import FeatureMap
+from jbench.settings.ofe import OFESettings
 
 _LOSS = "prediction_loss"
 

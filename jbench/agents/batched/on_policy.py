@@ -15,8 +15,8 @@ from jbench.agents.batched.ppo import PPO, Minibatch
 from jbench.agents.batched.rollout import Rollout
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Group, Team
-from jbench.agents.settings import PPOSettings
 from jbench.names import TimeLimit
+from jbench.settings.algorithms import PPOSettings
 
 
 class OnPolicyEngine(Engine):

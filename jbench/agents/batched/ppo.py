@@ -10,7 +10,7 @@ from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.network import Network, parameter_count
 from jbench.agents.batched.tensors import Part, aligned
-from jbench.agents.settings import PPOSettings
+from jbench.settings.algorithms import PPOSettings
 
 _LOG_2_PI = math.log(2 * math.pi)
 _ADAM_EPSILON = 1e-5  # stable-baselines 2 and 3

@@ -16,7 +16,7 @@ from jbench.agents.batched.learner import (
 )
 from jbench.agents.batched.network import Network
 from jbench.agents.batched.tensors import Part
-from jbench.agents.settings import SACSettings
+from jbench.settings.algorithms import SACSettings
 
 # Bounds of the logarithm of the policy's standard deviation, as in the authors' code.
 _LOWEST, _HIGHEST = -20, 2

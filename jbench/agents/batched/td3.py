@@ -15,7 +15,7 @@ from jbench.agents.batched.learner import (
 )
 from jbench.agents.batched.network import Network
 from jbench.agents.batched.tensors import Part
-from jbench.agents.settings import TD3Settings
+from jbench.settings.algorithms import TD3Settings
 
 
 class TD3(OffPolicyLearner):

@@ -11,8 +11,8 @@ from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.network import affines
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.tensors import Tensors
-from jbench.agents.settings import AlgorithmSettings
 from jbench.policies.saved import Policy
+from jbench.settings.algorithms import AlgorithmSettings
 
 Rule = TypeVar("Rule", bound=Learner)
 Method = Callable[Concatenate[Rule, ...], Tensor]

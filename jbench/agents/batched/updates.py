@@ -14,8 +14,8 @@ from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Group
-from jbench.agents.settings import OffPolicySettings
 from jbench.names import TimeLimit
+from jbench.settings.algorithms import OffPolicySettings
 
 _DRAWN = 1000  # minibatches before the first update, at a time
 

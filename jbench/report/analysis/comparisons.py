@@ -1,6 +1,5 @@
 """Two cells beside each other: how probable it is that one is better, and by how much."""
 
-import json
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,8 @@ import pandas as pd
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import baseline_of, common_steps, scores_of
 from jbench.report.data.cells import Cell
-from jbench.report.data.variants import comparable, variant_labels
+from jbench.report.data.variants import variant_labels
+from jbench.settings.alike import comparable
 
 _MOST_NAMED = 8
 
@@ -100,7 +100,7 @@ def near_misses(
     others = _left(theirs, found)
     for cell in _left(ours, found):
         for other in (other for other in others if _named(other) == _named(cell)):
-            told = {"a": json.dumps(cell.settings), "b": json.dumps(other.settings)}
+            told = {"a": cell.settings, "b": other.settings}
             labels = {
                 key: said.removesuffix(f" ({key})") for key, said in variant_labels(told).items()
             }

@@ -18,7 +18,7 @@ from jbench.report.analysis.examine import reduction_findings
 from jbench.report.analysis.scores import scores_of
 from jbench.report.data.cells import Cell
 from jbench.report.data.curves import FloatArray
-from jbench.report.data.variants import comparable
+from jbench.settings.alike import comparable
 
 SCALED = "scaled"
 BASELINES = (FULL, SCALED)

@@ -14,6 +14,7 @@ from jbench.report.data.curves import FloatArray, IntArray
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.report.data.variants import variant_labels
+from jbench.settings.run import Run, read_run
 
 _KEY = ["task", "algo", "representation", "variant"]
 
@@ -68,7 +69,7 @@ def build_cells(
     runs = runs[~idle]
     cells = []
     for _, group in runs.groupby(_KEY[:3]):
-        labels = variant_labels(dict(zip(group["variant"], group["settings"], strict=True)))
+        labels = variant_labels(dict(zip(group["variant"], _settings(group), strict=True)))
         for variant, label in labels.items():
             seeds = _Seeds(group[group["variant"] == variant])
             cells.append(_build_cell(seeds, label, TRAINING, trained, source))
@@ -92,7 +93,7 @@ class _Seeds:
 
     def diverged_too_early(self) -> bool:
         """Returns whether all were to be evaluated, and diverged."""
-        asked = [json.loads(text).get("evaluate_episodes") for text in self.chosen["settings"]]
+        asked = [run.evaluate_episodes for run in _settings(self.chosen)]
         return bool(self.chosen["divergence"].notna().all()) and all(asked)
 
 
@@ -115,9 +116,8 @@ def _build_cell(
     if kind is TRAINING:
         notes += _notes(seeds.runs, chosen, divergences)
     notes += _notes_on_points(chosen, counted.control_steps, absent, kind)
-    first = chosen.iloc[0]
-    settings = json.loads(first["settings"])
-    robots = _robots(settings)
+    first, settings = chosen.iloc[0], _settings(chosen)[0]
+    robots = 0 if settings.augment is None else settings.robots
     episodes = max(planned // EPISODE_STEPS, len(points))
     return Cell(
         kind=kind,
@@ -169,11 +169,9 @@ def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -
     return np.asarray(steps, np.int64)
 
 
-def _robots(settings: Mapping[str, Any]) -> int:
-    """Returns the number of augmented robots; 0 for the plain one."""
-    robots = settings.get("robots", 1)
-    augmented = settings.get("augment") is not None and isinstance(robots, int)
-    return robots if augmented else 0
+def _settings(runs: pd.DataFrame) -> list[Run]:
+    """Returns the settings of each run."""
+    return [read_run(json.loads(text)) for text in runs["settings"]]
 
 
 def _notes(

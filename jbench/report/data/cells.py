@@ -1,7 +1,7 @@
 """Cells: the runs of a database that share all their settings but seed and steps."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,8 +10,9 @@ import numpy as np
 from jbench.names import ALGORITHMS, FULL, TASKS
 from jbench.report.data.curves import BoolArray, Curve, FloatArray, IntArray
 from jbench.report.data.returns import Returns
-from jbench.report.data.variants import comparable
-from jbench.store.identity import settings_hash
+from jbench.settings.alike import comparable
+from jbench.settings.base import settings_hash
+from jbench.settings.run import Run
 
 SOLVED = 900
 """Episode return from which a task counts as solved (paper, Figure 9)."""
@@ -65,7 +66,7 @@ class Cell:
     robots: int
     robot_episodes: int
     processor_time: FloatArray
-    settings: Mapping[str, Any]
+    settings: Run
     source: str = OURS
 
     @property

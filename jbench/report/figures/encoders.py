@@ -1,7 +1,6 @@
 """How many dimensions the robot has: the error of every kind of encoder against its latents."""
 
 import json
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +21,8 @@ from jbench.report.figure import (
     padded,
 )
 from jbench.report.figures.curve_series import KEY_COLOR
-from jbench.store.identity import settings_hash
+from jbench.settings.alike import ENCODER_VARIANT
+from jbench.settings.base import settings_hash
 
 # After Okabe and Ito, 2008.
 _LOOKS = {
@@ -57,7 +57,6 @@ _PREDICTED: dict[str, Dash] = {
     "reward": ":",
 }
 """What is predicted of the next control step, and the style of its line."""
-_NOT_IN_A_VARIANT = ("task", "kind", "latents", "seed")
 
 
 def look_of(kind: str) -> tuple[str, str]:
@@ -203,19 +202,14 @@ def _name(kind: object, settings: object) -> str:
 
 def _labels(rows: pd.DataFrame) -> list[str]:
     """Returns what sets the variant of each row apart within its task and kind, or nothing."""
-    kept = [_variant(json.loads(text)) for text in rows["settings"]]
+    recorded = [json.loads(text) for text in rows["settings"]]
+    kept = [{n: v for n, v in one.items() if n not in ENCODER_VARIANT} for one in recorded]
     hashes = [settings_hash(variant) for variant in kept]
     keys = list(zip(rows["task"], rows["kind"], strict=True))
-    labels: dict[Any, dict[str, str]] = {}
-    for key in set(keys):
-        texts = {
-            name: json.dumps(variant)
-            for own, name, variant in zip(keys, hashes, kept, strict=True)
-            if own == key
-        }
-        labels[key] = variant_labels(texts)
+    labels = {
+        key: variant_labels(
+            {name: one for own, name, one in zip(keys, hashes, kept, strict=True) if own == key}
+        )
+        for key in set(keys)
+    }
     return [labels[key][name] for key, name in zip(keys, hashes, strict=True)]
-
-
-def _variant(settings: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in settings.items() if name not in _NOT_IN_A_VARIANT}

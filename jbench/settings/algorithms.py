@@ -6,33 +6,20 @@
 `docs/agents.md` lists the differences.
 """
 
-import inspect
-import json
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, Field, NonNegativeInt, PositiveInt, model_validator
+from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
 
-from jbench import validation
 from jbench.errors import RequestError
 from jbench.names import Base
+from jbench.settings.base import Settings, omissible, validated
 
 Initialization = Literal["fan-in", "glorot"]
 """How the first weights of DDPG and TD3 are drawn."""
 
 
-class AlgorithmSettings(BaseModel):
-    """What all four algorithms share.
-
-    A setting with `exclude_if` is not dumped while it has its default, so that it does not change
-    the ids of runs that were made before it existed. Only the batched engine has these settings.
-    """
-
-    model_config = validation.SETTINGS
-
-    # Names that Table 1 and section 4.2 fix, whatever the library's own defaults are.
-    from_paper: ClassVar[frozenset[str]] = frozenset(
-        {"learning_rate", "batch_size", "gamma", "hidden_layers"}
-    )
+class AlgorithmSettings(Settings):
+    """What all four algorithms share. Only the batched engine has those that are omissible."""
 
     learning_rate: float = Field(default=1e-4, gt=0, description="of Adam; Table 1")
     batch_size: PositiveInt = Field(default=256, description="transitions; Table 1")
@@ -43,24 +30,9 @@ class AlgorithmSettings(BaseModel):
         description="units, ReLU, actor and critic apart; Table 1",
     )
 
-    @classmethod
-    def batched_defaults(cls) -> dict[str, Any]:
-        """Returns the settings that only the batched engine has, with their defaults."""
-        fields = cls.model_fields.items()
-        return {name: field.default for name, field in fields if field.exclude_if is not None}
-
 
 class OffPolicySettings(AlgorithmSettings):
     """What DDPG, TD3 and SAC share: a replay buffer and noise on the actions."""
-
-    from_paper: ClassVar[frozenset[str]] = AlgorithmSettings.from_paper | {
-        "buffer_size",
-        "action_noise",
-        "noise_mean",
-        "noise_sigma",
-        "noise_theta",
-        "noise_dt",
-    }
 
     buffer_size: PositiveInt = Field(default=1_000_000, description="transitions; Table 1")
     learning_starts: NonNegativeInt = Field(description="control steps before the first update")
@@ -80,9 +52,8 @@ class OffPolicySettings(AlgorithmSettings):
 class DeterministicSettings(OffPolicySettings):
     """What DDPG and TD3 share: a policy that is not random."""
 
-    initialization: Initialization = Field(
-        default="fan-in",
-        exclude_if=lambda kind: kind == "fan-in",
+    initialization: Initialization = omissible(
+        "fan-in",
         description="first weights: U(-b, b) with b = 1 / sqrt(inputs), for biases too, as in "
         "stable-baselines3; or b = sqrt(6 / (inputs + outputs)) and zero biases, as in the script",
     )
@@ -100,21 +71,18 @@ class DDPGSettings(DeterministicSettings):
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "ornstein-uhlenbeck"
     noise_mean: float = 0.3
     noise_sigma: float = Field(default=0.3, ge=0)
-    action_layer: Literal[0, 1] = Field(
-        default=0,
-        exclude_if=lambda layer: layer == 0,
+    action_layer: Literal[0, 1] = omissible(
+        0,
         description="layer of the critic that takes the action: 0, the first; script: 1",
     )
-    last_layer_bound: float | None = Field(
-        default=None,
+    last_layer_bound: float | None = omissible(
+        None,
         gt=0,
-        exclude_if=lambda bound: bound is None,
         description="first weights of both last layers are U(-bound, bound); script: 0.003; "
         "None: as in the other layers",
     )
-    gradients_first: bool = Field(
-        default=False,
-        exclude_if=lambda first: not first,
+    gradients_first: bool = omissible(
+        False,
         description="whether both gradients are computed before either step; script: true",
     )
 
@@ -127,12 +95,6 @@ class DDPGSettings(DeterministicSettings):
 
 class TD3Settings(DeterministicSettings):
     """TD3 (Fujimoto et al., 2018)."""
-
-    from_paper: ClassVar[frozenset[str]] = OffPolicySettings.from_paper | {
-        "learning_starts",
-        "train_freq",
-        "gradient_steps",
-    }
 
     learning_starts: NonNegativeInt = Field(default=10_000, description="Table 1")
     train_freq: PositiveInt = Field(default=1000, description="Table 1")
@@ -162,12 +124,6 @@ class SACSettings(OffPolicySettings):
 class PPOSettings(AlgorithmSettings):
     """PPO with a clipped objective (Schulman et al., 2017)."""
 
-    from_paper: ClassVar[frozenset[str]] = AlgorithmSettings.from_paper | {
-        "n_envs",
-        "n_steps",
-        "ent_coef",
-    }
-
     n_envs: PositiveInt = Field(default=8, description="environments at a time; authors' script")
     n_steps: PositiveInt = Field(default=256, description="per environment and update; Table 1")
     # stable-baselines 2 has no batch size for PPO but 4 minibatches: 8 * 256 / 4 transitions.
@@ -181,14 +137,12 @@ class PPOSettings(AlgorithmSettings):
     ent_coef: float = Field(default=0.01, ge=0, description="Table 1")
     vf_coef: float = Field(default=0.5, ge=0, description="stable-baselines 2 (script: 0.25)")
     max_grad_norm: float = Field(default=0.5, gt=0, description="stable-baselines 2")
-    shared_layers: bool = Field(
-        default=False,
-        exclude_if=lambda shared: not shared,
+    shared_layers: bool = omissible(
+        False,
         description="whether policy and value share their hidden layers; script: true",
     )
-    value_loss: Literal["clipped", "max"] = Field(
-        default="clipped",
-        exclude_if=lambda loss: loss == "clipped",
+    value_loss: Literal["clipped", "max"] = omissible(
+        "clipped",
         description="squared error of the clipped value, or the maximum of those of the clipped "
         "and the unclipped; script: max",
     )
@@ -225,6 +179,20 @@ SCRIPT: dict[str, dict[str, Any]] = {
 }
 """What the authors' script, with stable-baselines 2, does differently from the defaults here."""
 
+SB3: dict[str, dict[str, Any]] = {
+    "ddpg": {
+        "learning_starts": 100,
+        "uniform_warmup": True,
+        "train_freq": 1,
+        "gradient_steps": 1,
+        "tau": 0.005,
+    },
+    "ppo": {"batch_size": 256, "n_epochs": 10, "clip_range_vf": None},  # the batch is Table 1's
+    "sac": {"target_entropy": "auto"},
+    "td3": {},
+}
+"""The defaults of stable-baselines3 2.9 where they differ from those here and Table 1 is silent."""
+
 
 def algorithm_settings(
     algo: str, base: Base = "published", overrides: dict[str, Any] | None = None
@@ -242,59 +210,16 @@ def algorithm_settings(
             script's algorithm is not implemented.
     """
     kind = SETTINGS[algo]
-    values: dict[str, Any] = {}
-    if base == "script":
-        values = _script_settings(algo)
-    elif base == "sb3":
-        values = _library_defaults(algo)
+    if base == "script" and algo not in SCRIPT:
+        raise RequestError(
+            f"The settings of the script are for {', '.join(SCRIPT)}: the script's {algo} is "
+            "another algorithm, with a state-value network; choose published."
+        )
+    changes = {"published": {}, "script": SCRIPT.get(algo, {}), "sb3": SB3[algo]}[base]
     unknown = set(overrides or {}) - set(kind.model_fields)
     if unknown:
         raise RequestError(
             f"{algo} has no setting {', '.join(sorted(unknown))}; "
             f"it has {', '.join(sorted(kind.model_fields))}."
         )
-    return validation.validated(kind, algo, **(values | (overrides or {})))
-
-
-def parse_overrides(assignments: list[str]) -> dict[str, Any]:
-    """Returns the values by name of texts like `tau=0.005`, `hidden_layers=[64,64]`.
-
-    Raises:
-        RequestError: if one is not of the form NAME=VALUE, or a name comes twice.
-    """
-    overrides: dict[str, Any] = {}
-    for assignment in assignments:
-        name, equals, text = assignment.partition("=")
-        if not equals or not name or name in overrides:
-            raise RequestError(
-                f"--set {assignment}: type each setting once, as NAME=VALUE, like --set tau=0.005."
-            )
-        try:
-            overrides[name] = json.loads(text)
-        except json.JSONDecodeError:
-            overrides[name] = text
-    return overrides
-
-
-def _script_settings(algo: str) -> dict[str, Any]:
-    """Returns what the authors' script does differently from Table 1."""
-    if algo not in SCRIPT:
-        raise RequestError(
-            f"--settings script is for {', '.join(SCRIPT)}: the script's {algo} is another "
-            "algorithm, with a state-value network; type --settings published."
-        )
-    return SCRIPT[algo]
-
-
-def _library_defaults(algo: str) -> dict[str, Any]:
-    """Returns stable-baselines3's own defaults of what the paper does not fix."""
-    from jbench.agents.sb3 import CLASSES
-
-    parameters = inspect.signature(CLASSES[algo]).parameters
-    free = set(SETTINGS[algo].model_fields) - SETTINGS[algo].from_paper
-    defaults = {name: parameters[name].default for name in free if name in parameters}
-    if algo == "ppo":
-        defaults["batch_size"] = AlgorithmSettings.model_fields["batch_size"].default
-    else:
-        defaults["uniform_warmup"] = True
-    return defaults
+    return validated(kind, algo, **(changes | (overrides or {})))

@@ -3,11 +3,17 @@
 from collections.abc import Mapping
 from typing import Any, Self
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+    model_validator,
+)
+from pydantic_core.core_schema import ValidationInfo
 
-from jbench import validation
-from jbench.agents.ofe import OFESettings
-from jbench.agents.settings import SETTINGS, AlgorithmSettings
 from jbench.names import (
     EPISODE_STEPS,
     FULL,
@@ -18,18 +24,17 @@ from jbench.names import (
     TimeLimit,
     kind_of,
 )
-from jbench.store import canonical_json, settings_hash
+from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
+from jbench.settings.base import Settings, omissible, validated
+from jbench.settings.ofe import OFESettings
 
 
-def but_seed(settings: Mapping[str, Any]) -> str:
-    """Returns what is the same text for the settings of runs that differ in their seeds alone."""
-    return canonical_json({**settings, "seed": None})
+class RunSettings(Settings):
+    """What a run is made of; the id is made from it.
 
-
-class RunSettings(BaseModel):
-    """What a run is made of; the id is made from it."""
-
-    model_config = validation.SETTINGS
+    A field that users set has two more places: a flag of `jbench train` (`cli.py`), and a key of
+    the same name in a sweep (`Matrix`). A new one is omissible: runs made before it keep their ids.
+    """
 
     task: str
     algo: str
@@ -42,63 +47,62 @@ class RunSettings(BaseModel):
     engine: Engine = "batched"
     time_limit: TimeLimit = "bootstrap"
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
-    evaluate_episodes: int = Field(
-        ge=0, title="--evaluate-episodes", description="episodes in an evaluation"
-    )
+    evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
     hyperparameters: dict[str, Any] = Field(description="every setting of the algorithm")
-    # These are left out while they have their defaults: a plain run keeps the id that it had.
-    augment: int | None = Field(
-        default=None,
+    augment: int | None = omissible(
+        None,
         ge=0,
         le=LARGEST_SEED,
-        exclude_if=lambda augment: augment is None,
         description="seed of the augmented robot, or of the first of several",
     )
-    robots: int = Field(
-        default=1,
+    robots: int = omissible(
+        1,
         ge=1,
-        title="--robots",
-        exclude_if=lambda robots: robots == 1,
         description="augmented robots, one after the other, of seeds that follow each other",
     )
-    precision: Precision = Field(
-        default="float32",
-        exclude_if=lambda precision: precision == "float32",
-        description="of the batched engine's products",
-    )
-    parallel: int | None = Field(
-        default=None,
+    precision: Precision = omissible("float32", description="of the batched engine's products")
+    parallel: int | None = omissible(
+        None,
         ge=1,
-        title="--environments",
-        exclude_if=lambda parallel: parallel is None,
+        title="environments",
         description="environments of each seed; None for the algorithm's own",
     )
-    ofe: OFESettings | None = Field(
-        default=None,
-        exclude_if=lambda ofe: ofe is None,
-        description="features that are learned with the agent; None for none",
+    ofe: OFESettings | None = omissible(
+        None, description="features that are learned with the agent; None for none"
     )
 
     @model_validator(mode="before")
     @classmethod
     def _first_of_several(cls, values: Any) -> Any:
-        """Several robots are augmented ones; that they begin with seed 0 need not be said."""
+        """Several robots are augmented robots, by default from seed 0 on."""
         several = isinstance(values, dict) and values.get("robots", 1) != 1
         if several and values.get("augment") is None:
             return {**values, "augment": 0}
         return values
+
+    @field_validator("algo")
+    @classmethod
+    def _has_settings(cls, algo: str) -> str:
+        if algo not in SETTINGS:
+            raise ValueError(f"choose {', '.join(SETTINGS)}")
+        return algo
+
+    @model_validator(mode="after")
+    def _hyperparameters_are_of_the_algorithm(self) -> Self:
+        _ = self.algorithm
+        return self
 
     @model_validator(mode="after")
     def _only_batched(self) -> Self:
         if self.engine != "sb3":
             return self
         if self.parallel is not None or self.precision != "float32":
-            raise ValueError("--environments and --precision are for --engine batched")
-        unknown = set(self.hyperparameters) & set(SETTINGS[self.algo].batched_defaults())
+            raise ValueError("environments and precision are settings of the batched engine")
+        unknown = set(self.hyperparameters) & set(SETTINGS[self.algo].omitted())
         if unknown:
             raise ValueError(
-                f"stable-baselines3 has no {', '.join(sorted(unknown))}; type --engine batched, or "
-                "leave out --settings script and these of --set"
+                f"stable-baselines3 has no {', '.join(sorted(unknown))}: choose the batched "
+                "engine, or settings other than the script's"
             )
         return self
 
@@ -106,7 +110,7 @@ class RunSettings(BaseModel):
     def _ppo_is_not_in_bfloat16(self) -> Self:
         # Its probability ratios would compare an old policy in float32 with a new one in bfloat16.
         if self.algo == "ppo" and self.precision == "bfloat16":
-            raise ValueError("PPO does not learn in --precision bfloat16: type float32")
+            raise ValueError("PPO does not learn in bfloat16: precision must be float32")
         return self
 
     @model_validator(mode="after")
@@ -121,16 +125,16 @@ class RunSettings(BaseModel):
         if self.algo == "ppo":
             raise ValueError(
                 f"{name} is for DDPG, TD3 and SAC: PPO keeps no transitions to learn features "
-                "from; type --algo td3, or another --encoder"
+                "from; choose td3, or another representation"
             )
         if self.engine == "sb3":
-            raise ValueError(f"{name} is for --engine batched: stable-baselines3 does not have it")
+            raise ValueError(f"{name} needs the batched engine: stable-baselines3 does not have it")
         if self.encoder is not None:
             raise ValueError(f"{name} learns from observations: it can't have an encoder, too")
         if self.hyperparameters.get("action_layer"):
             raise ValueError(
-                f"{name} gives the critic features of observation and action: type "
-                "--set action_layer=0"
+                f"{name} gives the critic features of observation and action: action_layer must "
+                "be 0"
             )
         return self
 
@@ -141,22 +145,26 @@ class RunSettings(BaseModel):
             up = (self.steps // least + 1) * least
             each = f" in each of {self.environments} environments" if self.environments > 1 else ""
             raise ValueError(
-                f"--robots {self.robots} of --steps {self.steps}: each robot gets equally many "
-                f"episodes of {EPISODE_STEPS} control steps{each}: type --steps {up}, or another "
-                f"multiple of {least}"
+                f"{self.robots} robots can't share {self.steps} steps equally, in episodes of "
+                f"{EPISODE_STEPS} control steps{each}: steps must be {up}, or another multiple of "
+                f"{least}"
             )
         return self
 
     @property
     def id(self) -> str:
         """The run's id, such as face_direction/ddpg/dae12/s03-1f9a2c4e."""
-        name = f"s{self.seed:02d}-{settings_hash(self.model_dump(mode='json'))}"
-        return f"{self.task}/{self.algo}/{self.representation}/{name}"
+        return f"{self.task}/{self.algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The settings as a manifest records them."""
+        return self.model_dump(mode="json")
 
     @property
     def algorithm(self) -> AlgorithmSettings:
         """The settings of the algorithm."""
-        return SETTINGS[self.algo](**self.hyperparameters)
+        return validated(SETTINGS[self.algo], self.algo, **self.hyperparameters)
 
     @property
     def environments(self) -> int:
@@ -177,3 +185,47 @@ class RunSettings(BaseModel):
         """
         done = max(control_steps - 1, 0)
         return min(done * self.robots // self.steps, self.robots - 1)
+
+
+class Unreadable(BaseModel):
+    """Recorded settings that `RunSettings` refuses: of another program, or of a newer version.
+
+    A field that is not recorded, or not with its type, has its default.
+    """
+
+    model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
+
+    values: dict[str, Any] = Field(description="the settings as the manifest records them")
+    task: str | None = None
+    algo: str | None = None
+    representation: str | None = None
+    seed: int | float | None = None
+    steps: int | float | None = None
+    engine: str | None = None
+    evaluate_episodes: int = 0
+    hyperparameters: dict[str, Any] = {}
+    augment: Any = RunSettings.model_fields["augment"].default
+    robots: int = RunSettings.model_fields["robots"].default
+
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _or_default(
+        cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo
+    ) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            return cls.model_fields[str(info.field_name)].default
+
+
+Run = RunSettings | Unreadable
+"""The settings of any run that the database holds."""
+
+
+def read_run(values: Mapping[str, Any]) -> Run:
+    """Returns the settings of a run from what its manifest records."""
+    try:
+        return RunSettings.model_validate(values)
+    except ValidationError:
+        named = {name: values[name] for name in Unreadable.model_fields if name in values}
+        return Unreadable(**{**named, "values": dict(values)})

@@ -1,0 +1,39 @@
+"""The settings of a random-policy dataset."""
+
+from pydantic import Field, field_validator
+
+from jbench.names import EPISODE_STEPS, LARGEST_SEED
+from jbench.settings.base import Settings, omissible
+
+
+class DatasetSettings(Settings):
+    """What a dataset is made of; the id is made from it."""
+
+    policy: str = "random"
+    robot: str = "jitterbug"
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
+    steps: int = Field(
+        default=5_000_000, gt=0, description="control steps (paper, section 5.2: 5 million)"
+    )
+    augment: int | None = omissible(
+        None,
+        ge=0,
+        le=LARGEST_SEED,
+        description="seed of an augmented robot",
+    )
+
+    @field_validator("steps")
+    @classmethod
+    def _whole_episodes(cls, steps: int) -> int:
+        if steps % EPISODE_STEPS:
+            up = (steps // EPISODE_STEPS + 1) * EPISODE_STEPS
+            raise ValueError(
+                f"episodes last {EPISODE_STEPS} control steps; steps must be a multiple, such as "
+                f"{up}"
+            )
+        return steps
+
+    @property
+    def id(self) -> str:
+        """The dataset's id, such as random/s00-1f9a2c4e."""
+        return f"{self.policy}/s{self.seed:02d}-{self.hash}"

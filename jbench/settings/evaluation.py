@@ -1,0 +1,24 @@
+"""The settings of an evaluation of a policy."""
+
+from pydantic import Field
+
+from jbench.names import LARGEST_SEED
+from jbench.settings.base import Settings
+
+
+class EvaluationSettings(Settings):
+    """What an evaluation is made of; the id is made from it."""
+
+    task: str
+    policy: str = Field(description="heuristic, random, constant:U, or the id of a run")
+    episodes: int = Field(default=100, ge=1)
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
+    states: bool = Field(default=False, description="whether every state is kept")
+    target_yaw: float | None = Field(default=None, description="rad; else as the task draws it")
+    augment: int | None = Field(default=None, ge=0, description="seed of an augmented robot")
+
+    @property
+    def id(self) -> str:
+        """The evaluation's id, such as move_to_pose/heuristic/s00-1f9a2c4e."""
+        name = self.policy.replace("/", ".").replace(":", ".")
+        return f"{self.task}/{name}/s{self.seed:02d}-{self.hash}"

@@ -7,15 +7,15 @@ same fresh episodes, and moves to its better half. Prints the constants it ends 
 earn on the tuning's episodes and on held-out ones (seeds 0 to 99) as median [10th, 90th].
 `--candidates 0` only evaluates the constants as they are in `jbench.tasks.heuristics`.
 
-The constants of three tasks came, rounded, from these searches. Each began at what is named:
+The constants of three tasks came, rounded, from these searches. Their starting points:
 
     move_from_origin, at the constants of `_Driver`: --candidates 160 --episodes 40 --steps 75
-        --seed 7, for spring to side_lean, lost and quickest
-    move_in_direction, at what is told below: --candidates 336 --episodes 8 --steps 400
-        --coarse 5 --seed 7, for all but largest_tilt and falling
-    move_to_pose, at what an earlier search of this kind had found: --candidates 208
+        --seed 7, for spring to bearing_gain, origin_radius and start_bearing
+    move_in_direction, at the result described below: --candidates 336 --episodes 8 --steps 400
+        --coarse 5 --seed 7, for all but max_tilt and fall_tilt
+    move_to_pose, at the result of an earlier search: --candidates 208
         --episodes 8 --steps 600 --coarse 5 --seed 9, for all that the class lists but
-        most_steer and homing_reach, and for inside
+        max_steer_angle and homing_distance, and for side_gain
 
 The terms of `MoveInDirection` were first sought among 62 products of what the robot sees (mass,
 tilt, rates, speeds, bearing) by a natural policy gradient on torques with noise, then kept if a

@@ -1,7 +1,7 @@
-"""Which OpenGL draws: MuJoCo, dm_control and Gymnasium all read it from MUJOCO_GL.
+"""Choice of the OpenGL backend, which MuJoCo, dm_control and Gymnasium read from MUJOCO_GL.
 
-MuJoCo and dm_control read the variable once, when they are first imported: choose before you
-import `jbench.tasks`. Hence this module imports nothing but the standard library.
+MuJoCo and dm_control read the variable at import, so choose before importing `jbench.tasks`. This
+module imports only the standard library.
 """
 
 import os
@@ -12,18 +12,18 @@ from functools import cache
 from jbench.errors import RequestError
 
 OFF = ("disable", "disabled", "off", "false", "0")
-"""Values of MUJOCO_GL that mean: nothing will be drawn."""
+"""Values of MUJOCO_GL that disable rendering."""
 
 BACKENDS = ("glfw", "egl", "osmesa")
-"""Window system, off the screen on a GPU or by Mesa, off the screen by Mesa on the processor."""
+"""Window system; offscreen on a GPU or by Mesa; offscreen by Mesa on the CPU."""
 
-_GLFW_TOO = ("enable", "enabled", "on", "true", "1")
+_GLFW_ALIASES = ("enable", "enabled", "on", "true", "1")
 
-# Generous: a busy machine, a driver that is loaded for the first time.
+# Generous, for a busy machine or a driver that is loaded for the first time.
 _PROBE_SECONDS = 120
 
-# Prints the brightness of the middle of a white ball. In another process, because a broken driver
-# does not raise: it ends the process.
+# Prints the brightness at the centre of a white ball, in a child process, because a broken driver
+# ends the process.
 _PROBE = """
 import mujoco
 model = mujoco.MjModel.from_xml_string(
@@ -37,24 +37,25 @@ with mujoco.Renderer(model, 16, 16) as renderer:
 
 
 def choose_backend() -> str:
-    """Returns a backend that draws here, and sets MUJOCO_GL to it for this process.
+    """Returns a working backend, and sets MUJOCO_GL to it for this process.
 
-    A backend named by MUJOCO_GL is kept, if it works. Else the first that works: "glfw" where
-    there is a display, "egl", "osmesa".
+    A backend in MUJOCO_GL is used if it works. Otherwise the first working one of "glfw" (if there
+    is a display), "egl" and "osmesa" is used.
 
     Raises:
-        RequestError: if none works, or the one that MUJOCO_GL names; it says what to install.
+        RequestError: if the backend in MUJOCO_GL, or every backend, fails.
     """
-    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
-    if asked and asked not in OFF:
-        backend = "glfw" if asked in _GLFW_TOO else asked
+    requested = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if requested and requested not in OFF:
+        backend = "glfw" if requested in _GLFW_ALIASES else requested
         if backend not in BACKENDS:
             raise RequestError(
-                f"MUJOCO_GL={asked} is no backend; set it to {', '.join(BACKENDS)}, or unset it."
+                f"MUJOCO_GL={requested} is not a backend; set it to "
+                f"{', '.join(BACKENDS)}, or unset it."
             )
         if not _draws(backend):
             raise RequestError(
-                f"MUJOCO_GL={asked} can't draw here; unset it, and one that can is looked for."
+                f"MUJOCO_GL={requested} can't draw here; unset it to use a working backend."
             )
         return _use(backend)
     tried = [backend for backend in BACKENDS if backend != "glfw" or has_display()]
@@ -63,13 +64,13 @@ def choose_backend() -> str:
             return _use(backend)
     raise RequestError(
         f"Nothing here can draw pictures (tried {', '.join(tried)}): type apt install libosmesa6 "
-        "(or libegl1 libgl1-mesa-dri, where Mesa is 25.1 or newer), or without root's rights "
+        "(or libegl1 libgl1-mesa-dri, where Mesa is 25.1 or newer), or without root "
         "conda install -c conda-forge 'mesalib<25.1'."
     )
 
 
 def has_display() -> bool:
-    """Returns whether windows can be opened, as far as the environment tells."""
+    """Returns whether the environment has a display for windows."""
     return sys.platform != "linux" or bool(
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     )
@@ -78,14 +79,14 @@ def has_display() -> bool:
 def _use(backend: str) -> str:
     os.environ["MUJOCO_GL"] = backend
     if backend != "glfw":
-        # Some other user of PyOpenGL may import it before MuJoCo does.
+        # Another library may import PyOpenGL before MuJoCo does.
         os.environ.setdefault("PYOPENGL_PLATFORM", backend)
     return backend
 
 
 @cache
 def _draws(backend: str) -> bool:
-    """Returns whether a backend draws a ball that is not black."""
+    """Returns whether a backend can render."""
     try:
         answer = subprocess.run(
             [sys.executable, "-c", _PROBE],
@@ -96,6 +97,6 @@ def _draws(backend: str) -> bool:
         )
     except subprocess.TimeoutExpired:
         return False
-    # Not the exit code: some drivers fail only while they are unloaded.
+    # The exit code is ignored, since some drivers fail while they are unloaded.
     name, _, brightness = answer.stdout.strip().rpartition(" ")
     return name == "brightness" and brightness.isdecimal() and int(brightness) > 0

@@ -1,1 +1,1 @@
-"""The algorithms, and the paper's settings for them."""
+"""Reinforcement learning algorithms, their settings and trained policies."""

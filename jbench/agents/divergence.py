@@ -1,4 +1,4 @@
-"""Agents that diverge: some number that they learn or act with is not finite any more."""
+"""Divergence of agents: actions, weights, returns or losses that are not finite."""
 
 import math
 from collections.abc import Mapping
@@ -8,12 +8,12 @@ from jbench.errors import WorkError
 
 
 class Divergence(NamedTuple):
-    """Where an agent was first seen to have diverged.
+    """The first sign that an agent diverged.
 
     Attributes:
-        update: updates that it had made (PPO: epochs).
-        control_steps: control steps that it had made, over all its environments.
-        what: is not finite: "actions", "weights", "episode_return", or the name of a loss.
+        update: number of updates made (PPO: epochs).
+        control_steps: number of control steps made, over all environments.
+        what: what is not finite: "actions", "weights", "episode_return", or the name of a loss.
     """
 
     update: int
@@ -21,7 +21,7 @@ class Divergence(NamedTuple):
     what: str
 
     def __str__(self) -> str:
-        """Returns the sentence for a user."""
+        """Returns a sentence for the user."""
         verb = "are" if self.what in ("actions", "weights") else "is"
         return (
             f"The agent diverged: its {self.what} {verb} not finite after update {self.update:,}, "
@@ -29,25 +29,25 @@ class Divergence(NamedTuple):
         )
 
     def to_summary(self) -> dict[str, dict[str, int | str]]:
-        """Returns what the manifest of a diverged run says of it."""
+        """Returns the summary in the manifest of a diverged run."""
         return {"diverged": self._asdict()}
 
 
 def divergent_loss(losses: Mapping[str, float]) -> str | None:
-    """Returns the name of a loss that is not finite, or None; of several, that of the first update.
+    """Returns the name of the first updated loss that is not finite, or None.
 
-    Features are updated before the critic and the critic before the actor, whose loss is therefore
-    often not finite because of theirs.
+    Features are updated before the critic and the critic before the actor, so a later loss is often
+    not finite because of an earlier one.
     """
-    found = [name for name, loss in losses.items() if not math.isfinite(loss)]
-    first = [name for name in ("prediction_loss", "critic_loss") if name in found]
-    return next(iter((*first, *found)), None)
+    names = [name for name, loss in losses.items() if not math.isfinite(loss)]
+    first = [name for name in ("prediction_loss", "critic_loss") if name in names]
+    return next(iter((*first, *names)), None)
 
 
 class DivergedError(WorkError):
-    """An agent has diverged; the run fails, but its episodes until then are results."""
+    """An agent diverged; the run fails, and its episodes until then are kept."""
 
     def __init__(self, divergence: Divergence) -> None:
-        """Says where."""
+        """Makes the error from a divergence."""
         super().__init__(str(divergence))
         self.divergence = divergence

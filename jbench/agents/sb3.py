@@ -1,4 +1,4 @@
-"""The four algorithms from stable-baselines3, built from our settings."""
+"""The four algorithms of stable-baselines3, built from our settings."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
 """The class of each algorithm."""
 
-# Settings of ours that are not arguments of the classes under the same name.
+# Our settings that are not arguments of the same name of the classes.
 _OURS = {
     "hidden_layers",
     "n_envs",
@@ -43,8 +43,8 @@ _LOSSES = {
 }
 
 
-class _DDPGActingByItsPolicy(DDPG):
-    """DDPG whose actions before learning starts come from its policy, not from a uniform draw."""
+class _DDPGWithPolicyWarmup(DDPG):
+    """DDPG that acts by its policy, not uniformly, before learning starts."""
 
     def _sample_action(
         self, learning_starts: int, action_noise: ActionNoise | None = None, n_envs: int = 1
@@ -56,13 +56,10 @@ def build(algo: str, settings: AlgorithmSettings, env: VecEnv, seed: int) -> Bas
     """Returns an untrained agent on the CPU.
 
     Args:
-        algo: one of `jbench.names.ALGORITHMS`.
-        settings: of that algorithm.
-        env: what it learns in.
         seed: of weights, noise, minibatches and environments, in [0, 2^32).
     """
-    # An agent that diverges is noticed by its actions and losses; torch would only raise its own
-    # error, in the middle of an update.
+    # Divergence is detected by actions and losses. Torch's validation would raise its own error in
+    # the middle of an update.
     torch.distributions.Distribution.set_default_validate_args(False)
     layers = list(settings.hidden_layers)
     critic = "vf" if algo == "ppo" else "qf"
@@ -71,7 +68,7 @@ def build(algo: str, settings: AlgorithmSettings, env: VecEnv, seed: int) -> Bas
     if isinstance(settings, OffPolicySettings):
         arguments["action_noise"] = _noise(settings)
         if algo == "ddpg" and not settings.uniform_warmup:
-            kind = _DDPGActingByItsPolicy
+            kind = _DDPGWithPolicyWarmup
     agent = kind(
         "MlpPolicy",
         env,
@@ -80,19 +77,19 @@ def build(algo: str, settings: AlgorithmSettings, env: VecEnv, seed: int) -> Bas
         device="cpu",
         **arguments,
     )
-    # Nothing of its own on the terminal; the losses are read from the logger.
+    # No output to the terminal; the losses are read from the logger.
     agent.set_logger(Logger(folder=None, output_formats=[]))
     return agent
 
 
 def losses(agent: BaseAlgorithm) -> dict[str, float]:
-    """Returns the last losses of an agent by the names of the database; none before any update."""
+    """Returns the last losses by database name; empty before the first update."""
     values = agent.logger.name_to_value
     return {name: float(values[key]) for name, key in _LOSSES.items() if key in values}
 
 
 def policy(agent: BaseAlgorithm) -> Policy:
-    """Returns a copy of the agent's deterministic policy that needs no library."""
+    """Returns a copy of the agent's deterministic policy."""
     if isinstance(agent, TD3):
         modules, squash = list(agent.actor.mu), "tanh"
     elif isinstance(agent, SAC):

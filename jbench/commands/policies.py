@@ -157,9 +157,9 @@ def _place_and_policy(results: Path, policy: str) -> tuple["Results", str]:
 
 def _say_other_robot(output: Output, place: "Results", policy: str, augment: int | None) -> None:
     """Says that an agent is about to move another robot than those that it learned on."""
-    from jbench.policies.find import robots_learned_on
+    from jbench.policies.find import training_robots
 
-    seeds = robots_learned_on(place, policy)
+    seeds = training_robots(place, policy)
     if seeds and augment not in seeds:
         there = "the plain robot" if augment is None else f"the augmented robot {augment}"
         learned = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"

@@ -129,11 +129,11 @@ def verify(
         if (finding.kind, finding.id) != place:
             place = finding.kind, finding.id
             output.say(f"{finding.kind} {finding.id}")
-        warning = "Warning: " if finding.sort == "warning" else ""
+        warning = "Warning: " if finding.severity == "warning" else ""
         output.say(f"  {warning}{finding}")
     output.say(
         f"Checked {found.records:,} records, {found.files:,} files, {found.bytes / 1e6:,.1f} MB: "
-        + (_counted(f.sort for f in found.findings) or "all of them intact")
+        + (_counted(f.severity for f in found.findings) or "all of them intact")
         + "."
     )
     output.document(
@@ -141,7 +141,7 @@ def verify(
             "records": found.records,
             "files": found.files,
             "bytes": found.bytes,
-            "findings": [{**f._asdict(), "path": str(f.path)} for f in found.findings],
+            "findings": [finding.to_json() for finding in found.findings],
         }
     )
     if found.faults:

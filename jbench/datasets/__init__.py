@@ -1,4 +1,4 @@
-"""Random-policy data: collect it, read it."""
+"""Collecting and reading random-policy datasets."""
 
 from jbench.datasets.collect import collect
 from jbench.datasets.reader import Dataset, find_dataset

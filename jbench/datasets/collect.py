@@ -1,4 +1,4 @@
-"""Collecting a random-policy dataset: one simulation that serves all five tasks."""
+"""Collecting a random-policy dataset, one simulation for all five tasks."""
 
 import math
 from collections import deque
@@ -18,7 +18,7 @@ from jbench.store import Record, Results
 from jbench.tasks import model as robot
 from jbench.tasks import resets
 
-# Episodes in one file: what is committed at a time, and what is in memory.
+# Episodes per file and commit.
 _PART_EPISODES = 25
 
 
@@ -28,24 +28,22 @@ def collect(
     threads: int,
     progress: Callable[[int], None] = lambda steps: None,
 ) -> Record:
-    """Collects a dataset, or continues one, or finds it finished.
+    """Collects a dataset, resumes its collection, or returns the finished one.
 
-    The actions are uniform in [-1, 1] (paper, section 5.2). Every episode draws from a generator
-    of its own, so that neither threads nor interruptions change a byte of the dataset.
+    The actions are uniform in [-1, 1] (paper, section 5.2). Every episode has its own generator, so
+    the dataset does not depend on threads or interruptions.
 
     Args:
-        settings: of the dataset.
-        results: where it goes.
-        threads: how many episodes are simulated at a time.
-        progress: called with the number of control steps done so far.
+        threads: number of simulation threads.
+        progress: called with the number of completed control steps.
 
     Raises:
         WorkError: if another process collects it, or the disk is full.
     """
-    with results.hold("dataset", settings.id) as found:
-        if found is not None and found.status == "finished":
-            return found
-        record = found or results.create("dataset", settings.id, settings.model_dump())
+    with results.locked("dataset", settings.id) as existing:
+        if existing is not None and existing.status == "finished":
+            return existing
+        record = existing or results.create("dataset", settings.id, settings.model_dump())
         _collect_rest(settings, record, threads, progress)
         record.finish({}, compact=False)
     return record
@@ -54,27 +52,26 @@ def collect(
 def _collect_rest(
     settings: DatasetSettings, record: Record, threads: int, progress: Callable[[int], None]
 ) -> None:
-    """Simulates and commits what is missing, file by file.
+    """Simulates and commits the missing episodes, file by file.
 
-    While one file is written the next ones are simulated: the simulating threads always have
-    episodes to go on with.
+    The next files are simulated while one is written.
     """
     total = settings.steps // EPISODE_STEPS
     first = record.rows("dataset_episodes")
     starts = range(first, total, _PART_EPISODES)
     progress(first * EPISODE_STEPS)
     model = robot.load(settings.augment)
-    # Enough files at a time that, with one of them being written, no thread lacks an episode.
-    at_a_time = 1 + math.ceil(threads / _PART_EPISODES)
-    # Left in the opposite order: who waits for simulations is not waited for before they stop.
-    with _pool(at_a_time) as makers, _pool(threads) as simulators:
+    # Enough files to keep all threads busy while one file is written.
+    max_files = 1 + math.ceil(threads / _PART_EPISODES)
+    # The pools are closed in reverse order: simulations stop before the makers that wait for them.
+    with _pool(max_files) as makers, _pool(threads) as simulators:
 
         def make(start: int) -> dict[str, pa.Table]:
             episodes = range(start, min(start + _PART_EPISODES, total))
             return _part(model, settings.seed, episodes, simulators)
 
-        ahead = deque(makers.submit(make, start) for start in starts[:at_a_time])
-        for start in starts[at_a_time:]:
+        ahead = deque(makers.submit(make, start) for start in starts[:max_files])
+        for start in starts[max_files:]:
             tables = ahead.popleft().result()
             ahead.append(makers.submit(make, start))
             _commit(record, tables, progress)
@@ -91,7 +88,7 @@ def _commit(
 
 @contextmanager
 def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
-    """Gives threads; where the work is stopped, what has not begun is not waited for."""
+    """Yields a thread pool; pending work is cancelled at the end of the block."""
     pool = ThreadPoolExecutor(threads)
     try:
         yield pool
@@ -109,10 +106,10 @@ def _part(
         quaternions.append(resets.draw_quaternion(random))
         targets.append({task: resets.draw_target(task, random) for task in TASKS})
         actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
-    held = np.stack(actions)
-    trajectories = simulate(model, np.stack(quaternions), held, simulators)
+    stacked = np.stack(actions)
+    trajectories = simulate(model, np.stack(quaternions), stacked, simulators)
     state = robot.state_of(*trajectories, robot.torso_offset(model))
     return {
-        "steps": layout.steps_table(episodes.start, state, held),
+        "steps": layout.steps_table(episodes.start, state, stacked),
         "dataset_episodes": layout.episodes_table(episodes.start, targets),
     }

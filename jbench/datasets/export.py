@@ -1,4 +1,4 @@
-"""A dataset in another format, so that other tools can read it."""
+"""Export of datasets to the Minari format."""
 
 import copy
 import fcntl
@@ -23,19 +23,17 @@ from jbench.store.files import make_directory
 from jbench.tasks import features
 from jbench.tasks.gym import environment_id
 
-# Of the format: the one that Minari writes by itself.
-_STORAGE = "hdf5"
-# Of its files over the numbers in them: measured, 1.2.
-_OVERHEAD = 1.5
+_STORAGE = "hdf5"  # Minari's default
+_OVERHEAD = 1.5  # upper bound of file size over the size of the arrays; 1.2 is measured
 
 
 class Exported(NamedTuple):
-    """What was written.
+    """An exported dataset.
 
     Attributes:
-        path: directory of the exported dataset.
-        id: by which Minari knows it.
-        bytes: on the disk.
+        path: its directory.
+        id: in Minari.
+        bytes: on disk.
     """
 
     path: Path
@@ -54,19 +52,18 @@ def export_minari(
     root: Path,
     progress: Callable[[int], None] = lambda episodes: None,
 ) -> Exported:
-    """Writes a dataset as a task sees it for Minari, file by file.
+    """Writes a dataset for Minari with the observations and rewards of a task.
 
-    It is there whole or not at all: what is being written lies in a hidden directory beside it,
-    and what a killed export left there is written again by the next.
+    The export is atomic: it is written to a hidden directory beside the target. An interrupted
+    export is written again by the next one.
 
     Args:
-        dataset: a finished one.
-        task: whose observations and rewards it gets.
-        root: directory of Minari datasets, what Minari calls MINARI_DATASETS_PATH.
-        progress: called with the number of episodes done.
+        dataset: a finished dataset.
+        root: directory of Minari datasets (MINARI_DATASETS_PATH).
+        progress: called with the number of completed episodes.
 
     Raises:
-        RequestError: if Minari is not installed, or the target exists already.
+        RequestError: if Minari is not installed, or the target exists.
         WorkError: if the dataset is damaged, another process exports it, or the disk is full.
     """
     missing = [name for name in ("minari", "h5py") if importlib.util.find_spec(name) is None]
@@ -83,78 +80,78 @@ def export_minari(
         )
     make_directory(path.parent)
     size = features.TASK_SPECS[task].observation_size
-    room = dataset.episodes * (EPISODE_STEPS + 1) * (4 * size + 10) * _OVERHEAD
-    with _place(path, round(room)) as place:
-        _write(dataset, task, id, place / "data", progress)
-        written = sum(file.stat().st_size for file in place.rglob("*") if file.is_file())
-        place.rename(path)
+    size_bound = dataset.episodes * (EPISODE_STEPS + 1) * (4 * size + 10) * _OVERHEAD
+    with _temporary_directory(path, round(size_bound)) as directory:
+        _write(dataset, task, id, directory / "data", progress)
+        written = sum(file.stat().st_size for file in directory.rglob("*") if file.is_file())
+        directory.rename(path)
     return Exported(path, id, written)
 
 
 @contextmanager
-def _place(path: Path, room: int) -> Iterator[Path]:
-    """Gives an empty hidden directory beside a path, for this process alone.
+def _temporary_directory(path: Path, size: int) -> Iterator[Path]:
+    """Yields an empty, locked, hidden directory beside a path.
 
     Args:
-        path: where its content is to go.
-        room: bytes that it will need.
+        path: final path of its content.
+        size: bytes that it will need.
 
     Raises:
-        WorkError: if another process has it, or there is not so much room.
+        WorkError: if another process has locked it, or the disk is too full.
     """
-    place = path.with_name(f".writing-{path.name}")
-    make_directory(place)
-    handle = os.open(place, os.O_RDONLY)
+    directory = path.with_name(f".writing-{path.name}")
+    make_directory(directory)
+    handle = os.open(directory, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(handle)
         raise WorkError(f"Another process is writing {path}; wait for it or stop it.") from None
     try:
-        for left in place.iterdir():
-            shutil.rmtree(left)
-        _try_room(place, room)
-        yield place
+        for leftover in directory.iterdir():
+            shutil.rmtree(leftover)
+        _check_space(directory, size)
+        yield directory
     except BaseException as error:
-        shutil.rmtree(place, ignore_errors=True)
+        shutil.rmtree(directory, ignore_errors=True)
         if isinstance(error, OSError):
             raise WorkError(
-                f"{path} can't be written ({error.strerror}); it needs {room / 1e6:.1f} MB of room."
+                f"{path} can't be written ({error.strerror}); it needs {size / 1e6:.1f} MB of room."
             ) from None
         raise
     finally:
         os.close(handle)
 
 
-def _try_room(place: Path, room: int) -> None:
-    """Takes so many bytes of the disk and gives them back: where it is full, HDF5 crashes."""
+def _check_space(directory: Path, size: int) -> None:
+    """Allocates and frees this many bytes, since HDF5 crashes on a full disk."""
     if hasattr(os, "posix_fallocate"):
-        with tempfile.TemporaryFile(dir=place) as file:
-            os.posix_fallocate(file.fileno(), 0, room)
+        with tempfile.TemporaryFile(dir=directory) as file:
+            os.posix_fallocate(file.fileno(), 0, size)
 
 
 def _write(
-    dataset: Dataset, task: str, id: str, place: Path, progress: Callable[[int], None]
+    dataset: Dataset, task: str, id: str, directory: Path, progress: Callable[[int], None]
 ) -> None:
-    """Writes all of a dataset with Minari's own writer."""
-    # An extra, and slow to import.
+    """Writes a dataset with Minari's writer."""
+    # An optional dependency, slow to import.
     import minari
     from minari.data_collector.episode_buffer import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
 
     settings = validated(DatasetSettings, f"the dataset {dataset.id}", **dataset.record.settings)
-    # A copy: Gymnasium gives its own.
+    # A copy, since Gymnasium returns its registry's object.
     spec = copy.deepcopy(gymnasium.spec(environment_id(task, settings.augment is not None)))
     if settings.augment is not None:
         spec.kwargs["augment"] = settings.augment
-    # Minari 0.5.4 loses its way where a path is relative.
-    storage = MinariStorage.new(place.resolve(), env_spec=spec, data_format=_STORAGE)
+    # Minari 0.5.4 fails on relative paths.
+    storage = MinariStorage.new(directory.resolve(), env_spec=spec, data_format=_STORAGE)
     storage.update_metadata(
         {
             "dataset_id": id,
             "minari_version": minari.__version__,
             "algorithm_name": settings.policy,
-            "description": f"The jbench dataset {dataset.id} as {task} sees it.",
+            "description": f"The jbench dataset {dataset.id} for {task}.",
             "requirements": ["jbench"],
         }
     )
@@ -164,10 +161,10 @@ def _write(
 
 
 def _episodes(episodes: range, block: Block) -> Iterator[dict[str, Any]]:
-    """Gives the episodes of a block as Minari names their parts."""
-    # No episode ends by itself: the time limit cuts each off.
+    """Yields the episodes of a block with Minari's field names."""
+    # Episodes are truncated at the time limit and never terminate.
     never = np.zeros(EPISODE_STEPS, bool)
-    cut_off = np.arange(1, EPISODE_STEPS + 1) == EPISODE_STEPS
+    truncations = np.arange(1, EPISODE_STEPS + 1) == EPISODE_STEPS
     for number, observations, actions, rewards in zip(episodes, *block, strict=True):
         yield {
             "id": number,
@@ -175,5 +172,5 @@ def _episodes(episodes: range, block: Block) -> Iterator[dict[str, Any]]:
             "actions": actions[:, None],
             "rewards": rewards,
             "terminations": never,
-            "truncations": cut_off,
+            "truncations": truncations,
         }

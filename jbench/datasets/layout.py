@@ -1,4 +1,4 @@
-"""The columns of a dataset: states and actions once, and every task's target for each episode."""
+"""The columns of a dataset: states and actions, and the targets of every task per episode."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from jbench.store.schema import DATASET_EPISODES, STEPS
 from jbench.tasks.features import TARGET_HEIGHT, State, Target
 
-# Parts of a state and the names of their columns, in SI units as in `State`.
+# Columns of the fields of `State`, in SI units.
 _STATE_COLUMNS: dict[str, tuple[str, ...]] = {
     "position": (
         "position_x",
@@ -39,8 +39,8 @@ def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) 
     """Returns the rows of consecutive episodes.
 
     Args:
-        first_episode: number of the first of them.
-        state: arrays of leading axes (episodes, steps + 1).
+        first_episode: number of the first episode.
+        state: with leading axes (episodes, steps + 1).
         actions: (episodes, steps).
     """
     episodes, steps = actions.shape
@@ -58,11 +58,11 @@ def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) 
 
 
 def episodes_table(first_episode: int, targets: Sequence[Mapping[str, Target]]) -> pa.Table:
-    """Returns a row for each episode from its targets by task."""
+    """Returns a row per episode from its targets by task."""
     rows = []
-    for episode, drawn in enumerate(targets, first_episode):
+    for episode, by_task in enumerate(targets, first_episode):
         row: dict[str, Any] = {"episode": episode}
-        for task, target in drawn.items():
+        for task, target in by_task.items():
             x, y, _ = target.position
             row |= {f"{task}_target_x": x, f"{task}_target_y": y, f"{task}_target_yaw": target.yaw}
         rows.append(row)
@@ -70,20 +70,19 @@ def episodes_table(first_episode: int, targets: Sequence[Mapping[str, Target]]) 
 
 
 def flaw(steps: pa.Table, targets: pa.Table, episodes: range, episode_steps: int) -> str | None:
-    """Returns what can't be in the rows of whole episodes, to follow "holds"; None if all is well.
+    """Returns a problem of the rows of whole episodes, to follow "holds"; None if they are valid.
 
     Args:
         steps: rows of `STEPS`.
         targets: rows of `DATASET_EPISODES`.
-        episodes: numbers of the episodes that they should be.
-        episode_steps: control steps in an episode.
+        episodes: expected episode numbers.
     """
-    numbers, of_episode = np.arange(episodes.start, episodes.stop), np.arange(episode_steps + 1)
-    wanted = (np.repeat(numbers, len(of_episode)), np.tile(of_episode, len(numbers)), numbers)
-    found = (steps["episode"], steps["step"], targets["episode"])
-    if not all(map(np.array_equal, found, wanted)):
+    numbers, step_numbers = np.arange(episodes.start, episodes.stop), np.arange(episode_steps + 1)
+    expected = (np.repeat(numbers, len(step_numbers)), np.tile(step_numbers, len(numbers)), numbers)
+    columns = (steps["episode"], steps["step"], targets["episode"])
+    if not all(map(np.array_equal, columns, expected)):
         return "other rows than those of whole episodes in their order"
-    if not np.array_equal(steps["action"].is_null(), wanted[1] == episode_steps):
+    if not np.array_equal(steps["action"].is_null(), expected[1] == episode_steps):
         return "a state without its action, or an action after the last state"
     for table in (steps.drop_columns("action"), targets, steps.select(["action"]).drop_null()):
         for name, column in zip(table.column_names, table.columns, strict=True):
@@ -108,7 +107,7 @@ def state_of(rows: pa.Table, episode_steps: int) -> State:
 
 
 def target_of(task: str, rows: pa.Table) -> Target:
-    """Returns the targets (episodes, 1) of a task, in float32, to go with `state_of`."""
+    """Returns the targets (episodes, 1) of a task, in float32."""
     x, y, yaw = (
         rows[f"{task}_target_{part}"].to_numpy().astype(np.float32)[:, None]
         for part in ("x", "y", "yaw")

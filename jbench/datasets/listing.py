@@ -1,4 +1,4 @@
-"""Which datasets there are."""
+"""Listing datasets."""
 
 from typing import NamedTuple
 
@@ -10,13 +10,13 @@ from jbench.store import Record, Results
 
 
 class Listed(NamedTuple):
-    """A dataset, finished or not.
+    """A finished or unfinished dataset.
 
     Attributes:
-        record: its manifest and its files.
-        settings: what it is made of.
-        steps: control steps that it has.
-        bytes: on the disk.
+        record: of the dataset.
+        settings: of the dataset.
+        steps: committed control steps.
+        bytes: on disk.
     """
 
     record: Record
@@ -26,9 +26,9 @@ class Listed(NamedTuple):
 
 
 def list_datasets(results: Results) -> tuple[list[Listed], list[str]]:
-    """Returns all datasets, oldest first, and a sentence for each that can't be read."""
+    """Returns all datasets, oldest first, and an error for each unreadable one."""
     records, problems = results.scan("dataset")
-    found = []
+    datasets = []
     for record in records:
         try:
             settings = DatasetSettings.model_validate(record.settings)
@@ -40,5 +40,5 @@ def list_datasets(results: Results) -> tuple[list[Listed], list[str]]:
             continue
         steps = record.rows("dataset_episodes") * EPISODE_STEPS
         size = sum(entry.bytes for entry in record.manifest.files)
-        found.append(Listed(record, settings, steps, size))
-    return found, problems
+        datasets.append(Listed(record, settings, steps, size))
+    return datasets, problems

@@ -1,4 +1,4 @@
-"""Reading a dataset: any task's observations and rewards, out of the one simulation."""
+"""Reading a dataset with the observations and rewards of any task."""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -16,12 +16,12 @@ from jbench.tasks import features
 
 
 class Block(NamedTuple):
-    """Some episodes of a dataset, as one task sees them.
+    """Episodes of a dataset with the observations and rewards of one task.
 
     Attributes:
         observations: (episodes, 1001, dim(O)) float32, the last after the last action.
         actions: (episodes, 1000) float32.
-        rewards: (episodes, 1000) float32, each read at the end of its control step.
+        rewards: (episodes, 1000) float32, at the end of each control step.
     """
 
     observations: NDArray[np.float32]
@@ -33,10 +33,10 @@ class Dataset:
     """A collected dataset.
 
     Attributes:
-        record: its manifest and its files.
+        record: of the dataset.
         id: such as random/s00-1f9a2c4e.
-        episodes: how many it holds.
-        parts: the episodes in each of its files; part i is `blocks(task, parts=[i])`.
+        episodes: number of episodes.
+        parts: the episodes of each file; `blocks(task, parts=[i])` reads part i.
     """
 
     def __init__(self, record: Record) -> None:
@@ -49,18 +49,13 @@ class Dataset:
         self.parts = tuple(range(*pair) for pair in itertools.pairwise(bounds))
 
     def blocks(self, task: str, parts: Iterable[int] | None = None) -> Iterator[Block]:
-        """Gives the dataset file by file, each checked, as a task sees it.
-
-        One file is in memory at a time, and nothing is kept between calls: ask again for another
-        round, in whatever order.
+        """Yields the dataset for a task, file by file, with one file in memory at a time.
 
         Args:
-            task: one of `jbench.names.TASKS`.
-            parts: which of `Dataset.parts` and in which order; all of them by default.
+            parts: indices of `Dataset.parts` in the order of reading; all by default.
 
         Raises:
-            WorkError: if a file is damaged, of other columns, or holds what can't be; it names the
-                file.
+            WorkError: if a file is damaged or has invalid columns or values.
         """
         files = self.record.parts("steps"), self.record.parts("dataset_episodes")
         if len(files[0]) != len(files[1]):
@@ -69,10 +64,10 @@ class Dataset:
             yield self._block(task, self.parts[part], files[0][part], files[1][part])
 
     def observations(self, task: str) -> NDArray[np.float32]:
-        """Returns (episodes, 1000, dim(O)): what a task's agent saw before each action.
+        """Returns a task's observations (episodes, 1000, dim(O)) before each action.
 
         Raises:
-            WorkError: as `blocks`.
+            WorkError: see `blocks`.
         """
         size = features.TASK_SPECS[task].observation_size
         observations = np.empty((self.episodes, EPISODE_STEPS, size), np.float32)
@@ -90,10 +85,10 @@ class Dataset:
                 f"deleting {self.record.path}."
             )
         state = layout.state_of(rows, EPISODE_STEPS)
-        drawn = layout.target_of(task, targets)
+        targets_of_task = layout.target_of(task, targets)
         target = features.Target(
-            np.broadcast_to(drawn.position, (*state.position.shape[:-1], 3)),
-            np.broadcast_to(drawn.yaw, state.position.shape[:-1]),
+            np.broadcast_to(targets_of_task.position, (*state.position.shape[:-1], 3)),
+            np.broadcast_to(targets_of_task.yaw, state.position.shape[:-1]),
         )
         actions = rows["action"].to_numpy().reshape(-1, EPISODE_STEPS + 1)[:, :-1]
         return Block(
@@ -107,20 +102,20 @@ def find_dataset(results: Results, id: str | None = None) -> Dataset:
     """Returns a dataset by its id, or the newest finished one of the plain robot.
 
     Raises:
-        RequestError: if there is none, or it is not finished; it says how to collect one.
+        RequestError: if there is none, or it is not finished.
     """
     if id is not None:
         record = results.find("dataset", id)
         if record is None:
-            known = [record.id for record in results.scan("dataset")[0]]
+            ids = [record.id for record in results.scan("dataset")[0]]
             raise RequestError(
                 f"No dataset {id} in {results.path}; "
-                + (f"there are {', '.join(known)}." if known else "run jbench collect first.")
+                + (f"there are {', '.join(ids)}." if ids else "run jbench collect first.")
             )
         if record.status != "finished":
             raise RequestError(
-                f"The dataset {id} is unfinished; type the jbench collect command that began it "
-                "again and it continues."
+                f"The dataset {id} is unfinished; type the jbench collect command that started it "
+                "to resume it."
             )
         return Dataset(record)
     records, problems = results.scan("dataset")

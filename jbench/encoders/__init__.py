@@ -1,4 +1,4 @@
-"""Reduced-order representations of an observation, and how they are trained."""
+"""Encoders: reduced-order representations of an observation, and their training."""
 
 from jbench.encoders.saved import Encoder, find_encoder, load_encoder
 

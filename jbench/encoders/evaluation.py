@@ -1,7 +1,7 @@
-"""The errors of an encoder: on held-out episodes, and on those of a policy that is not random.
+"""Reconstruction errors of an encoder on held-out episodes and on episodes of the heuristic.
 
-Beside every encoder stand PCA's errors and those of a random projection of the same size, fitted to
-the same states and told on the same scaled ones.
+PCA and a random projection of the same size, fitted to the same states, are evaluated for
+comparison.
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,22 +25,21 @@ from jbench.tasks.heuristics import heuristic
 
 _EPISODES = 10  # of the heuristic
 _THREADS = 2
-# None of the seeds of `jbench evaluate` or of a tuning: an entropy of its own.
-_SEED = 20200419
-_ROWS = 65536  # reconstructed at a time
+_SEED = 20200419  # not used by `jbench evaluate` or for tuning the heuristics
+_MAX_ROWS = 65536  # rows per block
 
-_BESIDE: dict[str, ClosedForm] = {"pca": PrincipalComponents(), "random": RandomProjection()}
+_BASELINES: dict[str, ClosedForm] = {"pca": PrincipalComponents(), "random": RandomProjection()}
 
 
 class Errors(NamedTuple):
     """Mean squared errors on some states.
 
     Attributes:
-        mse: (size,) of each scaled feature.
-        variance: (size,) of each scaled feature of the states that are reconstructed.
-        pca: (size,) of PCA of the same size.
-        random: (size,) of a random projection of the same size.
-        states: how many.
+        mse: (size,) error of each scaled feature.
+        variance: (size,) variance of each scaled feature of the target states.
+        pca: (size,) errors of PCA of the same size.
+        random: (size,) errors of a random projection of the same size.
+        states: number of states.
     """
 
     mse: FloatArray
@@ -50,41 +49,39 @@ class Errors(NamedTuple):
     states: int
 
     def explained(self, mse: FloatArray) -> float:
-        """Returns the fraction of the states' variance that is explained, all features together."""
+        """Returns the explained fraction of the total variance of the features."""
         total = self.variance.sum()
         return float(1 - mse.sum() / total) if total else 0.0
 
 
-def judge(
+def evaluate_encoder(
     kind: Kind, weights: Mapping[str, Any], latents: int, states: States
 ) -> dict[str, Errors]:
-    """Returns the errors on the held-out episodes, `test`, and on the heuristic's, `heuristic`.
+    """Returns the errors on held-out episodes, `test`, and on the heuristic's, `heuristic`.
 
     Args:
-        kind: of the encoder.
-        weights: of the encoder, float32, of numpy.
-        latents: how many.
-        states: those that it was trained on.
+        weights: numpy arrays in float32.
+        states: the encoder's training data.
     """
     augment = states.dataset.record.settings.get("augment")
-    observed, *commanded = heuristic_episodes(states.task, augment)
-    ours = states.scale(observed)
-    foreign = Shard(*map(torch.from_numpy, (ours, *commanded))).to(states.device)
+    observations, *actions_and_rewards = heuristic_episodes(states.task, augment)
+    scaled = states.scale(observations)
+    shard = Shard(*map(torch.from_numpy, (scaled, *actions_and_rewards))).to(states.device)
     on_device = {n: torch.from_numpy(v).to(states.device) for n, v in weights.items()}
-    judged = {"test": (states.test(), states.held_out), "heuristic": ([foreign], Moments.of(ours))}
-    # Where there are more latents than features, PCA and random directions of all features.
+    data = {"test": (states.test(), states.held_out), "heuristic": ([shard], Moments.of(scaled))}
+    # There may be more latents than features.
     size = min(latents, states.size)
-    beside = {
+    baselines = {
         name: _reconstruction(other, other.fit(states.learned, size, states.seed), states.size)
-        for name, other in _BESIDE.items()
+        for name, other in _BASELINES.items()
     }
     return {
-        data: Errors(
+        name: Errors(
             *reconstruction_errors(kind, on_device, shards),
-            **{name: affine_errors(*affine, moments) for name, affine in beside.items()},
+            **{baseline: affine_errors(*affine, moments) for baseline, affine in baselines.items()},
             states=moments.rows,
         )
-        for data, (shards, moments) in judged.items()
+        for name, (shards, moments) in data.items()
     }
 
 
@@ -92,20 +89,22 @@ def judge(
 def reconstruction_errors(
     kind: Kind, weights: Mapping[str, Tensor], shards: Iterable[Shard]
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns the (size,) mean squared errors and variances of what a kind reconstructs."""
+    """Returns the (size,) mean squared errors of a kind and the variances of its targets."""
     sums: Any = 0
     count = 0
     for shard in shards:
         ahead = kind.steps_ahead if kind.decodes_later else 0
-        for chosen in torch.arange(shard.pairs(ahead), device=shard.states.device).split(_ROWS):
-            batch = shard.take(chosen, ahead)
-            wanted = batch.later.double()
+        for indices in torch.arange(shard.pairs(ahead), device=shard.states.device).split(
+            _MAX_ROWS
+        ):
+            batch = shard.take(indices, ahead)
+            target = batch.later.double()
             error = kind.decode(weights, kind.encode(weights, batch.now)) - batch.later
-            of = (error.double().square(), wanted, wanted.square())
-            sums = sums + torch.stack([values.sum(0) for values in of]).cpu().numpy()
-            count += len(chosen)
-    error_of, mean, square = sums / count
-    return error_of, np.maximum(square - mean**2, 0)
+            summed = (error.double().square(), target, target.square())
+            sums = sums + torch.stack([values.sum(0) for values in summed]).cpu().numpy()
+            count += len(indices)
+    mse, mean, square = sums / count
+    return mse, np.maximum(square - mean**2, 0)
 
 
 @cache
@@ -114,11 +113,10 @@ def heuristic_episodes(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Returns (10, 1001, size) observations of a task's heuristic, (10, 1000) actions and rewards.
 
-    They are the same in every process: the seeds are fixed, and used for nothing else.
+    The seeds are fixed, so the episodes are the same in every process.
 
     Args:
-        task: one of `jbench.names.TASKS`.
-        augment: seed of the augmented robot; None for the plain one.
+        augment: seed of the augmented robot; None for the plain robot.
     """
     generators = [resets.episode_generator(_SEED, episode) for episode in range(_EPISODES)]
     starts = resets.draw_starts(task, generators)
@@ -130,16 +128,16 @@ def heuristic_episodes(
 
     with Robots(robot.load(augment), _EPISODES, _THREADS) as robots:
         steps = list(rollout(task, robots, starts, act))
-    observed = [steps[0].observations, *(step.next_observations for step in steps)]
+    observations = [steps[0].observations, *(step.next_observations for step in steps)]
     actions = [step.actions.astype(np.float32) for step in steps]
     rewards = [step.rewards.astype(np.float32) for step in steps]
-    return np.stack(observed, axis=1), np.stack(actions, axis=1), np.stack(rewards, axis=1)
+    return np.stack(observations, axis=1), np.stack(actions, axis=1), np.stack(rewards, axis=1)
 
 
 def _reconstruction(
     kind: ClosedForm, weights: Mapping[str, FloatArray], size: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns matrix (size, size) and shift (size,) of a reconstruction that is affine."""
+    """Returns matrix (size, size) and shift (size,) of an affine reconstruction."""
 
     def rebuilt(rows: FloatArray) -> FloatArray:
         values: FloatArray = kind.decode(weights, kind.encode(weights, rows))

@@ -1,10 +1,9 @@
-"""The training loop of all learned kinds: epochs, shuffling, Adam, and resuming after a kill.
+"""The training loop of all learned kinds: epochs, shuffling, Adam, and checkpoints.
 
-All random numbers of a training come from one generator in a fixed order: the initial weights, then
-in each epoch the order of the rows and, several batches at a time, the noise of the kind. The
-generator is on the CPU whatever device computes, so that every device trains the same encoder up
-to rounding. Its state is saved with the weights and Adam's state, so that a training that was
-killed ends with the same weights.
+All random numbers come from one generator in a fixed order: the initial weights, then in each
+epoch the order of the rows and, several batches at a time, the noise of the kind. The generator is
+on the CPU for every device, so every device trains the same encoder up to rounding. Its state is
+saved with the weights and Adam's state, so a resumed training ends with the same weights.
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,21 +20,21 @@ from jbench.encoders.kind import Batch, Learned
 from jbench.encoders.states import States
 from jbench.errors import RequestError, WorkError
 
-_PREPARED = 16  # batches that are gathered and corrupted at a time
+_PREPARED = 16  # batches gathered and corrupted at once
 _ADAM = ("exp_avg", "exp_avg_sq", "step")
-_RANDOM = "random.cpu"  # in checkpoints: state of the generator
-_RANDOM_ON_GPU = "random.cuda"  # in checkpoints of older versions, trained on a GPU
+_RANDOM = "random.cpu"  # state of the generator in checkpoints
+_RANDOM_ON_GPU = "random.cuda"  # in checkpoints that older versions wrote on a GPU
 
 _Item = TypeVar("_Item")
 
 
 class Learner:
-    """Weights that are being trained, with the complete state of the training.
+    """The complete state of a training: weights, optimiser and random generator.
 
     Attributes:
-        weights: by name; views of one tensor, so that Adam updates a single tensor.
+        weights: by name, as views of one flat tensor that Adam updates.
         random: generator of all random numbers, on the CPU.
-        device: that computes, and holds the weights.
+        device: of the weights.
     """
 
     def __init__(
@@ -47,7 +46,7 @@ class Learner:
         device: torch.device,
         constants: Mapping[str, Tensor] | None = None,
     ) -> None:
-        """Draws the initial weights; the constants of the kind stay as they are."""
+        """Draws the initial weights; `constants` are not trained."""
         self.kind, self.latents, self.device = kind, latents, device
         self.random = torch.Generator().manual_seed(seed)
         initial = kind.initial(size, latents, self.random)
@@ -61,7 +60,7 @@ class Learner:
         self._adam = torch.optim.Adam([self._flat], lr=kind.learning_rate, fused=True)
 
     def epoch(self, states: States) -> float:
-        """Learns from every row once, in random order; returns the mean loss on the way."""
+        """Trains on every row once, in random order; returns the mean loss."""
         total = torch.zeros((), dtype=torch.float64, device=self.device)
         rows = 0
         for batch in self._batches(states):
@@ -88,16 +87,16 @@ class Learner:
         """Restores a state that `to_bytes` returned, on this device or another.
 
         Raises:
-            WorkError: if it can't be read, or an older jbench drew its random numbers on a GPU.
+            WorkError: if it can't be read, or an older jbench wrote it on a GPU.
         """
         try:
-            kept = safetensors.torch.load(content)
-            if _RANDOM_ON_GPU in kept:
+            saved = safetensors.torch.load(content)
+            if _RANDOM_ON_GPU in saved:
                 raise ValueError("an older jbench drew its random numbers on a GPU")
             with torch.no_grad():
-                self._flat.copy_(kept["weights"])
-            self.random.set_state(kept[_RANDOM])
-            self._adam.state[self._flat] = {name: kept[name].to(self.device) for name in _ADAM}
+                self._flat.copy_(saved["weights"])
+            self.random.set_state(saved[_RANDOM])
+            self._adam.state[self._flat] = {name: saved[name].to(self.device) for name in _ADAM}
         except (safetensors.SafetensorError, KeyError, ValueError, RuntimeError) as error:
             raise WorkError(
                 f"The checkpoint can't be used ({error}); delete the directory of the encoder to "
@@ -106,7 +105,7 @@ class Learner:
 
     def _batches(self, states: States) -> Iterator[Batch]:
         """Yields the batches of an epoch."""
-        for batch in _ahead(self._prepared(states)):
+        for batch in _prefetch(self._prepared(states)):
             yield from batch.split(self.kind.batch)
 
     def _prepared(self, states: States) -> Iterator[Batch]:
@@ -119,16 +118,16 @@ class Learner:
                 generator=self.random,
                 dtype=torch.int32 if pairs < 2**31 // 2 else torch.int64,
             ).to(self.device)
-            for chosen in order.split(_PREPARED * kind.batch):
-                batch = shard.take(chosen, ahead, kind.uses_actions)
+            for indices in order.split(_PREPARED * kind.batch):
+                batch = shard.take(indices, ahead, kind.uses_actions)
                 yield kind.prepare(batch, self.latents, self.random)
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Lets torch use one thread: these steps are so small that more only wait for each other.
+    """Limits torch to one thread, since these steps are too small for more.
 
-    It also makes the weights the same on machines of more and of fewer cores.
+    The weights then do not depend on the number of cores.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -139,28 +138,29 @@ def one_thread() -> Iterator[None]:
 
 
 def find_device(name: str) -> torch.device:
-    """Returns the device of a name: cpu, cuda, or auto for cuda where there is one.
+    """Returns the device named "cpu", "cuda", or "auto" for a GPU if there is one.
 
     Raises:
         RequestError: if there is no CUDA device.
     """
-    there = torch.cuda.is_available()
-    if name == "cuda" and not there:
+    has_gpu = torch.cuda.is_available()
+    if name == "cuda" and not has_gpu:
         raise RequestError("There is no CUDA device here that torch can use; type --device cpu.")
-    return torch.device("cuda" if name == "cuda" or (name == "auto" and there) else "cpu")
+    return torch.device("cuda" if name == "cuda" or (name == "auto" and has_gpu) else "cpu")
 
 
 def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Returns parts of one tensor in the names and shapes of others, sharing its memory."""
+    """Returns views of a flat tensor with the names and shapes of other tensors."""
     sizes = [value.numel() for value in like.values()]
-    cut = flat.detach().split(sizes)
+    parts = flat.detach().split(sizes)
     return {
-        name: part.view(value.shape) for (name, value), part in zip(like.items(), cut, strict=True)
+        name: part.view(value.shape)
+        for (name, value), part in zip(like.items(), parts, strict=True)
     }
 
 
-def _ahead(items: Iterator[_Item]) -> Iterator[_Item]:
-    """Yields the items; each is made on a thread while the one before it is in use."""
+def _prefetch(items: Iterator[_Item]) -> Iterator[_Item]:
+    """Yields the items; a thread computes each one while the previous one is in use."""
     with ThreadPoolExecutor(1) as pool:
         following = pool.submit(next, items, None)
         while (item := following.result()) is not None:

@@ -1,7 +1,7 @@
-"""Count, mean and covariance of rows that come block by block, and what follows from them.
+"""Streaming count, mean and covariance of rows.
 
-Everything is in float64, and blocks are merged by their means (Chan, Golub and LeVeque, 1983), so
-that millions of rows lose no digits.
+Everything is in float64, and blocks are merged by their means (Chan, Golub and LeVeque, 1983),
+which is accurate for millions of rows.
 """
 
 from typing import NamedTuple
@@ -16,8 +16,8 @@ class Moments(NamedTuple):
     """Moments of some rows.
 
     Attributes:
-        rows: how many.
-        mean: (size,) of each column.
+        rows: number of rows.
+        mean: (size,) of the columns.
         covariance: (size, size), divided by the count.
     """
 
@@ -42,15 +42,15 @@ class Moments(NamedTuple):
         return cls(len(values), mean, values.T @ values / len(values))
 
     def merged(self, other: "Moments") -> "Moments":
-        """Returns the moments of the rows of both."""
+        """Returns the moments of the union of both sets of rows."""
         rows = self.rows + other.rows
         if not rows:
             return self
-        share = other.rows / rows
-        apart = other.mean - self.mean
-        covariance = (1 - share) * self.covariance + share * other.covariance
-        covariance += share * (1 - share) * np.outer(apart, apart)
-        return Moments(rows, self.mean + share * apart, covariance)
+        fraction = other.rows / rows
+        difference = other.mean - self.mean
+        covariance = (1 - fraction) * self.covariance + fraction * other.covariance
+        covariance += fraction * (1 - fraction) * np.outer(difference, difference)
+        return Moments(rows, self.mean + fraction * difference, covariance)
 
     def scaled(self, gain: NDArray[np.floating], offset: NDArray[np.floating]) -> "Moments":
         """Returns the moments of gain * row + offset, both (size,)."""
@@ -67,14 +67,16 @@ class Moments(NamedTuple):
 
 
 def affine_errors(matrix: FloatArray, shift: FloatArray, moments: Moments) -> FloatArray:
-    """Returns the (size,) mean squared errors of the reconstruction matrix @ row + shift.
+    """Returns the (size,) mean squared errors of reconstructing rows as matrix @ row + shift.
 
     Args:
         matrix: (size, size).
         shift: (size,).
         moments: of the rows.
     """
-    off = matrix - np.eye(len(matrix))
-    bias = off @ moments.mean + shift
-    errors: FloatArray = np.einsum("ij,jk,ik->i", off, moments.covariance, off) + bias**2
+    difference = matrix - np.eye(len(matrix))
+    bias = difference @ moments.mean + shift
+    errors: FloatArray = (
+        np.einsum("ij,jk,ik->i", difference, moments.covariance, difference) + bias**2
+    )
     return np.maximum(errors, 0)

@@ -1,8 +1,8 @@
-"""What latents tell of the next control step: a small network that predicts from them.
+"""Probing latents: how well a small network predicts the next control step from them.
 
-A state's latents may give back most of its variance and nothing of what an agent acts on. So every
-encoder is judged by the held-out R² of a probe with fixed settings that sees latents and action and
-predicts the rates of the next state and the reward.
+Latents may explain most of the states' variance and still miss what an agent needs. Every encoder
+is therefore also evaluated by the held-out R² of a probe with fixed settings, which predicts rates
+of the next state and the reward from latents and action.
 """
 
 import itertools
@@ -18,24 +18,23 @@ from jbench.encoders.kinds.planar import physical_scaling, to_planar
 from jbench.encoders.states import Shard, States
 
 TARGETS = ("yaw_rate", "tilt_rate", "forward_speed", "reward")
-"""What is predicted of the next control step; `docs/encoders.md` defines them."""
+"""Predicted quantities of the next control step, defined in `docs/encoders.md`."""
 
-# Of the probe: two hidden layers of ReLU, Adam. More of any of these changes no order of kinds.
+# The probe has two hidden ReLU layers. Larger values of these do not change the order of kinds.
 _LEARNED_ROWS, _TEST_ROWS = 60_000, 30_000
 _HIDDEN, _BATCH, _EPOCHS, _RATE = 64, 512, 15, 3e-3
 _SEED = 20200419
 
 
 class Probe(NamedTuple):
-    """How well the next control step is predicted from latents and action.
+    """Accuracy of predicting the next control step from latents and action.
 
     Attributes:
-        r2: by target, the held-out fraction of its variance that is predicted; None for a target
-            that does not vary.
-        learned_rows: states that the network learned from.
-        test_rows: states of held-out episodes.
-        effective_rank: of the latents of the latter: exp of the entropy of their singular values
-            (Roy and Vetterli, 2007).
+        r2: held-out explained fraction of the variance by target; None for a constant target.
+        learned_rows: number of training states.
+        test_rows: number of held-out states.
+        effective_rank: of the held-out latents: exp of the entropy of their singular values (Roy
+            and Vetterli, 2007).
     """
 
     r2: dict[str, float | None]
@@ -52,12 +51,11 @@ class _Rows(NamedTuple):
 
 
 def probe(kind: Kind, weights: Weights, states: States) -> Probe:
-    """Returns the predictions from an encoder's latents; always the same for the same encoder.
+    """Trains and evaluates a probe; the result is deterministic.
 
     Args:
-        kind: of the encoder.
-        weights: of the encoder, float32, of numpy.
-        states: those that it was trained on.
+        weights: numpy arrays in float32.
+        states: the encoder's training data.
     """
     learned = _rows_of(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
     test = _rows_of(kind, weights, states, next(states.test()), _TEST_ROWS)
@@ -67,17 +65,17 @@ def probe(kind: Kind, weights: Weights, states: States) -> Probe:
         _Rows(*((part - mean) / sd for part, (mean, sd) in zip(rows, scaling, strict=True)))
         for rows in (learned, test)
     )
-    wrong = (_fitted(learned)(test.inputs) - test.targets).square().mean(0)
+    errors = (_trained(learned)(test.inputs) - test.targets).square().mean(0)
     variance = test.targets.var(0, correction=0)
     r2 = {
-        target: _r2(wrong[columns], variance[columns])
+        target: _r2(errors[columns], variance[columns])
         for target, columns in zip(TARGETS, _COLUMNS, strict=True)
     }
     return Probe(r2, len(learned.inputs), len(test.inputs), rank)
 
 
 def effective_rank(rows: NDArray[np.floating]) -> float:
-    """Returns the effective rank of rows (rows, columns) about their mean; 0 if they don't vary."""
+    """Returns the effective rank of centred rows (rows, columns); 0 if they are constant."""
     centered = rows.astype(np.float64) - rows.mean(0, dtype=np.float64)
     singular = np.sqrt(np.maximum(np.linalg.eigvalsh(centered.T @ centered), 0))
     if not singular.sum():
@@ -88,19 +86,19 @@ def effective_rank(rows: NDArray[np.floating]) -> float:
 
 
 _COLUMNS = ([0], [1, 2], [3], [4])
-"""The columns of each target: the tilt turns about two axes."""
+"""Columns of each target; the tilt rate has two axes."""
 
 
-def _rows_of(kind: Kind, weights: Weights, states: States, shard: Shard, most: int) -> _Rows:
-    """Returns at most this many rows of a shard, chosen at random."""
+def _rows_of(kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: int) -> _Rows:
+    """Returns up to `max_rows` random rows of a shard."""
     shard = shard.to(torch.device("cpu"))
     pairs = shard.pairs(1)
     random = torch.Generator().manual_seed(_SEED)
-    batch = shard.take(torch.randperm(pairs, generator=random)[:most], 1, with_actions=True)
+    batch = shard.take(torch.randperm(pairs, generator=random)[:max_rows], 1, with_actions=True)
     gain, offset = physical_scaling(states.task, states.scaling)
     later = to_planar(states.task, batch.later.double().numpy() * gain + offset)
     assert batch.rewards is not None
-    # Velocity and angular velocity in the heading frame, in which the robot faces -y.
+    # Rates in the heading frame, in which the robot faces -y.
     rates = np.stack([later[:, 8], later[:, 6], later[:, 7], -later[:, 4]], axis=1)
     targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
     latents = np.asarray(kind.encode(weights, batch.now.numpy()), np.float32)
@@ -111,19 +109,19 @@ def _rows_of(kind: Kind, weights: Weights, states: States, shard: Shard, most: i
 
 
 def _standard(rows: Tensor) -> tuple[Tensor, Tensor]:
-    """Returns mean and standard deviation of columns, 1 for one that does not vary."""
+    """Returns mean and standard deviation of columns; 1 for a constant column."""
     sd = rows.std(0)
     return rows.mean(0), torch.where(sd > 1e-6, sd, 1)
 
 
-def _r2(wrong: Tensor, variance: Tensor) -> float | None:
-    """Returns the fraction of the variance of some columns together that is predicted."""
+def _r2(errors: Tensor, variance: Tensor) -> float | None:
+    """Returns the explained fraction of the total variance of some columns."""
     total = float(variance.sum())
-    return 1 - float(wrong.sum()) / total if total > 0 else None
+    return 1 - float(errors.sum()) / total if total > 0 else None
 
 
-def _fitted(rows: _Rows) -> torch.nn.Module:
-    """Returns a network that has learned the targets."""
+def _trained(rows: _Rows) -> torch.nn.Module:
+    """Returns a network trained to predict the targets."""
     random = torch.Generator().manual_seed(_SEED)
     sizes = (rows.inputs.shape[1], _HIDDEN, _HIDDEN, rows.targets.shape[1])
     linear = [torch.nn.Linear(*pair) for pair in itertools.pairwise(sizes)]
@@ -134,13 +132,15 @@ def _fitted(rows: _Rows) -> torch.nn.Module:
     network = torch.nn.Sequential(linear[0], relu, linear[1], relu, linear[2])
     steps = _EPOCHS * -(-len(rows.inputs) // _BATCH)
     adam = torch.optim.Adam(network.parameters(), lr=_RATE, fused=True)
-    falling = torch.optim.lr_scheduler.LinearLR(adam, 1, 0.01, total_iters=steps)
+    scheduler = torch.optim.lr_scheduler.LinearLR(adam, 1, 0.01, total_iters=steps)
     for _ in range(_EPOCHS):
         order = torch.randperm(len(rows.inputs), generator=random)
-        for chosen in order.split(_BATCH):
-            loss = torch.nn.functional.mse_loss(network(rows.inputs[chosen]), rows.targets[chosen])
+        for indices in order.split(_BATCH):
+            loss = torch.nn.functional.mse_loss(
+                network(rows.inputs[indices]), rows.targets[indices]
+            )
             adam.zero_grad()
             loss.backward()
             adam.step()
-            falling.step()
+            scheduler.step()
     return network.requires_grad_(requires_grad=False)

@@ -1,6 +1,6 @@
-"""The kinds of encoders there are: ours, and those of other packages.
+"""Registry of the kinds of encoders: built-in ones and those of other packages.
 
-A package offers a kind by an entry point of the group `jbench.encoders`, whose name is the kind's
+A package registers a kind by an entry point of the group `jbench.encoders`, named after the kind,
 and whose value is its class; see `docs/encoders.md`.
 """
 
@@ -17,12 +17,12 @@ from jbench.settings.base import validated
 
 GROUP = "jbench.encoders"
 
-# A representation is a kind and a number, as dae12: a kind must not end in a digit.
+# A representation is a kind and a number, such as dae12, so a kind must not end in a digit.
 _NAME = re.compile(r"[a-z]([a-z0-9-]*[a-z])?")
 
 
 def kind_names() -> list[str]:
-    """Returns the names of all kinds, ours first."""
+    """Returns the names of all kinds, built-in ones first."""
     return [*ENCODER_KINDS, *sorted(_offered())]
 
 
@@ -30,46 +30,46 @@ def find_kind(name: str) -> type[Kind]:
     """Returns the class of a kind.
 
     Raises:
-        RequestError: if there is none of that name; it says which there are.
-        WorkError: if the package that offers it can't be imported, or offers something else.
+        RequestError: if the kind does not exist.
+        WorkError: if its package can't be imported, or its class is not a kind.
     """
     known("kind of encoder", name, kind_names())
     if name in ENCODER_KINDS:
         module, _, attribute = ENCODER_KINDS[name].partition(":")
-        found: Any = getattr(importlib.import_module(module), attribute)
+        kind: Any = getattr(importlib.import_module(module), attribute)
     else:
         point = _offered()[name]
         try:
-            found = point.load()
+            kind = point.load()
         except Exception as error:
             raise WorkError(
                 f"The kind of encoder {name} can't be loaded from {point.value} "
                 f"({type(error).__name__}: {error}); mend or uninstall the package that offers it."
             ) from None
-    if not (isinstance(found, type) and issubclass(found, (ClosedForm, Fitted, Learned))):
+    if not (isinstance(kind, type) and issubclass(kind, (ClosedForm, Fitted, Learned))):
         raise WorkError(
             f"The kind of encoder {name} is no subclass of Learned, ClosedForm or Fitted of "
             "jbench.encoders.kind; mend or uninstall the package that offers it."
         )
-    return found
+    return kind
 
 
 def make_kind(name: str, options: Mapping[str, Any]) -> Kind:
-    """Returns a kind with options, the others at their defaults.
+    """Returns a kind with the given options.
 
     Raises:
-        RequestError: if there is no such kind, or it has no such option, or not with that value.
+        RequestError: if the kind or an option does not exist, or a value is invalid.
     """
     kind = find_kind(name)
     unknown = sorted(set(options) - set(kind.model_fields))
     if unknown:
-        has = ", ".join(sorted(kind.model_fields)) or "none"
-        raise RequestError(f"{name} has no option {', '.join(unknown)}; it has {has}.")
+        names = ", ".join(sorted(kind.model_fields)) or "none"
+        raise RequestError(f"{name} has no option {', '.join(unknown)}; it has {names}.")
     return validated(kind, name, **options)
 
 
 def _offered() -> dict[str, importlib.metadata.EntryPoint]:
-    """Returns what other packages offer by name; a name that is ours, or can't be one, is not."""
+    """Returns the valid entry points of other packages by name."""
     return {
         point.name: point
         for point in importlib.metadata.entry_points(group=GROUP)

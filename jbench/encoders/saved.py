@@ -1,4 +1,4 @@
-"""An encoder: what it promises, how it is kept, and how one is found."""
+"""The encoder protocol, saved encoders, and finding them in the results."""
 
 import json
 from typing import Any, Protocol
@@ -23,49 +23,47 @@ WEIGHTS = "encoder.safetensors"
 
 
 class Encoder(Protocol):
-    """Anything that makes a smaller observation of an observation."""
+    """Maps observations to latents."""
 
     @property
     def latent_size(self) -> int:
         """Number of latents."""
 
     def encode(self, batch: Array) -> Array:
-        """Returns the latents (..., latent_size) of observations (..., dim(O)), same kind."""
+        """Returns latents (..., latent_size) for observations (..., dim(O)), same array type."""
 
 
-class KeptEncoder:
-    """A trained encoder as it is kept: a kind, its weights and the scaling of its inputs."""
+class SavedEncoder:
+    """A trained encoder: a kind, its weights and the scaling of its inputs."""
 
     def __init__(
         self, kind: Kind, weights: dict[str, NDArray[np.float32]], scaling: Scaling, latents: int
     ) -> None:
-        """Puts the parts together.
+        """Makes the encoder.
 
         Raises:
-            ValueError: if they do not belong together.
+            ValueError: if the weights are not finite or have other sizes.
         """
         self._kind, self._weights, self._latents = kind, weights, latents
         self._gain, self._offset = scaling.gain_and_offset()
-        self._on: dict[tuple[torch.dtype, torch.device], tuple[dict[str, Tensor], Tensor, Tensor]]
-        self._on = {}
+        self._tensors: dict[
+            tuple[torch.dtype, torch.device], tuple[dict[str, Tensor], Tensor, Tensor]
+        ]
+        self._tensors = {}
         size = len(scaling.minimum)
         if not all(np.isfinite(value).all() for value in weights.values()):
-            raise ValueError("weights that are no numbers")
-        found = self.encode(np.zeros((1, size), np.float32)).shape
-        back = np.shape(kind.decode(weights, np.zeros((1, latents), np.float32)))
-        if found != (1, latents) or back != (1, size):
-            raise ValueError(f"weights of {found[-1]} latents, not of {latents}")
+            raise ValueError("weights that are not finite")
+        encoded = self.encode(np.zeros((1, size), np.float32)).shape
+        decoded = np.shape(kind.decode(weights, np.zeros((1, latents), np.float32)))
+        if encoded != (1, latents) or decoded != (1, size):
+            raise ValueError(f"weights of {encoded[-1]} latents, not of {latents}")
 
     @classmethod
-    def from_files(cls, description: dict[str, Any], weights: bytes) -> "KeptEncoder":
-        """Reads an encoder as it is kept.
-
-        Args:
-            description: its JSON, with its kind and the input scaling.
-            weights: its safetensors.
+    def from_files(cls, description: dict[str, Any], weights: bytes) -> "SavedEncoder":
+        """Reads an encoder from its JSON description and its safetensors.
 
         Raises:
-            ValueError, KeyError, TypeError: if the two are no encoder, or don't belong together.
+            ValueError, KeyError, TypeError: if they are invalid or do not match.
         """
         try:
             tensors = {
@@ -73,14 +71,14 @@ class KeptEncoder:
                 for name, value in safetensors.numpy.load(weights).items()
             }
         except safetensors.SafetensorError as error:
-            raise ValueError(f"no safetensors: {error}") from None
+            raise ValueError(f"not a safetensors file: {error}") from None
         size, latents = len(description["features"]), description["latents"]
-        extremes = [np.array(description[end], np.float32) for end in ("minimum", "maximum")]
+        extremes = [np.array(description[name], np.float32) for name in ("minimum", "maximum")]
         if any(extreme.shape != (size,) for extreme in extremes):
             raise ValueError("a scaling of another size")
         if not isinstance(latents, int) or latents < 1:
             raise ValueError(f"{latents} latents")
-        # The first version of jbench kept no options: they are of the training alone.
+        # Version 1 did not save options, which affected only the training.
         kind = make_kind(description["kind"], description.get("options", {}))
         return cls(kind, tensors, Scaling(*extremes), latents)
 
@@ -92,8 +90,7 @@ class KeptEncoder:
     def encode(self, batch: Array) -> Array:
         """Returns the latents (..., latent_size) of observations (..., dim(O)).
 
-        Arrays of numpy are encoded in float32, those of torch in their own precision and on their
-        own device.
+        Numpy arrays are encoded in float32, torch tensors in their own precision on their device.
         """
         if isinstance(batch, Tensor):
             weights, gain, offset = self._torch(batch.dtype, batch.device)
@@ -104,89 +101,86 @@ class KeptEncoder:
     def _torch(
         self, dtype: torch.dtype, device: torch.device
     ) -> tuple[dict[str, Tensor], Tensor, Tensor]:
-        """Returns the weights and the scaling as tensors, made once for each kind of batch."""
-        if (dtype, device) not in self._on:
+        """Returns the weights and the scaling as tensors, cached per dtype and device."""
+        if (dtype, device) not in self._tensors:
 
             def tensor(value: NDArray[np.float32]) -> Tensor:
                 return torch.from_numpy(value).to(device, dtype)
 
             weights = {name: tensor(value) for name, value in self._weights.items()}
-            self._on[dtype, device] = weights, tensor(self._gain), tensor(self._offset)
-        return self._on[dtype, device]
+            self._tensors[dtype, device] = weights, tensor(self._gain), tensor(self._offset)
+        return self._tensors[dtype, device]
 
 
 def load_encoder(results: Results, id: str) -> tuple[Encoder, dict[str, Any]]:
-    """Returns a finished encoder by its id, and its description.
+    """Returns a finished encoder and its description.
 
     Raises:
-        RequestError: if there is none of that id, or it is unfinished.
-        WorkError: if its files are damaged or no encoder.
+        RequestError: if the encoder does not exist or is unfinished.
+        WorkError: if its files are damaged or invalid.
     """
     record = results.find("encoder", id)
     if record is None:
-        there = [record.id for record in results.scan("encoder")[0]]
+        ids = [record.id for record in results.scan("encoder")[0]]
         raise RequestError(
             f"No encoder {id} in {results.path}; "
-            + (f"there are {', '.join(there)}." if there else "there is none yet: run jbench ")
-            + ("" if there else "train-dae.")
+            + (f"there are {', '.join(ids)}." if ids else "there is none yet: run jbench ")
+            + ("" if ids else "train-dae.")
         )
     if record.status != "finished":
         raise RequestError(
-            f"The encoder {id} is unfinished; type the command that began it again and it "
-            "continues."
+            f"The encoder {id} is unfinished; type the command that started it to resume it."
         )
     try:
         description = json.loads(record.read_file(DESCRIPTION))
-        return KeptEncoder.from_files(description, record.read_file(WEIGHTS)), description
+        return SavedEncoder.from_files(description, record.read_file(WEIGHTS)), description
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
 
 
-def find_encoder(results: Results, wanted: str, task: str) -> str:
-    """Returns the id of the encoder that a user means, for a task.
+def find_encoder(results: Results, name: str, task: str) -> str:
+    """Returns the id of an encoder for a task.
 
     Args:
-        results: where to look.
-        wanted: KIND:LATENTS, for the newest encoder of that kind and size trained on this task and
-            on the plain robot; KIND alone where the task determines the size; a number of latents
-            alone, for a denoising autoencoder; or an encoder's id.
-        task: that the agent will learn.
+        name: KIND:LATENTS for the newest encoder of that kind and size trained on this task and the
+            plain robot; KIND if the task determines the size; a number of latents for a denoising
+            autoencoder; or the id of an encoder.
 
     Raises:
-        RequestError: if there is none, or it is one for another task's observations.
+        RequestError: if there is none, or it encodes the observations of another task.
     """
-    kind, colon, number = wanted.rpartition(":")
-    if wanted in kind_names():
-        kind, colon, number = wanted, ":", _only_size(wanted, task)
-    if not colon and not wanted.isdecimal():
-        _, description = load_encoder(results, wanted)
+    kind, colon, number = name.rpartition(":")
+    if name in kind_names():
+        kind, colon, number = name, ":", _only_size(name, task)
+    if not colon and not name.isdecimal():
+        _, description = load_encoder(results, name)
         if description["task"] != task:
             raise RequestError(
-                f"The encoder {wanted} is for {description['task']}, not for {task}; type "
+                f"The encoder {name} is for {description['task']}, not for {task}; type "
                 f"{_command(description['kind'], task)} to make one."
             )
-        return wanted
+        return name
     kind = known("kind of encoder", kind, kind_names()) if colon else "dae"
     latents = int(number) if number.isdecimal() else 0
     _check_size(kind, latents, task)
-    fitting = [
+    matches = [
         record
         for record in results.scan("encoder")[0]
         if _fits(record, kind, task, latents) and _of_plain_robot(results, record)
     ]
-    if not fitting:
+    if not matches:
         raise RequestError(
             f"No {kind} of {latents} latents for {task} in {results.path}; type "
             f"{_command(kind, task, latents)} to make one."
         )
-    return max(fitting, key=lambda record: record.manifest.updated).id
+    return max(matches, key=lambda record: record.manifest.updated).id
 
 
 def _only_size(kind: str, task: str) -> str:
-    """Returns the number of latents of a kind that has one size for a task.
+    """Returns the number of latents of a kind that has only one size for a task.
 
     Raises:
-        RequestError: if it has several.
+        RequestError: if it has several sizes.
     """
     sizes = find_kind(kind).latent_sizes(task)
     if len(sizes) > 1:
@@ -198,7 +192,7 @@ def _only_size(kind: str, task: str) -> str:
 
 
 def _check_size(kind: str, latents: int, task: str) -> None:
-    """Refuses a number of latents that no encoder of a kind can have for a task."""
+    """Raises `RequestError` unless an encoder of a kind can have this number of latents."""
     sizes = find_kind(kind).latent_sizes(task)
     if latents in sizes:
         return
@@ -211,7 +205,7 @@ def _check_size(kind: str, latents: int, task: str) -> None:
 
 
 def _command(kind: str, task: str, latents: int | None = None) -> str:
-    """Returns what to type for an encoder of a kind; its size is left out where it has only one."""
+    """Returns the command that trains an encoder; omits the size of kinds with only one size."""
     verb = "train-dae" if kind == "dae" else f"train-encoder --kind {kind}"
     size = "" if latents is None else f" --latent {latents}"
     if size and len(find_kind(kind).latent_sizes(task)) == 1:
@@ -220,7 +214,7 @@ def _command(kind: str, task: str, latents: int | None = None) -> str:
 
 
 def _of_plain_robot(results: Results, record: Record) -> bool:
-    """Returns whether an encoder's dataset is of the plain robot, as far as is known."""
+    """Returns whether an encoder's dataset has the plain robot; True if it is unavailable."""
     try:
         dataset = results.find("dataset", str(record.settings.get("dataset")))
     except (RequestError, WorkError):

@@ -1,4 +1,4 @@
-"""The scaling of an encoder's inputs to [-1, 1], kept with it."""
+"""The scaling of an encoder's inputs to [-1, 1], saved with the encoder."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Scaling:
-    """Maps each feature of an observation from its extremes over a dataset to [-1, 1].
+    """Maps each feature from its range over a dataset to [-1, 1].
 
     Attributes:
         minimum: (dim(O),) of each feature.
@@ -33,23 +33,23 @@ class Scaling:
     def gain_and_offset(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Returns (dim(O),) numbers such that scaled = gain * observation + offset.
 
-        A feature that changes by no more than float32 can tell has nothing to say: it becomes 0.
+        Features that are constant to the precision of float32 are mapped to 0.
         """
-        low, width, changes = self._widths()
-        gain = np.divide(2, width, out=np.zeros_like(width), where=changes)
-        offset = np.where(changes, -1 - gain * low, 0)
+        low, width, varies = self._widths()
+        gain = np.divide(2, width, out=np.zeros_like(width), where=varies)
+        offset = np.where(varies, -1 - gain * low, 0)
         return gain.astype(np.float32), offset.astype(np.float32)
 
     def half_width_and_center(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Returns (dim(O),) numbers such that observation = half_width * scaled + center.
 
-        The half width of a feature that does not change is 0.
+        The half width of a constant feature is 0.
         """
-        low, width, changes = self._widths()
-        return np.where(changes, width / 2, 0), low + width / 2
+        low, width, varies = self._widths()
+        return np.where(varies, width / 2, 0), low + width / 2
 
     def _widths(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Returns minimum and width of each feature, and whether it changes."""
+        """Returns minimum and width of each feature, and whether it varies."""
         low, high = self.minimum.astype(np.float64), self.maximum.astype(np.float64)
         width = high - low
         return low, width, width > 1e-5 * np.maximum(np.abs(low), np.abs(high))

@@ -1,7 +1,7 @@
-"""The states of a dataset to learn an encoder from, read once and scaled.
+"""The scaled states of a dataset, split into training and held-out episodes.
 
-Whole episodes are held out to test on, so that no held-out state is the neighbour of a state
-learned from. What does not fit in memory is read again in each epoch, file by file in random order.
+Whole episodes are held out, so that no held-out state is adjacent to a training state. A dataset
+that does not fit in memory is read in each epoch, file by file in random order.
 """
 
 from collections.abc import Iterable, Iterator
@@ -21,20 +21,20 @@ from jbench.names import EPISODE_STEPS
 from jbench.tasks.features import TASK_SPECS
 
 MEMORY = 1 << 30
-"""Bytes of states that are held in memory; of a larger dataset as much as this at a time."""
+"""Maximum number of bytes of states in memory; larger datasets are streamed."""
 
 SAMPLE_EPISODES = 128
-"""Held-out episodes, at most, of which the error is told after each epoch."""
+"""Maximum number of held-out episodes whose error is measured after each epoch."""
 
 _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
-_STATES = EPISODE_STEPS + 1  # in an episode: one before each action, and the last
+_STATES = EPISODE_STEPS + 1  # per episode: one before each action, and the last
 
 _Arrays = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 """States, actions and rewards of some episodes."""
 
 
 def split_episodes(episodes: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Returns the numbers of the episodes to learn from and of those held out, 80 to 20."""
+    """Returns the indices of the training episodes (80%) and of the held-out ones (20%)."""
     order = np.random.default_rng(np.random.SeedSequence(seed)).permutation(episodes)
     held_out = max(1, round(_TEST_SHARE * episodes))
     return np.sort(order[held_out:]), np.sort(order[:held_out])
@@ -54,42 +54,42 @@ class Shard(NamedTuple):
     rewards: Tensor
 
     def pairs(self, ahead: int) -> int:
-        """Returns how many pairs of states so many steps apart there are."""
+        """Returns the number of pairs of states `ahead` steps apart."""
         return len(self.states) * (_STATES - ahead)
 
-    def take(self, chosen: Tensor, ahead: int, with_actions: bool = False) -> Batch:
-        """Returns the pairs of these numbers (rows,), which count through the episodes."""
+    def take(self, indices: Tensor, ahead: int, with_actions: bool = False) -> Batch:
+        """Returns pairs of states by index (rows,), counted through all episodes."""
         states = self.states.view(-1, self.states.shape[-1])
         if not ahead:
-            now = states.index_select(0, chosen)
+            now = states.index_select(0, indices)
             return Batch(now, now)
-        episode = chosen // (_STATES - ahead)
-        rows = chosen + episode * ahead
-        found = Batch(states.index_select(0, rows), states.index_select(0, rows + ahead))
+        episode = indices // (_STATES - ahead)
+        rows = indices + episode * ahead
+        batch = Batch(states.index_select(0, rows), states.index_select(0, rows + ahead))
         if not with_actions:
-            return found
+            return batch
         steps = (rows - episode)[:, None] + torch.arange(ahead, device=rows.device)
-        return found._replace(
+        return batch._replace(
             actions=self.actions.view(-1)[steps], rewards=self.rewards.view(-1)[steps]
         )
 
     def to(self, device: torch.device) -> "Shard":
-        """Returns the same on a device."""
+        """Returns a copy on a device."""
         return Shard(*(part.to(device) for part in self))
 
 
 class States:
     """A dataset as one task sees it, scaled to [-1, 1], with episodes held out.
 
-    Attributes, all but the first four once it is `read`:
-        dataset: where they come from.
-        task: whose observations they are.
+    Attributes:
+        dataset: source of the states.
+        task: the states are observations of this task.
         seed: of the choice of held-out episodes.
         size: number of features.
-        scaling: of the observations, by all of them.
-        learned: moments of the scaled states to learn from.
-        held_out: moments of the scaled states to test on.
-        sample: up to 128 of the held-out episodes.
+        scaling: of all observations; available after `read`, like the following ones.
+        learned: moments of the scaled training states.
+        held_out: moments of the scaled held-out states.
+        sample: up to 128 held-out episodes.
     """
 
     scaling: Scaling
@@ -99,13 +99,12 @@ class States:
     _whole: Shard
 
     def __init__(self, dataset: Dataset, task: str, seed: int, memory: int = MEMORY) -> None:
-        """Names what to read.
+        """Prepares to read a dataset.
 
         Args:
-            dataset: the one to learn from.
-            task: whose observations the states become.
+            task: the states become observations of this task.
             seed: of the choice of held-out episodes.
-            memory: bytes of states to hold at a time.
+            memory: maximum number of bytes of states in memory.
 
         Raises:
             RequestError: if the dataset has fewer than two episodes.
@@ -124,19 +123,19 @@ class States:
 
     @property
     def device(self) -> torch.device:
-        """Where the states are."""
+        """Device of the states."""
         return self._device
 
     @property
     def in_memory(self) -> bool:
-        """Whether all states are held in memory."""
+        """Whether all states fit in memory."""
         return self.dataset.episodes * _STATES * self.size * 4 <= self._memory
 
     def read(self, device: torch.device) -> None:
-        """Reads the dataset, if that was not done before, and puts it on a device.
+        """Reads the dataset if necessary, and moves it to a device.
 
         Raises:
-            WorkError: if the dataset is damaged, or holds what is no number.
+            WorkError: if the dataset is damaged or contains values that are not finite.
         """
         if not self._read:
             self._read_all()
@@ -148,10 +147,10 @@ class States:
                 self._whole = self._whole.to(device)
 
     def learn(self, random: torch.Generator | None = None) -> Iterator[Shard]:
-        """Gives the episodes to learn from.
+        """Yields the training episodes.
 
         Args:
-            random: of the order of the files where they don't fit in memory; None for their own.
+            random: shuffles the files of a dataset that does not fit in memory.
         """
         if self.in_memory:
             yield Shard(*(part[: len(self._learned)] for part in self._whole))
@@ -162,14 +161,14 @@ class States:
         yield from self._stream(parts, self._learned)
 
     def test(self) -> Iterator[Shard]:
-        """Gives the held-out episodes."""
+        """Yields the held-out episodes."""
         if self.in_memory:
             yield Shard(*(part[len(self._learned) :] for part in self._whole))
             return
         yield from self._stream(range(len(self.dataset.parts)), self._held_out)
 
     def all(self) -> Iterator[Shard]:
-        """Gives every episode, those held out too."""
+        """Yields all episodes."""
         if self.in_memory:
             yield self._whole
             return
@@ -177,32 +176,33 @@ class States:
         yield from self._stream(parts, np.arange(self.dataset.episodes))
 
     def scale(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns observations (..., size) scaled like the dataset's."""
+        """Returns observations (..., size) with the dataset's scaling."""
         gain, offset = self.scaling.gain_and_offset()
         return observations * gain + offset
 
     def _read_all(self) -> None:
-        """Goes through the dataset once: its extremes, its moments and, if they fit, its states."""
-        place = np.empty(self.dataset.episodes, np.intp)
-        place[np.concatenate([self._learned, self._held_out])] = np.arange(len(place))
+        """Reads extremes and moments of the dataset and, if they fit in memory, its states."""
+        # Position of each episode: training episodes first, then the held-out ones.
+        order = np.empty(self.dataset.episodes, np.intp)
+        order[np.concatenate([self._learned, self._held_out])] = np.arange(len(order))
         first_held_out = len(self._learned)
-        # All states, or those of the sample alone, which are the first of those held out.
+        # All states, or only the sample, which is the beginning of the held-out episodes.
         first = 0 if self.in_memory else first_held_out
-        last = len(place) if self.in_memory else min(len(place), first + SAMPLE_EPISODES)
+        last = len(order) if self.in_memory else min(len(order), first + SAMPLE_EPISODES)
         states = np.empty((last - first, _STATES, self.size), np.float32)
         actions, rewards = np.empty((2, last - first, EPISODE_STEPS), np.float32)
         moments = [Moments.none(self.size), Moments.none(self.size)]
         scaling: Scaling | None = None
         for episodes, block in zip(self.dataset.parts, self.dataset.blocks(self.task), strict=True):
-            places = place[episodes.start : episodes.stop]
-            seen = Scaling.of(block.observations)
-            scaling = seen if scaling is None else scaling.merged(seen)
-            for which, chosen in enumerate((places < first_held_out, places >= first_held_out)):
-                moments[which] = moments[which].merged(Moments.of(block.observations[chosen]))
-            kept = (places >= first) & (places < last)
-            states[places[kept] - first] = block.observations[kept]
-            actions[places[kept] - first] = block.actions[kept]
-            rewards[places[kept] - first] = block.rewards[kept]
+            block_order = order[episodes.start : episodes.stop]
+            extremes = Scaling.of(block.observations)
+            scaling = extremes if scaling is None else scaling.merged(extremes)
+            for i, mask in enumerate((block_order < first_held_out, block_order >= first_held_out)):
+                moments[i] = moments[i].merged(Moments.of(block.observations[mask]))
+            mask = (block_order >= first) & (block_order < last)
+            states[block_order[mask] - first] = block.observations[mask]
+            actions[block_order[mask] - first] = block.actions[mask]
+            rewards[block_order[mask] - first] = block.rewards[mask]
         assert scaling is not None
         self.scaling = scaling
         gain, offset = scaling.gain_and_offset()
@@ -213,22 +213,22 @@ class States:
         at = first_held_out - first
         self.sample = Shard(*(part[at : at + SAMPLE_EPISODES] for part in self._whole))
 
-    def _stream(self, parts: Iterable[int], wanted: NDArray[np.intp]) -> Iterator[Shard]:
-        """Gives the wanted episodes of some files of the dataset, as many as memory holds."""
+    def _stream(self, parts: Iterable[int], selected: NDArray[np.intp]) -> Iterator[Shard]:
+        """Yields the selected episodes of some files in shards that fit in memory."""
         parts = list(parts)
         blocks = self.dataset.blocks(self.task, parts)
-        # A third: while these are joined, those before are still learned from.
-        most = max(1, self._memory // (3 * _STATES * self.size * 4))
+        # A third of the memory: a shard is joined while the previous one is still in use.
+        max_episodes = max(1, self._memory // (3 * _STATES * self.size * 4))
         gathered: list[_Arrays] = []
         held = 0
         for part, block in zip(parts, blocks, strict=True):
-            chosen = np.isin(self.dataset.parts[part], wanted)
-            if held and held + chosen.sum() > most:
+            mask = np.isin(self.dataset.parts[part], selected)
+            if held and held + mask.sum() > max_episodes:
                 yield self._shard(gathered)
                 gathered, held = [], 0
-            scaled = self.scale(block.observations[chosen])
-            gathered.append((scaled, block.actions[chosen], block.rewards[chosen]))
-            held += int(chosen.sum())
+            scaled = self.scale(block.observations[mask])
+            gathered.append((scaled, block.actions[mask], block.rewards[mask]))
+            held += int(mask.sum())
         if held:
             yield self._shard(gathered)
 

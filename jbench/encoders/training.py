@@ -1,4 +1,4 @@
-"""From a dataset to a kept encoder with its errors."""
+"""Training, evaluating and saving an encoder."""
 
 import json
 import math
@@ -12,7 +12,7 @@ import safetensors.numpy
 import torch
 from numpy.typing import NDArray
 
-from jbench.encoders.evaluation import Errors, judge
+from jbench.encoders.evaluation import Errors, evaluate_encoder
 from jbench.encoders.kind import Batch, ClosedForm, Fitted, Kind, Learned
 from jbench.encoders.loop import Learner, one_thread
 from jbench.encoders.predictions import Probe, probe
@@ -27,7 +27,7 @@ from jbench.tasks.features import feature_labels
 
 CHECKPOINT = "checkpoint.safetensors"
 
-_COMMIT_EVERY = 15.0  # s: what a kill can cost, beside the epoch under way
+_COMMIT_EVERY = 15.0  # s between checkpoints
 
 WeightArrays = dict[str, NDArray[np.float32]]
 
@@ -41,17 +41,14 @@ def train_encoder(
     device: torch.device = torch.device("cpu"),  # noqa: B008 - a constant
     commit_every: float = _COMMIT_EVERY,
 ) -> Record:
-    """Trains and keeps an encoder, or continues one, or finds it finished.
+    """Trains and saves an encoder, resumes its training, or returns the finished one.
 
-    A training that was killed ends in the same weights, bit for bit, as one that was not.
+    A resumed training ends with the same weights, bit for bit, as an uninterrupted one.
 
     Args:
-        settings: of the encoder.
-        states: of the settings' dataset, task and seed; read once for all encoders of them.
-        results: where the encoder goes.
-        progress: called with the number of epochs done; a closed form has one.
-        device: to compute on.
-        commit_every: seconds between checkpoints, each at the end of an epoch.
+        states: of the settings' dataset, task and seed; several encoders can share them.
+        progress: called with the number of completed epochs; a closed form has one.
+        commit_every: minimum seconds between checkpoints, which are written after an epoch.
 
     Raises:
         ValueError: if the states are not those of the settings.
@@ -61,23 +58,23 @@ def train_encoder(
         *(settings.dataset, settings.task, settings.seed),
     ):
         raise ValueError(f"these are not the states of {settings.id}")
-    with results.hold("encoder", settings.id) as found:
-        if found is not None and found.status == "finished":
-            return found
+    with results.locked("encoder", settings.id) as record:
+        if record is not None and record.status == "finished":
+            return record
         kind = make_kind(settings.kind, settings.options)
         states.read(device)
-        if found is None or not found.has_checkpoint(CHECKPOINT):
+        if record is None or not record.has_checkpoint(CHECKPOINT):
             made_on = device_provenance(device)
-            found = results.create("encoder", settings.id, settings.model_dump(), made_on)
+            record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
-            weights = _weights(kind, settings, states, found, device, progress, commit_every)
-            # They are there if a kill came after them, in a commit of their own.
-            if not found.rows("encoder_errors"):
-                errors = judge(kind, weights, settings.latents, states)
-                probed = probe(kind, weights, states)
-                found.append(_tables(found, settings, errors) | _predictions(found, probed))
-        _finish(found, settings, kind, states, weights, device)
-    return found
+            weights = _weights(kind, settings, states, record, device, progress, commit_every)
+            # An interrupted process may have committed the errors already.
+            if not record.rows("encoder_errors"):
+                errors = evaluate_encoder(kind, weights, settings.latents, states)
+                predictions = _predictions(record, probe(kind, weights, states))
+                record.append(_tables(record, settings, errors) | predictions)
+        _finish(record, settings, kind, states, weights, device)
+    return record
 
 
 def _weights(
@@ -89,7 +86,7 @@ def _weights(
     progress: Callable[[int], None],
     commit_every: float,
 ) -> WeightArrays:
-    """Returns the weights of an encoder, of numpy in float32."""
+    """Returns the trained weights as numpy arrays in float32."""
     if isinstance(kind, (ClosedForm, Fitted)):
         fitted = (
             kind.fit(states, settings.latents)
@@ -114,12 +111,12 @@ def _learn(
     progress: Callable[[int], None],
     commit_every: float,
 ) -> None:
-    """Goes through the epochs that are left, committing their rows with a checkpoint."""
+    """Trains the remaining epochs and commits their rows with checkpoints."""
     done = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
     before = done[-1]["wall_time"] if done else 0.0
-    tell = _teller(learner, states)
+    measure = _error_measure(learner, states)
     rows: list[dict[str, Any]] = []
-    began, committed = time.perf_counter(), -math.inf
+    start, committed = time.perf_counter(), -math.inf
     progress(len(done))
     for epoch in range(len(done) + 1, learner.kind.epochs + 1):
         loss = learner.epoch(states)
@@ -128,9 +125,9 @@ def _learn(
                 f"The training of {record.id} diverged: the loss of epoch {epoch} is {loss}; type "
                 "a smaller --learning-rate."
             )
-        row = {"encoder": record.id, "epoch": epoch, "train_loss": loss, **tell()}
+        row = {"encoder": record.id, "epoch": epoch, "train_loss": loss, **measure()}
         now = time.perf_counter()
-        rows.append({**row, "wall_time": before + now - began})
+        rows.append({**row, "wall_time": before + now - start})
         if now - committed >= commit_every or epoch == learner.kind.epochs:
             table = pa.Table.from_pylist(rows, schema.ENCODER_EPOCHS)
             record.append({"encoder_epochs": table}, {CHECKPOINT: learner.to_bytes()})
@@ -138,8 +135,8 @@ def _learn(
         progress(epoch)
 
 
-def _teller(learner: Learner, states: States) -> Callable[[], dict[str, float | None]]:
-    """Returns a function that measures the errors, always on the same states and corruption."""
+def _error_measure(learner: Learner, states: States) -> Callable[[], dict[str, float | None]]:
+    """Returns a function that measures the errors on fixed states with fixed corruption."""
     kind, ahead = learner.kind, learner.kind.steps_ahead
     numbers = torch.arange(states.sample.pairs(ahead), device=learner.device)
     clean = states.sample.take(numbers, ahead, kind.uses_actions)
@@ -149,23 +146,23 @@ def _teller(learner: Learner, states: States) -> Callable[[], dict[str, float | 
     @torch.no_grad()
     def error(batch: Batch) -> float:
         rebuilt = kind.decode(learner.weights, kind.encode(learner.weights, batch.now))
-        wanted = clean.later if kind.decodes_later else clean.now
-        return float((rebuilt - wanted).square().mean(dtype=torch.float64))
+        target = clean.later if kind.decodes_later else clean.now
+        return float((rebuilt - target).square().mean(dtype=torch.float64))
 
-    def tell() -> dict[str, float | None]:
+    def measure() -> dict[str, float | None]:
         same = corrupted.now is clean.now
         return {
             "test_mse": error(clean),
             "test_denoising_mse": None if same else error(corrupted),
         }
 
-    return tell
+    return measure
 
 
 def _tables(
     record: Record, settings: EncoderSettings, errors: Mapping[str, Errors]
 ) -> dict[str, pa.Table]:
-    """Returns the rows of an encoder's errors: of each feature, and of all together."""
+    """Returns the rows of an encoder's errors, per feature and over all features."""
     test, heuristic = errors["test"], errors["heuristic"]
     columns = {
         "test_mse": test.mse,
@@ -202,15 +199,15 @@ def _tables(
     }
 
 
-def _predictions(record: Record, probed: Probe) -> dict[str, pa.Table]:
-    """Returns a row for each number that is predicted from the latents."""
+def _predictions(record: Record, probe: Probe) -> dict[str, pa.Table]:
+    """Returns a row per target of the probe."""
     shared = {
         "encoder": record.id,
-        "effective_rank": probed.effective_rank,
-        "learned_rows": probed.learned_rows,
-        "test_rows": probed.test_rows,
+        "effective_rank": probe.effective_rank,
+        "learned_rows": probe.learned_rows,
+        "test_rows": probe.test_rows,
     }
-    rows = [{"target": target, "r2": r2, **shared} for target, r2 in probed.r2.items()]
+    rows = [{"target": target, "r2": r2, **shared} for target, r2 in probe.r2.items()]
     return {"encoder_predictions": pa.Table.from_pylist(rows, schema.ENCODER_PREDICTIONS)}
 
 
@@ -235,10 +232,10 @@ def _finish(
     (totals,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()
     epochs = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
     predictions = record.read("encoder_predictions", schema.ENCODER_PREDICTIONS).to_pylist()
-    told = ("test_mse", "test_explained", "pca_explained", "heuristic_explained")
+    names = ("test_mse", "test_explained", "pca_explained", "heuristic_explained")
     record.finish(
         {
-            **{name: totals[name] for name in told},
+            **{name: totals[name] for name in names},
             "effective_rank": predictions[0]["effective_rank"] if predictions else None,
             **kind.summary(weights),
             "wall_time": epochs[-1]["wall_time"] if epochs else None,

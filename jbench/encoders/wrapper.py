@@ -1,4 +1,4 @@
-"""Encoders wrap observations: an agent can't tell an encoded one from a plain one."""
+"""A Gymnasium wrapper that encodes observations."""
 
 from typing import Any
 
@@ -12,10 +12,10 @@ from jbench.encoders.saved import Encoder
 class EncodedObservation(
     gymnasium.ObservationWrapper[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 ):
-    """An environment whose observation is the latent of an encoder (paper, Figure 2)."""
+    """An environment whose observations are the latents of an encoder (paper, Figure 2)."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], encoder: Encoder) -> None:
-        """Wraps an environment; its observations become (latent_size,) float32."""
+        """Wraps an environment; observations become (latent_size,) float32."""
         super().__init__(env)
         self._encoder = encoder
         self.observation_space = gymnasium.spaces.Box(
@@ -23,5 +23,5 @@ class EncodedObservation(
         )
 
     def observation(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns the latents of an observation."""
+        """Encodes an observation."""
         return np.asarray(self._encoder.encode(observation), np.float32)

@@ -40,7 +40,7 @@ def evaluate(
         WorkError: if another process does this evaluation, or it can't be written.
     """
     policy = find_policy(results, settings.policy, settings.task, settings.seed)
-    with results.hold("evaluation", settings.id) as found:
+    with results.locked("evaluation", settings.id) as found:
         if found is not None and found.status == "finished":
             return found
         record = results.create("evaluation", settings.id, settings.model_dump())

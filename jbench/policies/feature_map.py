@@ -1,28 +1,27 @@
-"""Features that were learned with an agent, as its saved policy has them: numpy alone."""
+"""Learned features of a saved policy, evaluated with numpy only."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-LARGEST = 10.0
-"""Standardised observations are clipped to plus and minus this."""
+MAX_INPUT = 10.0
+"""Bound of the absolute value of standardised observations."""
 
-SMALLEST_DEVIATION = 1e-3
-"""Added in square to a variance, so that a constant observation can be standardised."""
+MIN_DEVIATION = 1e-3
+"""Its square is added to a variance, so that constant observations can be standardised."""
 
 
 @dataclass(frozen=True)
 class FeatureMap:
-    """Layers of SiLU units, each of which sees the standardised observation and all units before.
+    """Densely connected layers of SiLU units on standardised observations.
 
     Attributes:
-        mean: (size,) of the observations.
-        deviation: (size,) by which they are divided.
-        weights: a (units, inputs) matrix for each layer.
-        biases: a (units,) vector for each layer.
-        appended: whether the features are the observation and behind it the units, or the units
-            alone.
+        mean: (size,) mean of the observations.
+        deviation: (size,) standard deviation of the observations.
+        weights: a (units, inputs) matrix per layer.
+        biases: a (units,) vector per layer.
+        appended: whether the features are the observation followed by the units, or only the units.
     """
 
     mean: NDArray[np.float32]
@@ -33,34 +32,34 @@ class FeatureMap:
 
     def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns the features (..., features) of observations (..., size)."""
-        values = np.clip((observations - self.mean) / self.deviation, -LARGEST, LARGEST)
+        values = np.clip((observations - self.mean) / self.deviation, -MAX_INPUT, MAX_INPUT)
         for weight, bias in zip(self.weights, self.biases, strict=True):
             raw = values @ weight.T + bias
-            # SiLU; the logistic function by tanh, which does not overflow.
+            # SiLU, with the logistic function as a tanh, which does not overflow.
             units = raw * (0.5 + 0.5 * np.tanh(0.5 * raw))
             values = np.concatenate([values, units], axis=-1)
         units = values[..., len(self.mean) :]
         return np.concatenate([observations, units], axis=-1) if self.appended else units
 
     def tensors(self) -> dict[str, NDArray[np.float32]]:
-        """Returns its numbers by name, for safetensors."""
-        found = {"features.mean": self.mean, "features.deviation": self.deviation}
+        """Returns the arrays by name, for safetensors."""
+        arrays = {"features.mean": self.mean, "features.deviation": self.deviation}
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            found |= {f"features.{i}.weight": weight, f"features.{i}.bias": bias}
-        return found
+            arrays |= {f"features.{i}.weight": weight, f"features.{i}.bias": bias}
+        return arrays
 
     def description(self) -> dict[str, int | bool]:
-        """Returns what its tensors do not say, for JSON."""
+        """Returns the structure that the tensors do not contain, for JSON."""
         return {"layers": len(self.weights), "appended": self.appended}
 
     @classmethod
     def from_tensors(
         cls, tensors: dict[str, NDArray[np.float32]], description: dict[str, int | bool]
     ) -> "FeatureMap":
-        """Returns what `tensors` and `description` were made of.
+        """Inverts `tensors` and `description`.
 
         Raises:
-            KeyError: if something is missing.
+            KeyError: if an entry is missing.
         """
         layers = range(description["layers"])
         return cls(

@@ -1,4 +1,4 @@
-"""Any policy by the name that a user types: random, constant, hand-written or trained."""
+"""Policies by name: random, constant, heuristic or trained."""
 
 from typing import Protocol
 
@@ -13,7 +13,7 @@ from jbench.store.shipped import shipped
 from jbench.tasks.heuristics import heuristic
 
 SHIPPED = "reference/"
-"""What the name of a shipped policy begins with; the id of its run follows."""
+"""Prefix of the names of shipped policies; the id of the run follows."""
 
 KINDS = (
     "heuristic, random, constant:U with U in [-1, 1], the id of a run, or "
@@ -22,17 +22,17 @@ KINDS = (
 
 
 class ActingPolicy(Protocol):
-    """A policy for any number of robots at a time, on the plain observations of its task."""
+    """A policy for a batch of robots, acting on the observations of its task."""
 
     def reset(self, robots: int) -> None:
-        """Begins new episodes of so many robots."""
+        """Starts new episodes of this many robots."""
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
         """Returns actions (robots, 1) in [-1, 1] for observations (robots, dim(O))."""
 
 
 class _Random:
-    """Uniform actions, as the random-policy dataset has them."""
+    """Uniform actions, as in the random-policy dataset."""
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng(np.random.SeedSequence(seed))
@@ -45,7 +45,7 @@ class _Random:
 
 
 class _Constant:
-    """One motor command for ever."""
+    """A constant motor command."""
 
     def __init__(self, command: float) -> None:
         self._command = command
@@ -73,17 +73,15 @@ class _Trained:
 
 
 def find_policy(results: Results, name: str, task: str, seed: int = 0) -> ActingPolicy:
-    """Returns the policy that a user means.
+    """Returns a policy by name.
 
     Args:
-        results: where runs are.
-        name: "heuristic", "random", "constant:U", a run's id, or that of a shipped run after
-            "reference/".
-        task: the task of the robots that the policy moves.
+        name: "heuristic", "random", "constant:U", the id of a run, or "reference/" and the id of a
+            shipped run.
         seed: of the random policy.
 
     Raises:
-        RequestError: if there is no such policy, or it is one for another task.
+        RequestError: if there is no such policy, or it was trained on another task.
     """
     if name == "heuristic":
         return heuristic(task)
@@ -104,31 +102,27 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
 
 
 def full_name(name: str) -> str:
-    """Returns the name of a policy with the whole id of its run, if it is a shipped one.
+    """Completes the name of a shipped policy to the whole id of its run.
 
-    `reference/face_direction/ddpg/full` stands for the one policy that is shipped of these runs.
+    `reference/face_direction/ddpg/full` is short for the only shipped policy of these runs.
 
     Raises:
-        RequestError: if none is shipped of that name, or several are.
+        RequestError: if no shipped policy matches the name, or several do.
     """
     return f"{SHIPPED}{_shipped_run(name)}" if name.startswith(SHIPPED) else name
 
 
 def shipped_policies() -> list[str]:
-    """Returns the names of all policies that are shipped with jbench."""
+    """Returns the names of all policies shipped with jbench."""
     runs = Results(shipped()).scan("run")[0]
     return sorted(f"{SHIPPED}{run.id}" for run in runs if has_policy(run))
 
 
-def robots_learned_on(results: Results, name: str) -> range:
-    """Returns the seeds of the augmented robots that a trained agent learned on, in turn.
-
-    Args:
-        results: where runs are.
-        name: of a policy; only trained ones have learned on any.
+def training_robots(results: Results, name: str) -> range:
+    """Returns the seeds of the augmented robots that a policy was trained on.
 
     Raises:
-        RequestError: if it looks like a run's id and can't be one, or is no shipped policy.
+        RequestError: if the name is an invalid run id or an unknown shipped policy.
         WorkError: if the run's manifest can't be read.
     """
     run = None if (record := _find_run(results, name)) is None else read_run(record.settings)
@@ -138,27 +132,27 @@ def robots_learned_on(results: Results, name: str) -> range:
 
 
 def _find_run(results: Results, name: str) -> Record | None:
-    """Returns the run of a trained policy, or None if there is none or the policy is no run's."""
+    """Returns the run of a trained policy; None if there is none or the policy is not trained."""
     if "/" not in name:
         return None
-    place, run = _locate(results, name)
-    return place.find("run", run)
+    located, run = _locate(results, name)
+    return located.find("run", run)
 
 
 def _locate(results: Results, name: str) -> tuple[Results, str]:
-    """Returns the results that hold the run of a trained policy, and the run's id."""
+    """Returns the results directory and the id of a trained policy's run."""
     if name.startswith(SHIPPED):
         return Results(shipped()), _shipped_run(name)
     return results, name
 
 
 def _shipped_run(name: str) -> str:
-    """Returns the id of the run whose policy is shipped under a name, or the start of one."""
-    there = shipped_policies()
-    found = [one for one in there if one == name or one.startswith(f"{name.rstrip('/')}/")]
-    if len(found) == 1:
-        return found[0].removeprefix(SHIPPED)
-    if found:
-        raise RequestError(f"--policy {name} is not unique; type one of {', '.join(found)}.")
-    instead = f"type one of {', '.join(there)}" if there else "this version of jbench ships none"
+    """Returns the run id of the shipped policy whose name is, or begins with, `name`."""
+    names = shipped_policies()
+    matches = [one for one in names if one == name or one.startswith(f"{name.rstrip('/')}/")]
+    if len(matches) == 1:
+        return matches[0].removeprefix(SHIPPED)
+    if matches:
+        raise RequestError(f"--policy {name} is not unique; type one of {', '.join(matches)}.")
+    instead = f"type one of {', '.join(names)}" if names else "this version of jbench ships none"
     raise RequestError(f"No policy is shipped as {name}; {instead}.")

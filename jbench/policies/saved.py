@@ -1,4 +1,4 @@
-"""A trained policy as it is kept: a few matrices, usable without the library that made them."""
+"""Saved policies: a few matrices, usable without the library that trained them."""
 
 import json
 from collections.abc import Callable
@@ -26,13 +26,13 @@ _SQUASHES: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
 
 @dataclass(frozen=True)
 class Policy:
-    """A deterministic policy: layers of ReLU units, and a last one squashed into [-1, 1].
+    """A deterministic policy: layers of ReLU units and an output squashed into [-1, 1].
 
     Attributes:
-        weights: a (units, inputs) matrix for each layer.
-        biases: a (units,) vector for each layer.
+        weights: a (units, inputs) matrix per layer.
+        biases: a (units,) vector per layer.
         squash: "tanh" or "clip".
-        features: that the first layer sees; None if it sees observations.
+        features: inputs of the first layer; None for observations.
     """
 
     weights: list[NDArray[np.float32]]
@@ -41,14 +41,14 @@ class Policy:
     features: FeatureMap | None = None
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns actions (..., 1) for observations (..., size) as the policy was trained on."""
+        """Returns actions (..., 1) for (encoded) observations (..., size)."""
         values = observations if self.features is None else self.features(observations)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             values = np.maximum(values @ weight.T + bias, 0)
         return _SQUASHES[self.squash](values @ self.weights[-1].T + self.biases[-1])
 
     def to_files(self) -> dict[str, bytes]:
-        """Returns the policy as files by name: safetensors, and JSON that says how to use them."""
+        """Returns the policy as files by name: weights as safetensors, and their layout as JSON."""
         tensors: dict[str, NDArray[np.float32]] = {}
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             tensors |= {f"{layer}.weight": weight, f"{layer}.bias": bias}
@@ -63,21 +63,22 @@ class Policy:
 
     @classmethod
     def from_files(cls, weights: bytes, description: bytes) -> "Policy":
-        """Reads a policy that `to_files` made.
+        """Reads a policy that `to_files` wrote.
 
         Raises:
-            ValueError: if it is none.
+            ValueError: if the files are invalid.
         """
         try:
-            said = json.loads(description)
+            layout = json.loads(description)
+            features = layout.get("features")
             tensors = safetensors.numpy.load(weights)
             policy = cls(
-                [tensors[f"{layer}.weight"] for layer in range(said["layers"])],
-                [tensors[f"{layer}.bias"] for layer in range(said["layers"])],
-                said["squash"],
-                FeatureMap.from_tensors(tensors, said["features"]) if "features" in said else None,
+                [tensors[f"{layer}.weight"] for layer in range(layout["layers"])],
+                [tensors[f"{layer}.bias"] for layer in range(layout["layers"])],
+                layout["squash"],
+                None if features is None else FeatureMap.from_tensors(tensors, features),
             )
-        except (safetensors.SafetensorError, KeyError, TypeError) as error:
+        except (safetensors.SafetensorError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no policy: {error}") from None
         if not policy.weights or policy.squash not in _SQUASHES:
             raise ValueError("no policy: no layers, or an unknown squash")
@@ -86,7 +87,7 @@ class Policy:
 
 @dataclass(frozen=True)
 class TrainedAgent:
-    """The policy of a finished run on the plain observations of its task, encoder included."""
+    """The policy of a finished run together with its encoder."""
 
     task: str
     policy: Policy
@@ -94,24 +95,20 @@ class TrainedAgent:
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns actions (..., 1) for observations (..., dim(O)) of the task."""
-        seen = observations if self.encoder is None else self.encoder.encode(observations)
-        return self.policy.act(seen)
+        inputs = observations if self.encoder is None else self.encoder.encode(observations)
+        return self.policy.act(inputs)
 
 
 def has_policy(record: Record) -> bool:
-    """Returns whether a run was kept with its policy; most shipped runs are rows alone."""
+    """Returns whether a run was saved with its policy; most shipped runs were not."""
     return {WEIGHTS, DESCRIPTION} <= {entry.name for entry in record.manifest.files}
 
 
 def load_agent(results: Results, run: str) -> TrainedAgent:
     """Returns the trained agent of a finished run.
 
-    Args:
-        results: where the run and its encoder are.
-        run: the run's id.
-
     Raises:
-        RequestError: if there is no such run, it has not finished, or was kept without its policy.
+        RequestError: if the run does not exist, has not finished, or was saved without its policy.
         WorkError: if its files are damaged.
     """
     record = results.find("run", run)
@@ -120,7 +117,7 @@ def load_agent(results: Results, run: str) -> TrainedAgent:
     if record.status != "finished":
         raise RequestError(f"The run {run} is {record.status}: it has no trained policy yet.")
     if not has_policy(record):
-        raise RequestError(f"The run {run} in {results.path} was kept without its policy.")
+        raise RequestError(f"The run {run} in {results.path} was saved without its policy.")
     try:
         policy = Policy.from_files(record.read_file(WEIGHTS), record.read_file(DESCRIPTION))
     except ValueError as error:

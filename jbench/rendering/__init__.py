@@ -1,1 +1,1 @@
-"""Videos, pictures and a window of any policy. Import what you need from the modules."""
+"""Videos, images and an interactive viewer of policies. Import from the modules."""

@@ -1,4 +1,4 @@
-"""An episode of a policy as pictures, with what was true when each was taken."""
+"""Rendering an episode of a policy as images."""
 
 import math
 from collections.abc import Callable, Collection, Iterator
@@ -16,28 +16,27 @@ from jbench.tasks.gym import JitterbugEnv
 Picture = NDArray[np.uint8]
 """(height, width, 3), red, green and blue in [0, 255]."""
 
-# Fewer a side than the model asks for: without a GPU a picture takes half the time, and it
-# looks the same; with 4096, dots show in the corners of the overhead view.
+# Fewer than the model's default: without a GPU an image takes half the time and looks the same.
+# With 4096, dots appear in the corners of the overhead view.
 _SHADOW_TEXELS = 5120
 
-_SIDES = (64, 4096)  # least and most pixels of a side
-_SPEEDS = (0.05, 10.0)  # of a video, 1 being real time
+_SIDES = (64, 4096)  # minimum and maximum width and height in pixels
+_SPEEDS = (0.05, 10.0)  # minimum and maximum speed of a video; 1 is real time
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Which episode to play and how to look at it.
+    """An episode and a camera.
 
     Attributes:
-        task: one of `jbench.names.TASKS`.
-        seed: of the robot's pose and of the target.
+        seed: of the initial pose and the target.
         camera: one of `jbench.names.CAMERAS`.
-        width: of a picture, in pixels.
-        height: of a picture, in pixels.
+        width: in pixels.
+        height: in pixels.
         augment: seed of an augmented robot's morphology, or None for the plain robot.
 
     Raises:
-        RequestError: if there is no such task or camera, or a side is too short or too long.
+        RequestError: if the task or camera does not exist, or the size is out of range.
     """
 
     task: str
@@ -50,23 +49,23 @@ class Scene:
     def __post_init__(self) -> None:
         known("task", self.task, TASKS)
         known("camera", self.camera, CAMERAS)
-        shortest, longest = _SIDES
-        if not all(shortest <= side <= longest for side in (self.width, self.height)):
+        smallest, largest = _SIDES
+        if not all(smallest <= side <= largest for side in (self.width, self.height)):
             raise RequestError(
-                f"No picture of {self.width} x {self.height} pixels; each side has {shortest} to "
-                f"{longest}."
+                f"No picture of {self.width} x {self.height} pixels; each side has {smallest} to "
+                f"{largest}."
             )
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture of an episode.
+    """One image of an episode.
 
     Attributes:
-        step: control steps since the beginning.
+        step: control steps since the start.
         episode_return: sum of the rewards so far.
-        goal: what is left to do, in words: the target's distance and direction.
-        picture: what the camera sees, nothing written in.
+        goal: distance and direction of the target as text.
+        picture: image without text.
     """
 
     step: int
@@ -76,7 +75,7 @@ class Frame:
 
     @property
     def time(self) -> float:
-        """Seconds since the beginning."""
+        """Seconds since the start."""
         return self.step * CONTROL_TIMESTEP
 
 
@@ -86,13 +85,11 @@ def render_episode(
     at: Collection[int],
     progress: Callable[[int], object] = lambda steps: None,
 ) -> Iterator[Frame]:
-    """Plays an episode and yields a picture at some of its control steps, in their order.
+    """Simulates an episode and yields images of some of its control steps in order.
 
     Args:
-        policy: for plain observations of the task.
-        scene: which episode, and how to look at it.
-        at: control steps, from 0 (before the first) on; the episode ends at the last of them.
-        progress: told the number of control steps done.
+        at: control steps, starting at 0 (the initial state); the episode ends at the last one.
+        progress: called with the number of completed control steps.
     """
     env = JitterbugEnv(
         scene.task,
@@ -122,37 +119,36 @@ def render_episode(
 def video_steps(
     frames_per_second: float, speed: float = 1.0, steps: int = EPISODE_STEPS
 ) -> tuple[Collection[int], float]:
-    """Returns the control steps of a video's frames and the seconds between its frames.
+    """Returns the control steps of a video's frames and the seconds between frames.
 
-    Frames are whole control steps apart, so that the speed is exact: in real time, 30 frames a
-    second become 33.3.
+    Frames are a whole number of control steps apart, so the speed is exact and the frame rate is
+    rounded: in real time, 30 frames a second become 33.3.
 
     Args:
-        frames_per_second: about so many.
-        speed: 1 for real time, 0.5 for slow motion at half speed.
+        frames_per_second: desired frame rate.
+        speed: 1 for real time, 0.5 for half speed.
         steps: control steps to show.
 
     Raises:
-        RequestError: if there is no such speed, or there are more frames than control steps, or
-            no steps.
+        RequestError: if speed, frame rate or steps are out of range.
     """
     if not _SPEEDS[0] <= speed <= _SPEEDS[1]:
         raise RequestError(f"No speed {speed:g}; there are {_SPEEDS[0]:g} to {_SPEEDS[1]:g}.")
     _check_steps(steps)
-    most = speed / CONTROL_TIMESTEP
-    if not 1 <= frames_per_second <= most:
+    max_rate = speed / CONTROL_TIMESTEP
+    if not 1 <= frames_per_second <= max_rate:
         raise RequestError(
-            f"No video of {frames_per_second:g} frames a second; there are 1 to {most:g}."
+            f"No video of {frames_per_second:g} frames a second; there are 1 to {max_rate:g}."
         )
-    stride = round(most / frames_per_second)
+    stride = round(max_rate / frames_per_second)
     return range(0, steps + 1, stride), stride * CONTROL_TIMESTEP / speed
 
 
 def strip_steps(moments: int, steps: int = EPISODE_STEPS) -> Collection[int]:
-    """Returns the control steps of so many moments, from the first to the last.
+    """Returns the control steps of equally spaced moments, from the first to the last.
 
     Raises:
-        RequestError: if that is less than two moments, or more than there are steps.
+        RequestError: if there are fewer than two moments, or more than steps.
     """
     _check_steps(steps)
     if not 2 <= moments <= steps + 1:
@@ -166,25 +162,24 @@ def _check_steps(steps: int) -> None:
 
 
 def goal(task: str, observation: NDArray[np.floating]) -> str:
-    """Returns in words what an observation (dim(O),) says is left to do.
+    """Describes the remaining distance and angle to the goal of an observation (dim(O),).
 
-    Distances are horizontal, and numbers are padded with spaces of a digit's width, so that a
-    video's text stands still.
+    Distances are horizontal. Numbers are padded with figure spaces to a fixed width.
     """
     physical = features.denormalize(task, np.asarray(observation, np.float64))
     names = features.TASK_SPECS[task].features
     ends = np.cumsum([features.FEATURE_SIZES[name] for name in names])
-    seen = dict(zip(names, np.split(physical, ends[:-1]), strict=True))
+    by_name = dict(zip(names, np.split(physical, ends[:-1]), strict=True))
     if task == "move_from_origin":
-        return f"{_centimetres(seen['position'])} from the origin"
+        return f"{_centimetres(by_name['position'])} from the origin"
     if task == "move_in_direction":
-        speed = 100 * seen["speed_in_target_frame"][0]
+        speed = 100 * by_name["speed_in_target_frame"][0]
         return f"{_padded(f'{speed:.1f}', 5)} cm/s as the target points"
     words = []
-    if "target_in_jitterbug_frame" in seen:
-        words.append(f"target {_centimetres(seen['target_in_jitterbug_frame'])} away")
-    if "angle_to_target" in seen:
-        angle = math.degrees(seen["angle_to_target"][0])
+    if "target_in_jitterbug_frame" in by_name:
+        words.append(f"target {_centimetres(by_name['target_in_jitterbug_frame'])} away")
+    if "angle_to_target" in by_name:
+        angle = math.degrees(by_name["angle_to_target"][0])
         side = "left" if angle > 0 else "right"
         words.append(f"turn {_padded(f'{abs(angle):.0f}', 3)}° {side}")
     return ", ".join(words)

@@ -1,4 +1,4 @@
-"""Text in pictures: what is done by whom, the time, the return so far and what is left to do."""
+"""Text in images: task, policy, time, return and goal."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -14,29 +14,28 @@ SCALE = "1 check = 1 cm"
 
 _TEXT = (255, 255, 255)
 _OUTLINE = (16, 24, 40)
-_SMALLEST = 11  # pixels from which letters are legible
+_MIN_SIZE = 11  # pixels of legible text
 
 
 def video_picture(frame: Frame, title: str, note: str) -> Picture:
-    """Returns a frame's picture with everything written in.
+    """Returns a copy of a frame's image with text.
 
     Args:
-        frame: left as it is.
-        title: the first line: task and policy.
-        note: the line at the bottom: camera and speed; the floor's scale is added.
+        title: first line, with task and policy.
+        note: bottom line, with camera and speed; the floor's scale is appended.
     """
     above = [title, times(frame), frame.goal]
     return write(frame.picture, above, [f"{note}, {SCALE}"], lines_in_height=24)
 
 
 def strip_picture(frame: Frame) -> Picture:
-    """Returns a frame's picture with time and return in larger letters, as part of a strip."""
+    """Returns a frame's image for a strip, with time and return in larger text."""
     above = [f"{frame.time:.1f} s", f"return {frame.episode_return:.0f}"]
     return write(frame.picture, above, [], lines_in_height=11)
 
 
 def times(frame: Frame) -> str:
-    """Returns the time and the return so far, always equally wide."""
+    """Returns time and return so far with a fixed width."""
     time, so_far = f"{frame.time:.2f}", f"{frame.episode_return:.1f}"
     pad = "\N{FIGURE SPACE}"
     return f"{time.rjust(5, pad)} s   return {so_far.rjust(6, pad)}"
@@ -45,24 +44,23 @@ def times(frame: Frame) -> str:
 def write(
     picture: Picture, above: Sequence[str], below: Sequence[str], *, lines_in_height: int
 ) -> Picture:
-    """Returns a picture with lines of text at its left, from the top and from the bottom.
+    """Returns a copy of an image (height, width, 3) with left-aligned lines of text.
 
     Args:
-        picture: (height, width, 3), left as it is.
         above: lines at the top.
         below: lines at the bottom.
-        lines_in_height: how many lines would fill a picture as high as three quarters of its
-            width, or as the picture is, whichever is less.
+        lines_in_height: determines the text size: number of lines in the image's height or three
+            quarters of its width, whichever is less.
     """
     height, width, _ = picture.shape
-    size = max(_SMALLEST, round(min(height, 0.75 * width) / lines_in_height))
+    size = max(_MIN_SIZE, round(min(height, 0.75 * width) / lines_in_height))
     image = Image.fromarray(picture)
     draw = ImageDraw.Draw(image)
     line, margin = round(1.3 * size), size // 2
     tops = [margin + line * row for row in range(len(above))]
     tops += [height - margin - line * (len(below) - row) for row in range(len(below))]
     for top, text in zip(tops, (*above, *below), strict=True):
-        # An outline and not a box: it is legible on everything and hides next to nothing.
+        # An outline is legible on any background and hides less than a box.
         draw.text(
             (margin, top),
             text,
@@ -76,6 +74,6 @@ def write(
 
 @cache
 def _font(size: int) -> ImageFont.FreeTypeFont:
-    """Returns matplotlib's own font: no other is sure to be on a machine."""
+    """Returns the font that matplotlib ships, which is always available."""
     path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     return ImageFont.truetype(str(path), size)

@@ -1,4 +1,4 @@
-"""A window in which a policy plays, and in which the robot can be pulled with the mouse."""
+"""An interactive viewer of a policy, in which the mouse can pull the robot."""
 
 import threading
 import time
@@ -14,7 +14,7 @@ from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Scene
 from jbench.tasks.gym import JitterbugEnv
 
-# Where the window's camera is at first, around the robot.
+# Initial camera position relative to the robot.
 _DISTANCE = 0.45  # m
 _AZIMUTH, _ELEVATION = 120.0, -25.0  # degrees
 
@@ -22,14 +22,13 @@ _CLOSING_SECONDS = 30
 
 
 def view(policy: ActingPolicy, scene: Scene) -> int:
-    """Opens MuJoCo's viewer and plays episodes in real time until the window is closed.
+    """Opens MuJoCo's viewer and simulates episodes in real time until the window is closed.
 
     Args:
-        policy: for plain observations of the task.
-        scene: which episode comes first; its camera and size are left to the window.
+        scene: the first episode; its camera and size are ignored.
 
     Returns:
-        The number of control steps played.
+        The number of simulated control steps.
 
     Raises:
         RequestError: if no window can be opened here.
@@ -43,7 +42,7 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
         due = time.perf_counter()
         while window.is_running():
             action = np.asarray(policy.act(observation[None])[0], np.float32)
-            # The window's thread draws the state, and moves it when the mouse pulls the robot.
+            # The window's thread reads the state, and changes it when the mouse pulls the robot.
             with window.lock():
                 observation, *_ = env.step(action)
                 steps += 1
@@ -53,26 +52,26 @@ def view(policy: ActingPolicy, scene: Scene) -> int:
             window.sync()
             due += CONTROL_TIMESTEP
             late = time.perf_counter() - due
-            # A machine that is too slow plays slowly: it doesn't hurry to catch up.
+            # A slow machine runs slower than real time and does not catch up.
             due += max(late, 0)
             time.sleep(max(-late, 0))
-    # Drawing may still go on for a moment, and the process must not end meanwhile: it would crash.
+    # Wait for the rendering thread, since the process would crash if it exited before.
     for thread in set(threading.enumerate()) - others:
         thread.join(_CLOSING_SECONDS)
     return steps
 
 
 def _open_window(env: JitterbugEnv) -> Any:
-    """Returns MuJoCo's window on an environment, its camera following the robot."""
+    """Opens MuJoCo's viewer of an environment with a camera that tracks the robot."""
     if not has_display():
         raise RequestError(
             "There is no display to open a window on; jbench render draws without one."
         )
-    # Imported only here: they look for a window system.
+    # Deferred, since these imports look for a window system.
     import glfw
     import mujoco.viewer
 
-    # Of this the viewer's own thread would die, and the viewer would wait for it for ever.
+    # An error here would end the viewer's thread, for which the viewer would wait forever.
     with warnings.catch_warnings(action="ignore"):
         opened = glfw.init()
     if not opened:

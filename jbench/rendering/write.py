@@ -1,4 +1,4 @@
-"""An episode as a file: a video, an animation, or a strip of moments."""
+"""Writing an episode as a video, an animation, or a strip of images."""
 
 import importlib.util
 import io
@@ -24,31 +24,31 @@ from jbench.rendering.episode import (
 from jbench.rendering.overlay import strip_picture, video_picture
 from jbench.store.files import make_directory, write_atomic
 
-ENDINGS = (".mp4", ".gif", ".png")
-"""What a file's name may end in: a video, an animation, a strip of moments."""
+SUFFIXES = (".mp4", ".gif", ".png")
+"""Supported file suffixes: video, animation, strip of images."""
 
 _VIDEO_SIZE = (640, 480)
 _MOMENT_SIZE = (320, 240)
 
-# Browsers slow down animations with a shorter time between their pictures (s).
-_SHORTEST_GIF_INTERVAL = 0.02
+# Browsers slow down animations with shorter intervals (s).
+_MIN_GIF_INTERVAL = 0.02
 
-# Pictures from which an animation's colours are chosen.
+# Images from which an animation's palette is computed.
 _PALETTE_PICTURES = 8
 
-# Of 10; a minute of 640 x 480 pixels takes about 10 MB.
+# Out of 10; a minute of 640 x 480 pixels takes about 10 MB.
 _VIDEO_QUALITY = 8
 
 
 @dataclass(frozen=True)
 class Rendered:
-    """What was written.
+    """A written file.
 
     Attributes:
         path: of the file.
-        pictures: number of them in it.
-        seconds: of the episode that it shows.
-        episode_return: at the end of what it shows.
+        pictures: number of images.
+        seconds: length of the last_frame part of the episode.
+        episode_return: at the end of that part.
     """
 
     path: Path
@@ -58,28 +58,28 @@ class Rendered:
 
 
 def default_size(path: Path) -> tuple[int, int]:
-    """Returns width and height (pixels) of a picture that suit a file's ending."""
+    """Returns the default width and height (pixels) for a file's suffix."""
     return _MOMENT_SIZE if path.suffix.lower() == ".png" else _VIDEO_SIZE
 
 
 def check_output(path: Path) -> None:
-    """Checks that a file of this name can be written, before anything is simulated.
+    """Checks that a file can be written, before anything is simulated.
 
     Raises:
-        RequestError: if its ending is none of `ENDINGS`, a library is missing, or it lies where
-            nothing may be written.
+        RequestError: if the suffix is not in `SUFFIXES`, a library is missing, or the directory is
+            not writable.
     """
-    ending = path.suffix.lower()
-    if ending not in ENDINGS:
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
         raise RequestError(
-            f"--out {path}: nothing writes such files; end the name in {', '.join(ENDINGS)}."
+            f"--out {path}: nothing writes such files; end the name in {', '.join(SUFFIXES)}."
         )
     # Gymnasium's renderer imports imageio, too.
-    needed = ("imageio", "imageio_ffmpeg") if ending == ".mp4" else ("imageio",)
+    needed = ("imageio", "imageio_ffmpeg") if suffix == ".mp4" else ("imageio",)
     missing = [name for name in needed if importlib.util.find_spec(name) is None]
     if missing:
         raise RequestError(
-            f"{ending} needs {' and '.join(missing)}: type pip install 'jbench[render]'."
+            f"{suffix} needs {' and '.join(missing)}: type pip install 'jbench[render]'."
         )
     make_directory(path.parent)
     if path.is_dir():
@@ -98,80 +98,78 @@ def render_to_file(
     steps: int = EPISODE_STEPS,
     progress: Callable[[int], object] = lambda steps: None,
 ) -> Rendered:
-    """Writes an episode of a policy as a video, an animation, or a strip of moments.
+    """Writes an episode of a policy as a video, an animation, or a strip of images.
 
     Args:
-        policy: for plain observations of the task.
-        scene: which episode, and how to look at it.
-        path: of the file; its ending, one of `ENDINGS`, says which.
-        name: of the policy, to be written in.
+        path: of the file; its suffix determines the format.
+        name: of the policy, for the text.
         frames_per_second: of a video or an animation.
         speed: of a video or an animation: 1 for real time, 0.5 for half speed.
-        moments: number of pictures in a strip.
+        moments: number of images in a strip.
         steps: control steps to show.
-        progress: told the number of control steps done.
+        progress: called with the number of completed control steps.
 
     Raises:
-        RequestError: if no such file can be written.
-        WorkError: if the disk is full or refuses.
+        RequestError: if the file can't be written.
+        WorkError: if the disk is full or fails.
     """
     check_output(path)
-    ending = path.suffix.lower()
+    suffix = path.suffix.lower()
     at: Collection[int]
-    if ending == ".png":
+    if suffix == ".png":
         at, interval = strip_steps(moments, steps), 0.0
     else:
         at, interval = video_steps(frames_per_second, speed, steps)
-    if ending == ".gif":
+    if suffix == ".gif":
         _check_gif(interval)
     title, note = f"{scene.task}, {name}", f"{scene.camera} camera"
     if speed != 1:
         note += f", {speed:g} x real time"
-    shown: list[Frame] = []
+    last_frame: list[Frame] = []
 
     def pictures() -> Iterator[Picture]:
         for frame in render_episode(policy, scene, at, progress):
-            # Only the last is kept: a long video would fill the memory.
-            shown[:] = [frame]
-            still = ending == ".png"
-            yield strip_picture(frame) if still else video_picture(frame, title, note)
+            # Only the last frame is kept, since a long video would fill the memory.
+            last_frame[:] = [frame]
+            is_strip = suffix == ".png"
+            yield strip_picture(frame) if is_strip else video_picture(frame, title, note)
 
-    if ending == ".mp4":
+    if suffix == ".mp4":
         content = mp4(pictures(), (scene.width, scene.height), interval)
-    elif ending == ".gif":
+    elif suffix == ".gif":
         content = gif(list(pictures()), interval)
     else:
         content = png_strip(list(pictures()))
     write_atomic(path, content)
-    return Rendered(path, len(at), shown[0].time, shown[0].episode_return)
+    return Rendered(path, len(at), last_frame[0].time, last_frame[0].episode_return)
 
 
 def _check_gif(interval: float) -> None:
-    if interval < _SHORTEST_GIF_INTERVAL:
+    if interval < _MIN_GIF_INTERVAL:
         raise RequestError(
             f"No .gif of {1 / interval:g} frames a second; it has at most "
-            f"{1 / _SHORTEST_GIF_INTERVAL:g}."
+            f"{1 / _MIN_GIF_INTERVAL:g}."
         )
 
 
 def png_strip(pictures: Sequence[Picture]) -> bytes:
-    """Returns a PNG with pictures (height, width, 3) side by side."""
+    """Returns a PNG with images (height, width, 3) side by side."""
     buffer = io.BytesIO()
     Image.fromarray(np.hstack(pictures)).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
 
 
 def gif(pictures: Sequence[Picture], interval: float) -> bytes:
-    """Returns an endless animation.
+    """Returns a looping animation.
 
     Args:
-        pictures: (height, width, 3) each, all of one size.
-        interval: seconds between them; an animation counts in hundredths.
+        pictures: (height, width, 3) each, all of the same size.
+        interval: seconds between images, rounded to hundredths.
     """
-    chosen = np.linspace(0, len(pictures) - 1, min(_PALETTE_PICTURES, len(pictures))).astype(int)
-    sample = Image.fromarray(np.vstack([pictures[index] for index in chosen]))
+    indices = np.linspace(0, len(pictures) - 1, min(_PALETTE_PICTURES, len(pictures))).astype(int)
+    sample = Image.fromarray(np.vstack([pictures[index] for index in indices]))
     palette = sample.quantize(256, method=Image.Quantize.MEDIANCUT)
-    # No dithering: it would flicker, and make the file thrice as large.
+    # Dithering would flicker and make the file three times as large.
     images = [
         Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
         for picture in pictures
@@ -193,9 +191,9 @@ def mp4(pictures: Iterator[Picture], size: tuple[int, int], interval: float) -> 
     """Returns an H.264 video that any browser plays.
 
     Args:
-        pictures: (height, width, 3) each; an odd side is made even by repeating its last line.
+        pictures: (height, width, 3) each; odd sizes are padded by repeating the last row or column.
         size: width and height (pixels).
-        interval: seconds between the pictures.
+        interval: seconds between images.
 
     Raises:
         RequestError: if the library has no ffmpeg for this machine.
@@ -218,9 +216,9 @@ def mp4(pictures: Iterator[Picture], size: tuple[int, int], interval: float) -> 
             fps=1 / interval,
             codec="libx264",
             quality=_VIDEO_QUALITY,
-            macro_block_size=2,  # colours are kept for 2 x 2 pixels
+            macro_block_size=2,  # colours are stored per 2 x 2 pixels
             ffmpeg_log_level="error",
-            # The index first: it plays while it is loaded.
+            # The index comes first, so that the video plays while it loads.
             output_params=["-movflags", "+faststart"],
         )
         writer.send(None)
@@ -232,5 +230,5 @@ def mp4(pictures: Iterator[Picture], size: tuple[int, int], interval: float) -> 
         finally:
             writer.close()
         if not path.exists():
-            raise WorkError("ffmpeg wrote nothing; what it said is above.")
+            raise WorkError("ffmpeg wrote nothing; its messages are above.")
         return path.read_bytes()

@@ -1,4 +1,4 @@
-"""Many robots stepped at once, on threads."""
+"""Multithreaded simulation of many robots."""
 
 from jbench.simulation.episodes import Trajectories, simulate
 from jbench.simulation.robots import Robots

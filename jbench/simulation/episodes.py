@@ -1,4 +1,4 @@
-"""Whole episodes with actions that are known beforehand, one robot after another on each thread."""
+"""Simulation of whole episodes with given actions, one episode per task of a thread pool."""
 
 import threading
 from collections.abc import Sequence
@@ -31,16 +31,15 @@ def simulate(
     actions: NDArray[np.floating],
     executor: Executor,
 ) -> Trajectories:
-    """Simulates episodes on the executor's threads; the threads do not change the result.
+    """Simulates episodes on the executor's threads; the result does not depend on them.
 
     Args:
-        model: of the robot.
         quaternions: (episodes, 4) orientations at the start.
-        actions: (episodes, steps) motor commands in [-1, 1], each held for a control step.
-        executor: threads to work on; MuJoCo lets go of the interpreter while it steps.
+        actions: (episodes, steps) motor commands in [-1, 1], each applied for a control step.
+        executor: thread pool; MuJoCo releases the GIL while it steps.
 
     Returns:
-        The states before the first and after every action.
+        The states before the first action and after every action.
     """
     episodes, steps = actions.shape
     trajectories = Trajectories(
@@ -63,7 +62,7 @@ def simulate(
     return trajectories
 
 
-# Each thread steps in memory of its own, made once for a model.
+# One MjData per thread and model.
 _local = threading.local()
 
 

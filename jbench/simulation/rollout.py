@@ -1,4 +1,4 @@
-"""Robots that follow a policy through whole episodes, all of them stepped together."""
+"""Rollouts of a policy on many robots."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -21,8 +21,8 @@ class Transition(NamedTuple):
 
     Attributes:
         observations: (robots, dim(O)) before the action, float32.
-        actions: (robots,) as the policy chose them.
-        state: of the robots after the action.
+        actions: (robots,) of the policy.
+        state: after the action.
         rewards: (robots,) of that state.
         next_observations: (robots, dim(O)) of that state, float32.
     """
@@ -35,23 +35,22 @@ class Transition(NamedTuple):
 
 
 def rollout(task: str, robots: Robots, starts: Starts, act: Act) -> Iterator[Transition]:
-    """Yields the control steps of an episode of each robot.
+    """Yields the control steps of one episode per robot.
 
     Args:
-        task: one of `jbench.names.TASKS`.
-        robots: as many as there are starts; they are reset.
-        starts: of the episodes.
+        robots: as many as `starts` has episodes; they are reset.
+        starts: initial states.
         act: the policy.
     """
 
-    def observed(state: State) -> NDArray[np.float32]:
+    def observe(state: State) -> NDArray[np.float32]:
         return np.asarray(features.observation(task, state, starts.targets), np.float32)
 
-    observations = observed(robots.reset(starts.quaternions))
+    observations = observe(robots.reset(starts.quaternions))
     for _ in range(EPISODE_STEPS):
         actions = np.asarray(act(observations))[:, 0]
         state = robots.step(actions)
         rewards = np.asarray(features.reward(task, state, starts.targets))
-        following = observed(state)
-        yield Transition(observations, actions, state, rewards, following)
-        observations = following
+        next_observations = observe(state)
+        yield Transition(observations, actions, state, rewards, next_observations)
+        observations = next_observations

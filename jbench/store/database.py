@@ -1,10 +1,10 @@
 """A results directory and its records.
 
 results/
-datasets/<id>/   encoders/<id>/   runs/<id>/
-manifest.json        what the record is, and which files belong to it
+datasets/<id>/  encoders/<id>/  runs/<id>/  evaluations/<id>/
+manifest.json                      settings, status and list of files
 <table>-<n>-<hash>.parquet, *.safetensors, *.json
-<role>-<hash>.*      while the work goes on: what it needs to go on after a kill
+<role>-<hash>.*                    checkpoints of unfinished work
 """
 
 import contextlib
@@ -26,7 +26,7 @@ class Results:
         """Opens a results directory, which need not exist yet.
 
         Raises:
-            RequestError: if the path is something other than a directory.
+            RequestError: if the path is not a directory.
             WorkError: if it can't be read.
         """
         try:
@@ -38,10 +38,10 @@ class Results:
         self.path = path
 
     def record(self, kind: Kind, id: str) -> Record:
-        """Names a record, which need not exist yet.
+        """Returns a record, which need not exist yet.
 
         Raises:
-            RequestError: if it is not an id.
+            RequestError: if the id is invalid.
         """
         return Record(self.inside(f"{kind}s/{check_id(id)}"), kind, id)
 
@@ -52,7 +52,7 @@ class Results:
         settings: Mapping[str, Any],
         made_on: Mapping[str, str | None] | None = None,
     ) -> Record:
-        """Starts a record, or starts an unfinished one over: see `Record.create`."""
+        """Creates a record, or restarts an unfinished one; see `Record.create`."""
         record = self.record(kind, id)
         record.create(settings, made_on)
         return record
@@ -61,37 +61,37 @@ class Results:
         """Returns the record of that id, or None.
 
         Raises:
-            RequestError: if it is not an id.
-            WorkError: if there is one, but its manifest can't be read.
+            RequestError: if the id is invalid.
+            WorkError: if its manifest can't be read.
         """
         record = self.record(kind, id)
         return record if record.load() else None
 
     @contextlib.contextmanager
-    def hold(self, kind: Kind, id: str) -> Iterator[Record | None]:
-        """Locks a record for this process, and gives it, or None if there is none yet.
+    def locked(self, kind: Kind, id: str) -> Iterator[Record | None]:
+        """Locks a record and yields it, or None if it does not exist yet.
 
-        What an interrupted writer left beside its committed files is removed.
+        Files that an interrupted writer left uncommitted are removed.
 
         Raises:
-            RequestError: if it is not an id.
-            WorkError: if another process holds it, or its manifest can't be read.
+            RequestError: if the id is invalid.
+            WorkError: if another process holds the lock, or the manifest can't be read.
         """
         with self.record(kind, id).lock():
-            found = self.find(kind, id)
-            if found is not None:
-                found.clean()
-            yield found
+            record = self.find(kind, id)
+            if record is not None:
+                record.clean()
+            yield record
 
     def clean(self, kind: Kind, id: str) -> None:
-        """Removes what an interrupted writer left in a record, unless a process is writing it."""
+        """Removes uncommitted files of a record, unless a process is writing it."""
         with contextlib.suppress(WorkError):
-            found = self.find(kind, id)
-            if found is not None:
-                found.clean_if_free()
+            record = self.find(kind, id)
+            if record is not None:
+                record.clean_if_free()
 
     def scan(self, kind: Kind) -> tuple[list[Record], list[str]]:
-        """Returns all records of a kind, oldest first, and a sentence for each unreadable one."""
+        """Returns all records of a kind, oldest first, and an error for each unreadable one."""
         records, problems = [], []
         root = self.path / f"{kind}s"
         for folder in walk(root):
@@ -111,7 +111,7 @@ class Results:
         """Returns a path below the results directory.
 
         Raises:
-            WorkError: if links lead out of it.
+            WorkError: if a symlink leads out of it.
         """
         path = self.path / name
         if not path.resolve().is_relative_to(self.path.resolve()):

@@ -1,8 +1,7 @@
-"""Writing and checking files: the only module of jbench that writes results.
+"""Atomic writing and safe reading of files.
 
-A file appears under its name complete or not at all: it is written under another name, forced to
-the disk, and renamed; then the directory is forced to the disk too, so that the name survives a
-power cut.
+A file is written under a temporary name, synced and renamed, so that it is either complete or
+absent. The directory is synced too, so that the name survives a power cut.
 """
 
 import contextlib
@@ -21,13 +20,13 @@ from jbench.errors import RequestError, WorkError
 _File = TypeVar("_File", bound=BinaryIO | io.BufferedReader)
 
 _TEMPORARY = ".writing-"
-_PIECE = 1 << 20  # bytes read at a time, where a file may be larger than memory
+_CHUNK = 1 << 20  # bytes read at a time
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
-# What an error of `open` can say about the file itself: it is missing, or no plain file. Any other
-# error (EMFILE, EIO, EACCES, ESTALE ...) may be gone at the next try.
-_ABOUT_THE_FILE = {
+# Errors of `open` that are permanent: the file is missing or not a regular file. Any other error
+# (EMFILE, EIO, EACCES, ESTALE ...) may be transient.
+_PERMANENT = {
     errno.ENOENT,
     errno.ENOTDIR,
     errno.EISDIR,
@@ -39,31 +38,31 @@ _ABOUT_THE_FILE = {
 
 
 class UnreadableError(WorkError):
-    """A file can't be read now; nothing is known about its content."""
+    """A file can't be read at present; its content is unknown."""
 
 
-def is_passing(error: OSError) -> bool:
-    """Returns whether a file may be intact although it could not be read."""
-    # Errors of pyarrow about a file's content have no number.
-    return error.errno is not None and error.errno not in _ABOUT_THE_FILE
+def is_transient(error: OSError) -> bool:
+    """Returns whether a file may be intact although reading it failed."""
+    # Errors of pyarrow about a file's content have no errno.
+    return error.errno is not None and error.errno not in _PERMANENT
 
 
 def make_directory(path: Path) -> None:
-    """Makes a directory and its parents.
+    """Creates a directory and its parents.
 
     Raises:
-        RequestError: if a file has that name, or the directory may not be written to.
-        WorkError: if the disk is full or refuses.
+        RequestError: if the path is a file or not writable.
+        WorkError: if the disk is full or fails.
     """
     try:
         new = [parent for parent in (path, *path.parents) if not parent.exists()]
         path.mkdir(parents=True, exist_ok=True)
-        for made in new:
-            _sync_directory(made.parent)
+        for directory in new:
+            _sync_directory(directory.parent)
     except (FileExistsError, NotADirectoryError):
         raise RequestError(f"{path} is a file, or lies in one; name a directory.") from None
     except OSError as error:
-        # ENOENT: the file system has no directories of ours, as /proc.
+        # ENOENT: a file system without directories of ours, such as /proc.
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT):
             raise RequestError(
                 f"{path} can't be made ({error.strerror}); name a directory that you may write to."
@@ -74,35 +73,35 @@ def make_directory(path: Path) -> None:
 
 
 def write_atomic(path: Path, content: bytes) -> None:
-    """Writes a file that is there complete or not at all, whatever happens meanwhile.
+    """Writes a file atomically.
 
     Raises:
-        WorkError: if the disk is full or refuses; what was there before is still there.
+        WorkError: if the disk is full or fails; an existing file is unchanged.
     """
     with _replacing(path) as file:
         file.write(content)
 
 
-def copy_atomic(source: Path, path: Path, wanted: str) -> None:
-    """Copies a file in pieces; the copy is there complete, with the wanted SHA-256, or not at all.
+def copy_atomic(source: Path, path: Path, sha256: str) -> None:
+    """Copies a file atomically, checking its SHA-256.
 
     Raises:
-        WorkError: if the source can't be read or has another SHA-256; or as `write_atomic`.
+        WorkError: if the source can't be read or has another SHA-256, or as for `write_atomic`.
     """
     digest = hashlib.sha256()
     with _replacing(path) as file:
-        for piece in _pieces(source):
-            digest.update(piece)
-            file.write(piece)
-        if digest.hexdigest() != wanted:
+        for chunk in _chunks(source):
+            digest.update(chunk)
+            file.write(chunk)
+        if digest.hexdigest() != sha256:
             raise WorkError(f"{source} is damaged (its checksum differs); it is not copied.")
 
 
 def move(path: Path, to: Path) -> None:
-    """Moves a file or a directory within a file system; an existing one is never replaced.
+    """Moves a file or a directory within a file system, without replacing anything.
 
     Raises:
-        WorkError: if `to` exists, or the disk refuses.
+        WorkError: if `to` exists, or the disk fails.
     """
     make_directory(to.parent)
     try:
@@ -111,7 +110,7 @@ def move(path: Path, to: Path) -> None:
         path.rename(to)
     except OSError as error:
         raise WorkError(f"{path} can't be moved to {to} ({error.strerror}).") from None
-    # The file has moved, whether or not the disk says that it knows.
+    # The move succeeded even if syncing fails.
     with contextlib.suppress(OSError):
         _sync_directory(to.parent)
         _sync_directory(path.parent)
@@ -119,7 +118,7 @@ def move(path: Path, to: Path) -> None:
 
 @contextlib.contextmanager
 def _replacing(path: Path) -> Iterator[BinaryIO]:
-    """Gives a file to write, which replaces the one at `path` at the end of the block."""
+    """Yields a file to write, which replaces the one at `path` at the end of the block."""
     temporary = None
     try:
         handle, temporary = tempfile.mkstemp(prefix=_TEMPORARY, dir=path.parent)
@@ -145,11 +144,11 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
 
 @contextlib.contextmanager
 def _closing(file: _File) -> Iterator[_File]:
-    """Closes a file at the end of the block. It is closed even where `close` is interrupted."""
+    """Closes a file at the end of the block, even if `close` is interrupted."""
     try:
         yield file
     except BaseException:
-        # The error that matters is the first: `close` would try to write what is left.
+        # `close` would try to flush and hide the first error.
         with contextlib.suppress(OSError):
             file.close()
         raise
@@ -159,10 +158,10 @@ def _closing(file: _File) -> Iterator[_File]:
 
 @contextlib.contextmanager
 def open_plain(path: Path) -> Iterator[io.BufferedReader]:
-    """Opens a plain file to read it: no link, no directory, no pipe that one would wait for.
+    """Opens a regular file for reading; refuses symlinks, directories and pipes.
 
     Raises:
-        OSError: if it is something else or can't be opened; its `strerror` says why.
+        OSError: if it is not a regular file or can't be opened; `strerror` has the reason.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -180,33 +179,33 @@ def open_plain(path: Path) -> Iterator[io.BufferedReader]:
 
 
 def close(handle: int) -> None:
-    """Closes a file that was read or locked: it is closed whatever `close` says."""
+    """Closes a file that was read or locked, ignoring errors."""
     with contextlib.suppress(OSError):
         os.close(handle)
 
 
-def _pieces(path: Path) -> Iterator[bytes]:
+def _chunks(path: Path) -> Iterator[bytes]:
     try:
         with open_plain(path) as file:
-            while piece := file.read(_PIECE):
-                yield piece
+            while chunk := file.read(_CHUNK):
+                yield chunk
     except OSError as error:
         raise WorkError(f"{path} can't be read ({error.strerror}).") from None
 
 
 def entries(directory: Path) -> list[os.DirEntry[str]]:
-    """Returns what lies in a directory, sorted by name.
+    """Returns the entries of a directory, sorted by name.
 
     Raises:
-        OSError: if it can't be listed; its `strerror` says why.
+        OSError: if it can't be listed; `strerror` has the reason.
     """
     while True:
-        with contextlib.suppress(InterruptedError), os.scandir(directory) as found:
-            return sorted(found, key=lambda entry: entry.name)
+        with contextlib.suppress(InterruptedError), os.scandir(directory) as iterator:
+            return sorted(iterator, key=lambda entry: entry.name)
 
 
 def unlisted(directory: Path, listed: set[str]) -> list[Path]:
-    """Returns what an interrupted writer of a record left beside its committed files.
+    """Returns files that an interrupted writer of a record left uncommitted.
 
     Raises:
         OSError: if the directory can't be listed.
@@ -224,14 +223,14 @@ def unlisted(directory: Path, listed: set[str]) -> list[Path]:
 
 
 def remove(paths: Iterable[Path]) -> None:
-    """Removes files that no manifest lists any more; one that can't be removed is no error."""
+    """Removes files, ignoring errors."""
     for path in paths:
         with contextlib.suppress(OSError):
             path.unlink()
 
 
 def sha256(content: bytes) -> str:
-    """Returns the SHA-256 of some bytes in hexadecimal."""
+    """Returns the hexadecimal SHA-256."""
     return hashlib.sha256(content).hexdigest()
 
 

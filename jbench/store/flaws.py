@@ -1,4 +1,4 @@
-"""What is wrong with the parts of a record, each in a clause that follows the part's path."""
+"""Checks of a record's parts; a problem is a clause to follow the part's path."""
 
 import hashlib
 import os
@@ -17,28 +17,28 @@ from jbench.store.rows import row_of
 
 
 def of_settings(record: Record) -> str | None:
-    """Returns what is wrong if a record's settings can't be, or are not those of its id."""
+    """Returns a problem if a record's settings are invalid or do not match its id."""
     try:
         row_of(record)
-        wanted = settings_hash(record.settings)
+        expected = settings_hash(record.settings)
     except (ValueError, WorkError) as error:
-        return f"says what can't be: {str(error).removesuffix('.')}"
-    if record.id.endswith(f"-{wanted}"):
+        return f"is invalid: {str(error).removesuffix('.')}"
+    if record.id.endswith(f"-{expected}"):
         return None
-    return f"has settings of the hash {wanted}, not those that its id was made of"
+    return f"has settings of the hash {expected}, not those that its id was made of"
 
 
 def of_file(record: Record, entry: FileEntry) -> str | None:
-    """Returns what is wrong with a file of a record, if anything.
+    """Returns a problem of a file of a record, or None.
 
     Raises:
         OSError: if the file can't be read.
     """
     path = record.path / entry.name
-    wrong = _of_bytes(entry, path)
-    if wrong is None and entry.table is not None:
-        wrong = _of_rows(record, entry, path)
-    return wrong
+    problem = _of_bytes(entry, path)
+    if problem is None and entry.table is not None:
+        problem = _of_rows(record, entry, path)
+    return problem
 
 
 def _of_bytes(entry: FileEntry, path: Path) -> str | None:
@@ -55,20 +55,20 @@ def _of_rows(record: Record, entry: FileEntry, path: Path) -> str | None:
     try:
         with files.open_plain(path) as file:
             footer = pq.read_metadata(file)
-        there = set(footer.schema.to_arrow_schema().names)
+        names = set(footer.schema.to_arrow_schema().names)
     except pa.ArrowException as error:
         return str(error).splitlines()[0]
     if footer.num_rows != entry.rows:
         return f"{footer.num_rows} rows, not {entry.rows}"
     columns = schema.FILES.get(entry.table or "", ())
-    missing = [field.name for field in columns if field.name not in there]
+    missing = [field.name for field in columns if field.name not in names]
     if missing and record.manifest.schema_version == SCHEMA_VERSION:
         return f"it has no column {missing[0]}"
     return None
 
 
 def of_date(text: str) -> str | None:
-    """Returns what is wrong with a date of a manifest, if anything."""
+    """Returns a problem of a date of a manifest, or None."""
     try:
         date = datetime.fromisoformat(text)
         # Clocks of different machines differ a little.

@@ -1,18 +1,18 @@
-"""Ids of results: what one looks like. Its hash is that of the settings (`settings/base.py`)."""
+"""Ids of records and what they may look like. Their hashes are those of the settings."""
 
 import re
 
 from jbench.errors import RequestError
 
-# One part of an id: it becomes a directory, so no dots alone, no separators, nothing hidden.
+# A part of an id becomes a directory: no separators and no leading dot.
 _PART = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 
 
 def check_id(text: str) -> str:
-    """Returns the id if it can name a place inside the results directory.
+    """Returns the id.
 
     Raises:
-        RequestError: if it could lead out of it, or is not an id at all.
+        RequestError: if it is invalid, for example leads out of the results directory.
     """
     if not text or not all(_PART.fullmatch(part) for part in text.split("/")):
         raise RequestError(

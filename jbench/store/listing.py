@@ -14,17 +14,17 @@ from jbench.store.record import Record
 
 
 class RunLine(NamedTuple):
-    """A run in a list of runs; what its manifest does not say, or not in its right type, is None.
+    """A run in a list of runs; values that its manifest lacks or that have a wrong type are None.
 
     Attributes:
-        run: its id.
-        task, algo, representation, seed: of its settings.
+        run: id of the run.
+        task, algo, representation, seed: from its settings.
         status: unfinished, finished or failed.
-        episodes: committed.
+        episodes: number of committed episodes.
         steps_done: control steps of these episodes, or of the finished run.
-        steps: control steps asked for.
-        wall_time: s; of a finished run, or up to its last episode where returns were asked for.
-        last_return: final return (`jbench.returns`), if asked for.
+        steps: requested control steps.
+        wall_time: s; of a finished run, or up to its last episode if returns are requested.
+        last_return: final return (`jbench.returns`) if requested.
         created: UTC, ISO 8601.
         updated: UTC, ISO 8601.
     """
@@ -45,20 +45,19 @@ class RunLine(NamedTuple):
 
 
 def list_runs(
-    results: Results, wanted: Mapping[str, Collection[Any]], returns: bool = False
+    results: Results, filters: Mapping[str, Collection[Any]], returns: bool = False
 ) -> tuple[list[RunLine], list[str]]:
-    """Returns the runs, oldest first, and a sentence for each that can't be read.
+    """Returns the runs, oldest first, and an error for each unreadable one.
 
     Args:
-        results: to list.
-        wanted: by name of a field of `RunLine`, the values that it may have.
-        returns: whether the episodes are read for the last returns.
+        filters: allowed values by field of `RunLine`.
+        returns: whether to read the episodes for the last returns.
     """
     records, problems = results.scan("run")
     lines = []
     for record in records:
         line = _line(record)
-        if all(getattr(line, name) in values for name, values in wanted.items()):
+        if all(getattr(line, name) in values for name, values in filters.items()):
             try:
                 lines.append(_with_returns(line, record) if returns else line)
             except WorkError as error:
@@ -67,14 +66,9 @@ def list_runs(
 
 
 def values_of(results: Results, setting: str) -> set[str]:
-    """Returns the values that a setting has in the runs of some results, if they are text.
-
-    Args:
-        results: to look into; what can't be read is left out.
-        setting: of runs, such as `algo`.
-    """
-    found = (record.settings.get(setting) for record in results.scan("run")[0])
-    return {value for value in found if isinstance(value, str)}
+    """Returns the text values of a setting, such as `algo`, in the readable runs."""
+    values = (record.settings.get(setting) for record in results.scan("run")[0])
+    return {value for value in values if isinstance(value, str)}
 
 
 def _line(record: Record) -> RunLine:
@@ -108,7 +102,7 @@ def _with_returns(line: RunLine, record: Record) -> RunLine:
 
 
 def _number(value: Any) -> int | float | None:
-    """Returns a value if it is a finite number: a stranger's manifest may say anything."""
+    """Returns a value of an untrusted manifest if it is a finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return None
     return value

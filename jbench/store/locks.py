@@ -1,4 +1,4 @@
-"""Locks: a file in each record that its writer locks (`flock`); a dead process holds no lock."""
+"""Advisory write locks per record (`flock`), released when the process dies."""
 
 import contextlib
 import fcntl
@@ -10,40 +10,40 @@ from jbench.errors import WorkError
 from jbench.store import files
 
 LOCK = "lock"
-"""Name of that file."""
+"""Name of the lock file."""
 
 
 class HeldError(WorkError):
     """Another process holds the lock."""
 
     def __init__(self, whose: str) -> None:
-        """Says so.
+        """Makes the error.
 
         Args:
-            whose: what is written, such as `the run ID`.
+            whose: the locked record, such as `the run ID`.
         """
         super().__init__(f"Another process is writing {whose}; wait for it or stop it.")
 
 
-# A stranger's may be a link to a file elsewhere, or a pipe that one would wait for.
-_CAREFULLY = os.O_NOFOLLOW | os.O_NONBLOCK
+# An untrusted lock file may be a symlink or a pipe.
+_OPEN_FLAGS = os.O_NOFOLLOW | os.O_NONBLOCK
 
 
 @contextlib.contextmanager
 def hold(directory: Path, whose: str) -> Iterator[None]:
-    """Holds the lock of a directory while the block lasts.
+    """Holds the exclusive lock of a directory during the block.
 
     Args:
-        directory: of the lock.
-        whose: what is written, for the error.
+        directory: of the lock file.
+        whose: the locked record, for the error.
 
     Raises:
-        HeldError: if another process holds it.
-        WorkError: if it can't be opened or locked.
+        HeldError: if another process holds the lock.
+        WorkError: if the file can't be opened or locked.
     """
     path = directory / LOCK
     try:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | _CAREFULLY, 0o644)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | _OPEN_FLAGS, 0o644)
     except OSError as error:
         raise WorkError(f"{path} can't be opened ({error.strerror}).") from None
     try:
@@ -59,26 +59,23 @@ def hold(directory: Path, whose: str) -> Iterator[None]:
 
 
 def is_held(directory: Path) -> bool:
-    """Returns whether some process holds the lock of a directory; changes nothing."""
+    """Returns whether a process holds the lock of a directory; changes nothing."""
     return _refuses(directory, os.O_RDONLY, fcntl.LOCK_SH)
 
 
 @contextlib.contextmanager
 def share(directory: Path) -> Iterator[None]:
-    """Marks a directory as in use while the block lasts; any number of processes may do so.
-
-    Args:
-        directory: which is made if it is not there.
+    """Holds a shared lock of a directory, which is created if necessary, during the block.
 
     Raises:
-        RequestError: if it can't be made.
+        RequestError: if the directory can't be created.
         WorkError: if the file system has no locks.
     """
     files.make_directory(directory)
     path = directory / LOCK
     with contextlib.ExitStack() as opened:
         try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | _CAREFULLY, 0o644)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | _OPEN_FLAGS, 0o644)
             opened.callback(files.close, handle)
             fcntl.flock(handle, fcntl.LOCK_SH)
         except OSError as error:
@@ -87,20 +84,20 @@ def share(directory: Path) -> Iterator[None]:
 
 
 def is_shared(directory: Path) -> bool:
-    """Returns whether some process marks a directory as in use, on whatever machine."""
+    """Returns whether a process on any machine holds a shared lock of a directory."""
     return _refuses(directory, os.O_RDWR, fcntl.LOCK_EX)
 
 
 def _refuses(directory: Path, access: int, kind: int) -> bool:
-    """Returns whether there is a lock in a directory that can't be had for a moment.
+    """Returns whether a lock of a directory can't be acquired.
 
     Args:
-        directory: of the lock.
-        access: with which its file is opened; some file systems want more of it than others.
-        kind: of lock to ask for.
+        directory: of the lock file.
+        access: mode in which to open the file; some file systems require write access.
+        kind: exclusive or shared.
     """
     try:
-        handle = os.open(directory / LOCK, access | _CAREFULLY)
+        handle = os.open(directory / LOCK, access | _OPEN_FLAGS)
     except OSError:
         return False
     try:

@@ -1,4 +1,4 @@
-"""The manifest of a record: what it is, and which files belong to it."""
+"""The manifest of a record: settings, status, provenance and list of files."""
 
 import re
 from typing import Annotated, Any, Literal, get_args
@@ -15,13 +15,13 @@ from pydantic import (
 from jbench.errors import WorkError
 
 SCHEMA_VERSION = 4
-"""Of manifests and of the tables that they list; raised when either changes its meaning.
+"""Version of manifests and tables; incremented when either changes its meaning.
 
-A record keeps the version with which it was begun; `older.py` reads those of older ones.
+A record keeps the version with which it was created; `older.py` upgrades rows of older ones.
 """
 
 OLDEST_SCHEMA_VERSION = 1
-"""The oldest that can still be read."""
+"""The oldest readable version."""
 
 MANIFEST = "manifest.json"
 
@@ -29,12 +29,12 @@ Kind = Literal["dataset", "encoder", "run", "evaluation"]
 Status = Literal["unfinished", "finished", "failed"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""In the order in which they are made from each other."""
+"""Kinds in order of dependence: later ones are made from earlier ones."""
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
-# Settings, tables and dates go into CSV, SVG, LaTeX, Markdown and terminals. Third parties name
-# their algorithms and engines as they like, within this: "cleanrl-td3", "sb3_contrib:TQC".
+# Settings, tables and dates are written to CSV, SVG, LaTeX, Markdown and terminals. Third parties
+# may name algorithms and engines within these limits: "cleanrl-td3", "sb3_contrib:TQC".
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:+/-]*")
 _TEXT = re.compile(r"(?:[A-Za-z0-9._(\[][A-Za-z0-9 _.,:;+*/()\[\]=^%~-]*)?")
 _NAMES = frozenset(
@@ -43,12 +43,12 @@ _NAMES = frozenset(
         *("engine", "time_limit", "precision"),
     }
 )
-_FORMULA = ("=", "+", "@")  # a spreadsheet would compute what begins with them
-_LARGEST = 2**63  # of whole numbers: no column holds more
+_FORMULA = ("=", "+", "@")  # spreadsheets evaluate texts that begin with these
+_MAX_INTEGER = 2**63  # exclusive bound of a 64-bit column
 
 
 def _plain_name(name: str) -> str:
-    """A listed file lies in its record's own directory and nowhere else."""
+    """Checks that a listed file is in its record's directory."""
     if not _FILE_NAME.fullmatch(name) or name == MANIFEST:
         raise ValueError("a file is named outside its own directory")
     return name
@@ -67,7 +67,7 @@ def _plain_date(text: str) -> str:
 
 
 def _plain_settings(settings: dict[str, Any]) -> dict[str, Any]:
-    """Checks what names and describes a record wherever it is shown."""
+    """Checks the characters of names and texts in settings."""
     for name in _NAMES & settings.keys():
         value = settings[name]
         if isinstance(value, str) and not _NAME.fullmatch(value):
@@ -79,11 +79,11 @@ def _plain_settings(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plain_provenance(provenance: dict[str, Any]) -> dict[str, Any]:
-    """Checks versions, processor and command; a command may hold whatever was typed."""
+    """Checks the texts of provenance; a command may contain any printable text."""
     texts = _texts(provenance)
     typed = set(_texts({"command": provenance.get("command")}))
     for text in texts:
-        # An option begins with "-" as a formula may, but calls no function and no other program.
+        # An option may begin with "-", but a formula also contains "|" or "(".
         formula = text[:1] in _FORMULA or (text[:1] == "-" and ("|" in text or "(" in text))
         if not text.isprintable() or formula or ("<" in text and text not in typed):
             raise ValueError(f"{text[:40]!r} can't be in provenance")
@@ -91,36 +91,36 @@ def _plain_provenance(provenance: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plain_summary(summary: dict[str, Any]) -> dict[str, Any]:
-    """Checks numbers alone: the text of an error may hold anything, and no table shows it."""
+    """Checks numbers only: the text of an error is free, and no table contains it."""
     _texts(summary)
     return summary
 
 
 def _texts(value: Any) -> list[str]:
-    """Returns all texts in a JSON value, names of members among them.
+    """Returns all texts in a JSON value, including keys.
 
     Raises:
-        ValueError: if a whole number in it is too large for a column.
+        ValueError: if an integer is too large for a column.
     """
     texts: list[str] = []
-    waiting = [value]
-    while waiting:
-        item = waiting.pop()
+    stack = [value]
+    while stack:
+        item = stack.pop()
         kind = type(item)
         if kind is str:
             texts.append(item)
         elif kind is dict:
             texts += item
-            waiting += item.values()
+            stack += item.values()
         elif kind is list or kind is tuple:
-            waiting += item
-        elif kind is int and not -_LARGEST <= item < _LARGEST:
+            stack += item
+        elif kind is int and not -_MAX_INTEGER <= item < _MAX_INTEGER:
             raise ValueError("a number is too large")
     return texts
 
 
 class VersionError(WorkError):
-    """The manifest may be whole, but it is of a version that this jbench does not read."""
+    """The manifest has a schema version that this jbench can't read."""
 
 
 class FileEntry(BaseModel):
@@ -135,7 +135,7 @@ class FileEntry(BaseModel):
     role: Annotated[str | None, AfterValidator(_plain_table)] = Field(
         default=None,
         exclude_if=lambda role: role is None,
-        description="what it serves for while the work goes on; a newer file of it replaces it",
+        description="name of a checkpoint; a newer file of the same role replaces it",
     )
     rows: int = Field(default=0, ge=0)
     bytes: int = Field(ge=0)
@@ -143,7 +143,7 @@ class FileEntry(BaseModel):
 
 
 class _Versioned(BaseModel):
-    """What every version of a manifest has."""
+    """The field that every version of a manifest has."""
 
     schema_version: int
 
@@ -161,10 +161,10 @@ class Manifest(BaseModel):
         description="what produced it; hashed into its id"
     )
     summary: Annotated[dict[str, Any], AfterValidator(_plain_summary)] = Field(
-        default_factory=dict, description="what came out, in short"
+        default_factory=dict, description="short results"
     )
     provenance: Annotated[dict[str, Any], AfterValidator(_plain_provenance)] = Field(
-        default_factory=dict, description="where and by what"
+        default_factory=dict, description="versions, machine and command"
     )
     created: Annotated[str, AfterValidator(_plain_date)] = Field(description="UTC, ISO 8601")
     updated: Annotated[str, AfterValidator(_plain_date)] = Field(description="UTC, ISO 8601")
@@ -186,15 +186,14 @@ class Manifest(BaseModel):
         """Reads a manifest.
 
         Args:
-            content: of the manifest's file.
-            where: names the file in an error.
+            where: path for error messages.
 
         Raises:
-            VersionError: if it is of a version that this jbench does not read.
+            VersionError: if this jbench can't read its schema version.
             WorkError: if it is damaged.
         """
         try:
-            # The version first: a newer manifest may have fields that this one has not.
+            # The version is read first, since newer manifests may have other fields.
             version = _Versioned.model_validate_json(content).schema_version
             if version > SCHEMA_VERSION:
                 raise VersionError(

@@ -1,7 +1,7 @@
-"""Joining the results of several machines: whole records are copied, the sources left as they are.
+"""Merging results directories: intact records are copied; the sources are not changed.
 
-A record is committed in its new place as everywhere: its files first, its manifest last. A merge
-that was killed is typed again.
+A record is committed as usual, its files first and its manifest last, so an interrupted merge can
+be repeated.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -14,24 +14,24 @@ from jbench.errors import RequestError, WorkError
 from jbench.store.database import Results
 from jbench.store.manifest import KINDS
 from jbench.store.record import Record
-from jbench.store.repair import Aside
+from jbench.store.repair import Quarantine
 from jbench.store.verify import examine
 
 TIMES = ("wall_time", "processor_time")
-"""Columns that differ between two makings of the same record."""
+"""Columns that may differ between two computations of the same record."""
 
 Outcome = Literal["copied", "replaced", "same", "kept", "refused"]
-"""What became of a record: copied; taken instead of an unfinished one, which was set aside; there
-already, but for times; kept, being finished where the other is not; or refused."""
+"""Outcome for a record: copied; replaced an unfinished one, which was set aside; the same except
+for times; kept because the existing record is more complete; or refused."""
 
 
 class Merged(NamedTuple):
-    """What became of one record of a source.
+    """Outcome for one record of a source.
 
     Attributes:
-        record: of the source, by kind and id; or the source, where one can't be read.
-        outcome: what became of it.
-        reason: why it was refused, as a sentence; else nothing.
+        record: kind and id; or the path of a source that can't be read.
+        outcome: see `Outcome`.
+        reason: why it was refused, as a sentence; otherwise empty.
     """
 
     record: str
@@ -44,32 +44,32 @@ def merge(
     sources: Sequence[Results],
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[Merged]:
-    """Joins other results into one directory.
+    """Merges results directories into one.
 
     Args:
-        results: what they are joined into.
-        sources: the others, which are only read.
-        progress: called with the number of records done and of all.
+        results: destination.
+        sources: only read.
+        progress: called with the number of completed records and of all records.
 
     Raises:
-        RequestError: if a source has no results, or is the directory itself.
+        RequestError: if a source contains no results, or is the destination.
     """
     for source in sources:
         _check_source(results, source)
-    # First what others are made of.
+    # Dependencies first.
     scanned = [(source, *source.scan(kind)) for kind in KINDS for source in sources]
     merged = [
         Merged(str(source.path), "refused", problem)
         for source, _, problems in scanned
         for problem in problems
     ]
-    records = [(source, record) for source, found, _ in scanned for record in found]
-    aside = Aside(results)
+    records = [(source, record) for source, records, _ in scanned for record in records]
+    quarantine = Quarantine(results)
     for done, (source, record) in enumerate(records):
         progress(done, len(records))
         name = f"{record.kind} {record.id}"
         try:
-            merged.append(Merged(name, _merge_one(results, source, record, aside)))
+            merged.append(Merged(name, _merge_one(results, source, record, quarantine)))
         except (WorkError, RequestError) as error:
             merged.append(Merged(name, "refused", str(error)))
     progress(len(records), len(records))
@@ -86,27 +86,27 @@ def _check_source(results: Results, source: Results) -> None:
         raise RequestError(f"{source.path} is the results directory itself; name another.")
 
 
-def _merge_one(results: Results, source: Results, other: Record, aside: Aside) -> Outcome:
-    """Copies a record if it is whole, and if there is none like it yet."""
-    faults = [f for f in examine(source, other.kind, other.id) if f.sort != "leftover"]
+def _merge_one(results: Results, source: Results, other: Record, quarantine: Quarantine) -> Outcome:
+    """Copies a record if it is intact and needed."""
+    faults = [f for f in examine(source, other.kind, other.id) if f.severity != "leftover"]
     if faults:
         raise WorkError(str(faults[0]))
     other.refresh()
     own = results.record(other.kind, other.id)
-    with results.hold(other.kind, other.id) as found:
-        outcome: Outcome = "copied" if found is None else _choice(found, other)
+    with results.locked(other.kind, other.id) as existing:
+        outcome: Outcome = "copied" if existing is None else _choice(existing, other)
         if outcome == "replaced":
-            aside.take_record(own.path)
+            quarantine.take_record(own.path)
         if outcome in ("copied", "replaced"):
             own.copy_from(other)
     return outcome
 
 
 def _choice(own: Record, other: Record) -> Outcome:
-    """Returns what becomes of a record of which there is one already.
+    """Returns the outcome for a record that exists already.
 
     Raises:
-        WorkError: if they are of the same settings and other content.
+        WorkError: if their contents conflict.
     """
     finished = own.status == "finished", other.status == "finished"
     if finished == (True, False):
@@ -124,7 +124,7 @@ def _choice(own: Record, other: Record) -> Outcome:
         difference = _other_files(own, other) or ("another number of rows" if any(more) else None)
     if difference is None and not any(more):
         return "same"
-    # Two states of the same work: what has more rows is the later one.
+    # Two states of the same work: the one with more rows is newer.
     if difference is None and min(more) >= 0:
         return "replaced"
     if difference is None and max(more) <= 0:
@@ -136,7 +136,7 @@ def _choice(own: Record, other: Record) -> Outcome:
 
 
 def _other_files(own: Record, other: Record) -> str | None:
-    """Returns which of the files beside the tables differ."""
+    """Returns which files other than tables differ, or None."""
     contents = [
         {entry.name: entry.sha256 for entry in record.manifest.files if entry.table is None}
         for record in (own, other)
@@ -146,7 +146,7 @@ def _other_files(own: Record, other: Record) -> str | None:
 
 
 def _difference(own: Record, other: Record, table: str) -> str | None:
-    """Returns where two records differ in the rows of a table that both have, but for times."""
+    """Returns where the common rows of a table differ, except for times, or None."""
     first = 0
     for ours, theirs in _aligned(_rows(own, table), _rows(other, table)):
         if set(ours.column_names) != set(theirs.column_names):
@@ -161,7 +161,7 @@ def _difference(own: Record, other: Record, table: str) -> str | None:
 def _aligned(
     own: Iterator[pa.Table], other: Iterator[pa.Table]
 ) -> Iterator[tuple[pa.Table, pa.Table]]:
-    """Gives the rows of two tables that come in parts side by side, as far as both go."""
+    """Yields pairs of equally long parts of two tables, up to the end of the shorter one."""
     ours, theirs = next(own, None), next(other, None)
     while ours is not None and theirs is not None:
         count = min(len(ours), len(theirs))
@@ -171,14 +171,14 @@ def _aligned(
 
 
 def _rows(record: Record, table: str) -> Iterator[pa.Table]:
-    """Gives the rows of a table, file by file, without times."""
+    """Yields the rows of a table, file by file, without times."""
     for entry in record.parts(table):
         rows = record.rows_of(entry)
         yield rows.drop_columns([name for name in TIMES if name in rows.column_names])
 
 
 def _equal(own: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
-    """Returns whether two columns are the same; NaN is the same as NaN."""
+    """Returns whether two columns are equal; NaN equals NaN."""
     if own.equals(other):
         return True
     if not (own.type == other.type and pa.types.is_floating(own.type)):

@@ -1,4 +1,4 @@
-"""Where and by what a record was made: kept beside its settings, never in its id."""
+"""Provenance of a record: versions, machine and command. It does not enter the id."""
 
 import importlib.metadata
 import math
@@ -30,7 +30,7 @@ _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKA
 
 
 def provenance() -> dict[str, Any]:
-    """Returns versions, processor, threads, git revision and what was typed, as JSON values."""
+    """Returns versions, processor, threads, git revision and command, as JSON values."""
     return {
         "jbench": importlib.metadata.version("jbench"),
         "python": platform.python_version(),
@@ -45,7 +45,7 @@ def provenance() -> dict[str, Any]:
 
 
 def device_provenance(device: "torch.device") -> dict[str, str | None]:
-    """Returns what an agent learns on: "cpu" or "cuda", and the GPU, CUDA and driver versions."""
+    """Returns the device, "cpu" or "cuda", and the GPU, CUDA and driver versions."""
     if device.type != "cuda":
         return {"device": device.type}
     import torch
@@ -59,7 +59,7 @@ def device_provenance(device: "torch.device") -> dict[str, str | None]:
 
 
 def _driver(file: Path = Path("/sys/module/nvidia/version")) -> str | None:
-    """Returns the version of the NVIDIA driver, where the system gives it."""
+    """Returns the version of the NVIDIA driver, if the system reports it."""
     try:
         return file.read_text().strip()
     except OSError:
@@ -67,7 +67,7 @@ def _driver(file: Path = Path("/sys/module/nvidia/version")) -> str | None:
 
 
 def _printable(text: str) -> str:
-    """Returns a word as a record may hold it; see `manifest.py`."""
+    """Returns a word with the characters that a manifest allows; see `manifest.py`."""
     text = "".join(c if c.isprintable() else "\ufffd" for c in text)
     return text if text[:1] not in ("=", "+", "@") else f"'{text}"
 
@@ -75,11 +75,11 @@ def _printable(text: str) -> str:
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Returns what may round numbers differently: [before, now] of each that is not the same.
 
-    What an older version did not record is not compared.
+    Entries that an older version did not record are not compared.
 
     Args:
-        before: what `provenance` returned when the work was begun.
-        now: what it returns now.
+        before: `provenance` at the start of the work.
+        now: current `provenance`.
     """
     then = {**before, **_packages(before)}
     return {
@@ -95,7 +95,7 @@ def _packages(recorded: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def cores() -> int:
-    """Returns how many cores this process may use: its affinity and its cgroup limit them."""
+    """Returns the number of cores available to this process, by affinity and cgroup."""
     if not hasattr(os, "sched_getaffinity"):
         return os.cpu_count() or 1
     return min([len(os.sched_getaffinity(0)), *_quotas()])
@@ -104,28 +104,28 @@ def cores() -> int:
 def _quotas(
     group: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")
 ) -> list[int]:
-    """Returns the cores, rounded up, of each limit of this process's control group (version 2).
+    """Returns the limits of this process's control group (version 2) in cores, rounded up.
 
-    Containers are limited in this way, and their processes see all cores of the machine.
+    Containers are limited in this way, although their processes see all cores of the machine.
     """
-    found = []
+    quotas = []
     try:
-        # 0::/path; the limits of the groups around it hold, too.
+        # 0::/path; the limits of parent groups apply too.
         (path,) = [line[3:] for line in group.read_text().splitlines() if line.startswith("0::")]
         own = root / path.strip("/")
         for folder in (own, *own.parents):
             limit = folder / "cpu.max"
             if folder.is_relative_to(root) and limit.exists():
                 quota, period = limit.read_text().split()
-                found += [] if quota == "max" else [math.ceil(int(quota) / int(period))]
+                quotas += [] if quota == "max" else [math.ceil(int(quota) / int(period))]
     except (OSError, ValueError):
         pass
-    return [max(1, count) for count in found]
+    return [max(1, count) for count in quotas]
 
 
 @cache
 def processor() -> str:
-    """Returns the name of the processor, as the system gives it."""
+    """Returns the name of the processor."""
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
@@ -137,7 +137,7 @@ def processor() -> str:
 
 @cache
 def git_revision() -> str | None:
-    """Returns the revision of the checkout that jbench runs from, or None where it is installed."""
+    """Returns the git revision of the checkout, or None if jbench is installed."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return None

@@ -1,4 +1,4 @@
-"""SQL over the results: DuckDB as a lens over the committed rows, owning no data."""
+"""SQL over the committed rows with DuckDB."""
 
 import csv
 import io
@@ -25,14 +25,14 @@ from jbench.store.rows import KINDS, Row, row_of
 
 
 class Tables(NamedTuple):
-    """Tables of a results directory, and a sentence for each record that can't be read."""
+    """Tables of a results directory, and an error for each unreadable record."""
 
     tables: dict[str, pa.Table]
     problems: list[str]
 
 
 class Answer(NamedTuple):
-    """The answer to a query, and a sentence for each record that is not in it, being damaged."""
+    """The rows of a query, and an error for each damaged record, which is left out."""
 
     rows: pd.DataFrame
     problems: list[str]
@@ -45,29 +45,27 @@ def load(
     coded: bool = False,
     columns: Mapping[str, Sequence[str]] | None = None,
 ) -> Tables:
-    """Reads and checks tables of a results directory; a damaged record is left out whole.
+    """Reads and checks tables of a results directory; damaged records are left out.
 
     Args:
-        results: to read from.
-        names: of the tables. Files of others are not read, nor checked.
-        coded: whether the ids in rows of files come as Arrow dictionaries, which need a tenth of
-            the memory.
-        columns: of tables of files, to keep; of tables that are not named here, all.
+        names: of the tables; files of other tables are not read.
+        coded: whether to return ids as Arrow dictionaries, which need a tenth of the memory.
+        columns: to select, by table; all columns of other tables.
     """
-    kept = columns or {}
+    selected = columns or {}
     tables: dict[str, pa.Table] = {}
     problems: list[str] = []
     if "published" in names:
         tables["published"] = published()
     for kind, (table, _, of_files) in KINDS.items():
-        wanted = {name: _coded(c) if coded else c for name, c in of_files.items() if name in names}
-        if not wanted and table not in names:
+        schemas = {n: _coded(c) if coded else c for n, c in of_files.items() if n in names}
+        if not schemas and table not in names:
             continue
         records, unreadable = results.scan(kind)
-        read, damaged = _read(records, wanted, kept)
+        read, damaged = _read(records, schemas, selected)
         problems += unreadable + damaged
-        for name, whole in wanted.items():
-            empty = whole.empty_table().select(kept.get(name, whole.names))
+        for name, fields in schemas.items():
+            empty = fields.empty_table().select(selected.get(name, fields.names))
             tables[name] = pa.concat_tables([empty, *(parts[name] for _, parts in read)])
         if table in names:
             rows = [row for row, _ in read]
@@ -76,10 +74,10 @@ def load(
 
 
 def published() -> pa.Table:
-    """Returns the paper's learning curves, its full-16 and dae-12 under our names `full`, `dae12`.
+    """Returns the paper's learning curves; its full-16 and dae-12 are named `full` and `dae12`.
 
-    The curve of SAC on a sequence of robots keeps a name of its own. The medians of fig8 come
-    twice, with two pairs of bands (fig8 and fig8-10-90): choose by `figure`.
+    The curve of SAC on a sequence of robots has a separate name. The medians of fig8 occur twice,
+    with two pairs of bands (fig8 and fig8-10-90): select one by `figure`.
     """
     source = resources.files("jbench.paper").joinpath("published_curves.csv").read_bytes()
     rows = pd.read_csv(io.BytesIO(source))
@@ -89,15 +87,15 @@ def published() -> pa.Table:
 
 
 def ask(results: Results, sql: str) -> Answer:
-    """Returns the answer of one SELECT over the results.
+    """Runs one SELECT over the results.
 
     Raises:
-        RequestError: as `run_sql`.
+        RequestError: see `run_sql`.
     """
-    # Arrow's own allocator gives memory back and takes it again, file by file: a third of the time.
+    # Arrow's own allocator releases and requests memory for each file, a third of the time.
     pa.set_memory_pool(pa.system_memory_pool())
-    # Tables are read that stand in the SQL. One may be called by a name made up within it: DuckDB
-    # then says that there is none, and all are read.
+    # Only tables whose names occur in the SQL are read. If the SQL builds a name, DuckDB does not
+    # find the table, and all tables are read.
     words = set(re.findall(r"\w+", sql.lower()))
     named = words & set(schema.TABLES) or set(schema.TABLES)
     loaded = load(results, named, coded=True)
@@ -111,10 +109,10 @@ def ask(results: Results, sql: str) -> Answer:
 
 
 def run_sql(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
-    """Returns the answer of one SELECT over the tables, without access to anything else.
+    """Runs one SELECT over the tables, without access to files or network.
 
     Raises:
-        RequestError: if it is not one SELECT, or DuckDB refuses it.
+        RequestError: if it is not one SELECT, or DuckDB reports an error.
     """
     try:
         return _select(sql, tables)
@@ -123,10 +121,10 @@ def run_sql(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
 
 
 def _select(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
-    """Returns the answer of one SELECT; Ctrl-C ends it.
+    """Runs one SELECT, which Ctrl-C interrupts.
 
-    DuckDB notices Ctrl-C only at some places, and turns it into errors of its own. So it works on
-    another thread, and Ctrl-C reaches this one.
+    DuckDB handles Ctrl-C only at some points and turns it into its own errors. It therefore runs in
+    another thread, and this one receives Ctrl-C.
     """
     connection = duckdb.connect(":memory:", config={"python_enable_replacements": False})
     try:
@@ -148,9 +146,9 @@ def _answer(
 ) -> pd.DataFrame:
     for name, rows in tables.items():
         connection.register(name, rows)
-    # What does not fit into the memory would go into files in the working directory.
+    # Do not spill to files in the working directory.
     connection.execute("SET temp_directory = ''")
-    # From here on no file, no network and no extension, and no way to turn them on again.
+    # Disable files, network and extensions permanently.
     connection.execute("SET enable_external_access = false")
     connection.execute("SET lock_configuration = true")
     statements = connection.extract_statements(sql)
@@ -170,14 +168,14 @@ def to_csv(frame: pd.DataFrame) -> str:
 
 
 def to_json(frame: pd.DataFrame) -> str:
-    """Returns the rows as a JSON list of objects; what is missing or infinite is null."""
-    said = frame.notna() & ~frame.isin([np.inf, -np.inf])
-    rows = frame.astype(object).where(said, None).to_dict("records")
+    """Returns the rows as a JSON list of objects; missing and infinite values are null."""
+    is_finite = frame.notna() & ~frame.isin([np.inf, -np.inf])
+    rows = frame.astype(object).where(is_finite, None).to_dict("records")
     return json.dumps(rows, indent=1, default=_plain, allow_nan=False)
 
 
 def _plain(value: Any) -> Any:
-    """Returns what JSON has for a value of another type: a number, or the value's text."""
+    """Returns a value of another type as a number, a list or text, for JSON."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
@@ -188,15 +186,15 @@ def _plain(value: Any) -> Any:
 def _read(
     records: Sequence[Record],
     schemas: Mapping[str, pa.Schema],
-    kept: Mapping[str, Sequence[str]],
+    selected: Mapping[str, Sequence[str]],
 ) -> tuple[list[tuple[Row, dict[str, pa.Table]]], list[str]]:
-    """Returns the row and the parts of each record, and a sentence for each damaged one."""
+    """Returns the row and the tables of each record, and an error for each damaged one."""
 
     def read(record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
         while True:
             try:
                 parts = {
-                    name: record.read(name, columns).select(kept.get(name, columns.names))
+                    name: record.read(name, columns).select(selected.get(name, columns.names))
                     for name, columns in schemas.items()
                 }
                 return row_of(record), parts
@@ -204,7 +202,7 @@ def _read(
                 if not record.refresh():
                     return str(error)
 
-    # pyarrow and hashlib let go of the interpreter while they work.
+    # pyarrow and hashlib release the GIL.
     with ThreadPoolExecutor(cores()) as threads:
         outcomes = list(threads.map(read, records))
     return (
@@ -214,6 +212,6 @@ def _read(
 
 
 def _coded(columns: pa.Schema) -> pa.Schema:
-    """Returns the columns of a table of files with its record's id, the first, as a dictionary."""
+    """Returns a schema whose first column, the record's id, is a dictionary."""
     key = columns.field(0)
     return columns.set(0, key.with_type(pa.dictionary(pa.int32(), key.type)))

@@ -1,7 +1,7 @@
 """A record: its manifest and its files.
 
-The manifest is the commit: a file that it does not list does not exist for a reader. A writer puts
-new files beside the old ones, forces them to the disk, and only then replaces the manifest.
+The manifest is the commit: readers ignore files that it does not list. A writer adds new files
+beside the old ones, syncs them, and then replaces the manifest.
 """
 
 import contextlib
@@ -26,15 +26,14 @@ class Record(RecordReader):
     def create(
         self, settings: Mapping[str, Any], made_on: Mapping[str, str | None] | None = None
     ) -> None:
-        """Starts the record, or starts an unfinished one over: what it had is given up.
+        """Creates the record, or restarts an unfinished one without its data.
 
         Args:
-            settings: what produces it.
-            made_on: more provenance, as `device_provenance` returns it.
+            made_on: more provenance, from `device_provenance`.
 
         Raises:
-            RequestError: if no manifest can hold the settings, or nothing may be written there.
-            WorkError: if the disk is full or refuses.
+            RequestError: if the settings are invalid, or the directory is not writable.
+            WorkError: if the disk is full or fails.
         """
         now = _now()
         try:
@@ -48,7 +47,7 @@ class Record(RecordReader):
             )
         except ValidationError as error:
             reason = error.errors()[0]["msg"]
-            raise RequestError(f"The {self.kind} {self.id} can't be kept ({reason}).") from None
+            raise RequestError(f"The {self.kind} {self.id} can't be saved ({reason}).") from None
         files.make_directory(self.path)
         self._commit(manifest)
         self.clean()
@@ -61,27 +60,26 @@ class Record(RecordReader):
         drop: Collection[str] = (),
         replace: bool = False,
     ) -> None:
-        """Adds rows to tables and replaces checkpoints: all of it or, if anything fails, nothing.
+        """Adds rows to tables and replaces checkpoints in one atomic commit.
 
         Args:
             tables: rows by table.
-            checkpoints: content by role, a file name such as `checkpoint.safetensors`: what the
-                work needs to go on after these rows. The file that had the role before is removed
-                once the manifest lists the new one. `read_file` finds it by its role; `finish`
-                drops it.
-            drop: roles of checkpoints that are no longer needed.
-            replace: whether these rows take the place of all that the tables have.
+            checkpoints: content by role, a file name such as `checkpoint.safetensors`; the state
+                needed to resume after these rows. It replaces the previous file of the role.
+                `read_file` finds it by its role; `finish` removes it.
+            drop: roles of checkpoints to remove.
+            replace: whether the rows replace the existing rows of the tables.
         """
         checkpoints = checkpoints or {}
         added = [self._write_part(name, rows) for name, rows in tables.items() if rows.num_rows]
         added += [self._write_checkpoint(role, content) for role, content in checkpoints.items()]
-        before, ended = self.manifest.files, {*checkpoints, *drop}
+        before, dropped = self.manifest.files, {*checkpoints, *drop}
         kept = [
             entry
             for entry in before
-            if entry.role not in ended and not (replace and entry.table in tables)
+            if entry.role not in dropped and not (replace and entry.table in tables)
         ]
-        # The same rows twice are the same file.
+        # The same rows are the same file.
         listed = {entry.name: entry for entry in (*kept, *added)}
         self._update(files=tuple(listed.values()))
         files.remove(self.path / entry.name for entry in before if entry.name not in listed)
@@ -89,21 +87,23 @@ class Record(RecordReader):
     def resume(
         self, where: Mapping[str, Any], made_on: Mapping[str, str | None] | None = None
     ) -> dict[str, list[Any]]:
-        """Notes that unfinished or failed work is resumed, and what is different by now.
+        """Records in the provenance that unfinished or failed work is resumed.
 
         Args:
-            where: it stands, as JSON values; the time and what differs are added.
+            where: progress as JSON values; time and changes of provenance are added.
             made_on: more provenance, as in `create`.
 
         Returns:
-            What differs of versions, processor and device: as when the work began, and now.
+            Changes of versions, processor and device: value at the start, and now.
         """
-        begun = self.manifest.provenance
-        changed = differences(begun, {**provenance(), **(made_on or {})})
+        original = self.manifest.provenance
+        changed = differences(original, {**provenance(), **(made_on or {})})
         note = {"at": _now(), **where, "changed": changed}
-        before = begun.get("continued")
+        before = original.get("continued")
         continued = [*(before if isinstance(before, list) else []), note]
-        self._update(status="unfinished", summary={}, provenance={**begun, "continued": continued})
+        self._update(
+            status="unfinished", summary={}, provenance={**original, "continued": continued}
+        )
         return changed
 
     def finish(
@@ -112,12 +112,12 @@ class Record(RecordReader):
         new_files: Mapping[str, bytes] | None = None,
         compact: bool = True,
     ) -> None:
-        """Ends a record; its checkpoints are dropped.
+        """Marks the record as finished and removes its checkpoints.
 
         Args:
-            summary: what came out, in short; kept in the manifest.
-            new_files: content by file name, added to the record.
-            compact: whether each table becomes one file; not for tables larger than memory.
+            summary: short results for the manifest.
+            new_files: content of additional files by name.
+            compact: whether to join each table into one file, which must fit in memory.
         """
         kept = tuple(e for e in self.manifest.files if e.table is None and e.role is None)
         tables = dict.fromkeys(entry.table for entry in self.manifest.files if entry.table)
@@ -132,10 +132,10 @@ class Record(RecordReader):
         self.clean()
 
     def copy_from(self, source: "Record") -> None:
-        """Becomes what a record of another results directory is; call it while holding the lock.
+        """Copies a record of another results directory; call it while holding the lock.
 
         Raises:
-            WorkError: if a file of the source is not what its manifest says, or there is no room.
+            WorkError: if a file of the source is damaged, or the disk is full.
         """
         for entry in source.manifest.files:
             files.copy_atomic(source.path / entry.name, self.path / entry.name, entry.sha256)
@@ -143,15 +143,12 @@ class Record(RecordReader):
         self.clean()
 
     def clean(self) -> None:
-        """Removes files that an interrupted writer left: call it only while holding the lock.
-
-        What can't be removed now is removed when the record is opened for writing again.
-        """
+        """Removes uncommitted files; call it while holding the lock. Errors are ignored."""
         with contextlib.suppress(OSError):
             files.remove(self._unlisted())
 
     def clean_if_free(self) -> None:
-        """Removes what an interrupted writer left, unless a process is writing the record."""
+        """Removes uncommitted files, unless a process is writing the record."""
         with contextlib.suppress(OSError, WorkError, RequestError):
             if self._unlisted():
                 with self.lock():
@@ -159,20 +156,20 @@ class Record(RecordReader):
                     self.clean()
 
     def fail(self, error: str, details: Mapping[str, Any] | None = None) -> None:
-        """Marks the work as failed, keeping what it has.
+        """Marks the work as failed and keeps its data.
 
         Args:
-            error: what happened, as a sentence.
-            details: of it, as JSON values; added to the summary.
+            error: a sentence.
+            details: JSON values to add to the summary.
         """
         self._update(status="failed", summary={"error": error, **(details or {})})
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """Holds the record for this process; the lock of a process that died is free.
+        """Locks the record during the block.
 
         Raises:
-            WorkError: if another process holds it.
+            WorkError: if another process holds the lock.
         """
         files.make_directory(self.path)
         with locks.hold(self.path, f"the {self.kind} {self.id}"):
@@ -185,18 +182,18 @@ class Record(RecordReader):
         parts = self.parts(table)
         if len(parts) == 1:
             return parts[0]
-        # Parts that an older version wrote may lack a column: it is null there.
+        # Parts of an older version may lack a column, which becomes null.
         rows = pa.concat_tables([self.rows_of(part) for part in parts], promote_options="default")
         return self._write_part(table, rows)
 
     def _write_part(self, table: str, rows: pa.Table) -> FileEntry:
         content = parquet.to_bytes(rows)
-        # The content's hash in the name makes it unique; the number shows the order to people.
+        # The hash makes the name unique; the number shows the order.
         name = f"{table}-{len(self.parts(table)):05d}-{files.sha256(content)[:8]}.parquet"
         return self._write_file(name, content, table, rows.num_rows)
 
     def _write_checkpoint(self, role: str, content: bytes) -> FileEntry:
-        # A name of its own: the one before it is listed, and whole, until the commit.
+        # A new name: the previous file stays listed and intact until the commit.
         stem, suffix = Path(role).stem, Path(role).suffix
         name = f"{stem}-{files.sha256(content)[:8]}{suffix}"
         return self._write_file(name, content, role=role)

@@ -1,4 +1,4 @@
-"""Reading a record: its manifest, and the files that it lists, each checked against it."""
+"""Reading a record: its manifest, and its files, which are checked against the manifest."""
 
 import contextlib
 import os
@@ -13,35 +13,35 @@ from jbench.store import files, parquet
 from jbench.store.manifest import MANIFEST, SCHEMA_VERSION, FileEntry, Kind, Manifest, Status
 from jbench.store.older import upgraded
 
-_LARGEST_MANIFEST = 1 << 26  # bytes; one that lists 100,000 files is half of it
+_MAX_MANIFEST = 1 << 26  # bytes; a manifest of 100,000 files has half as many
 
 
 class RecordReader:
-    """What can be read of a dataset, an encoder, a run or an evaluation."""
+    """Read access to a dataset, an encoder, a run or an evaluation."""
 
     manifest: Manifest
 
     def __init__(self, path: Path, kind: Kind, id: str) -> None:
-        """Names a record, as `Results.record` does; `create` and `load` give it its manifest."""
+        """Refers to a record; `create` and `load` set its manifest."""
         self.path, self.kind, self.id = path, kind, id
 
     def load(self) -> bool:
-        """Reads the manifest; returns whether there is one.
+        """Reads the manifest; returns whether it exists.
 
         Raises:
-            UnreadableError: if it can't be read now.
-            WorkError: if it is damaged, or another record's.
+            UnreadableError: if reading it fails, perhaps temporarily.
+            WorkError: if it is damaged or of another record.
         """
         path = self.path / MANIFEST
         try:
             with files.open_plain(path) as file:
-                content = file.read(_LARGEST_MANIFEST + 1)
+                content = file.read(_MAX_MANIFEST + 1)
         except (FileNotFoundError, NotADirectoryError):
             return False
         except OSError as error:
-            wrong = files.UnreadableError if files.is_passing(error) else WorkError
-            raise wrong(f"{path} can't be read ({error.strerror}).") from None
-        if len(content) > _LARGEST_MANIFEST:
+            kind = files.UnreadableError if files.is_transient(error) else WorkError
+            raise kind(f"{path} can't be read ({error.strerror}).") from None
+        if len(content) > _MAX_MANIFEST:
             raise WorkError(f"{path} is larger than any manifest; it is not read.")
         self.manifest = Manifest.from_bytes(content, str(path))
         if (self.manifest.kind, self.manifest.id) != (self.kind, self.id):
@@ -57,29 +57,29 @@ class RecordReader:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What produced the record."""
+        """The settings that produced the record."""
         return self.manifest.settings
 
     def refresh(self) -> bool:
-        """Reads the manifest again; returns whether another was committed meanwhile.
+        """Reads the manifest again; returns whether it has changed.
 
-        A reader may miss a file that was joined with others since it read the manifest.
+        Files may disappear after a reader has read the manifest, when a writer joins them.
         """
-        # As bytes: a stranger's manifest may hold NaN, which is never the same.
+        # Compared as bytes, since an untrusted manifest may contain NaN, which never equals itself.
         before = self.manifest.to_bytes()
         with contextlib.suppress(WorkError):
             self.load()
         return self.manifest.to_bytes() != before
 
     def rows(self, table: str) -> int:
-        """Returns how many rows of a table are committed."""
+        """Returns the number of committed rows of a table."""
         return sum(entry.rows for entry in self.parts(table))
 
     def read(self, table: str, schema: pa.Schema) -> pa.Table:
         """Returns all committed rows of a table, checked against the manifest.
 
         Raises:
-            WorkError: if a file is missing, altered or of other columns; it names the file.
+            WorkError: if a file is missing or damaged, or lacks a column.
         """
         parts = [self.read_part(entry, schema) for entry in self.parts(table)]
         return pa.concat_tables([schema.empty_table(), *parts])
@@ -100,14 +100,14 @@ class RecordReader:
             raise self._damaged(entry, str(error).splitlines()[0]) from None
 
     def parts(self, table: str) -> list[FileEntry]:
-        """Returns the committed files of a table, in the order in which they were written."""
+        """Returns the committed files of a table in the order of writing."""
         return [entry for entry in self.manifest.files if entry.table == table]
 
     def read_file(self, name: str) -> bytes:
-        """Returns the content of a committed file that is not a table, by its name or its role.
+        """Returns the content of a committed file by its name or role.
 
         Raises:
-            WorkError: if there is none of that name, or it is not what was committed.
+            WorkError: if the file does not exist or is damaged.
         """
         for entry in self.manifest.files:
             if name in (entry.name, entry.role):
@@ -119,11 +119,11 @@ class RecordReader:
         return role in self.roles()
 
     def roles(self) -> list[str]:
-        """Returns the roles of all checkpoints, in the order in which they were written."""
+        """Returns the roles of all checkpoints in the order of writing."""
         return [entry.role for entry in self.manifest.files if entry.role is not None]
 
     def rows_of(self, entry: FileEntry, dictionaries: Sequence[str] = ()) -> pa.Table:
-        """Returns the rows of one file with whatever columns it has, checked; see `read`."""
+        """Returns all columns of one file, checked; see `read`."""
         content = self._content_of(entry)
         try:
             return parquet.from_bytes(content, entry.rows, dictionaries)
@@ -131,7 +131,7 @@ class RecordReader:
             raise self._damaged(entry, str(error)) from None
 
     def _content_of(self, entry: FileEntry) -> bytes:
-        """Returns a file's content if it is what was committed."""
+        """Returns the content of a file, checked against the manifest."""
         try:
             with files.open_plain(self.path / entry.name) as file:
                 size = os.fstat(file.fileno()).st_size
@@ -139,7 +139,7 @@ class RecordReader:
                     raise self._damaged(entry, f"{size} bytes, not {entry.bytes}")
                 content = file.read()
         except OSError as error:
-            if files.is_passing(error):
+            if files.is_transient(error):
                 raise files.UnreadableError(
                     f"{self.path / entry.name} of the {self.kind} {self.id} can't be read "
                     f"({error.strerror})."

@@ -1,9 +1,9 @@
-"""Setting aside, never deleting, what is damaged or left over, so that the rest can be used.
+"""Moving damaged records and unlisted files to a quarantine directory; nothing is deleted.
 
     results/set-aside/2026-11-21T09-06-01Z/runs/face_direction/...
 
-All files of a damaged record are moved, its manifest first: from then on it does not exist, and the
-verb that made it makes it again. Its lock stays, since another process may hold it.
+All files of a damaged record are moved, its manifest first. The record then no longer exists, and
+the command that made it makes it again. Its lock stays, since another process may hold it.
 """
 
 import contextlib
@@ -25,32 +25,32 @@ SET_ASIDE = "set-aside"
 
 
 class Repaired(NamedTuple):
-    """What a repair did, or would do.
+    """Result of a repair or a dry run.
 
     Attributes:
-        moved: from where to where, in order.
-        left: a sentence for each thing that is wrong and was left alone.
+        moved: (source, destination) pairs in order.
+        left: a sentence for each problem that was not repaired.
     """
 
     moved: list[tuple[Path, Path]]
     left: list[str]
 
 
-class Aside:
-    """Where things are set aside; it is made when the first comes."""
+class Quarantine:
+    """Quarantine directory, created on first use."""
 
     def __init__(self, results: Results, dry_run: bool = False) -> None:
-        """Chooses a folder that is not there yet; in a dry run nothing is moved."""
+        """Chooses a new directory; in a dry run nothing is moved."""
         self.moved: dict[Path, Path] = {}
         self.dry_run = dry_run
         self._results = results
         root, now = results.inside(SET_ASIDE), datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
-        # A clock may be set back.
+        # The clock may have been set back.
         names = itertools.chain((now,), (f"{now}-{n}" for n in itertools.count(2)))
         self.path = next(root / name for name in names if not (root / name).exists())
 
     def take(self, path: Path) -> None:
-        """Sets a file or folder aside, under the path that it had in the results."""
+        """Moves a file or directory, keeping its path relative to the results."""
         to = self.path / path.relative_to(self._results.path)
         if path in self.moved:
             return
@@ -59,10 +59,10 @@ class Aside:
         self.moved[path] = to
 
     def take_record(self, path: Path) -> None:
-        """Sets aside the files in a folder, its manifest first; not its lock, nor its folders.
+        """Moves the files of a directory, its manifest first, except for its lock.
 
         Raises:
-            WorkError: if the folder can't be read, or a file can't be moved.
+            WorkError: if the directory can't be read, or a file can't be moved.
         """
         folder = folder_at(path)
         if folder.problem is not None:
@@ -73,47 +73,46 @@ class Aside:
 
 
 def repair(results: Results, findings: Sequence[Finding], dry_run: bool = False) -> Repaired:
-    """Sets aside damaged records, and files that no manifest lists.
+    """Moves damaged records and files that no manifest lists to the quarantine directory.
 
-    A record that a process is writing, one that can't be read now and one of a newer jbench are
-    left alone. Each record is checked again before anything is moved.
+    Records that are being written, that can't be read at present or that a newer jbench wrote are
+    not changed. Each record is checked again before it is moved.
 
     Args:
-        results: to repair.
         findings: of `verify`.
-        dry_run: whether only to say what would be done.
+        dry_run: whether to only report what would be done.
     """
-    aside, left = Aside(results, dry_run), []
-    faults = [finding for finding in findings if finding.sort != "warning"]
+    quarantine, left = Quarantine(results, dry_run), []
+    faults = [finding for finding in findings if finding.severity != "warning"]
     for kind, id in dict.fromkeys((fault.kind, fault.id) for fault in faults):
-        foreign = [f for f in faults if (f.kind, f.id, f.sort) == (kind, id, "foreign")]
+        foreign = [f for f in faults if (f.kind, f.id, f.severity) == (kind, id, "foreign")]
         left += [f"{finding} It is left alone." for finding in foreign]
         if not foreign:
             try:
-                _repair_place(results, kind, id, aside)
+                _repair_folder(results, kind, id, quarantine)
             except (WorkError, RequestError) as error:
                 left.append(str(error))
-    return Repaired(list(aside.moved.items()), left)
+    return Repaired(list(quarantine.moved.items()), left)
 
 
-def _repair_place(results: Results, kind: Kind, id: str, aside: Aside) -> None:
-    """Sets aside what is wrong in one folder, unless another process writes there."""
+def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine) -> None:
+    """Repairs one directory, unless another process is writing there."""
     path = results.path / f"{kind}s" / id
-    with _alone(path, f"the {kind} {id}", aside.dry_run):
+    with _locked(path, f"the {kind} {id}", quarantine.dry_run):
         findings = examine(results, kind, id)
-        foreign = [finding for finding in findings if finding.sort == "foreign"]
+        foreign = [finding for finding in findings if finding.severity == "foreign"]
         if foreign:
             raise WorkError(f"{foreign[0]} It is left alone.")
-        if any(finding.sort == "damaged" for finding in findings):
-            aside.take_record(path)
-        # Beside the files of a record, a folder may have the name of one.
+        if any(finding.severity == "damaged" for finding in findings):
+            quarantine.take_record(path)
+        # Problems that `take_record` has not moved, such as a directory with the name of a file.
         for finding in findings:
             if os.path.lexists(finding.path):
-                aside.take(finding.path)
+                quarantine.take(finding.path)
 
 
-def _alone(path: Path, whose: str, dry_run: bool) -> contextlib.AbstractContextManager[None]:
-    """Holds the lock of a folder, if it has one: without a lock, no verb has written there."""
+def _locked(path: Path, whose: str, dry_run: bool) -> contextlib.AbstractContextManager[None]:
+    """Holds the lock of a directory if it has one; directories without one have no writer."""
     if dry_run and locks.is_held(path):
         raise WorkError(f"Another process is writing {whose}; wait for it or stop it.")
     if dry_run or not os.path.lexists(path / locks.LOCK):

@@ -25,7 +25,7 @@ LOSSES = (
     "entropy_loss",
     "prediction_loss",
 )
-"""Columns of `episodes` that hold the last losses before an episode's end, null before any."""
+"""Columns of `episodes`: the last losses before an episode's end; null before any update."""
 
 EPISODES = pa.schema(
     [
@@ -39,9 +39,9 @@ EPISODES = pa.schema(
         *(_field(name, pa.float64()) for name in LOSSES),
     ]
 )
-"""Training episodes of a run, in the order of their ends.
+"""Training episodes of a run, ordered by their ends.
 
-`processor_time` is the run's share of its process: runs that are trained together share it evenly.
+`processor_time` of runs that are trained in one process is divided evenly among them.
 """
 
 EVALUATIONS = pa.schema(
@@ -68,7 +68,7 @@ ENCODER_EPOCHS = pa.schema(
         _field("wall_time", pa.float64(), "s of training"),
     ]
 )
-"""Errors of an encoder after each epoch, on up to 128 held-out episodes; none of closed forms.
+"""Errors of an encoder after each epoch on up to 128 held-out episodes; empty for closed forms.
 
 `test_denoising_mse` is null for kinds that do not corrupt their input.
 """
@@ -95,7 +95,7 @@ ENCODER_FEATURES = pa.schema(
 )
 """Error of a finished encoder on each feature: `test` on the held-out episodes, `heuristic` on ten
 episodes of the task's hand-written policy. `pca` and `random` are PCA and a random projection of
-the same size, fitted to the same states. A variance is that of the states reconstructed.
+the same size, fitted to the same states. A variance is that of the target states.
 """
 
 ENCODER_ERRORS = pa.schema(
@@ -114,8 +114,7 @@ ENCODER_ERRORS = pa.schema(
     ]
 )
 """Error of a finished encoder over all features: the means of the columns of `encoder_features`,
-and 1 - error / variance. A `ddae` is held against the state that it foresees, PCA against the
-present one.
+and 1 - error / variance. `ddae` is compared with the future state, PCA with the present one.
 """
 
 ENCODER_PREDICTIONS = pa.schema(
@@ -130,9 +129,9 @@ ENCODER_PREDICTIONS = pa.schema(
 )
 """How well an encoder's latents and the action predict the next control step.
 
-`r2` is that of a small network with fixed settings on held-out episodes, a row for each `target`:
-`yaw_rate`, `tilt_rate`, `forward_speed` and `reward`. It is null for a target that does not vary.
-Encoders that were trained before this table existed have no rows.
+`r2` of a small network with fixed settings on held-out episodes, with a row per `target`:
+`yaw_rate`, `tilt_rate`, `forward_speed` and `reward`. It is null for a constant target. Encoders
+that were trained before this table existed have no rows.
 """
 
 RUNS = pa.schema(
@@ -158,7 +157,7 @@ RUNS = pa.schema(
         _field("provenance", pa.string(), "JSON"),
     ]
 )
-"""One row for each run, from its manifest."""
+"""One row per run, from its manifest."""
 
 ENCODERS = pa.schema(
     [
@@ -243,7 +242,7 @@ POLICY_STATES = pa.schema(
         _field("reward", pa.float32()),
     ]
 )
-"""States of an evaluated policy; not a table of `jbench query`, being large."""
+"""States of an evaluated policy; too large to be a table of `jbench query`."""
 
 STEPS = pa.schema(
     [
@@ -264,7 +263,7 @@ STEPS = pa.schema(
     ]
 )
 """States of a dataset in SI units, as in `jbench.tasks.features.State`: `step` 0 to 1000, and the
-action taken in the state, null in an episode's last. Not a table of `jbench query`, being large.
+action taken in the state, null in an episode's last. Too large to be a table of `jbench query`.
 """
 
 DATASET_EPISODES = pa.schema(
@@ -277,7 +276,7 @@ DATASET_EPISODES = pa.schema(
         ),
     ]
 )
-"""Episodes of a dataset: the target that each task drew (m, m, rad)."""
+"""Episodes of a dataset: the target of each task (m, m, rad)."""
 
 PUBLISHED = pa.schema(
     [
@@ -315,4 +314,4 @@ FILES = {
     "steps": STEPS,
     "dataset_episodes": DATASET_EPISODES,
 }
-"""The tables of which files hold rows, with those too large for `jbench query`."""
+"""All tables, including those too large for `jbench query`."""

@@ -1,4 +1,4 @@
-"""The folders of a results directory, as they lie on the disk."""
+"""Walking the directories of a results directory."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,9 +12,8 @@ class Folder(NamedTuple):
     """A folder below a results directory.
 
     Attributes:
-        path: of it.
-        names: of what lies in it and is no folder, links among it; and of the manifest, whatever
-            stands in its place.
+        path: of the folder.
+        names: of its files and symlinks; the manifest's name is included even if it is a folder.
         problem: why it can't be read, or None.
     """
 
@@ -24,19 +23,18 @@ class Folder(NamedTuple):
 
     @property
     def is_record(self) -> bool:
-        """Whether a manifest lies in it."""
+        """Whether it contains a manifest."""
         return MANIFEST in self.names
 
 
 def walk(root: Path) -> Iterator[Folder]:
-    """Gives a folder and all below it, sorted; links are not followed.
+    """Yields a folder and all folders below it, sorted; yields nothing if it does not exist.
 
-    A folder that does not exist gives nothing. There is no recursion: folders may be nested deeper
-    than Python's stack.
+    Symlinks are not followed. Iterative, since folders may be nested deeper than Python's stack.
     """
-    waiting = [root]
-    while waiting:
-        path = waiting.pop()
+    stack = [root]
+    while stack:
+        path = stack.pop()
         try:
             entries = files.entries(path)
         except FileNotFoundError:
@@ -46,11 +44,11 @@ def walk(root: Path) -> Iterator[Folder]:
             continue
         folders = [entry for entry in entries if entry.is_dir(follow_symlinks=False)]
         below = [path / entry.name for entry in folders if entry.name != MANIFEST]
-        waiting.extend(reversed(below))
+        stack.extend(reversed(below))
         plain = {entry.name for entry in entries} - {folder.name for folder in below}
         yield Folder(path, tuple(sorted(plain)))
 
 
 def folder_at(path: Path) -> Folder:
-    """Returns one folder, without those below it; an empty one if there is none."""
+    """Returns one folder; an empty one if it does not exist."""
     return next(walk(path), Folder(path, ()))

@@ -1,7 +1,7 @@
-"""The robot and what it must do.
+"""The robot and its tasks.
 
 Importing this package adds the domains `jitterbug` and `augmented_jitterbug` to the dm_control
-suite, and the environments `Jitterbug/…-v0` and `AugmentedJitterbug/…-v0` to Gymnasium, five each.
+suite, and five environments each of `Jitterbug/…-v0` and `AugmentedJitterbug/…-v0` to Gymnasium.
 """
 
 from dm_control import suite
@@ -10,7 +10,7 @@ from jbench.tasks import augmented, gym, jitterbug
 
 
 def _register_domains() -> None:
-    """Adds the domains to the suite, and their tasks to the suite's lists of tasks."""
+    """Adds the domains and their tasks to the suite."""
     suite._DOMAINS["jitterbug"] = jitterbug
     suite._DOMAINS["augmented_jitterbug"] = augmented
     suite.ALL_TASKS = suite._get_tasks(tag=None)

@@ -1,8 +1,8 @@
-"""What the five tasks observe and reward: pure functions over any number of robots at a time.
+"""Observations and rewards of the five tasks, as pure functions on batches of robots.
 
-Everything here takes arrays with any leading axes (none, robots, time x robots, ...), of numpy or
-of torch, and gives arrays of the same kind: the dm_control task, the Gymnasium environments, the
-simulation of many robots and the reader of datasets all call these functions and no others.
+All functions take numpy or torch arrays with any leading axes (none, robots, time x robots, ...)
+and return arrays of the same type. The dm_control task, the Gymnasium environments, the simulation
+of many robots and the reader of datasets share them.
 
 Units are SI (m, s, rad). Quaternions are (w, x, y, z) of unit length. The formulas are those of
 the paper's tasks (section 4.2) in dm_control's reward conventions (arXiv:1801.00690, section 2).
@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 from array_api_compat import array_namespace
 
 Array = Any
-"""An array of numpy or of torch."""
+"""A numpy or torch array."""
 
 TARGET_HEIGHT = 0.035
-"""Height of every target, that of the torso's frame at rest (m)."""
+"""Height of every target, equal to that of the torso's frame at rest (m)."""
 
-# A Gaussian that falls to 0.1 at the margin: exp(-(GAUSSIAN_SCALE * distance / margin)^2 / 2).
+# A Gaussian that decays to 0.1 at the margin: exp(-(GAUSSIAN_SCALE * distance / margin)^2 / 2).
 _GAUSSIAN_SCALE = math.sqrt(-2 * math.log(0.1))
 _UPRIGHT_MARGIN = 0.5  # of the cosine of the torso's tilt
 _NEAR_MARGIN = 0.05  # m
@@ -55,13 +55,13 @@ _STATE = ("position", "velocity", "motor_position", "motor_velocity")
 
 
 class State(NamedTuple):
-    """What the tasks need to know of a robot, for any leading axes `...`.
+    """The state of robots as used by the tasks, for any leading axes `...`.
 
     Attributes:
         position: (..., 7) torso x, y, z in the world (m), then its quaternion.
         velocity: (..., 6) linear velocity of the torso's frame in the world (m/s), then angular
-            velocity in the torso's frame (rad/s); as MuJoCo's qvel of a free joint.
-        motor_position: (...) motor angle in (-pi, pi], 0 with the mass pointing forward (rad).
+            velocity in the torso's frame (rad/s); like MuJoCo's qvel of a free joint.
+        motor_position: (...) motor angle in (-pi, pi]; 0 if the mass points forward (rad).
         motor_velocity: (...) rad/s.
         torso_velocity: (..., 3) velocity of the torso's centre of mass in the world (m/s).
     """
@@ -74,7 +74,7 @@ class State(NamedTuple):
 
 
 class Target(NamedTuple):
-    """Where to go and where to look, for any leading axes `...`.
+    """Target position and direction, for any leading axes `...`.
 
     Attributes:
         position: (..., 3) in the world (m).
@@ -92,8 +92,8 @@ class TaskSpec:
     Attributes:
         features: names of the observed features, in the order of the observation.
         rewards: names of the terms whose product is the reward.
-        draws_position: whether the target lies at a random place, or else at the origin.
-        draws_yaw: whether the target looks in a random direction, or else along x.
+        draws_position: whether the target's position is random; otherwise the origin.
+        draws_yaw: whether the target's yaw is random; otherwise 0.
     """
 
     features: tuple[str, ...]
@@ -128,15 +128,15 @@ TASK_SPECS = {
         draws_yaw=True,
     ),
 }
-"""The five tasks, in the paper's order of rising difficulty."""
+"""The five tasks in the paper's order of increasing difficulty."""
 
 
 def wrap_angle(angle: Array) -> Array:
-    """Returns the same angle in (-pi, pi]; angles already there are returned exactly."""
+    """Wraps an angle to (-pi, pi]; angles within that range are rewrapped exactly."""
     xp = array_namespace(angle)
-    turned = angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
-    # Rounding may leave what was turned a hair outside.
-    inside = xp.clip(turned, math.nextafter(-math.pi, 0), math.pi)
+    wrapped = angle - 2 * math.pi * xp.ceil((angle - math.pi) / (2 * math.pi))
+    # Rounding may leave a wrapped angle slightly outside.
+    inside = xp.clip(wrapped, math.nextafter(-math.pi, 0), math.pi)
     return xp.where(xp.abs(angle) < math.pi, angle, inside)
 
 
@@ -153,34 +153,34 @@ def rotation_matrix(quaternion: Array) -> Array:
 
 
 def motor_angle(joint_angle: Array) -> Array:
-    """Returns the motor angle in (-pi, pi], 0 forward, of the motor joint's position (rad)."""
+    """Returns the motor angle in (-pi, pi], 0 forward, for the motor joint's position (rad)."""
     return wrap_angle(joint_angle + math.pi / 2)
 
 
 def center_of_mass_velocity(position: Array, velocity: Array, offset: Array) -> Array:
-    """Returns the (..., 3) world velocity of a point that moves with the torso (m/s).
+    """Returns the (..., 3) world velocity of a point fixed to the torso (m/s).
 
     Args:
         position: (..., 7) as in `State`.
         velocity: (..., 6) as in `State`.
-        offset: (..., 3) the point in the torso's frame (m): its centre of mass.
+        offset: (..., 3) point in the torso's frame, its centre of mass (m).
     """
     x, y, z = (offset[..., i] for i in range(3))
     wx, wy, wz = (velocity[..., 3 + i] for i in range(3))
     xp = array_namespace(position, velocity, offset)
-    swing = xp.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=-1)
-    return velocity[..., :3] + _rotate(rotation_matrix(position[..., 3:7]), swing)
+    rotational = xp.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=-1)
+    return velocity[..., :3] + _rotate(rotation_matrix(position[..., 3:7]), rotational)
 
 
 def heading(state: State) -> Array:
-    """Returns the direction in which the robot faces, (...), in radians: it faces -y."""
+    """Returns the yaw (...) of the robot's forward axis, -y (rad)."""
     xp = array_namespace(state.position)
     w, x, y, z = (state.position[..., 3 + i] for i in range(4))
     return xp.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)) - math.pi / 2
 
 
 def angle_to_target(state: State, target: Target) -> Array:
-    """Returns the yaw (...), in (-pi, pi], by which the robot must turn to look with its target."""
+    """Returns the angle (...) in (-pi, pi] from the robot's heading to the target's yaw (rad)."""
     return wrap_angle(target.yaw - heading(state))
 
 
@@ -201,20 +201,20 @@ def speed_in_target_frame(state: State, target: Target) -> Array:
 
 
 def upright_reward(state: State) -> Array:
-    """Returns 1 for an upright torso, falling like a Gaussian with the cosine of its tilt."""
+    """Returns a Gaussian tolerance of the cosine of the torso's tilt; 1 if upright."""
     x, y = state.position[..., 4], state.position[..., 5]
     return _gaussian(2 * (x * x + y * y), _UPRIGHT_MARGIN)
 
 
 def near_reward(state: State, target: Target) -> Array:
-    """Returns 1 at the target, falling like a Gaussian to 0.1 at 5 cm (distance in 3D)."""
+    """Returns a Gaussian tolerance of the 3D distance to the target; 0.1 at 5 cm."""
     xp = array_namespace(state.position)
     to_target = target.position - state.position[..., :3]
     return _gaussian(xp.sqrt(xp.sum(to_target * to_target, axis=-1)), _NEAR_MARGIN)
 
 
 def heading_reward(state: State, target: Target) -> Array:
-    """Returns (1 + cos 2a) / 2 for an angle a to the target below a right angle, else 0."""
+    """Returns (1 + cos 2a) / 2 for an angle to the target |a| < pi / 2, otherwise 0."""
     xp = array_namespace(state.position)
     angle = angle_to_target(state, target)
     facing = (1 + xp.cos(2 * angle)) / 2
@@ -222,7 +222,7 @@ def heading_reward(state: State, target: Target) -> Array:
 
 
 def speed_reward(state: State, target: Target) -> Array:
-    """Returns the speed along the target's x axis as a share of 0.1 m/s, within [0, 1]."""
+    """Returns the speed along the target's x axis divided by 0.1 m/s, clipped to [0, 1]."""
     xp = array_namespace(state.torso_velocity)
     return xp.clip(speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED, 0, 1)
 
@@ -237,19 +237,17 @@ _REWARDS: dict[str, Callable[[State, Target], Array]] = {
 
 
 def reward(task: str, state: State, target: Target) -> Array:
-    """Returns the reward (...) of a task, in [0, 1], read at the end of a control step.
+    """Returns the reward (...) of a task, in [0, 1], at the end of a control step.
 
     Args:
-        task: one of `TASK_SPECS`.
-        state: of the robots.
-        target: of the robots, with axes that broadcast against the state's.
+        target: its axes broadcast against the state's.
     """
     terms = [_REWARDS[name](state, target) for name in TASK_SPECS[task].rewards]
     return math.prod(terms)
 
 
 def features(task: str, state: State, target: Target) -> dict[str, Array]:
-    """Returns what a task observes, by name and in its order, each (..., size) in SI units."""
+    """Returns the features of a task by name, in order, each (..., size) in SI units."""
     values: dict[str, Callable[[], Array]] = {
         "position": lambda: state.position,
         "velocity": lambda: state.velocity,
@@ -265,12 +263,10 @@ def features(task: str, state: State, target: Target) -> dict[str, Array]:
 def observation(task: str, state: State, target: Target) -> Array:
     """Returns the (..., dim(O)) observation of a task, each feature's range mapped to [-1, 1].
 
-    Nothing is clipped: a robot outside a feature's range is observed outside [-1, 1].
+    Observations are not clipped, so features outside their range are outside [-1, 1].
 
     Args:
-        task: one of `TASK_SPECS`.
-        state: of the robots.
-        target: of the robots, with the state's leading axes.
+        target: with the state's leading axes.
     """
     xp = array_namespace(state.position)
     physical = xp.concat(list(features(task, state, target).values()), axis=-1)
@@ -290,7 +286,7 @@ def denormalize(task: str, observed: Array) -> Array:
 
 
 def feature_labels(task: str) -> list[str]:
-    """Returns a name for each of the dim(O) dimensions of a task's observation."""
+    """Returns a name for each dimension of a task's observation."""
     axes = {
         "position": ("x", "y", "z", "qw", "qx", "qy", "qz"),
         "velocity": ("x", "y", "z", "angular_x", "angular_y", "angular_z"),
@@ -305,7 +301,7 @@ def feature_labels(task: str) -> list[str]:
 
 
 def _feature_range(task: str, like: Array) -> tuple[Array, Array]:
-    """Returns minimum and maximum of each dimension, as arrays of the same kind as `like`."""
+    """Returns minimum and maximum of each dimension, as arrays of the same type as `like`."""
     key = (task, array_namespace(like).__name__, like.dtype, getattr(like, "device", None))
     if key not in _range_cache:
         xp = array_namespace(like)
@@ -316,7 +312,7 @@ def _feature_range(task: str, like: Array) -> tuple[Array, Array]:
     return _range_cache[key]
 
 
-# Ranges as arrays, made once for each kind of array: this is called at every control step.
+# Ranges as arrays, cached per array type, since they are needed at every control step.
 _range_cache: dict[tuple[Any, ...], tuple[Array, Array]] = {}
 
 

@@ -21,15 +21,14 @@ def environment_id(task: str, augmented: bool = False) -> str:
     """Returns the Gymnasium id of a task: `Jitterbug/FaceDirection-v0` for `face_direction`.
 
     Args:
-        task: one of `jbench.names.TASKS`.
-        augmented: whether with an augmented robot: `AugmentedJitterbug/FaceDirection-v0`.
+        augmented: whether the robot is augmented: `AugmentedJitterbug/FaceDirection-v0`.
     """
     domain = "AugmentedJitterbug" if augmented else "Jitterbug"
     return f"{domain}/{task.title().replace('_', '')}-v0"
 
 
 def register_environments() -> None:
-    """Makes the five tasks known to Gymnasium, with the plain robot and with augmented ones."""
+    """Registers the five tasks with Gymnasium, with plain and augmented robots."""
     for task in TASKS:
         for augmented, robot in ((False, {}), (True, {"augment": 0})):
             if environment_id(task, augmented) not in registry:
@@ -44,12 +43,12 @@ def register_environments() -> None:
 class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One task of the Jitterbug problem (paper, section 4.2).
 
-    Observations are the task's features, each mapped from its range to [-1, 1] and not clipped;
-    the action is the motor's command, clipped to [-1, 1]. The environment itself never ends:
-    `gymnasium.make` truncates an episode at 1000 steps.
+    Observations are the task's features, each mapped from its range to [-1, 1] and not clipped.
+    The action is the motor's command, clipped to [-1, 1]. Episodes never terminate;
+    `gymnasium.make` truncates them at 1000 steps.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
+    metadata: dict[str, Any] = {  # noqa: RUF012 - declared as in Gymnasium
         "render_modes": ["rgb_array", "human"],
         "render_fps": round(1 / CONTROL_TIMESTEP),
     }
@@ -68,15 +67,15 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         Args:
             task: one of `jbench.names.TASKS`.
-            render_mode: "rgb_array", "human", or None for no pictures.
+            render_mode: "rgb_array", "human", or None for no rendering.
             camera: one of `CAMERAS`.
             width: of a picture, in pixels.
             height: of a picture, in pixels.
             augment: seed of an augmented robot's morphology, or None for the plain robot.
-            vary_masses: whether the augmented robot's densities and gear are drawn, too.
+            vary_masses: whether to vary the augmented robot's densities and gear as well.
 
         Raises:
-            ValueError: if there is no such task, camera, render mode or robot.
+            ValueError: if the task, camera, render mode or robot does not exist.
         """
         for value, known in (
             (task, TASKS),
@@ -93,7 +92,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._picture: dict[str, Any] = {"camera_name": camera, "width": width, "height": height}
         self._renderer: Any = None
         self._model = model.load(augment, vary_masses=vary_masses)
-        # What is drawn beyond the buffer off the screen would be black.
+        # Pixels outside the offscreen buffer would be black.
         buffer = self._model.vis.global_
         buffer.offwidth, buffer.offheight = (
             max(buffer.offwidth, width),
@@ -116,7 +115,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Starts an episode: the robot at the origin in a random pose, a random target."""
+        """Starts an episode with a random orientation at the origin and a random target."""
         super().reset(seed=seed)
         model.place(self._data, resets.draw_quaternion(self.np_random))
         self._target = resets.draw_target(self.task, self.np_random)
@@ -127,7 +126,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Holds the action (1,) for one control step of 0.01 s."""
+        """Applies the action (1,) for one control step of 0.01 s."""
         self._data.ctrl[:] = np.clip(action, -1, 1)
         mujoco.mj_step(self._model, self._data, nstep=PHYSICS_STEPS)
         state = self._state()
@@ -136,15 +135,15 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observation(state), reward, False, False, {}
 
     def render(self) -> Any:
-        """Returns a picture (height, width, 3) in mode "rgb_array"; else None.
+        """Returns an image (height, width, 3) in mode "rgb_array"; otherwise None.
 
         Raises:
-            RequestError: if MUJOCO_GL is not set and nothing here can draw; a ValueError.
+            RequestError: if MUJOCO_GL is not set and no backend works; a ValueError.
         """
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            # Imported only here: these look for a window system, or load it.
+            # Deferred, since these imports look for a window system.
             if self.render_mode == "rgb_array" and not os.environ.get("MUJOCO_GL"):
                 from jbench.opengl import choose_backend
 
@@ -152,16 +151,16 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
             self._renderer = MujocoRenderer(self._model, self._data, **self._picture)
-        # Places of bodies and cameras are computed at the beginning of a physics step.
+        # Positions of bodies and cameras are those before the last physics step.
         mujoco.mj_forward(self._model, self._data)
-        # Another environment may have drawn, or closed, since: its context is not ours.
+        # Another environment may have made its own context current.
         self._renderer._get_viewer(self.render_mode).make_context_current()
         picture = self._renderer.render(self.render_mode)
-        # Gymnasium turns its picture upside down as a view, which torch refuses.
+        # Gymnasium returns a view with negative strides, which torch refuses.
         return None if picture is None else np.ascontiguousarray(picture)
 
     def close(self) -> None:
-        """Closes windows and frees what drew the pictures."""
+        """Closes windows and frees the renderer."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

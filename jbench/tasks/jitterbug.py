@@ -12,7 +12,7 @@ from dm_control.utils import containers
 from jbench.names import CONTROL_TIMESTEP
 from jbench.tasks import features, model, resets
 
-# How long an episode lasts, in seconds (paper, section 4.1).
+# Length of an episode in seconds (paper, section 4.1).
 _DEFAULT_TIME_LIMIT = 10
 
 # The orientation of the robot's rest pose, facing -y.
@@ -22,14 +22,14 @@ SUITE = containers.TaggedTasks()
 
 
 class TaskSettings(TypedDict, total=False):
-    """What every task of the domain takes.
+    """Settings of every task of the domain.
 
     Attributes:
         time_limit: simulated seconds in an episode (default 10).
         control_timestep: simulated seconds for which an action is held (default 0.01).
-        random_pose: whether an episode starts in a random orientation (default), or in the
-            rest pose.
-        random: source of every random draw, or the seed of one; None for an arbitrary one.
+        random_pose: whether an episode starts in a random orientation (default) or in the rest
+            pose.
+        random: random state, its seed, or None for an arbitrary one.
         environment_kwargs: further arguments of dm_control's `Environment`.
     """
 
@@ -89,7 +89,7 @@ def environment(
     random: np.random.RandomState | int | None = None,
     environment_kwargs: dict[str, Any] | None = None,
 ) -> control.Environment:
-    """Returns the environment of a task for a robot; the settings are those of `TaskSettings`."""
+    """Returns the environment of a task for a robot; see `TaskSettings`."""
     settings = {"control_timestep": control_timestep, **(environment_kwargs or {})}
     return control.Environment(
         physics,
@@ -100,10 +100,10 @@ def environment(
 
 
 class Physics(mujoco.Physics):
-    """Physics of the Jitterbug with the quantities that its tasks observe and reward."""
+    """Physics of the Jitterbug with the quantities that its tasks use."""
 
     def robot_state(self) -> features.State:
-        """Returns what the tasks need to know of the robot."""
+        """Returns the robot's state as used by the tasks."""
         named = self.named.data
         return features.State(
             position=named.qpos["root"].copy(),
@@ -114,7 +114,7 @@ class Physics(mujoco.Physics):
         )
 
     def target(self) -> features.Target:
-        """Returns where the target is and in which direction it looks."""
+        """Returns the target's position and yaw."""
         matrix = self.named.data.xmat["target"]
         return features.Target(
             position=self.named.data.xpos["target"].copy(),
@@ -137,23 +137,17 @@ class Jitterbug(base.Task):
         random_pose: bool = True,
         random: np.random.RandomState | int | None = None,
     ) -> None:
-        """Initialises the task.
-
-        Args:
-            task: one of `jbench.names.TASKS`.
-            random_pose: whether an episode starts in a random orientation, or in the rest pose.
-            random: source of every random draw, or the seed of one, or None for an arbitrary one.
-        """
+        """Initialises the task; see `TaskSettings`."""
         self._task = task
         self._random_pose = random_pose
         super().__init__(random=random)
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Puts the robot at the origin and the target where the task wants it."""
-        turned = resets.draw_quaternion(self.random) if self._random_pose else _REST_QUATERNION
-        physics.named.data.qpos["root"] = [0, 0, model.REST_HEIGHT, *turned]
+        """Places the robot at the origin and draws the target."""
+        quaternion = resets.draw_quaternion(self.random) if self._random_pose else _REST_QUATERNION
+        physics.named.data.qpos["root"] = [0, 0, model.REST_HEIGHT, *quaternion]
         physics.set_target(resets.draw_target(self._task, self.random))
-        # The robot may be coloured by its reward now, which needs the places just set.
+        # The reward, by which the robot may be coloured, needs the new positions.
         physics.forward()
         super().initialize_episode(physics)
 
@@ -165,5 +159,8 @@ class Jitterbug(base.Task):
         return OrderedDict(zip(names, np.split(observation, np.cumsum(sizes)[:-1]), strict=True))
 
     def get_reward(self, physics: Physics) -> float:
-        """Returns the task's reward, in [0, 1]."""
+        """Returns the task's reward, in [0, 1].
+
+        The formulas are in `features.py`, shared with the batched simulation and the datasets.
+        """
         return float(features.reward(self._task, physics.robot_state(), physics.target()))

@@ -1,4 +1,4 @@
-"""The robot's MuJoCo model and the way from its state to the features of the tasks."""
+"""The robot's MuJoCo model, and the conversion of its state to `State`."""
 
 from functools import cache
 from importlib import resources
@@ -28,16 +28,16 @@ def load(augment: int | None = None, *, vary_masses: bool = False) -> mujoco.MjM
     Args:
         augment: seed of the augmented robot's morphology (see `jbench.tasks.augmented.draw`), or
             None for the plain robot.
-        vary_masses: whether the augmented robot's densities and gear are drawn, too.
+        vary_masses: whether to vary the augmented robot's densities and gear as well.
 
     Raises:
-        ValueError: if the seed is negative, or the plain robot's masses should vary.
+        ValueError: if the seed is negative, or `vary_masses` is set for the plain robot.
     """
     if augment is None:
         if vary_masses:
             raise ValueError("Only the masses of an augmented robot vary: give its seed, augment")
         return mujoco.MjModel.from_xml_string(xml())
-    # Imported only here: augmented robots are made from this module's plain one.
+    # Deferred to avoid a circular import.
     from jbench.tasks import augmented
 
     return augmented.augmented_model(augment, vary_masses=vary_masses)
@@ -51,7 +51,7 @@ def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:
 def state_of(
     qpos: NDArray[np.float64], qvel: NDArray[np.float64], offset: NDArray[np.float64]
 ) -> State:
-    """Returns the state of the tasks for MuJoCo's state of any number of robots.
+    """Returns the tasks' `State` for MuJoCo's state of a batch of robots.
 
     Args:
         qpos: (..., 16) joint positions.
@@ -59,7 +59,7 @@ def state_of(
         offset: (3,) the torso's centre of mass, from `torso_offset`.
 
     Returns:
-        Arrays of their own: nothing is shared with the simulator's memory.
+        Copies, which share no memory with the simulator.
     """
     position, velocity = qpos[..., :7].copy(), qvel[..., :6].copy()
     return State(
@@ -72,9 +72,9 @@ def state_of(
 
 
 def place(data: mujoco.MjData, quaternion: NDArray[np.float64]) -> None:
-    """Puts the robot at the origin, at rest, in an orientation (4,).
+    """Places the robot at the origin, at rest, in an orientation (4,).
 
-    Only the state is set: `mj_step` computes the rest from it.
+    Only the state is set; `mj_step` computes the derived quantities.
     """
     mujoco.mj_resetData(data.model, data)
     data.qpos[2] = REST_HEIGHT

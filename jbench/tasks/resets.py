@@ -1,7 +1,6 @@
-"""How an episode begins: the random pose of the robot and the random target.
+"""Initial states of episodes: random poses of the robot and random targets.
 
-Every draw comes from the generator that is passed in, either numpy's `Generator` or the
-`RandomState` that dm_control uses.
+Generators are numpy's `Generator` or the `RandomState` that dm_control uses.
 """
 
 import math
@@ -13,22 +12,22 @@ from numpy.typing import NDArray
 
 from jbench.tasks.features import TARGET_HEIGHT, TASK_SPECS, Target
 
-_LARGEST_TILT = 0.025  # of the axis of the random turn against the vertical, in x and in y
+_MAX_TILT = 0.025  # x and y components of the rotation axis, whose z component is 1
 _TARGET_RADIUS = (0.05, 0.2)  # m
 
 
 class Random(Protocol):
-    """What a generator must offer: numpy's `Generator` and `RandomState` both do."""
+    """Protocol of numpy's `Generator` and `RandomState`."""
 
     def uniform(self, low: float, high: float) -> float:
         """Returns one number drawn uniformly from [low, high)."""
 
 
 class Starts(NamedTuple):
-    """How episodes begin.
+    """Initial states of episodes.
 
     Attributes:
-        quaternions: (episodes, 4) orientations of the robots (w, x, y, z).
+        quaternions: (episodes, 4) orientations (w, x, y, z).
         targets: positions (episodes, 3) and yaws (episodes,).
     """
 
@@ -37,33 +36,32 @@ class Starts(NamedTuple):
 
 
 def episode_generator(seed: int, episode: int) -> np.random.Generator:
-    """Returns the generator of one episode: episodes of a seed don't depend on each other."""
+    """Returns the generator of one episode, independent of the other episodes."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(episode,)))
 
 
 def draw_starts(task: str, generators: Iterable[Random]) -> Starts:
-    """Draws how an episode of each generator begins: first its pose, then its target.
+    """Draws the initial state of an episode per generator: first the pose, then the target.
 
     Args:
-        task: one of `jbench.names.TASKS`.
-        generators: one for each episode; one that comes twice is drawn from twice.
+        generators: one per episode; may contain a generator several times.
     """
-    drawn = [(draw_quaternion(random), draw_target(task, random)) for random in generators]
-    targets = [target for _, target in drawn]
+    starts = [(draw_quaternion(random), draw_target(task, random)) for random in generators]
+    targets = [target for _, target in starts]
     positions, yaws = (np.stack(part) for part in zip(*targets, strict=True))
-    return Starts(np.stack([quaternion for quaternion, _ in drawn]), Target(positions, yaws))
+    return Starts(np.stack([quaternion for quaternion, _ in starts]), Target(positions, yaws))
 
 
 def draw_quaternion(random: Random) -> NDArray[np.float64]:
-    """Returns the (4,) orientation at the start of an episode (w, x, y, z).
+    """Draws the (4,) orientation at the start of an episode (w, x, y, z).
 
-    A turn by U(0, 2 pi) about an axis (u, v, 1) with u, v ~ U(-0.025, 0.025).
+    It is a rotation by U(0, 2 pi) about an axis (u, v, 1) with u, v ~ U(-0.025, 0.025).
     """
     angle = random.uniform(0, 2 * math.pi)
     axis = np.array(
         [
-            random.uniform(-_LARGEST_TILT, _LARGEST_TILT),
-            random.uniform(-_LARGEST_TILT, _LARGEST_TILT),
+            random.uniform(-_MAX_TILT, _MAX_TILT),
+            random.uniform(-_MAX_TILT, _MAX_TILT),
             1.0,
         ]
     )
@@ -72,7 +70,7 @@ def draw_quaternion(random: Random) -> NDArray[np.float64]:
 
 
 def draw_target(task: str, random: Random) -> Target:
-    """Returns the target of one episode: position (3,) and yaw () as the task draws them."""
+    """Draws the target of an episode of a task: position (3,) and yaw ()."""
     spec = TASK_SPECS[task]
     bearing, radius, yaw = 0.0, 0.0, 0.0
     if spec.draws_position:

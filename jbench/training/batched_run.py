@@ -69,7 +69,7 @@ def run_batch(
         members = []
         for run in runs:
             try:
-                found = locks.enter_context(results.hold("run", run.id))
+                found = locks.enter_context(results.locked("run", run.id))
                 member = _begin(run, found, results, made_on, notice)
             except WorkError as error:
                 failures[run.id] = error

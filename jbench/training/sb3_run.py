@@ -42,7 +42,7 @@ def run(
         WorkError: if another process does this run, its agent diverges, or its results can't be
             written.
     """
-    with results.hold("run", settings.id) as found:
+    with results.locked("run", settings.id) as found:
         if found is not None and found.status == "finished":
             return found
         record = results.create(

@@ -104,7 +104,7 @@ def is_elsewhere(run: RunSettings, results: Results) -> bool:
 
 def record_failure(run: RunSettings, results: Results, reason: str) -> None:
     """Marks a run as failed, unless it is marked already, finished, or another process does it."""
-    with contextlib.suppress(RequestError, WorkError), results.hold("run", run.id) as found:
+    with contextlib.suppress(RequestError, WorkError), results.locked("run", run.id) as found:
         record = found or results.create("run", run.id, run.model_dump(mode="json"))
         if record.status == "unfinished":
             record.fail(reason)

@@ -1,4 +1,4 @@
-"""Agents of stable-baselines3 and our learners: the numbers of both under the same names."""
+"""stable-baselines3 agents beside our learners, with parameters under the same names."""
 
 import numpy as np
 import torch
@@ -20,7 +20,7 @@ MOMENTS = {"exp_avg": "first_moment", "exp_avg_sq": "second_moment"}
 
 
 def settings_of(algo, **overrides):
-    """Settings with small networks, and a step that leads somewhere within 100 updates."""
+    """Settings with small networks and a larger learning rate."""
     small = {"hidden_layers": [24, 20], "batch_size": 32, "learning_rate": 1e-3}
     small |= {} if algo == "ppo" else {"buffer_size": TRANSITIONS}
     return algorithm_settings(algo, overrides=small | overrides)
@@ -28,7 +28,7 @@ def settings_of(algo, **overrides):
 
 def oracle_of(algo, settings, dtype, monkeypatch):
     """An agent of stable-baselines3 that computes in the given precision."""
-    # It makes float32 of every observation.
+    # By default it converts observations to float32.
     monkeypatch.setattr(policies, "preprocess_obs", lambda observations, *_, **__: observations)
     env = DummyVecEnv([lambda: JitterbugEnv("face_direction")] * getattr(settings, "n_envs", 1))
     agent = sb3.build(algo, settings, env, seed=0)
@@ -43,45 +43,45 @@ def oracle_of(algo, settings, dtype, monkeypatch):
 
 
 def learners_of(algo, settings, dtype=torch.float32, seeds=1, **options):
-    """The tensors of some seeds, a learner for each of these, and one for all."""
+    """Tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
-    parts = [*(tensors.of(seed) for seed in range(seeds)), tensors.all()]
-    *each, stack = (LEARNERS[algo](settings, SIZE, part, **options) for part in parts)
+    views = [*(tensors.seed_view(seed) for seed in range(seeds)), tensors.stacked_view()]
+    *each, stack = (LEARNERS[algo](settings, SIZE, view, **options) for view in views)
     return tensors, each, stack
 
 
 def theirs(algo, agent):
-    """All numbers of an agent of stable-baselines3 by name."""
+    """Parameters and Adam moments of a stable-baselines3 agent by name."""
     if algo == "ppo":
         optimizers = [agent.policy.optimizer]
     else:
         optimizers = [agent.actor.optimizer, agent.critic.optimizer]
     state = {p: known for optimizer in optimizers for p, known in optimizer.state.items()}
-    found = {}
+    tensors_by_name = {}
     for name, layers in _networks(algo, agent).items():
         for i, modules in enumerate(layers):
             for kind in ("weight", "bias"):
                 parameters = [getattr(module, kind) for module in modules]
-                found |= _with_moments(f"{name} {kind}{i}", parameters, state)
+                tensors_by_name |= _with_moments(f"{name} {kind}{i}", parameters, state)
     if algo == "ppo":
-        found |= _with_moments("log_sigma", [agent.policy.log_std], state)
+        tensors_by_name |= _with_moments("log_sigma", [agent.policy.log_std], state)
     if algo == "sac" and agent.ent_coef_optimizer is not None:
         state = agent.ent_coef_optimizer.state
-        found |= _with_moments("log_temperature", [agent.log_ent_coef], state)
-    return found
+        tensors_by_name |= _with_moments("log_temperature", [agent.log_ent_coef], state)
+    return tensors_by_name
 
 
 def _with_moments(name, parameters, state):
-    """Parameters that make one of ours, and Adam's moments of them unless they never learn."""
-    found = {name: torch.cat([p.detach() for p in parameters])}
+    """Parameters joined as ours, with their Adam moments unless they are a target's."""
+    tensors_by_name = {name: torch.cat([p.detach() for p in parameters])}
     for key, moment in MOMENTS.items() if "target" not in name else ():
         moments = [state.get(p, {}).get(key, torch.zeros_like(p)) for p in parameters]
-        found[f"{name} {moment}"] = torch.cat(moments).detach()
-    return found
+        tensors_by_name[f"{name} {moment}"] = torch.cat(moments).detach()
+    return tensors_by_name
 
 
 def _networks(algo, agent):
-    """The oracle's networks by our names: of each layer, the linear modules that make it."""
+    """The oracle's networks by our names: per layer, the linear modules that form it."""
 
     def layers(modules, *heads):
         inner = [[module] for module in modules if isinstance(module, nn.Linear)]
@@ -94,45 +94,50 @@ def _networks(algo, agent):
             "critic": layers(net.mlp_extractor.value_net, net.value_net),
         }
     critics = ["critic"] if algo == "ddpg" else ["critic1", "critic2"]
-    found = {name: layers(q) for name, q in zip(critics, agent.critic.q_networks, strict=True)}
+    tensors_by_name = {
+        name: layers(q) for name, q in zip(critics, agent.critic.q_networks, strict=True)
+    }
     for name, q in zip(critics, agent.critic_target.q_networks, strict=True):
-        found[f"{name}_target"] = layers(q)
+        tensors_by_name[f"{name}_target"] = layers(q)
     if algo == "sac":
         actor = agent.actor
-        return found | {"actor": layers(actor.latent_pi, actor.mu, actor.log_std)}
-    return found | {"actor": layers(agent.actor.mu), "actor_target": layers(agent.actor_target.mu)}
+        return tensors_by_name | {"actor": layers(actor.latent_pi, actor.mu, actor.log_std)}
+    return tensors_by_name | {
+        "actor": layers(agent.actor.mu),
+        "actor_target": layers(agent.actor_target.mu),
+    }
 
 
 def ours(algo, learner, tensors, seed=0):
-    """The numbers of a seed by the names of `theirs`, as views that can be written."""
-    kept = {name: tensor[seed] for name, tensor in tensors.kept.items()}
+    """Parameters and moments of a seed by the names of `theirs`, as writable views."""
+    saved = {name: tensor[seed] for name, tensor in tensors.saved.items()}
     actor = learner.actor.values.shape[-1]
-    found = {}
+    tensors_by_name = {}
     for suffix in ("", *MOMENTS.values()):
         flats = {}
-        for name, flat in kept.items():
+        for name, flat in saved.items():
             network, _, moment = name.partition(".")
             if moment == suffix:
                 flats[network] = flat
         if algo == "ppo":
             flat = flats.pop("policy")
             flats |= {"actor": flat[:actor], "critic": flat[actor + 16 :]}
-            found |= {f"log_sigma {suffix}".strip(): flat[actor : actor + 1]}
+            tensors_by_name |= {f"log_sigma {suffix}".strip(): flat[actor : actor + 1]}
         if algo == "sac":
             temperature = flats.pop("log_temperature", None)
-            if "log_temperature.steps" in kept:
-                found |= {f"log_temperature {suffix}".strip(): temperature}
+            if "log_temperature.steps" in saved:
+                tensors_by_name |= {f"log_temperature {suffix}".strip(): temperature}
         flats.pop("losses", None)
         for network, flat in flats.items():
             sizes = learner.actor.sizes if network.startswith("actor") else learner.value_sizes
             for i, affine in enumerate(affines(flat, sizes)):
-                found[f"{network} weight{i} {suffix}".strip()] = affine.weight.mT
-                found[f"{network} bias{i} {suffix}".strip()] = affine.bias
-    return found
+                tensors_by_name[f"{network} weight{i} {suffix}".strip()] = affine.weight.mT
+                tensors_by_name[f"{network} bias{i} {suffix}".strip()] = affine.bias
+    return tensors_by_name
 
 
 def same_start(algo, agent, learner, tensors):
-    """Gives a learner the first numbers of an agent."""
+    """Copies the initial parameters of an agent to a learner."""
     learner.initialize(torch.Generator().manual_seed(0))
     mine = ours(algo, learner, tensors)
     for name, value in theirs(algo, agent).items():
@@ -140,7 +145,7 @@ def same_start(algo, agent, learner, tensors):
 
 
 def largest_difference(mine, their):
-    """How far apart two sets of numbers are, which must have the same names."""
+    """The largest difference of tensors with the same names."""
     assert mine.keys() == their.keys()
     return max(float((mine[name].double() - their[name].double()).abs().max()) for name in mine)
 
@@ -148,20 +153,20 @@ def largest_difference(mine, their):
 def transitions(seed=1):
     """Observations, actions, rewards, next observations, ends; numbers of float32."""
     random = np.random.default_rng(seed)
-    observations, following = random.normal(size=(2, TRANSITIONS, SIZE)).astype(np.float32)
+    observations, next_observations = random.normal(size=(2, TRANSITIONS, SIZE)).astype(np.float32)
     actions = random.uniform(-1, 1, (TRANSITIONS, 1)).astype(np.float32)
     rewards = random.uniform(0, 1, TRANSITIONS).astype(np.float32)
-    return observations, actions, rewards, following, random.uniform(size=TRANSITIONS) < 0.1
+    return observations, actions, rewards, next_observations, random.uniform(size=TRANSITIONS) < 0.1
 
 
 def fill(agent, data):
     """Puts transitions into an agent's replay buffer."""
-    for observation, action, reward, following, end in zip(*data, strict=True):
-        agent.replay_buffer.add(observation, following, action, reward, end, [{}])
+    for observation, action, reward, next_observations, end in zip(*data, strict=True):
+        agent.replay_buffer.add(observation, next_observations, action, reward, end, [{}])
 
 
 def next_batch(data, settings, draws, dtype, update):
-    """The batch that an agent will learn from; its next random numbers are those of an update."""
+    """The batch that the agent samples next; seeds its random numbers for this update."""
     size = settings.batch_size
 
     def same_numbers():
@@ -172,12 +177,12 @@ def next_batch(data, settings, draws, dtype, update):
     indices = np.random.randint(0, TRANSITIONS, size=size)
     noise = [torch.empty(size, 1, dtype=dtype).normal_() for _ in range(draws)]
     same_numbers()
-    observations, actions, rewards, following, ends = (
+    observations, actions, rewards, next_observations, ends = (
         torch.as_tensor(part[indices]).to(dtype) for part in data
     )
     return Batch(
         torch.cat([observations, actions, rewards[:, None]], dim=1),
-        torch.cat([following, torch.zeros(size, 2, dtype=dtype)], dim=1),
+        torch.cat([next_observations, torch.zeros(size, 2, dtype=dtype)], dim=1),
         settings.gamma * (1 - ends[:, None]),
         torch.cat([torch.empty(size, 0, dtype=dtype), *noise], dim=1),
     )

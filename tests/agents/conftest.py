@@ -1,8 +1,8 @@
-"""What the tests of agents share."""
+"""Fixtures of the tests of agents."""
 
 import pytest
 
 
 @pytest.fixture(autouse=True)
 def _one_thread(one_thread):
-    """Every test of these learns."""
+    """Runs each of these tests on one thread."""

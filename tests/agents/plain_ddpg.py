@@ -1,6 +1,7 @@
-"""DDPG by autograd (Lillicrap et al., 2015): what `jbench/agents/batched/ddpg.py` computes by hand.
+"""DDPG with autograd (Lillicrap et al., 2015, Algorithm 1).
 
-The page to read before that one, and its oracle in the tests.
+Read this file before `jbench/agents/batched/ddpg.py`, which has its gradients by hand. The tests
+compare the two.
 """
 
 import copy
@@ -11,7 +12,7 @@ from torch import nn
 
 
 class Network(nn.Module):
-    """Layers of ReLU units; one of the layers may take an action beside the units before it."""
+    """Layers of ReLU units; the layer `action_layer` takes the action as an extra input."""
 
     def __init__(self, units, action_layer=None):
         super().__init__()
@@ -60,12 +61,13 @@ class PlainDDPG:
         if self.settings.gradients_first:
             _step(self.critic, self.critic_adam, critic_gradients)
         _step(self.actor, self.actor_adam, actor_gradients)
-        for target, network in (
-            (self.actor_target, self.actor),
-            (self.critic_target, self.critic),
-        ):
-            for old, new in zip(target.parameters(), network.parameters(), strict=True):
-                old.data.lerp_(new.data, self.settings.tau)
+        polyak_update(self.actor_target, self.actor, self.settings.tau)
+        polyak_update(self.critic_target, self.critic, self.settings.tau)
+
+
+def polyak_update(target, network, tau):
+    for old, new in zip(target.parameters(), network.parameters(), strict=True):
+        old.data.lerp_(new.data, tau)
 
 
 def _step(network, adam, gradients):

@@ -1,6 +1,7 @@
-"""Features learned online by autograd (Ota et al., 2020), and DDPG on them.
+"""Learned features with autograd (Ota et al., 2020), and DDPG on them.
 
-The page to read before `jbench/agents/batched/features.py`, and its oracle in the tests.
+Read this file before `jbench/agents/batched/features.py`, which has its gradients by hand. The
+tests compare the two.
 """
 
 import copy
@@ -18,10 +19,10 @@ class PlainFeatures(nn.Module):
         super().__init__()
         self.settings, self.size = settings, size
         self.appended = settings.units > size
-        self.seen = settings.units + (size if self.appended else 0)
+        self.feature_size = settings.units + (size if self.appended else 0)
         self.phi_o = self._layers(size)
-        self.phi_oa = self._layers(self.seen + 1)
-        self.head = nn.Linear(self.seen + 1 + settings.units, size)
+        self.phi_oa = self._layers(self.feature_size + 1)
+        self.head = nn.Linear(self.feature_size + 1 + settings.units, size)
         self.double()
         self.adam = torch.optim.Adam(self.parameters(), lr=settings.learning_rate)
         self.first = []  # minibatches that define mean and variance
@@ -39,20 +40,20 @@ class PlainFeatures(nn.Module):
     def standardized(self, observations):
         if not self.first:
             return observations.clamp(-10, 10) / (1 + 1e-6) ** 0.5
-        together = torch.cat(self.first)
-        variance = together.var(dim=0, correction=0)
-        return ((observations - together.mean(dim=0)) / (variance + 1e-6).sqrt()).clamp(-10, 10)
+        rows = torch.cat(self.first)
+        variance = rows.var(dim=0, correction=0)
+        return ((observations - rows.mean(dim=0)) / (variance + 1e-6).sqrt()).clamp(-10, 10)
 
-    def of_observations(self, observations):
+    def observation_features(self, observations):
         units = _dense(self.standardized(observations), self.phi_o)[:, self.size :]
         return torch.cat([observations, units], dim=1) if self.appended else units
 
-    def of_pairs(self, features, actions):
+    def state_action_features(self, features, actions):
         pairs = torch.cat([features, actions], dim=1)
-        return torch.cat([pairs, self._dense_pairs(pairs)[:, self.seen + 1 :]], dim=1)
+        return torch.cat([pairs, self._dense_pairs(pairs)[:, self.feature_size + 1 :]], dim=1)
 
     def loss(self, batch):
-        pairs = torch.cat([self.of_observations(batch.observations), batch.actions], dim=1)
+        pairs = torch.cat([self.observation_features(batch.observations), batch.actions], dim=1)
         predicted = self.head(self._dense_pairs(pairs))
         return (predicted - self.standardized(batch.next_observations)).square().mean()
 
@@ -81,8 +82,8 @@ def _dense(values, layers):
     return values
 
 
-class Seeing(Network):
-    """A network of features; those are not among its own parameters."""
+class OnFeatures(Network):
+    """A network on features, whose parameters are not part of its own."""
 
     def __init__(self, features, inputs, hidden):
         super().__init__((inputs, *hidden, 1))
@@ -90,25 +91,25 @@ class Seeing(Network):
         self.double()
 
     def __deepcopy__(self, memory):
-        other = Seeing(self.features[0], 1, ())
+        other = OnFeatures(self.features[0], 1, ())
         other.layers = copy.deepcopy(self.layers, memory)
         return other
 
     def forward(self, observations, actions=None):
-        seen = self.features[0].of_observations(observations)
+        features = self.features[0].observation_features(observations)
         if actions is not None:
-            seen = self.features[0].of_pairs(seen, actions)
-        return super().forward(seen)
+            features = self.features[0].state_action_features(features, actions)
+        return super().forward(features)
 
 
 class PlainDDPGOnFeatures(PlainDDPG):
-    """DDPG whose networks see features."""
+    """DDPG on learned features."""
 
     def __init__(self, settings, ofe, size):
         super().__init__(settings, size)
         self.features, hidden = PlainFeatures(ofe, size), settings.hidden_layers
-        self.actor = Seeing(self.features, self.features.seen, hidden)
-        self.critic = Seeing(self.features, self.features.seen + 1 + ofe.units, hidden)
+        self.actor = OnFeatures(self.features, self.features.feature_size, hidden)
+        self.critic = OnFeatures(self.features, self.features.feature_size + 1 + ofe.units, hidden)
         self.actor_target, self.critic_target = copy.deepcopy((self.actor, self.critic))
         self.actor_adam, self.critic_adam = (
             torch.optim.Adam(network.parameters(), lr=settings.learning_rate)

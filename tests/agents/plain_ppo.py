@@ -1,6 +1,7 @@
-"""PPO by autograd (Schulman et al., 2017): what `jbench/agents/batched/ppo.py` computes by hand.
+"""PPO with autograd (Schulman et al., 2017, Algorithm 1).
 
-The page to read before that one, and its oracle in the tests.
+Read this file before `jbench/agents/batched/ppo.py`, which has its gradients by hand. The tests
+compare the two.
 """
 
 import itertools

@@ -1,4 +1,4 @@
-"""An agent whose numbers are not finite is noticed, and those beside it are not affected."""
+"""Divergence is detected and does not affect the other seeds."""
 
 import itertools
 import math
@@ -16,15 +16,15 @@ CRITICS = {"ddpg": "critic", "td3": "critics 1", "sac": "critics 0", "ppo": "cri
 
 
 def poison(engine, network):
-    """Makes a weight of one seed's network infinite; critics are numbered."""
-    found = engine._team.each[DIVERGED]
+    """Sets a weight of one seed's network to infinity; `network` is a path of attributes."""
+    attribute = engine._team.each[DIVERGED]
     for part in network.split():
-        found = found[int(part)] if part.isdigit() else getattr(found, part)
-    found.values[3] = math.inf
+        attribute = attribute[int(part)] if part.isdigit() else getattr(attribute, part)
+    attribute.values[3] = math.inf
 
 
 def trained(engine, algo, poisoned_at=None):
-    """Trains agents, one of them poisoned on the way; returns how the last of them ends."""
+    """Trains agents, one of which may be poisoned; returns the last one's returns and state."""
     returns = []
     for ended in engine.learn(STEPS):
         if engine.control_steps == poisoned_at:
@@ -35,7 +35,7 @@ def trained(engine, algo, poisoned_at=None):
 
 @pytest.mark.parametrize("stacked", [False, True])
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_a_diverged_agent_changes_nothing_for_the_others(algo, stacked, capfd):
+def test_a_diverged_seed_does_not_affect_the_others(algo, stacked, capfd):
     with engine_of(algo, SEEDS, stacked=stacked) as engine:
         returns, state = trained(engine, algo)
         assert engine.diverged == {}
@@ -48,7 +48,7 @@ def test_a_diverged_agent_changes_nothing_for_the_others(algo, stacked, capfd):
     for name, tensor in state.tensors.items():
         assert torch.equal(state_beside.tensors[name], tensor), name
     assert np.abs(actions[DIVERGED]).max() == 0 < np.abs(actions[2]).min()
-    # Nothing that is not finite reaches MuJoCo, which would say so.
+    # MuJoCo would print a warning about actions that are not finite.
     assert "WARNING" not in "".join(capfd.readouterr())
 
 
@@ -61,7 +61,7 @@ def test_a_diverged_agent_changes_nothing_for_the_others(algo, stacked, capfd):
         ("ppo", "critic", "policy_loss"),
     ],
 )
-def test_it_is_noticed_at_the_next_step_or_update(algo, network, what):
+def test_divergence_is_detected_at_the_next_step_or_update(algo, network, what):
     with engine_of(algo, SEEDS) as engine:
         for _ in engine.learn(60):
             pass
@@ -73,14 +73,14 @@ def test_it_is_noticed_at_the_next_step_or_update(algo, network, what):
             return
         for _ in itertools.takewhile(lambda _: not engine.diverged, engine.learn(10**6)):
             pass
-    ((seed, (update, control_steps, said)),) = engine.diverged.items()
-    assert (seed, said) == (DIVERGED, what)
-    # The first updates after it are those that the engine has just made, one step ago.
+    ((seed, (update, control_steps, reported)),) = engine.diverged.items()
+    assert (seed, reported) == (DIVERGED, what)
+    # The engine made the first updates after it one step ago.
     assert update == engine.updates > updates
     assert control_steps == engine.control_steps - engine.environments.observations.shape[1]
 
 
-def test_weights_are_checked_when_asked_for():
+def test_check_weights_detects_divergence():
     with engine_of("ddpg", SEEDS) as engine:
         engine.check_weights()
         assert engine.diverged == {}
@@ -90,13 +90,13 @@ def test_weights_are_checked_when_asked_for():
 
 
 @pytest.mark.parametrize("stacked", [False, True])
-def test_features_that_diverge_are_noticed_and_change_nothing_for_the_others(stacked):
+def test_diverged_features_are_detected_and_do_not_affect_the_others(stacked):
     states = []
     for poisoned in (False, True):
         with engine_of("td3", SEEDS, ofe=FEW, stacked=stacked) as engine:
             for _ in engine.learn(60):
                 if poisoned and engine.control_steps == 59:
-                    # It predicts the next observation; the agent does not see its outputs.
+                    # The layer that predicts the next observation; the agent does not use it.
                     last = engine._team.each[DIVERGED].features.layers[-1]
                     last.weight[0, 0] = math.inf
             engine.check_weights()
@@ -106,8 +106,8 @@ def test_features_that_diverge_are_noticed_and_change_nothing_for_the_others(sta
         assert torch.equal(states[1][name], tensor), name
 
 
-def test_a_temperature_of_zero_is_no_divergence():
-    # Its logarithm, which is kept, is -inf.
+def test_a_temperature_of_zero_is_not_divergence():
+    # The logarithm, which is saved, is -inf.
     with engine_of("sac", SEEDS, changes={"ent_coef": 0.0}) as engine:
         for _ in engine.learn(60):
             pass

@@ -1,4 +1,4 @@
-"""Seeds that learn side by side learn what each would learn alone, and again after a restart."""
+"""Engines: seeds are independent, training resumes bit for bit and follows the oracle."""
 
 import json
 
@@ -31,10 +31,10 @@ SMALL = {
     "ppo": {"n_envs": 2, "n_steps": 20, "batch_size": 16, "n_epochs": 2},
 }
 STEPS = 100
-# The authors' script, with as few steps as the others here.
+# The authors' script settings with the small step counts above.
 SCRIPTS = {algo: {"changes": changes | SMALL[algo]} for algo, changes in SCRIPT.items()}
 
-# Features of an observation of 16 numbers: alone, and behind it.
+# Learned features: fewer than the 16 observed numbers (used alone) and more (appended).
 FEW, MANY = (OFESettings(units=units, layers=3, standardize_updates=40) for units in (6, 20))
 
 
@@ -50,8 +50,8 @@ def engine_of(algo, seeds, *, task="face_direction", changes=None, **options):
     return make_engine(algo, settings, task, seeds, **options)
 
 
-class Doubling:
-    """An encoder: a product, and a function that is not linear."""
+class TanhEncoder:
+    """A nonlinear encoder."""
 
     latent_size = 5
 
@@ -60,14 +60,14 @@ class Doubling:
         return torch.tanh(2 * batch @ weights)
 
 
-def story(engine, place, steps=STEPS):
-    """All that a seed goes through: every observation, return and loss, its tensors at the end."""
+def trajectory(engine, index, steps=STEPS):
+    """Every observation, return and loss of a seed, and its final state."""
     seen, returns, losses = [], [], []
     for ended in engine.learn(steps):
-        seen.append(engine.environments.observations[place].clone())
-        losses.append(engine.losses(place))
-        returns.append(None if ended is None else ended[place].tolist())
-    tensors, scalars = engine.state(place)
+        seen.append(engine.environments.observations[index].clone())
+        losses.append(engine.losses(index))
+        returns.append(None if ended is None else ended[index].tolist())
+    tensors, scalars = engine.state(index)
     return torch.stack(seen), returns, losses, tensors, json.dumps(scalars)
 
 
@@ -88,37 +88,37 @@ def assert_same(one, other):
         ("ddpg", {**SCRIPTS["ddpg"], "precision": "bfloat16"}),
         ("td3", {"precision": "bfloat16"}),
         ("sac", {"environments": 3, "time_limit": "terminal"}),
-        ("ddpg", {"encoder": Doubling()}),
+        ("ddpg", {"encoder": TanhEncoder()}),
         ("ddpg", {"ofe": FEW, "precision": "bfloat16"}),
         ("td3", {"ofe": MANY}),
         ("sac", {"ofe": FEW, "environments": 2}),
         ("ddpg", {"task": "move_to_pose"}),
     ],
 )
-def test_a_seed_alone_is_the_seed_among_others_bit_for_bit(algo, options):
+def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(algo, options):
     with (
         engine_of(algo, [7, 5, 0, 3], **options) as together,
         engine_of(algo, [3], **options) as (alone),
     ):
-        among = story(together, 3)
-        assert_same(story(alone, 0), among)
+        among = trajectory(together, 3)
+        assert_same(trajectory(alone, 0), among)
     assert any(among[1])
     assert among[2][-1]
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_the_same_seeds_learn_the_same_again_and_others_do_not(algo):
-    stories = []
+def test_training_is_reproducible_and_depends_on_the_seed(algo):
+    trajectories = []
     for seeds in ([0, 1], [0, 1]):
         with engine_of(algo, seeds) as engine:
-            stories.append(story(engine, 1))
-    assert_same(*stories)
+            trajectories.append(trajectory(engine, 1))
+    assert_same(*trajectories)
     with engine_of(algo, [0, 2]) as engine:
-        assert not torch.equal(story(engine, 1)[0], stories[0][0])
+        assert not torch.equal(trajectory(engine, 1)[0], trajectories[0][0])
 
 
-def kept_and_read(state):
-    """A state after a way through safetensors and JSON."""
+def round_trip(state):
+    """A state written to and read from safetensors and JSON."""
     tensors = safetensors.torch.load(safetensors.torch.save(state.tensors))
     return SeedState(tensors, json.loads(json.dumps(state.scalars)))
 
@@ -131,7 +131,7 @@ def kept_and_read(state):
         ("td3", {}, 67),
         ("sac", {"environments": 2}, 61),
         ("ppo", {}, 80),
-        ("ppo", {"encoder": Doubling()}, 49),
+        ("ppo", {"encoder": TanhEncoder()}, 49),
         ("ppo", SCRIPTS["ppo"], 49),
         ("ddpg", {"stacked": True}, 30),
         ("ddpg", SCRIPTS["ddpg"], 60),
@@ -140,37 +140,40 @@ def kept_and_read(state):
         ("sac", {"ofe": MANY, "stacked": True}, 61),
     ],
 )
-def test_an_engine_goes_on_where_another_one_stopped(algo, options, stop):
+def test_a_restored_engine_continues_bit_for_bit(algo, options, stop):
     seeds = [0, 4]
     with engine_of(algo, seeds, **options) as engine:
-        whole = story(engine, 1, 2 * STEPS)
+        whole = trajectory(engine, 1, 2 * STEPS)
     with engine_of(algo, seeds, **options) as engine:
         for _ in engine.learn(STEPS):
             if engine.control_steps >= stop:
                 break
-        states = [kept_and_read(engine.state(place)) for place in range(2)]
+        states = [round_trip(engine.state(index)) for index in range(2)]
         rows, row = [], 0
         if isinstance(engine, OffPolicyEngine):
-            rows = [engine.replay_rows(place) for place in range(2)]
+            rows = [engine.replay_rows(index) for index in range(2)]
             row = engine.replay.row
     with engine_of(algo, [8, 9], **options) as other:
-        for place, its_rows in enumerate(rows):
-            other.restore_rows(place, its_rows, row)
+        for index, seed_rows in enumerate(rows):
+            other.restore_rows(index, seed_rows, row)
         other.restore(states)
-        rest = story(other, 1, 2 * STEPS)
+        rest = trajectory(other, 1, 2 * STEPS)
     done = len(whole[0]) - len(rest[0])
     assert 0 < done < len(whole[0])
     assert_same((whole[0][done:], whole[1][done:], whole[2][done:], *whole[3:]), rest)
 
 
-def test_seeds_that_are_not_equally_far_do_not_go_on_together():
+def test_seeds_with_different_step_counts_are_not_restored_together():
     states = []
     with engine_of("ppo", [0]) as engine:
         for steps in (40, 80):
             for _ in engine.learn(steps):
                 pass
             states.append(engine.state(0))
-    with engine_of("ppo", [0, 1]) as engine, pytest.raises(ValueError, match="equally many"):
+    with (
+        engine_of("ppo", [0, 1]) as engine,
+        pytest.raises(ValueError, match="same number of control steps"),
+    ):
         engine.restore(states)
 
 
@@ -179,7 +182,7 @@ def always(robot):
 
 
 @pytest.mark.parametrize("augment", [None, 3])
-def test_robots_move_and_are_rewarded_as_in_the_gymnasium_environment(augment):
+def test_environments_equal_the_gymnasium_environment(augment):
     streams = [Streams(seed, 2) for seed in (3, 4)]
     actions = np.random.default_rng(0).uniform(-1, 1, (2 * LENGTH + 1, 2, 2))
     plain = [JitterbugEnv("move_to_pose", augment=augment) for _ in range(4)]
@@ -211,13 +214,13 @@ def test_robots_move_and_are_rewarded_as_in_the_gymnasium_environment(augment):
     assert environments.episodes == 2
 
 
-def test_each_episode_has_its_own_robot():
+def test_each_episode_can_have_its_own_robot():
     robots = [model.load(1), model.load(2)]
     with engine_of("ddpg", [0, 1], models=lambda episode: robots[min(episode, 1)]) as engine:
         for _ in engine.learn(LENGTH):
             pass
         actions = np.full((2, 1), 0.7)
-        state = [kept_and_read(engine.state(place)) for place in range(2)]
+        state = [round_trip(engine.state(index)) for index in range(2)]
         engine.environments.step(actions)
         seen = engine.environments.observations[:, 0]
     with Environments(
@@ -225,37 +228,37 @@ def test_each_episode_has_its_own_robot():
         [Streams(seed, 1).environments for seed in (0, 1)],
         models=always(robots[1]),
     ) as others:
-        for place, (tensors, _) in enumerate(state):
+        for index, (tensors, _) in enumerate(state):
             world = {
                 name.removeprefix("environments/"): tensor.numpy()
                 for name, tensor in tensors.items()
                 if name.startswith("environments/")
             }
-            others.restore(place, world, 1, 0)
+            others.restore(index, world, 1, 0)
         others.step(actions)
         assert torch.equal(others.observations[:, 0], seen)
 
 
-def test_an_evaluation_is_an_episode_of_the_policies_that_were_taken_out():
-    def worlds():
+def test_evaluate_equals_an_episode_of_the_extracted_policies():
+    def environments_of():
         generators = [Streams(seed, 3).environments for seed in (5, 6)]
         return Environments("face_direction", generators, episode_steps=LENGTH)
 
-    with engine_of("td3", [0, 1]) as engine, worlds() as one, worlds() as other:
+    with engine_of("td3", [0, 1]) as engine, environments_of() as one, environments_of() as other:
         for _ in engine.learn(50):
             pass
         returns = engine.evaluate(one)
-        policies = [engine.policy(place) for place in range(2)]
+        policies = [engine.policy(index) for index in range(2)]
         for _ in range(LENGTH):
             seen = other.observations.numpy()
-            actions = np.stack([policies[place].act(seen[place])[:, 0] for place in range(2)])
+            actions = np.stack([policies[index].act(seen[index])[:, 0] for index in range(2)])
             step = other.step(actions)
     np.testing.assert_allclose(returns, step.episode_returns, rtol=1e-4)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])
 @pytest.mark.parametrize(("steps", "starts"), [(95, 0), (100, 60), (120, 119)])
-def test_updates_come_when_the_oracle_s_do(algo, steps, starts):
+def test_update_counts_equal_the_oracle(algo, steps, starts):
     changes = {"learning_starts": starts, "hidden_layers": [4]}
     settings = settings_of(algo, **changes)
     env = DummyVecEnv([lambda: JitterbugEnv("face_direction")])
@@ -267,7 +270,7 @@ def test_updates_come_when_the_oracle_s_do(algo, steps, starts):
     assert (engine.updates, engine.control_steps) == (agent._n_updates, agent.num_timesteps)
 
 
-def test_the_script_s_td3_learns_first_when_learning_starts():
+def test_script_td3_first_updates_at_learning_starts():
     updates = {}
     for starts in (24, 23):
         # 6 updates after every 12 control steps.
@@ -281,7 +284,7 @@ def test_the_script_s_td3_learns_first_when_learning_starts():
 @pytest.mark.parametrize(
     ("environments", "changes", "updates"),
     [
-        # The first updates come with the first rollout's end after 16 control steps.
+        # The first updates follow the first rollout that ends after 16 control steps.
         (5, {}, 5 * (300 - 10) // 10),
         (10, {}, 5 * (300 - 10) // 10),
         (20, {}, 300 * 5 // 10),
@@ -302,8 +305,8 @@ def test_environments_that_cannot_share_updates_are_refused():
         engine_of("ddpg", [0], environments=3)
 
 
-class Given:
-    """A stream whose normal numbers are those that numpy's global generator will draw."""
+class GlobalNormals:
+    """A stream with the normal numbers that numpy's global generator draws next."""
 
     def __init__(self, count):
         np.random.seed(6)
@@ -316,10 +319,10 @@ class Given:
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3"])
-def test_noise_is_the_oracle_s(algo):
+def test_action_noise_equals_the_oracle(algo):
     settings = settings_of(algo)
     ours, theirs = ActionNoise(settings, 1, 1), sb3._noise(settings)
-    stream = Given(100)
+    stream = GlobalNormals(100)
     for number in range(100):
         np.testing.assert_allclose(ours.draw([stream])[0], theirs(), rtol=1e-6)
         if number == 60:
@@ -328,17 +331,17 @@ def test_noise_is_the_oracle_s(algo):
 
 
 def actions_of(engine, steps):
-    """The actions of some control steps of an engine's first environment."""
+    """The actions of an engine's first environment."""
     taken = []
     for _ in engine.learn(steps):
         taken.append(float(engine.replay.rows_since(0, 0)[0, -1, -2]))
     return taken
 
 
-def test_actions_before_learning_starts_are_uniform_or_the_policy_s():
+def test_actions_before_learning_starts_are_uniform_or_of_the_policy():
     changes = {"noise_sigma": 0.0, "noise_mean": 0.0, "learning_starts": 10_000}
     with engine_of("td3", [0], changes=changes) as engine:
-        # The standard deviation of U(-1, 1) is 0.577; a new policy's actions are all alike.
+        # The standard deviation of U(-1, 1) is 0.577; an untrained policy's actions are all alike.
         assert 0.5 < np.std(actions_of(engine, 240)) < 0.65
     with engine_of("ddpg", [0], changes=changes) as engine:
         observation = engine.environments.observations[0].numpy()
@@ -346,7 +349,7 @@ def test_actions_before_learning_starts_are_uniform_or_the_policy_s():
         assert taken == pytest.approx(float(engine.policy(0).act(observation)[0, 0]), abs=1e-6)
 
 
-def test_the_value_of_what_was_cut_off_counts_unless_the_time_limit_is_terminal():
+def test_ppo_bootstraps_at_the_time_limit_unless_it_is_terminal():
     rewards = {}
     for limit in ("bootstrap", "terminal"):
         with engine_of("ppo", [0], changes={"n_steps": 100}, time_limit=limit) as engine:
@@ -356,7 +359,7 @@ def test_the_value_of_what_was_cut_off_counts_unless_the_time_limit_is_terminal(
             rows = engine.state(0).tensors["loop/rollout"]
             rewards[limit] = rows[:, :, -1]
             learner = engine._team.each[0]
-    # The last observations of the episodes, which the robots have left behind.
+    # The last observations of the episodes; the engine's robots have been reset since.
     plain = [JitterbugEnv("face_direction") for _ in range(2)]
     for env, generator in zip(plain, Streams(0, 2).environments, strict=True):
         env.np_random = generator
@@ -379,26 +382,26 @@ def test_the_value_of_what_was_cut_off_counts_unless_the_time_limit_is_terminal(
         ("sac", {"ofe": MANY}),
     ],
 )
-@pytest.mark.parametrize("encoder", [None, Doubling()])
-def test_policies_that_are_taken_out_act_as_the_agents_do(algo, options, encoder):
+@pytest.mark.parametrize("encoder", [None, TanhEncoder()])
+def test_extracted_policies_act_like_the_agents(algo, options, encoder):
     with engine_of(algo, [0, 1, 2], encoder=encoder, **options) as engine:
         for _ in engine.learn(60):
             pass
         observations = np.random.default_rng(0).normal(size=(3, 8, 16)).astype(np.float32)
         actions = engine.act(observations)
-        policies = [engine.policy(place) for place in range(3)]
+        policies = [engine.policy(index) for index in range(3)]
     assert actions.shape == (3, 8, 1)
     assert abs(actions).max() <= 1
-    for place, policy in enumerate(policies):
+    for index, policy in enumerate(policies):
         files = policy.to_files()
-        kept = Policy.from_files(files["policy.safetensors"], files["policy.json"])
-        seen = torch.from_numpy(observations[place])
+        loaded = Policy.from_files(files["policy.safetensors"], files["policy.json"])
+        seen = torch.from_numpy(observations[index])
         seen = seen if encoder is None else encoder.encode(seen)
-        np.testing.assert_allclose(kept.act(seen.numpy()), actions[place], atol=2e-6)
+        np.testing.assert_allclose(loaded.act(seen.numpy()), actions[index], atol=2e-6)
     assert not np.array_equal(actions[0], actions[1])
 
 
-def test_the_acting_policy_is_the_newest():
+def test_actions_are_those_of_the_latest_policy():
     changes = {"noise_sigma": 0.0, "noise_mean": 0.0, "learning_starts": 0}
     with engine_of("ddpg", [0], changes=changes, stacked=True) as engine:
         observations = [engine.environments.observations[0, 0].clone()]
@@ -407,14 +410,14 @@ def test_the_acting_policy_is_the_newest():
             policies.append(engine.policy(0))
             observations.append(engine.environments.observations[0, 0].clone())
         actions = engine.replay_rows(0)[0, :, -2]
-    # Rollouts are of 10 steps, each followed by updates: step 11 acts by what step 10 led to.
+    # Updates follow every 10th step, so step 11 uses an updated policy.
     assert not np.array_equal(policies[9].weights[0], policies[10].weights[0])
     for step, policy in enumerate(policies):
-        wanted = policy.act(observations[step].numpy())
-        assert float(actions[step]) == pytest.approx(float(wanted[0]), abs=1e-6)
+        expected = policy.act(observations[step].numpy())
+        assert float(actions[step]) == pytest.approx(float(expected[0]), abs=1e-6)
 
 
-def test_wrong_requests_are_told_what_to_type():
+def test_invalid_options_have_an_error_with_the_alternatives():
     for option, sentence in (
         ({"device": "tpu"}, "Unknown device 'tpu'; choose auto, cpu or cuda."),
         ({"precision": "int8"}, "Unknown precision 'int8'; choose float32, tf32 or bfloat16."),
@@ -426,24 +429,24 @@ def test_wrong_requests_are_told_what_to_type():
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
 @pytest.mark.parametrize("stacked", [False, True])
-def test_a_checkpoint_of_one_device_s_layout_is_resumed_in_the_other_s(algo, stacked):
+def test_a_stacked_checkpoint_resumes_unstacked_and_vice_versa(algo, stacked):
     # A GPU computes all seeds in a stack, a CPU one after another.
     with engine_of(algo, [0, 4], stacked=stacked) as engine:
         for _ in engine.learn(80):
             if engine.control_steps >= 50:
                 break
-        states = [kept_and_read(engine.state(place)) for place in range(2)]
+        states = [round_trip(engine.state(index)) for index in range(2)]
         replay = getattr(engine, "replay", None)
-        rows = [] if replay is None else [engine.replay_rows(place) for place in range(2)]
+        rows = [] if replay is None else [engine.replay_rows(index) for index in range(2)]
         row = 0 if replay is None else replay.row
-        whole = story(engine, 1, 80)
+        whole = trajectory(engine, 1, 80)
     for state in states:
-        # Older versions kept the acting policy of a GPU beside the newest one.
+        # Checkpoints of older versions on a GPU have these extra tensors.
         state.tensors["loop/actor"] = torch.full((3,), np.nan)
         state.tensors["loop/losses"] = torch.full((2, 2), np.nan)
     with engine_of(algo, [8, 9], stacked=not stacked) as other:
-        for place, its_rows in enumerate(rows):
-            other.restore_rows(place, its_rows, row)
+        for index, seed_rows in enumerate(rows):
+            other.restore_rows(index, seed_rows, row)
         other.restore(states)
-        rest = story(other, 1, 80)
+        rest = trajectory(other, 1, 80)
     torch.testing.assert_close(rest[0], whole[0][-len(rest[0]) :], rtol=1e-4, atol=1e-4)

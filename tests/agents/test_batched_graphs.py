@@ -1,8 +1,7 @@
-"""What a GPU would record and repeat does the same again: as far as a CPU can tell.
+"""Functions recorded as CUDA graphs give the same results when replayed, emulated on a CPU.
 
-A CUDA graph repeats kernels on the addresses and with the numbers of the one call that was
-recorded. Here the operations of a call are recorded with the tensors and numbers that they were
-given, and repeated on the same tensors, without the code that made them.
+A CUDA graph replays kernels with the addresses and scalars of the recorded call. Here the torch
+operations of a call are recorded with their arguments and replayed on the same tensors.
 """
 
 import pytest
@@ -12,14 +11,21 @@ from torch.utils._pytree import tree_leaves
 
 from jbench.agents.batched.graphs import Captured
 from jbench.names import ALGORITHMS
-from tests.agents.test_batched_engine import LENGTH, SCRIPTS, STEPS, assert_same, engine_of, story
+from tests.agents.test_batched_engine import (
+    LENGTH,
+    SCRIPTS,
+    STEPS,
+    assert_same,
+    engine_of,
+    trajectory,
+)
 
-# What looks at numbers, or has outputs whose size depends on them, can't be recorded.
+# Operations that read values, or whose output size depends on them, can't be recorded.
 FORBIDDEN = ("_local_scalar_dense", "nonzero", "masked_select", "is_nonzero", "unique", "equal")
 
 
 class Recording(TorchDispatchMode):
-    """Writes down all operations on tensors."""
+    """Records all operations on tensors."""
 
     def __init__(self):
         super().__init__()
@@ -27,19 +33,19 @@ class Recording(TorchDispatchMode):
 
     def __torch_dispatch__(self, function, types, args=(), kwargs=None):
         name = function.__name__.split(".")[0]
-        assert name not in FORBIDDEN, f"{name} can't be a part of a CUDA graph"
+        assert name not in FORBIDDEN, f"{name} can't be part of a CUDA graph"
         result = function(*args, **(kwargs or {}))
         self.operations.append((function, args, kwargs or {}, result))
         return result
 
     def repeat(self):
-        """Does all of it again, in the same memory."""
+        """Replays the operations in the same memory."""
         for function, args, kwargs, before in self.operations:
             given = {part.data_ptr() for part in tensors_in((args, kwargs))}
             for old, new in zip(
                 tensors_in(before), tensors_in(function(*args, **kwargs)), strict=True
             ):
-                # A view, or what was written in place, is there already.
+                # Views and results of in-place operations need no copy.
                 if old.data_ptr() != new.data_ptr() and new.data_ptr() not in given:
                     old.copy_(new)
 
@@ -49,7 +55,7 @@ def tensors_in(tree):
 
 
 class Repeated(Captured):
-    """A function that is called twice by itself, and then only repeated."""
+    """A function that is called twice and then replayed."""
 
     repeats = 0
 
@@ -71,7 +77,7 @@ class Repeated(Captured):
 
 
 def repeating(engine):
-    """Lets the updates and the actions of an engine be repeated."""
+    """Replays the updates and the actions of an engine."""
     for updates in getattr(engine, "_groups", None) or engine._epochs:
         updates._update = Repeated(updates._update)
     engine._team._captured = Repeated(engine._team._captured)
@@ -88,12 +94,12 @@ def repeating(engine):
         ("sac", {"changes": {"gradient_steps": 4, "train_freq": 4, "target_update_interval": 3}}),
     ],
 )
-def test_repeating_what_was_recorded_does_the_same(algo, options):
+def test_replaying_a_recording_gives_the_same_results(algo, options):
     options = {"stacked": True, **options}
     with engine_of(algo, [0, 1], **options) as plain:
-        wanted = story(plain, 1)
+        expected = trajectory(plain, 1)
     before = Repeated.repeats
     with engine_of(algo, [0, 1], **options) as engine:
-        assert_same(story(repeating(engine), 1), wanted)
-    # Actions alone are asked for at every step, and given in rollouts of at most 20.
+        assert_same(trajectory(repeating(engine), 1), expected)
+    # Actions alone are evaluated at every step.
     assert Repeated.repeats - before > STEPS - LENGTH

@@ -1,4 +1,4 @@
-"""Gradients that are written out are those that autograd finds."""
+"""Hand-written gradients equal those of autograd."""
 
 import pytest
 import torch
@@ -8,18 +8,18 @@ from jbench.agents.batched.network import Network, affines, parameter_count
 from jbench.agents.batched.tensors import Tensors
 
 SIZES = [(5, 1), (5, 20, 1), (17, 24, 20, 1), (16, 9, 33, 16, 2)]
-# Every layer that the last input can join.
+# Each layer that the last input can join.
 JOINED = [(sizes, joins) for sizes in SIZES for joins in range(len(sizes) - 1)]
 
 
 def network_of(sizes, dtype=torch.float64, seeds=None, joins=0, **options):
     """A network with random parameters, of one seed or of a stack."""
     tensors = Tensors(seeds or 1, dtype)
-    part = tensors.all() if seeds else tensors.of(0)
+    view = tensors.stacked_view() if seeds else tensors.seed_view(0)
     count = parameter_count(sizes, joins)
-    values, gradient = part.keep("values", count), part.scratch("gradient", count)
+    values, gradient = view.saved("values", count), view.scratch("gradient", count)
     random = torch.Generator().manual_seed(0)
-    network = Network(part, sizes, values, gradient, workspace="workspace", joins=joins, **options)
+    network = Network(view, sizes, values, gradient, workspace="workspace", joins=joins, **options)
     for weight, bias in network.layers:
         for parameters in (weight, bias):
             nn.init.normal_(parameters, 0, 0.3, generator=random)
@@ -27,7 +27,7 @@ def network_of(sizes, dtype=torch.float64, seeds=None, joins=0, **options):
 
 
 def in_torch(network, inputs):
-    """The outputs for inputs that autograd follows, and the parameters as leaves."""
+    """Outputs computed by autograd, and the parameters as leaves."""
     leaves = [
         [parameters.clone().requires_grad_() for parameters in affine] for affine in network.layers
     ]
@@ -43,11 +43,11 @@ def in_torch(network, inputs):
 
 @pytest.mark.parametrize("seeds", [None, 3])
 @pytest.mark.parametrize(("sizes", "joins"), JOINED)
-def test_gradients_are_those_of_autograd(sizes, joins, seeds):
+def test_gradients_equal_autograd(sizes, joins, seeds):
     network = network_of(sizes, seeds=seeds, joins=joins)
-    lead = (seeds,) if seeds else ()
-    inputs = torch.randn(*lead, 30, sizes[0], dtype=torch.float64, requires_grad=True)
-    delta = torch.randn(*lead, 30, sizes[-1], dtype=torch.float64)
+    batch_shape = (seeds,) if seeds else ()
+    inputs = torch.randn(*batch_shape, 30, sizes[0], dtype=torch.float64, requires_grad=True)
+    delta = torch.randn(*batch_shape, 30, sizes[-1], dtype=torch.float64)
     outputs, leaves = in_torch(network, inputs)
     outputs.backward(delta)
     plain = inputs.detach()
@@ -75,7 +75,7 @@ def test_padding_stays_zero(joins):
     assert network.values.numel() > real
 
 
-def test_batches_of_another_size_use_other_memory():
+def test_each_batch_size_has_its_own_buffers():
     network = network_of((5, 20, 1))
     large, small = torch.randn(9, 5, dtype=torch.float64), torch.randn(2, 5, dtype=torch.float64)
     first = network.forward(large).clone()
@@ -83,7 +83,7 @@ def test_batches_of_another_size_use_other_memory():
     assert torch.equal(network.forward(large), first)
 
 
-def test_low_precision_is_that_of_bfloat16():
+def test_low_precision_rounds_to_bfloat16():
     exact = network_of((17, 64, 48, 1), torch.float32)
     rough = network_of((17, 64, 48, 1), torch.float32, low_precision=True)
     random = torch.Generator().manual_seed(1)
@@ -94,28 +94,28 @@ def test_low_precision_is_that_of_bfloat16():
         network.forward(inputs)
         network.backward(delta)
     error = (exact.gradient - rough.gradient).norm() / exact.gradient.norm()
-    # A few units change sides; 8 bits of each number are 0.4%.
+    # Rounding to 8 bits is 0.4%, and it switches a few ReLU units.
     assert 1e-5 < error < 0.05
 
 
 @pytest.mark.parametrize("rows", [1, 5, 31, 33, 100])
-def test_low_precision_gradients_of_some_rows_are_those_of_all(rows):
+def test_low_precision_gradients_of_selected_rows_equal_those_of_all_rows(rows):
     network = network_of((17, 64, 48, 1), torch.float32, low_precision=True)
     random = torch.Generator().manual_seed(1)
     inputs, delta = (torch.randn(100, size, generator=random) for size in (17, 1))
     network.forward(inputs)
-    every = network.action_gradient(delta)
-    chosen = torch.randperm(100, generator=random)[:rows]
-    found = network.action_gradient(delta[chosen], chosen)
-    torch.testing.assert_close(found, every[chosen], rtol=0.02, atol=1e-3)
+    expected = network.action_gradient(delta)
+    indices = torch.randperm(100, generator=random)[:rows]
+    gradient = network.action_gradient(delta[indices], indices)
+    torch.testing.assert_close(gradient, expected[indices], rtol=0.02, atol=1e-3)
 
 
-def test_low_precision_memory_does_not_grow_with_the_numbers_of_rows():
+def test_low_precision_buffers_do_not_grow_with_the_number_of_row_counts():
     network = network_of((17, 64, 48, 1), torch.float32, low_precision=True)
     network.forward(torch.randn(100, 17))
     for rows in range(1, 101):
         network.action_gradient(torch.randn(rows, 1), torch.arange(rows))
-    memory = network._part._tensors._scratch.values()
+    memory = network._view._tensors._scratch.values()
     rounded = {tensor.shape[0] for tensor in memory if tensor.dtype == torch.bfloat16}
-    # Multiples of 32 up to the batch's, the batch itself, and the units before the layer.
+    # Multiples of 32 up to the batch size, and the batch size itself.
     assert rounded <= {32, 64, 96, 128, 100}

@@ -1,4 +1,4 @@
-"""The replay buffer gives back the transitions that were put in, the last ones, all alike."""
+"""The replay buffer samples the last transitions uniformly."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def buffer_of(environments=1, capacity=20, flush_every=5):
 
 
 class Past:
-    """Robots whose every observation, action and reward is a number that never comes again."""
+    """Robots whose observations, actions and rewards are unique numbers."""
 
     def __init__(self, buffer, environments=1):
         self.buffer, self.shape = buffer, (SEEDS, environments)
@@ -34,12 +34,12 @@ class Past:
         )
 
     def step(self):
-        """Adds a transition, and begins the next episode where one ends."""
-        actions, rewards, following = self._new(), self._new(), self._new(SIZE)
-        self.buffer.add(actions, rewards, torch.from_numpy(following))
+        """Adds a transition, and starts the next episode where one ends."""
+        actions, rewards, next_observations = self._new(), self._new(), self._new(SIZE)
+        self.buffer.add(actions, rewards, torch.from_numpy(next_observations))
         last = len(self.transitions) % LENGTH == LENGTH - 1
-        self.transitions.append((self.observations, actions, rewards, following, last))
-        self.observations = self._new(SIZE) if last else following
+        self.transitions.append((self.observations, actions, rewards, next_observations, last))
+        self.observations = self._new(SIZE) if last else next_observations
         if last:
             self.buffer.begin(torch.from_numpy(self.observations))
 
@@ -51,73 +51,73 @@ class Past:
         self.buffer.flush()
 
 
-def drawn(buffer, seed, count=4000):
-    """Transitions drawn from a seed's buffer: (s, a, r, s', last) as tuples of numbers."""
-    draws = buffer.draw(np.random.default_rng(0), 2, count // 2)
+def sampled(buffer, seed, count=4000):
+    """Transitions (s, a, r, s', last) sampled from a seed's buffer, as tuples of numbers."""
+    draws = buffer.sample(np.random.default_rng(0), 2, count // 2)
     rows = buffer.rows_of(range(seed, seed + 1)).numpy()
-    found = np.concatenate(
+    samples = np.concatenate(
         [rows[draws.rows], rows[draws.next_rows][..., :SIZE], draws.last[..., None]], axis=-1
     )
-    return [tuple(each) for each in found.reshape(-1, 2 * SIZE + 3).tolist()]
+    return [tuple(each) for each in samples.reshape(-1, 2 * SIZE + 3).tolist()]
 
 
-def wanted(past, seed, capacity):
-    """The transitions that should be there."""
+def expected(past, seed, capacity):
+    """The transitions that the buffer should contain."""
     return {
         (
             *observations[seed, environment],
             actions[seed, environment],
             rewards[seed, environment],
-            *following[seed, environment],
+            *next_observations[seed, environment],
             float(last),
         )
-        for observations, actions, rewards, following, last in past.transitions[-capacity:]
+        for observations, actions, rewards, next_observations, last in past.transitions[-capacity:]
         for environment in range(past.shape[1])
     }
 
 
 @pytest.mark.parametrize("environments", [1, 3])
 @pytest.mark.parametrize("steps", [1, 6, 7, 8, 19, 20, 21, 22, 47, 150])
-def test_all_transitions_that_count_are_drawn_and_no_others(steps, environments):
+def test_exactly_the_last_transitions_are_sampled(steps, environments):
     buffer = buffer_of(environments, capacity=20 * environments)
     past = Past(buffer, environments)
     past.steps(steps)
     for seed in range(SEEDS):
-        assert set(drawn(buffer, seed)) == wanted(past, seed, 20)
+        assert set(sampled(buffer, seed)) == expected(past, seed, 20)
 
 
 def test_every_transition_is_equally_likely():
     buffer = buffer_of()
     Past(buffer).steps(33)
-    found = drawn(buffer, 0, 20_000)
-    counts = np.array([found.count(one) for one in set(found)])
+    samples = sampled(buffer, 0, 20_000)
+    counts = np.array([samples.count(one) for one in set(samples)])
     # 1000 of each are expected; the standard deviation is 31.
     assert len(counts) == 20
     assert abs(counts - 1000).max() < 4 * 31
 
 
-def test_what_was_not_flushed_is_not_drawn():
+def test_rows_are_sampled_only_after_flush():
     buffer = buffer_of()
     past = Past(buffer)
     past.steps(5)
     past.step()
-    assert len(set(drawn(buffer, 0))) == 5
+    assert len(set(sampled(buffer, 0))) == 5
     buffer.flush()
-    assert set(drawn(buffer, 0)) == wanted(past, 0, 20)
+    assert set(sampled(buffer, 0)) == expected(past, 0, 20)
 
 
 @pytest.mark.parametrize("steps", [0, 3, 7, 10, 20, 40, 41, 43])
-def test_a_buffer_goes_on_from_rows_that_were_appended(steps):
+def test_a_buffer_is_restored_from_appended_rows(steps):
     buffer = buffer_of(2, capacity=40)
     past = Past(buffer, 2)
-    kept, first = [[], []], 0
+    saved, first = [[], []], 0
     for steps_more in (4, 9, 7, steps):
         past.steps(steps_more)
         for seed in range(SEEDS):
-            kept[seed].append(buffer.rows_since(seed, first))
+            saved[seed].append(buffer.rows_since(seed, first))
         first = buffer.row
-    # The ring had lost older rows when they were asked for, but they were kept before.
-    rows = [torch.cat(parts, dim=1) for parts in kept]
+    # The ring has overwritten older rows, but they were saved before.
+    rows = [torch.cat(parts, dim=1) for parts in saved]
     other = buffer_of(2, capacity=40)
     for seed in range(SEEDS):
         other.restore(seed, rows[seed], buffer.row)
@@ -125,7 +125,7 @@ def test_a_buffer_goes_on_from_rows_that_were_appended(steps):
     past.buffer = other
     past.steps(3)
     for seed in range(SEEDS):
-        assert set(drawn(other, seed)) == wanted(past, seed, 20)
+        assert set(sampled(other, seed)) == expected(past, seed, 20)
 
 
 def test_a_million_transitions_of_ten_seeds_fit_into_two_gigabytes():

@@ -1,4 +1,4 @@
-"""The update rules do what stable-baselines3's do, number by number."""
+"""The update rules equal those of stable-baselines3."""
 
 import numpy as np
 import pytest
@@ -24,20 +24,20 @@ from tests.agents.batched_oracle import (
     transitions,
 )
 
-# The largest difference of any number after 1, 10 and 100 updates with a step of 1e-3. Numbers
-# are of the order of 0.1, so 1e-6 is what float32 rounds them to a few times over.
+# Bound of the difference of parameters after 1, 10 and 100 updates with a learning rate of 1e-3.
+# Parameters are of the order of 0.1, so 1e-6 is a few times the rounding of float32.
 PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
 PRECISIONS = pytest.mark.parametrize("dtype", PRECISION, ids=str)
 
 
 def mean_losses(learner, tensors):
-    """Returns the mean of each loss since the learner began to sum them."""
-    sums, counts = tensors.kept[LOSS_SUMS][0].unbind(dim=-1)
+    """The mean of each recorded loss."""
+    sums, counts = tensors.saved[LOSS_SUMS][0].unbind(dim=-1)
     return dict(zip(learner.losses, (sums / counts).tolist(), strict=True))
 
 
 def learn_beside(algo, agent, learner, tensors, settings, updates):
-    """Lets both learn from the same batches; yields after each update."""
+    """Updates both on the same batches; yields after each update."""
     dtype, data = tensors.dtype, transitions()
     fill(agent, data)
     for update in range(1, updates + 1):
@@ -51,7 +51,7 @@ def learn_beside(algo, agent, learner, tensors, settings, updates):
 
 @PRECISIONS
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])
-def test_off_policy_updates_are_those_of_the_oracle(algo, dtype, monkeypatch):
+def test_off_policy_updates_equal_the_oracle(algo, dtype, monkeypatch):
     settings = settings_of(algo)
     agent = oracle_of(algo, settings, dtype, monkeypatch)
     tensors, (learner,), _ = learners_of(algo, settings, dtype)
@@ -73,7 +73,7 @@ def test_off_policy_updates_are_those_of_the_oracle(algo, dtype, monkeypatch):
         ("sac", {"target_entropy": "auto", "tau": 1.0}),
     ],
 )
-def test_settings_change_updates_as_they_change_the_oracle_s(algo, changes, monkeypatch):
+def test_updates_with_other_settings_equal_the_oracle(algo, changes, monkeypatch):
     settings = settings_of(algo, **changes)
     agent = oracle_of(algo, settings, torch.float64, monkeypatch)
     tensors, (learner,), _ = learners_of(algo, settings, torch.float64)
@@ -83,7 +83,7 @@ def test_settings_change_updates_as_they_change_the_oracle_s(algo, changes, monk
     assert largest_difference(ours(algo, learner, tensors), theirs(algo, agent)) < 1e-10
 
 
-def test_sac_updates_its_targets_at_the_interval_of_each_call(monkeypatch):
+def test_sac_target_update_interval_counts_from_each_learning_phase(monkeypatch):
     settings = settings_of("sac", target_update_interval=3, gradient_steps=5)
     agent = oracle_of("sac", settings, torch.float64, monkeypatch)
     tensors, (learner,), _ = learners_of("sac", settings, torch.float64)
@@ -97,19 +97,19 @@ def test_sac_updates_its_targets_at_the_interval_of_each_call(monkeypatch):
     same_start("sac", agent, learner, tensors)
     data = transitions()
     fill(agent, data)
-    # Of one call with several updates, the oracle's random numbers follow each other.
+    # Only the first update of a call can be compared: the oracle draws its numbers in sequence.
     batch = next_batch(data, settings, 2, torch.float64, 1)
     first = {name: value.clone() for name, value in theirs("sac", agent).items()}
     agent.train(gradient_steps=1, batch_size=32)
     learner.update(batch, delayed=False)
     mine, their = ours("sac", learner, tensors), theirs("sac", agent)
     for name in mine:
-        wanted = first[name] if "target" in name else their[name]
-        torch.testing.assert_close(mine[name], wanted, rtol=0, atol=1e-10)
+        expected = first[name] if "target" in name else their[name]
+        torch.testing.assert_close(mine[name], expected, rtol=0, atol=1e-10)
 
 
 def rollout_of(agent, settings, data):
-    """Puts transitions into an agent's rollout buffer, and returns them as a rollout of ours."""
+    """Fills an agent's rollout buffer; returns the same transitions as our rollout."""
     buffer, random = agent.rollout_buffer, np.random.default_rng(5)
     shape = (settings.n_steps, settings.n_envs)
     buffer.reset()
@@ -124,12 +124,12 @@ def rollout_of(agent, settings, data):
     buffer.pos, buffer.full = shape[0], True
     ours_ = Rollout(1, shape[1], shape[0], SIZE)
     for step in range(shape[0]):
-        answers = np.stack(
+        outputs = np.stack(
             [buffer.actions[step, :, 0], buffer.log_probs[step], buffer.values[step]], axis=-1
         )
         ours_.add(
             torch.from_numpy(buffer.observations[step][None].copy()),
-            torch.from_numpy(answers[None]),
+            torch.from_numpy(outputs[None]),
             torch.from_numpy(buffer.rewards[step][None].copy()),
             bool(ends[step]),
         )
@@ -153,7 +153,7 @@ def rollout_of(agent, settings, data):
         (3, 40, {"ent_coef": 0.0, "clip_range": 0.05}),
     ],
 )
-def test_ppo_updates_are_those_of_the_oracle(epochs, batch_size, changes, dtype, monkeypatch):
+def test_ppo_updates_equal_the_oracle(epochs, batch_size, changes, dtype, monkeypatch):
     changes = {"n_envs": 2, "n_steps": 60, "n_epochs": epochs, "batch_size": batch_size} | changes
     settings = settings_of("ppo", **changes)
     agent = oracle_of("ppo", settings, dtype, monkeypatch)
@@ -174,53 +174,53 @@ def test_ppo_updates_are_those_of_the_oracle(epochs, batch_size, changes, dtype,
     assert mean_losses(learner, tensors) == pytest.approx(sb3.losses(agent), rel=1e-4, abs=1e-7)
 
 
-def test_advantages_are_those_of_the_oracle_to_the_last_bit(monkeypatch):
+def test_advantages_equal_the_oracle_bit_for_bit(monkeypatch):
     settings = settings_of("ppo", n_envs=2, n_steps=200, batch_size=100)
     agent = oracle_of("ppo", settings, torch.float32, monkeypatch)
     rollout = rollout_of(agent, settings, transitions())
     assert rollout.ends.any()
     buffer = agent.rollout_buffer
-    for column, wanted in ((-3, buffer.advantages), (-2, buffer.returns)):
-        np.testing.assert_array_equal(rollout.rows[0, :, :, column].numpy().T, wanted)
+    for column, expected in ((-3, buffer.advantages), (-2, buffer.returns)):
+        np.testing.assert_array_equal(rollout.rows[0, :, :, column].numpy().T, expected)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
-def test_agents_act_as_the_oracle_does(algo, monkeypatch):
+def test_actions_equal_the_oracle(algo, monkeypatch):
     settings = settings_of(algo, **({"n_envs": 1} if algo == "ppo" else {}))
     agent = oracle_of(algo, settings, torch.float64, monkeypatch)
     tensors, (learner,), _ = learners_of(algo, settings, torch.float64)
     same_start(algo, agent, learner, tensors)
     observations = torch.from_numpy(transitions()[0][:40]).double()
     acting = agent.policy if algo == "ppo" else agent.actor
-    wanted = acting._predict(observations, deterministic=True).detach()
-    torch.testing.assert_close(learner.act(observations), wanted.clamp(-1, 1))
+    expected = acting._predict(observations, deterministic=True).detach()
+    torch.testing.assert_close(learner.act(observations), expected.clamp(-1, 1))
     torch.manual_seed(4)
     noise = torch.empty(40, 1, dtype=torch.float64).normal_()
     torch.manual_seed(4)
     if algo == "ppo":
         with torch.no_grad():
-            wanted = torch.cat([part.view(40, 1) for part in agent.policy(observations)[::2]], 1)
+            expected = torch.cat([part.view(40, 1) for part in agent.policy(observations)[::2]], 1)
             value = agent.policy.predict_values(observations)
-        torch.testing.assert_close(learner.explore(observations, noise)[:, :2], wanted)
+        torch.testing.assert_close(learner.explore(observations, noise)[:, :2], expected)
         torch.testing.assert_close(learner.explore(observations, noise)[:, 2:], value)
     else:
-        wanted = agent.actor._predict(observations, deterministic=False).detach()
-        torch.testing.assert_close(learner.explore(observations, noise), wanted)
+        expected = agent.actor._predict(observations, deterministic=False).detach()
+        torch.testing.assert_close(learner.explore(observations, noise), expected)
 
 
 @pytest.mark.parametrize(
     ("algo", "changes"),
     [*((algo, {}) for algo in ("ddpg", "td3", "sac", "ppo")), *SCRIPT.items()],
 )
-def test_a_stack_learns_what_each_seed_learns_alone(algo, changes):
+def test_stacked_updates_equal_those_of_each_seed_alone(algo, changes):
     settings = settings_of(algo, **changes)
     (alone, each, _), (together, _, stack) = (
         learners_of(algo, settings, torch.float64, seeds=3) for _ in range(2)
     )
     for seed, learner in enumerate(each):
         learner.initialize(torch.Generator().manual_seed(seed))
-    for name, kept in alone.kept.items():
-        together.kept[name].copy_(kept)
+    for name, saved in alone.saved.items():
+        together.saved[name].copy_(saved)
     random = torch.Generator().manual_seed(1)
 
     def numbers(width):
@@ -238,12 +238,12 @@ def test_a_stack_learns_what_each_seed_learns_alone(algo, changes):
         for seed, learner in enumerate(each):
             learner.update(Batch(*(part[seed].clone() for part in parts)), delayed)
         stack.update(Batch(*parts), delayed)
-    for name, kept in alone.kept.items():
-        torch.testing.assert_close(together.kept[name], kept, rtol=0, atol=1e-10)
+    for name, saved in alone.saved.items():
+        torch.testing.assert_close(together.saved[name], saved, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
-def test_first_weights_are_drawn_as_the_oracle_s(algo, monkeypatch):
+def test_initial_weights_are_distributed_like_the_oracle(algo, monkeypatch):
     settings = settings_of(algo, hidden_layers=[200, 100])
     agent = oracle_of(algo, settings, torch.float32, monkeypatch)
     tensors, (learner,), _ = learners_of(algo, settings)

@@ -1,4 +1,4 @@
-"""The update rules agree with plain autograd versions, in the settings that only they have."""
+"""The update rules equal plain autograd versions, also with settings that the oracle lacks."""
 
 import math
 
@@ -13,6 +13,8 @@ from jbench.settings.algorithms import SCRIPT, algorithm_settings
 from tests.agents.batched_oracle import SIZE, learners_of, settings_of
 from tests.agents.plain_ddpg import PlainDDPG
 from tests.agents.plain_ppo import PlainPPO
+from tests.agents.plain_sac import PlainSAC
+from tests.agents.plain_td3 import PlainTD3
 
 UPDATES = 50
 
@@ -22,20 +24,26 @@ def linear_layers(network):
 
 
 def ppo_layers(learner, plain):
-    """Each layer of PPO as the learner has it, and as the plain version has it."""
+    """Pairs of layers of the learner and of the plain version."""
     (*policy, mean), (*value, last) = learner.actor.layers, learner.critic.layers
     yield from zip(policy, linear_layers(plain.policy_layers), strict=True)
     yield from zip(value, linear_layers(plain.value_layers), strict=True)
-    # A network that policy and value share has both outputs.
+    # A network shared by policy and value has both outputs.
     yield Affine(mean.weight[:, :1], mean.bias[:1]), plain.mean
     yield Affine(last.weight[:, -1:], last.bias[-1:]), plain.value
 
 
+def layers_of(learner, plain, names):
+    """Pairs of layers of the learner's networks and of the plain version's."""
+    for name in names:
+        networks = getattr(learner, name)
+        networks = networks if isinstance(networks, list) else [networks]
+        layers = [layer for network in networks for layer in network.layers]
+        yield from zip(layers, linear_layers(getattr(plain, name)), strict=True)
+
+
 def ddpg_layers(learner, plain):
-    """Each layer of DDPG as the learner has it, and as the plain version has it."""
-    for name in ("actor", "critic", "actor_target", "critic_target"):
-        network = getattr(learner, name)
-        yield from zip(network.layers, linear_layers(getattr(plain, name)), strict=True)
+    return layers_of(learner, plain, ["actor", "critic", "actor_target", "critic_target"])
 
 
 def start_alike(layers):
@@ -51,7 +59,7 @@ def assert_alike(layers):
 
 
 def minibatch(learner, random, rows=40):
-    """Transitions whose old values are near enough to the present ones for some to be clipped."""
+    """Transitions with old values near the current ones, so that some are clipped."""
 
     def normal(width=1):
         return torch.randn(rows, width, generator=random, dtype=torch.float64)
@@ -73,7 +81,7 @@ PPO_CHANGES = {
 
 
 @pytest.mark.parametrize("changes", PPO_CHANGES.values(), ids=PPO_CHANGES)
-def test_ppo_updates_are_those_of_autograd(changes):
+def test_ppo_updates_equal_autograd(changes):
     settings = settings_of("ppo", **changes)
     _, (learner,), _ = learners_of("ppo", settings, torch.float64)
     learner.initialize(torch.Generator().manual_seed(1))
@@ -97,16 +105,16 @@ DDPG_CHANGES = {
 }
 
 
-def transitions(random, rows=30):
+def transitions(random, rows=30, noise=0):
     def normal(width):
         return torch.randn(rows, width, generator=random, dtype=torch.float64)
 
-    return Batch(normal(SIZE + 2), normal(SIZE + 2), 0.99 + 0 * normal(1), normal(0))
+    return Batch(normal(SIZE + 2), normal(SIZE + 2), 0.99 + 0 * normal(1), normal(noise))
 
 
 @pytest.mark.parametrize("changes", DDPG_CHANGES.values(), ids=DDPG_CHANGES)
-def test_ddpg_updates_are_those_of_autograd(changes):
-    # A target that follows fast makes every network matter within some updates.
+def test_ddpg_updates_equal_autograd(changes):
+    # With a large tau every network matters within a few updates.
     settings = settings_of("ddpg", tau=0.1, **changes)
     _, (learner,), _ = learners_of("ddpg", settings, torch.float64)
     learner.initialize(torch.Generator().manual_seed(1))
@@ -118,6 +126,37 @@ def test_ddpg_updates_are_those_of_autograd(changes):
         plain.update(batch)
         learner.update(batch)
     assert_alike(ddpg_layers(learner, plain))
+
+
+def test_td3_updates_equal_autograd():
+    settings = settings_of("td3", tau=0.1)
+    _, (learner,), _ = learners_of("td3", settings, torch.float64)
+    learner.initialize(torch.Generator().manual_seed(1))
+    plain, random = PlainTD3(settings, SIZE), torch.Generator().manual_seed(2)
+    names = ["actor", "critics", "actor_target", "critic_targets"]
+    start_alike(layers_of(learner, plain, names))
+    for number in range(1, UPDATES + 1):
+        batch, delayed = transitions(random, noise=1), number % settings.policy_delay == 0
+        plain.update(batch, delayed)
+        learner.update(batch, delayed)
+    assert_alike(layers_of(learner, plain, names))
+
+
+def test_sac_updates_equal_autograd():
+    settings = settings_of("sac", tau=0.1)
+    _, (learner,), _ = learners_of("sac", settings, torch.float64)
+    learner.initialize(torch.Generator().manual_seed(1))
+    plain, random = PlainSAC(settings, SIZE), torch.Generator().manual_seed(2)
+    names = ["actor", "critics", "critic_targets"]
+    start_alike(layers_of(learner, plain, names))
+    for _ in range(UPDATES):
+        batch = transitions(random, noise=2)
+        plain.update(batch)
+        learner.update(batch)
+    assert_alike(layers_of(learner, plain, names))
+    torch.testing.assert_close(
+        learner.log_temperature, plain.log_temperature.data, rtol=0, atol=1e-10
+    )
 
 
 def first_layers(algo, **changes):
@@ -133,7 +172,7 @@ def assert_uniform(weight, bound):
     assert weight.std().item() == pytest.approx(bound / math.sqrt(3), rel=0.1)
 
 
-def test_the_script_s_ddpg_begins_with_a_policy_near_zero():
+def test_script_ddpg_starts_with_a_policy_near_zero():
     learner = first_layers("ddpg", **SCRIPT["ddpg"])
     assert [tuple(weight.shape) for weight, _ in learner.critic.layers] == [
         (16, 200),
@@ -147,12 +186,12 @@ def test_the_script_s_ddpg_begins_with_a_policy_near_zero():
         assert_uniform(last.weight, 3e-3)
         assert not any(bias.any() for _, bias in network.layers)
     assert torch.equal(learner.critic_target.values, learner.critic.values)
-    # 100 units of at most a few, times 0.003: far from the 0.1 to 0.3 of the usual first weights.
+    # The usual initial weights give actions of 0.1 to 0.3.
     observations = torch.randn(50, SIZE, generator=torch.Generator().manual_seed(1))
     assert learner.act(observations).abs().max() < 0.05
 
 
-def test_last_layers_are_drawn_within_a_bound_of_their_own():
+def test_last_layer_bound_limits_the_last_layer_only():
     learner = first_layers("ddpg", last_layer_bound=0.01)
     for network in (learner.actor, learner.critic):
         *_, hidden, last = network.layers
@@ -161,7 +200,7 @@ def test_last_layers_are_drawn_within_a_bound_of_their_own():
         assert 0 < last.bias.abs() <= 0.01
 
 
-def test_td3_draws_its_first_weights_as_glorot_did():
+def test_td3_glorot_initialization():
     learner = first_layers("td3", initialization="glorot")
     for network in (learner.actor, *learner.critics):
         for weight, bias in network.layers:
@@ -169,7 +208,7 @@ def test_td3_draws_its_first_weights_as_glorot_did():
             assert not bias.any()
 
 
-def test_layers_shared_by_policy_and_value_begin_orthogonal():
+def test_shared_layers_start_orthogonal():
     learner = first_layers("ppo", shared_layers=True)
     assert learner.actor is learner.critic
     *hidden, last = (weight for weight, _ in learner.actor.layers)

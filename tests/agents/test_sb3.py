@@ -1,4 +1,4 @@
-"""Agents of stable-baselines3 built by jbench have exactly the settings asked for."""
+"""stable-baselines3 agents built by jbench have exactly the requested settings."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ OFF_POLICY = ("ddpg", "sac", "td3")
 
 
 def build(algo, **overrides):
-    # Memory for a million transitions is asked of the system, but not touched.
+    # The replay buffer of a million transitions is allocated lazily.
     settings = algorithm_settings(algo, overrides=overrides)
     environments = getattr(settings, "n_envs", 1)
     env = DummyVecEnv([lambda: JitterbugEnv("face_direction")] * environments)
@@ -99,26 +99,26 @@ def test_ddpg_acts_by_its_policy_before_learning_starts():
     np.testing.assert_array_equal(action, agent.predict(agent._last_obs, deterministic=True)[0])
 
 
-def test_td3_draws_uniformly_before_learning_starts():
+def test_td3_acts_uniformly_before_learning_starts():
     agent = build("td3", noise_sigma=0.0)
     agent._setup_learn(1000)
-    drawn = [agent._sample_action(10_000, agent.action_noise, 1)[0] for _ in range(200)]
+    actions = [agent._sample_action(10_000, agent.action_noise, 1)[0] for _ in range(200)]
     # The standard deviation of U(-1, 1) is 0.577; a policy would give one action.
-    assert 0.5 < np.std(drawn) < 0.65
+    assert 0.5 < np.std(actions) < 0.65
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_the_kept_policy_acts_as_the_agent_does(algo):
+def test_the_saved_policy_acts_like_the_agent(algo):
     agent = build(algo, hidden_layers=[24, 16])
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
-    wanted, _ = agent.predict(observations, deterministic=True)
+    expected, _ = agent.predict(observations, deterministic=True)
     files = sb3.policy(agent).to_files()
     policy = Policy.from_files(files["policy.safetensors"], files["policy.json"])
-    np.testing.assert_allclose(policy.act(observations), wanted, atol=2e-6)
-    np.testing.assert_allclose(policy.act(observations[3]), wanted[3], atol=2e-6)
+    np.testing.assert_allclose(policy.act(observations), expected, atol=2e-6)
+    np.testing.assert_allclose(policy.act(observations[3]), expected[3], atol=2e-6)
 
 
-def test_a_kept_policy_is_a_copy():
+def test_a_saved_policy_is_a_copy():
     agent = build("td3", hidden_layers=[4])
     policy = sb3.policy(agent)
     before = policy.weights[0].copy()
@@ -138,7 +138,7 @@ def test_a_kept_policy_is_a_copy():
         (None, b"{"),
     ],
 )
-def test_what_is_no_policy_is_refused(weights, description):
+def test_invalid_policy_files_are_refused(weights, description):
     files = sb3.policy(build("td3", hidden_layers=[4])).to_files()
     with pytest.raises(ValueError, match=r"policy|Expecting"):
         Policy.from_files(weights or files["policy.safetensors"], description)

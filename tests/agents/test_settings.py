@@ -78,7 +78,7 @@ def test_the_defaults_are_the_published_settings_and_nothing_else(algo):
     assert algorithm_settings(algo).model_dump() == PUBLISHED[algo]
 
 
-# What the authors' script does differently: its own numbers, and the source of stable-baselines 2.
+# Differences of the authors' script, from the script and the source of stable-baselines 2.
 SCRIPT = {
     "ddpg": {
         "initialization": "glorot",  # tf.layers.dense
@@ -100,10 +100,9 @@ SCRIPT = {
 
 
 @pytest.mark.parametrize("algo", SCRIPT)
-def test_script_settings_are_the_published_ones_but_for_the_table(algo):
+def test_script_settings_differ_from_the_published_ones_by_this_table(algo):
     settings = algorithm_settings(algo, "script")
     assert settings.model_dump() == {**PUBLISHED[algo], **SCRIPT[algo]}
-    # They are ordinary settings.
     assert algorithm_settings(algo, overrides=SCRIPT[algo]) == settings
 
 
@@ -125,7 +124,7 @@ def test_an_override_replaces_a_script_setting():
 
 
 def shipped_runs():
-    """The settings of every run that is shipped, by its id."""
+    """Ids and settings of the shipped runs."""
     runs = resources.files("jbench") / "reference" / "runs"
     for task in runs.iterdir():
         for algo in task.iterdir():
@@ -135,7 +134,7 @@ def shipped_runs():
                     yield f"{task.name}/{algo.name}/{representation.name}/{run.name}", settings
 
 
-def test_the_ids_of_runs_that_were_made_before_a_setting_existed_stay():
+def test_new_settings_do_not_change_ids_of_older_runs():
     shipped = dict(shipped_runs())
     assert len(shipped) > 20
     for id, settings in shipped.items():
@@ -145,7 +144,7 @@ def test_the_ids_of_runs_that_were_made_before_a_setting_existed_stay():
 
 
 @pytest.mark.parametrize("algo", SCRIPT)
-def test_script_settings_are_kept_in_a_run_and_read_again(algo):
+def test_script_settings_survive_a_round_trip_through_run_settings(algo):
     chosen = algorithm_settings(algo, "script")
     run = {
         "task": "face_direction",
@@ -163,7 +162,7 @@ def test_script_settings_are_kept_in_a_run_and_read_again(algo):
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_every_setting_says_what_it_is_or_where_it_comes_from(algo):
+def test_every_setting_has_a_description(algo):
     fields = SETTINGS[algo].model_fields
     silent = [name for name, field in fields.items() if not field.description]
     # The noise of DDPG changes values whose meaning the shared class states.
@@ -232,13 +231,13 @@ def test_a_wrong_override_is_refused_by_name(assignment, says):
         algorithm_settings("ddpg", overrides=parse_overrides([assignment]))
 
 
-def test_an_action_that_has_no_layer_to_join_is_refused():
+def test_an_action_layer_needs_hidden_layers():
     with pytest.raises(RequestError, match="action_layer=1 needs a critic with hidden layers"):
         algorithm_settings("ddpg", overrides={"action_layer": 1, "hidden_layers": []})
 
 
 @pytest.mark.parametrize("assignment", ["tau", "=0.1", "tau 0.1"])
-def test_an_override_of_another_form_is_refused(assignment):
+def test_a_malformed_override_is_refused(assignment):
     with pytest.raises(RequestError, match="NAME=VALUE"):
         parse_overrides([assignment])
 

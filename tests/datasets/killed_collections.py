@@ -3,7 +3,7 @@
     python killed_collections.py DIRECTORY KILLS
 
 Prints a JSON document: how many episodes were committed at each kill, and the places of the
-collections that were finished in the end, after one that nobody interrupted.
+collections that were finished in the end, after an uninterrupted one.
 """
 
 import importlib
@@ -50,8 +50,8 @@ def finished(process: int) -> bool:
 
 def kill(process: int, place: Path, moments: random.Random) -> None:
     """Kills it at a random moment: after so many files more than there are, and a little later."""
-    wanted = files(place) + moments.randrange(7)
-    while files(place) < wanted and not has_ended(process):
+    expected = files(place) + moments.randrange(7)
+    while files(place) < expected and not has_ended(process):
         time.sleep(0.001)
     time.sleep(moments.uniform(0, 0.03))
     os.kill(process, signal.SIGKILL)
@@ -75,12 +75,12 @@ def check(place: Path) -> int:
     return record.rows("dataset_episodes")
 
 
-def main(root: Path, wanted: int) -> None:
+def main(root: Path, expected: int) -> None:
     places = [root / "whole"]
     assert finished(begin(places[0], 1))
     moments = random.Random(0)
     committed: list[int] = []
-    while len(committed) < wanted:
+    while len(committed) < expected:
         places.append(root / f"killed-{len(places)}")
         while True:
             process = begin(places[-1], moments.choice([1, 2, 3]))

@@ -49,7 +49,7 @@ def kept_state(record):
     return layout.state_of(record.read("steps", schema.STEPS), EPISODE_STEPS)
 
 
-def test_a_plain_dataset_keeps_the_id_it_had_before_there_were_other_robots(plain):
+def test_the_id_of_a_plain_dataset_is_unchanged_by_the_augment_setting(plain):
     # The documented example, and the JSON of which the hash is one.
     assert DatasetSettings(steps=100_000).id == "random/s00-d4a8116b"
     kept = {"policy": "random", "robot": "jitterbug", "seed": SEED, "steps": 2000}
@@ -78,7 +78,7 @@ def test_actions_and_targets_are_those_of_the_plain_robot_and_states_are_not(pla
     assert (apart > 1e-4).all()
 
 
-def test_it_is_a_simulation_of_that_robot(augmented):
+def test_states_are_a_simulation_of_the_augmented_robot(augmented):
     expected, actions = resimulated(model.load(AUGMENT), 2)
     found = kept_state(augmented)
     for name in ("position", "velocity", "motor_velocity", "torso_velocity"):
@@ -94,7 +94,7 @@ def test_it_is_a_simulation_of_that_robot(augmented):
     np.testing.assert_allclose(block.rewards, rewards, atol=1e-5)
 
 
-def test_a_seed_that_makes_no_robot_is_refused_in_a_sentence(tmp_path, capsys):
+def test_a_seed_without_a_robot_is_refused(tmp_path, capsys):
     results = tmp_path / "results"
     command = ["collect", "--steps", "1000", "--augment", "-1", "--results", str(results)]
     assert cli.main(command) == 2
@@ -106,7 +106,7 @@ def test_a_seed_that_makes_no_robot_is_refused_in_a_sentence(tmp_path, capsys):
     assert not results.exists()
 
 
-def test_the_command_line_collects_with_the_robot_that_it_was_asked_for(tmp_path, augmented):
+def test_the_command_line_collects_with_the_requested_robot(tmp_path, augmented):
     command = ["collect", "--steps", "2000", "--seed", str(SEED), "--augment", str(AUGMENT)]
     assert cli.main([*command, "--results", str(tmp_path)]) == 0
     (record,), _ = Results(tmp_path).scan("dataset")

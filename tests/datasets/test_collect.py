@@ -51,7 +51,7 @@ def checksums(record):
         ({"step": 1000}, "Extra inputs are not permitted"),
     ],
 )
-def test_settings_that_make_no_dataset_are_refused(settings, said):
+def test_invalid_settings_are_refused(settings, said):
     with pytest.raises(ValidationError, match=said):
         DatasetSettings(**settings)
 
@@ -69,7 +69,7 @@ def test_id_is_made_of_the_settings():
     assert DatasetSettings(seed=7, steps=2000).id == f"random/s07-{digest[:8]}"
 
 
-def test_neither_threads_nor_the_length_change_a_byte(tmp_path, six_episodes, collect_in_files_of):
+def test_bytes_do_not_depend_on_threads_or_length(tmp_path, six_episodes, collect_in_files_of):
     for threads in (1, 3):
         shorter = collect_in_files_of(2, tmp_path / str(threads), 4000, threads=threads)
         assert len(checksums(shorter)) == 2 * 2  # states and targets of twice two episodes
@@ -77,7 +77,7 @@ def test_neither_threads_nor_the_length_change_a_byte(tmp_path, six_episodes, co
         assert shorter.rows("steps") == 4 * 1001
 
 
-def test_killed_and_collected_again_is_as_never_killed(tmp_path, collect_in_files_of):
+def test_killed_collection_resumes_to_the_same_bytes(tmp_path, collect_in_files_of):
     command = [sys.executable, "-c", COLLECTING, str(tmp_path / "killed")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         for steps in process.stdout:

@@ -84,17 +84,17 @@ def test_recorded_actions_lead_to_the_recorded_states(steps):
         if action is not None:
             data.ctrl[0] = action
             mujoco.mj_step(model, data, nstep=50)
-    wanted = np.array(seen)
-    wanted[:, -2] = np.angle(np.exp(1j * (wanted[:, -2] + math.pi / 2)))  # 0 is forward
+    expected = np.array(seen)
+    expected[:, -2] = np.angle(np.exp(1j * (expected[:, -2] + math.pi / 2)))  # 0 is forward
     for index, name in enumerate(COLUMNS):
         found = steps[name][5]
-        np.testing.assert_allclose(found, wanted[:, index], rtol=2e-7, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(found, expected[:, index], rtol=2e-7, atol=1e-9, err_msg=name)
 
 
 @EVERY_TASK
-def test_every_task_reads_what_its_environment_shows(task, dataset, steps):
-    wanted = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
-    episode = np.argmax(np.ptp(wanted[2], axis=1))  # with most to compare in its rewards
+def test_observations_and_rewards_equal_the_environment(task, dataset, steps):
+    expected = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
+    episode = np.argmax(np.ptp(expected[2], axis=1))  # with most to compare in its rewards
     env = JitterbugEnv(task)
     env._data, targets = drawn(env._model, episode)
     env._target = targets[task]
@@ -104,7 +104,7 @@ def test_every_task_reads_what_its_environment_shows(task, dataset, steps):
         observations.append(observation)
         rewards.append(reward)
     found = observations, steps["action"][episode, :-1], rewards
-    for ours, theirs in zip(wanted, found, strict=True):
+    for ours, theirs in zip(expected, found, strict=True):
         np.testing.assert_allclose(ours[episode], theirs, rtol=0, atol=1e-5)
     assert np.ptp(rewards) > 1e-3
 
@@ -119,7 +119,7 @@ def test_observations_are_those_before_each_action(task, dataset):
 
 
 @EVERY_TASK
-def test_targets_lie_where_the_task_draws_them(task, targets):
+def test_targets_lie_within_the_task_s_range(task, targets):
     x, y, yaw = targets[task].T
     radius = np.hypot(x, y)
     if task in ("move_to_position", "move_to_pose"):
@@ -138,9 +138,9 @@ def test_targets_lie_where_the_task_draws_them(task, targets):
 def test_targets_are_those_that_the_task_draws(task, targets):
     model = robot.load()
     for episode in range(6):
-        _, wanted = drawn(model, episode)
-        x, y, height = wanted[task].position
-        assert (x, y, wanted[task].yaw) == tuple(targets[task][episode])
+        _, expected = drawn(model, episode)
+        x, y, height = expected[task].position
+        assert (x, y, expected[task].yaw) == tuple(targets[task][episode])
         assert height == TARGET_HEIGHT
 
 
@@ -150,6 +150,6 @@ def test_episodes_begin_differently(steps):
     assert len(np.unique(steps["quaternion_w"][:, 0])) == 6
 
 
-def test_size_on_the_disk_is_below_twice_what_the_numbers_need(six_episodes):
+def test_size_on_disk_is_below_twice_the_size_of_the_arrays(six_episodes):
     numbers = 6 * 1001 * 19 * 4  # 18 of the state and the action, float32
     assert sum(entry.bytes for entry in six_episodes.manifest.files) < 2 * numbers

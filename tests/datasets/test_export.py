@@ -48,17 +48,17 @@ def files(path):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_minari_loads_what_the_task_sees(task, dataset, root):
+def test_minari_loads_observations_and_rewards_of_the_task(task, dataset, root):
     seen = []
     done = export_minari(dataset, task, root, seen.append)
     assert seen == [2, 4, 6]
     loaded = minari.load_dataset(minari_id(dataset, task))
     assert (loaded.id, loaded.total_episodes, loaded.total_steps) == (done.id, 6, 6000)
-    wanted = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
+    expected = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
     for number, episode in enumerate(loaded):
         assert episode.id == number
         found = episode.observations, episode.actions[:, 0], episode.rewards
-        for ours, theirs in zip(wanted, found, strict=True):
+        for ours, theirs in zip(expected, found, strict=True):
             assert theirs.dtype == np.float32
             np.testing.assert_array_equal(ours[number], theirs)
         assert not episode.terminations.any()
@@ -94,7 +94,7 @@ def test_an_augmented_robot_is_recovered_with_the_environment(tmp_path, root):
     assert gymnasium.spec("AugmentedJitterbug/FaceDirection-v0").kwargs["augment"] == 0
 
 
-def test_what_exists_is_not_overwritten(dataset, root):
+def test_existing_export_is_not_overwritten(dataset, root):
     export_minari(dataset, "face_direction", root)
     before = files(root)
     with pytest.raises(RequestError, match="exists already and is not overwritten; name another"):
@@ -102,14 +102,14 @@ def test_what_exists_is_not_overwritten(dataset, root):
     assert files(root) == before
 
 
-def test_a_place_that_is_a_file_is_refused(dataset, tmp_path):
+def test_a_target_in_a_file_is_refused(dataset, tmp_path):
     (tmp_path / "mine").write_text("mine")
     with pytest.raises(RequestError, match="is a file, or lies in one"):
         export_minari(dataset, "face_direction", tmp_path / "mine")
     assert (tmp_path / "mine").read_text() == "mine"
 
 
-def test_of_a_damaged_dataset_nothing_is_left(copied, root):
+def test_export_of_a_damaged_dataset_leaves_nothing(copied, root):
     damaged = find_dataset(Results(copied))
     part = damaged.record.path / damaged.record.parts("steps")[2].name
     part.write_bytes(part.read_bytes()[:-1])
@@ -119,7 +119,7 @@ def test_of_a_damaged_dataset_nothing_is_left(copied, root):
     assert minari.list_local_datasets() == {}
 
 
-def test_what_a_killed_export_left_is_written_anew(dataset, root):
+def test_a_killed_export_is_written_again(dataset, root):
     path = root / minari_id(dataset, "face_direction")
     left = path.with_name(f".writing-{path.name}") / "data"
     left.mkdir(parents=True)
@@ -133,7 +133,7 @@ def run(script, *arguments):
     return subprocess.run(command, capture_output=True, text=True, env={**os.environ})
 
 
-def test_without_room_it_is_said_and_nothing_is_left(copied, tmp_path):
+def test_a_full_disk_is_reported_and_leaves_nothing(copied, tmp_path):
     done = run(LIMIT + EXPORT, copied, tmp_path / "out")
     assert done.returncode == 1
     assert done.stderr.startswith(f"Error: {tmp_path / 'out'}")
@@ -144,7 +144,7 @@ def test_without_room_it_is_said_and_nothing_is_left(copied, tmp_path):
 
 
 @pytest.mark.parametrize("module", ["minari", "h5py"])
-def test_without_minari_the_sentence_says_what_to_install(module, copied, tmp_path):
+def test_without_minari_the_error_names_the_package(module, copied, tmp_path):
     # What is None here can't be imported: as if it were not installed.
     done = run(f"import sys; sys.modules[{module!r}] = None\n{EXPORT}", copied, tmp_path / "out")
     assert done.returncode == 2

@@ -49,7 +49,7 @@ def test_newest_finished_dataset_is_the_default(results):
     assert find_dataset(results, "random/a").id == "random/a"
 
 
-def test_a_dataset_of_an_augmented_robot_is_meant_by_its_id_alone(results):
+def test_a_dataset_of_an_augmented_robot_is_selected_only_by_id(results):
     add(results, "random/augmented", "2024", augment=3)
     assert "name one with --dataset: random/augmented." in refusal(results)
     add(results, "random/plain", "2021", augment=None)
@@ -57,19 +57,19 @@ def test_a_dataset_of_an_augmented_robot_is_meant_by_its_id_alone(results):
     assert find_dataset(results, "random/augmented").id == "random/augmented"
 
 
-def test_without_any_the_sentence_says_how_to_collect_one(results):
+def test_without_a_dataset_the_error_names_the_command(results):
     for id in (None, "random/a"):
         assert "run jbench collect first" in refusal(results, id)
     assert str(results.path) in refusal(results)
     assert "--steps 100000 makes a small one" in refusal(results)
 
 
-def test_unfinished_alone_is_as_none(results):
+def test_only_unfinished_datasets_is_an_error(results):
     add(results, "random/a", finished=False)
     assert refusal(results).startswith("No finished dataset")
 
 
-def test_unknown_id_is_answered_with_the_known_ones(results):
+def test_unknown_id_is_an_error_that_lists_the_known_ones(results):
     add(results, "random/a")
     add(results, "random/b")
     assert refusal(results, "random/c") == (
@@ -77,11 +77,11 @@ def test_unknown_id_is_answered_with_the_known_ones(results):
     )
 
 
-def test_unfinished_dataset_is_to_be_continued(results):
+def test_unfinished_dataset_is_refused_with_the_command_to_resume(results):
     add(results, "random/a", finished=False)
     assert refusal(results, "random/a") == (
-        "The dataset random/a is unfinished; type the jbench collect command that began it "
-        "again and it continues."
+        "The dataset random/a is unfinished; type the jbench collect command that started it "
+        "to resume it."
     )
 
 
@@ -92,12 +92,12 @@ def test_damaged_manifest_is_named_where_it_is_the_only_one(results):
     assert f"({path} is not a manifest" in refusal(results)
 
 
-def test_what_is_no_id_is_refused(results):
+def test_invalid_id_is_refused(results):
     assert "is not an id" in refusal(results, "../a")
 
 
 @pytest.mark.parametrize("table", ["steps", "dataset_episodes"])
-def test_flipped_byte_is_named(copied, table):
+def test_flipped_byte_is_reported(copied, table):
     entry = copied.record.parts(table)[1]
     path = copied.record.path / entry.name
     content = bytearray(path.read_bytes())
@@ -108,7 +108,7 @@ def test_flipped_byte_is_named(copied, table):
             read("face_direction")
 
 
-def test_damage_is_told_only_when_it_is_reached(copied):
+def test_damage_is_reported_when_its_file_is_read(copied):
     (copied.record.path / copied.record.parts("steps")[1].name).unlink()
     blocks = copied.blocks("move_to_pose")
     assert next(blocks).rewards.shape == (2, 1000)
@@ -117,7 +117,7 @@ def test_damage_is_told_only_when_it_is_reached(copied):
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
-def test_dataset_with_what_is_no_number_is_refused(results, number):
+def test_dataset_with_non_finite_values_is_refused(results, number):
     position = np.zeros((1, 1001, 7))
     position[0, 500, 2] = number
     zeros = np.zeros((1, 1001))

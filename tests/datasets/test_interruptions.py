@@ -1,4 +1,4 @@
-"""Killed at any moment, or stopped by a full disk, a collection goes on and ends up the same."""
+"""A collection that is killed or stopped by a full disk resumes to the same bytes."""
 
 import importlib
 import json
@@ -64,7 +64,7 @@ def uninterrupted(tmp_path_factory):
         return collect(SETTINGS, Results(tmp_path_factory.mktemp("uninterrupted")), 2)
 
 
-def test_killed_at_many_random_moments_it_is_the_dataset_that_nobody_killed(tmp_path):
+def test_killed_at_random_moments_the_dataset_has_the_same_bytes(tmp_path):
     script = Path(__file__).with_name("killed_collections.py")
     done = subprocess.run(
         [sys.executable, script, tmp_path, str(KILLS)], capture_output=True, text=True
@@ -85,7 +85,7 @@ def one_sentence(text):
     return line
 
 
-def test_a_limit_of_file_sizes_ends_it_and_without_it_it_goes_on(tmp_path, uninterrupted):
+def test_collection_resumes_after_a_file_size_limit(tmp_path, uninterrupted):
     command = [sys.executable, "-c", LIMITED + VERB, tmp_path, "10000"]
     stopped = subprocess.run(command, capture_output=True, text=True)
     assert stopped.returncode == 1
@@ -98,7 +98,7 @@ def test_a_limit_of_file_sizes_ends_it_and_without_it_it_goes_on(tmp_path, unint
     assert checksums(finished_dataset(tmp_path)) == checksums(uninterrupted)
 
 
-def test_a_full_disk_ends_it_and_with_more_room_it_goes_on(tmp_path, uninterrupted):
+def test_collection_resumes_after_a_full_disk(tmp_path, uninterrupted):
     tried = subprocess.run(
         [*IN_A_NAMESPACE, "mount", "-t", "tmpfs", "tmpfs", tmp_path], capture_output=True, text=True
     )

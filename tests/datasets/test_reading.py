@@ -109,7 +109,7 @@ ALTERATIONS = {
 
 
 @pytest.mark.parametrize("alteration", ALTERATIONS.values(), ids=ALTERATIONS)
-def test_what_can_not_be_is_refused_in_a_sentence(altered, tables, alteration):
+def test_invalid_rows_are_refused(altered, tables, alteration):
     table, column, row, value, said = alteration
     found = altered(**{table: with_value(tables[table], column, row, value)})
     for read in (lambda: list(found.blocks(TASK)), lambda: found.observations(TASK)):

@@ -13,7 +13,7 @@ import torch
 
 from jbench.encoders import find_encoder, load_encoder
 from jbench.encoders.kinds.ae import Autoencoder
-from jbench.encoders.saved import DESCRIPTION, WEIGHTS, KeptEncoder
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.scaling import Scaling
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.training import train_encoder
@@ -54,9 +54,9 @@ def put_in_place(record, name, content):
     alter_manifest(record, files=files)
 
 
-def refusal(results, wanted, task="face_direction"):
+def refusal(results, expected, task="face_direction"):
     with pytest.raises(RequestError) as error:
-        find_encoder(results, wanted, task)
+        find_encoder(results, expected, task)
     return str(error.value)
 
 
@@ -72,7 +72,7 @@ def results(tmp_path):
     return Results(tmp_path / "results")
 
 
-def test_number_means_the_newest_finished_autoencoder_of_that_size_and_task(results):
+def test_a_number_selects_the_newest_finished_dae_of_that_size_and_task(results):
     add(results, "face_direction/dae12/a", "2021")
     add(results, "face_direction/dae12/c", "2023")
     add(results, "face_direction/dae12/b", "2022")
@@ -85,14 +85,14 @@ def test_number_means_the_newest_finished_autoencoder_of_that_size_and_task(resu
     assert find_encoder(results, "12", "move_to_pose") == "move_to_pose/dae12/f"
 
 
-def test_encoders_of_augmented_robots_are_meant_by_their_ids_alone(results):
+def test_encoders_of_augmented_robots_are_selected_only_by_id(results):
     results.create("dataset", "random/x", {"augment": 3})
     add(results, "face_direction/dae12/a", "2021", dataset="random/plain")
     add(results, "face_direction/dae12/b", "2025", dataset="random/x")
     assert find_encoder(results, "12", "face_direction") == "face_direction/dae12/a"
 
 
-def test_kind_and_number_mean_the_newest_finished_encoder_of_both(results):
+def test_kind_and_number_select_the_newest_finished_encoder(results):
     add(results, "face_direction/lld-vae12/a", "2021", kind="lld-vae")
     add(results, "face_direction/lld-vae12/b", "2023", kind="lld-vae")
     add(results, "face_direction/lld-vae12/c", "2024", kind="lld-vae", finished=False)
@@ -115,7 +115,7 @@ def test_encoder_of_another_task_is_refused_with_the_command_to_type(trained):
     )
 
 
-def test_none_of_that_size_names_the_command_to_type(results):
+def test_a_missing_size_is_an_error_with_the_command_to_type(results):
     add(results, "face_direction/dae11/a", "2020", latents=11)
     assert refusal(results, "12") == (
         f"No dae of 12 latents for face_direction in {results.path}; type "
@@ -128,13 +128,13 @@ def test_none_of_that_size_names_the_command_to_type(results):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "task", "most"), [("0", "face_direction", 16), ("20", "move_to_pose", 19)]
+    ("expected", "task", "most"), [("0", "face_direction", 16), ("20", "move_to_pose", 19)]
 )
-def test_number_of_latents_that_cannot_be_is_refused_with_the_range(results, wanted, task, most):
-    assert f"An encoder of {task} has 1 to {most} latents" in refusal(results, wanted, task)
+def test_invalid_number_of_latents_is_refused_with_the_range(results, expected, task, most):
+    assert f"An encoder of {task} has 1 to {most} latents" in refusal(results, expected, task)
 
 
-def test_unknown_id_is_answered_with_the_known_ones(results):
+def test_unknown_id_is_an_error_that_lists_the_known_ones(results):
     assert "there is none yet: run jbench train-dae" in refusal(results, "face_direction/x")
     add(results, "face_direction/dae12/a", "2020")
     assert refusal(results, "face_direction/x") == (
@@ -142,18 +142,18 @@ def test_unknown_id_is_answered_with_the_known_ones(results):
     )
 
 
-@pytest.mark.parametrize("wanted", ["dae:0", "dae:17", "dae:", "dae:-1", "pca:1.5", "ae:x"])
-def test_kind_with_a_number_that_cannot_be_is_refused_with_the_range(results, wanted):
-    assert "An encoder of face_direction has 1 to 16 latents" in refusal(results, wanted)
+@pytest.mark.parametrize("expected", ["dae:0", "dae:17", "dae:", "dae:-1", "pca:1.5", "ae:x"])
+def test_kind_with_an_invalid_number_is_refused_with_the_range(results, expected):
+    assert "An encoder of face_direction has 1 to 16 latents" in refusal(results, expected)
 
 
-def test_unknown_kind_is_answered_with_the_known_ones(results):
+def test_unknown_kind_is_an_error_that_lists_the_known_ones(results):
     assert refusal(results, "aee:3").startswith("Unknown kind of encoder 'aee'; did you mean ae?")
 
 
-@pytest.mark.parametrize("wanted", ["-3", "../x", "/etc/passwd", ""])
-def test_what_is_neither_number_nor_id_is_refused(results, wanted):
-    assert "is not an id" in refusal(results, wanted)
+@pytest.mark.parametrize("expected", ["-3", "../x", "/etc/passwd", ""])
+def test_invalid_name_is_refused(results, expected):
+    assert "is not an id" in refusal(results, expected)
 
 
 def test_superscript_number_is_refused(results):
@@ -163,14 +163,14 @@ def test_superscript_number_is_refused(results):
 def test_unfinished_encoder_is_refused(results):
     add(results, "face_direction/dae12/a", "2020", finished=False)
     assert refusal(results, "face_direction/dae12/a") == (
-        "The encoder face_direction/dae12/a is unfinished; type the command that began it again "
-        "and it continues."
+        "The encoder face_direction/dae12/a is unfinished; type the command that started it "
+        "to resume it."
     )
 
 
 @pytest.mark.parametrize("name", [WEIGHTS, DESCRIPTION])
 @pytest.mark.parametrize("damage", [lambda c: c[:-1], lambda c: c[:-1] + bytes([c[-1] ^ 1])])
-def test_altered_file_is_named(copied, name, damage):
+def test_altered_file_is_reported(copied, name, damage):
     path = copied.path / name
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(WorkError, match=f"{name} of the encoder {copied.id} is damaged"):
@@ -205,7 +205,7 @@ FOREIGN_WEIGHTS = {
 
 
 @pytest.mark.parametrize("change", FOREIGN_WEIGHTS.values(), ids=FOREIGN_WEIGHTS)
-def test_weights_that_are_none_are_refused_though_their_checksum_is_right(copied, change):
+def test_invalid_weights_with_a_correct_checksum_are_refused(copied, change):
     put_in_place(copied, WEIGHTS, change(copied.read_file(WEIGHTS)))
     with pytest.raises(
         WorkError, match=f"The encoder {copied.id} can't be read .*; train it again"
@@ -234,7 +234,7 @@ FOREIGN_DESCRIPTIONS = {
 
 
 @pytest.mark.parametrize("change", FOREIGN_DESCRIPTIONS.values(), ids=FOREIGN_DESCRIPTIONS)
-def test_description_that_is_none_is_refused_though_its_checksum_is_right(copied, change):
+def test_invalid_description_with_a_correct_checksum_is_refused(copied, change):
     changed = change(json.loads(copied.read_file(DESCRIPTION)))
     content = changed if isinstance(changed, bytes) else json.dumps(changed).encode()
     put_in_place(copied, DESCRIPTION, content)
@@ -297,7 +297,7 @@ LATENTS = np.tanh(
 
 @pytest.fixture
 def by_hand():
-    return KeptEncoder(Autoencoder(), WEIGHTS_BY_HAND, Scaling.of(OBSERVATIONS), 2)
+    return SavedEncoder(Autoencoder(), WEIGHTS_BY_HAND, Scaling.of(OBSERVATIONS), 2)
 
 
 def test_encoder_is_its_kind_on_scaled_features(by_hand):
@@ -309,21 +309,21 @@ def test_encoder_is_its_kind_on_scaled_features(by_hand):
 
 @pytest.mark.parametrize("shape", [(3,), (1, 3), (4, 3), (2, 5, 3), (0, 3)])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_leading_axes_are_free_in_numpy_and_in_torch(by_hand, shape, dtype):
+def test_any_leading_axes_in_numpy_and_torch(by_hand, shape, dtype):
     batch = np.random.default_rng(0).uniform(-2, 6, shape).astype(np.float32)
     scaled = batch.reshape(-1, 3) * [0.5, 0, 0.5] + [-1, 0, -0.5]
     layer = WEIGHTS_BY_HAND["encoder.weight"].T, WEIGHTS_BY_HAND["encoder.bias"]
-    wanted = np.tanh(scaled @ layer[0] + layer[1]).reshape(*shape[:-1], 2)
+    expected = np.tanh(scaled @ layer[0] + layer[1]).reshape(*shape[:-1], 2)
     ours, theirs = by_hand.encode(batch), by_hand.encode(torch.from_numpy(batch).to(dtype))
     assert isinstance(ours, np.ndarray)
     assert isinstance(theirs, torch.Tensor)
     assert theirs.dtype == dtype
-    np.testing.assert_allclose(ours, wanted, atol=1e-6)
+    np.testing.assert_allclose(ours, expected, atol=1e-6)
     exact = 1e-7 if dtype == torch.float64 else 1e-6  # the weights are kept in float32
-    np.testing.assert_allclose(theirs.numpy(), wanted, atol=exact)
+    np.testing.assert_allclose(theirs.numpy(), expected, atol=exact)
 
 
-def test_constant_feature_says_nothing_whatever_it_becomes(by_hand):
+def test_constant_feature_has_no_influence(by_hand):
     changed = OBSERVATIONS + np.array([0, 100, 0], np.float32)
     np.testing.assert_array_equal(by_hand.encode(changed), by_hand.encode(OBSERVATIONS))
 
@@ -335,7 +335,7 @@ def test_constant_feature_says_nothing_whatever_it_becomes(by_hand):
         *("forward", "contrastive", "dmd", "random-features"),
     ],
 )
-def test_encoder_of_every_kind_is_kept_and_used_as_an_observation(trained, results, kind):
+def test_encoder_of_every_kind_is_saved_and_used_as_an_observation(trained, results, kind):
     options = {} if kind in ("pca", "random", "dmd", "random-features") else {"epochs": 1}
     settings = encoder_settings(kind, options, dataset=trained.dataset.id, latents=4, seed=2)
     record = train_encoder(settings, trained.states, results)

@@ -1,4 +1,4 @@
-"""The errors that are told: against what numpy makes of the same states."""
+"""The errors of encoders equal those computed by numpy on the same states."""
 
 import numpy as np
 import pytest
@@ -34,10 +34,10 @@ def judged(record, trained, data):
 
 @pytest.mark.parametrize("data", ["test", "heuristic"])
 @pytest.mark.parametrize("kind", ["dae", "ddae", "vae", "lld-vae", "pca", "random"])
-def test_errors_are_those_of_the_kept_encoder(trained, results, kind, data):
+def test_errors_equal_those_of_the_saved_encoder(trained, results, kind, data):
     record = train(trained.states, results, kind)
-    rebuilt, wanted = judged(record, trained, data)
-    mse, variance = np.mean((rebuilt - wanted) ** 2, axis=0), wanted.var(axis=0)
+    rebuilt, expected = judged(record, trained, data)
+    mse, variance = np.mean((rebuilt - expected) ** 2, axis=0), expected.var(axis=0)
     found = rows(record, "encoder_features")
     np.testing.assert_allclose(found[f"{data}_mse"], mse, rtol=1e-4, atol=1e-9)
     np.testing.assert_allclose(found[f"{data}_variance"], variance, rtol=1e-4, atol=1e-9)
@@ -46,17 +46,15 @@ def test_errors_are_those_of_the_kept_encoder(trained, results, kind, data):
 
 
 @pytest.mark.parametrize("latents", [1, 5, 16])
-def test_errors_beside_an_encoder_are_those_of_pca_and_random_of_its_size(
-    trained, results, latents
-):
+def test_baseline_errors_are_those_of_pca_and_random_of_the_same_size(trained, results, latents):
     beside = rows(train(trained.states, results, "ae", latents), "encoder_features")
     for kind in ("pca", "random"):
         own = rows(train(trained.states, results, kind, latents), "encoder_features")
-        for told, wanted in (
+        for reported, expected in (
             (f"{kind}_mse", "test_mse"),
             (f"{kind}_heuristic_mse", "heuristic_mse"),
         ):
-            np.testing.assert_allclose(beside[told], own[wanted], rtol=1e-3, atol=1e-9)
+            np.testing.assert_allclose(beside[reported], own[expected], rtol=1e-3, atol=1e-9)
 
 
 def test_pca_beats_a_random_projection_and_all_latents_lose_nothing(trained, results):
@@ -74,7 +72,7 @@ def test_pca_beats_a_random_projection_and_all_latents_lose_nothing(trained, res
 
 
 @pytest.mark.parametrize("task", ["face_direction", "move_to_pose"])
-def test_heuristics_episodes_are_of_its_policy_and_always_the_same(task):
+def test_heuristic_episodes_are_reproducible(task):
     observed, actions, rewards = heuristic_episodes(task, None)
     size = features.TASK_SPECS[task].observation_size
     assert (observed.shape, actions.shape) == ((10, 1001, size), (10, 1000))

@@ -50,7 +50,7 @@ def initial(kind, seed=4):
 
 
 @pytest.mark.parametrize("kind", LEARNED, ids=lambda kind: type(kind).__name__)
-def test_gradient_is_that_of_finite_differences(kind):
+def test_gradient_equals_finite_differences(kind):
     weights = {n: v.detach().double().requires_grad_() for n, v in initial(kind).items()}
     batch = Batch(*(None if part is None else part.double() for part in prepared(kind)))
 
@@ -61,15 +61,15 @@ def test_gradient_is_that_of_finite_differences(kind):
 
 
 @pytest.mark.parametrize("kind", LEARNED, ids=lambda kind: type(kind).__name__)
-def test_gradient_by_hand_is_autograds(kind):
+def test_hand_written_gradient_equals_autograd(kind):
     weights, batch = initial(kind), prepared(kind)
     before = [None if part is None else part.clone() for part in batch]
-    found, wanted = ({n: torch.empty_like(v) for n, v in weights.items()} for _ in range(2))
+    found, expected = ({n: torch.empty_like(v) for n, v in weights.items()} for _ in range(2))
     loss = kind.gradient(weights, found, batch)
-    reference = Learned.gradient(kind, weights, wanted, batch)
+    reference = Learned.gradient(kind, weights, expected, batch)
     assert loss.item() == pytest.approx(reference.item(), rel=1e-5)
     for name in weights:
-        torch.testing.assert_close(found[name], wanted[name], rtol=1e-4, atol=1e-7)
+        torch.testing.assert_close(found[name], expected[name], rtol=1e-4, atol=1e-7)
     # The batch is not used up: the same one gives the same again.
     for part, was in zip(batch, before, strict=True):
         assert part is was or torch.equal(part, was)
@@ -98,8 +98,8 @@ def test_autoencoder_is_two_tanh_layers_of_glorots_weights_without_biases():
     assert not weights["decoder.bias"].any()
     batch = rows_of(rows=5, size=16)
     rebuilt = Autoencoder().decode(weights, Autoencoder().encode(weights, batch))
-    wanted = np.tanh(np.tanh(batch.numpy() @ inner.T) @ outer.T)
-    np.testing.assert_allclose(rebuilt.numpy(), wanted, atol=1e-6)
+    expected = np.tanh(np.tanh(batch.numpy() @ inner.T) @ outer.T)
+    np.testing.assert_allclose(rebuilt.numpy(), expected, atol=1e-6)
 
 
 def test_glorots_matrix_is_uniform_to_its_limit():
@@ -109,7 +109,7 @@ def test_glorots_matrix_is_uniform_to_its_limit():
     assert drawn.std().item() == pytest.approx(limit / np.sqrt(3), rel=0.02)
 
 
-def test_noise_is_on_what_is_encoded_and_of_the_standard_deviation_asked_for():
+def test_noise_on_the_input_has_the_requested_standard_deviation():
     clean = rows_of(rows=20_000)
     batch = DenoisingAutoencoder(noise=0.3).prepare(Batch(clean, clean), LATENTS, generator())
     assert batch.later is clean
@@ -127,13 +127,13 @@ def test_autoencoder_has_no_noise():
     assert "noise" not in Autoencoder.model_fields
 
 
-def test_dynamic_autoencoder_looks_as_far_ahead_as_it_is_told():
+def test_dynamic_autoencoder_predicts_at_its_horizon():
     kind = DynamicDenoisingAutoencoder(horizon=7)
     assert (kind.steps_ahead, kind.decodes_later) == (7, True)
     weights, batch = initial(kind), prepared(kind)
     rebuilt = kind.decode(weights, kind.encode(weights, batch.now))
-    wanted = (rebuilt - rows_of(2)).square().mean()
-    assert kind.loss(weights, batch).item() == pytest.approx(wanted.item(), rel=1e-6)
+    expected = (rebuilt - rows_of(2)).square().mean()
+    assert kind.loss(weights, batch).item() == pytest.approx(expected.item(), rel=1e-6)
 
 
 def test_variational_loss_is_the_negative_bound_without_its_constant():
@@ -146,8 +146,8 @@ def test_variational_loss_is_the_negative_bound_without_its_constant():
     standard = Independent(Normal(torch.zeros_like(mean), torch.ones_like(mean)), 1)
     bound = likelihood - kl_divergence(Independent(Normal(mean, sd), 1), standard)
     constant = SIZE * (np.log(0.4) + np.log(2 * np.pi) / 2)
-    wanted = (-bound - constant).mean().item()
-    assert kind.loss(weights, batch).item() == pytest.approx(wanted, rel=1e-4)
+    expected = (-bound - constant).mean().item()
+    assert kind.loss(weights, batch).item() == pytest.approx(expected, rel=1e-4)
     assert torch.equal(kind.encode(weights, batch.now), mean)
 
 
@@ -158,7 +158,7 @@ def test_variational_noise_is_standard_normal():
     assert noise.std().item() == pytest.approx(1, rel=0.02)
 
 
-def test_foreseen_latents_are_as_far_from_the_next_as_torch_says():
+def test_divergence_of_predicted_latents_equals_torch():
     draw = generator(6)
     v, r, B, o, mean, later = (0.4 * torch.randn(ROWS, LATENTS, generator=draw) for _ in range(6))
     log_variance, later_log_variance = (
@@ -167,15 +167,15 @@ def test_foreseen_latents_are_as_far_from_the_next_as_torch_says():
     actions = torch.randn(ROWS, 1, generator=draw)
     dynamics = Transition(v, r, B, o)
     matrix = torch.eye(LATENTS) + v[:, :, None] * r[:, None, :]
-    foreseen = (matrix @ mean[:, :, None])[:, :, 0] + B * actions + o
-    torch.testing.assert_close(dynamics(mean, actions), foreseen)
+    predicted = (matrix @ mean[:, :, None])[:, :, 0] + B * actions + o
+    torch.testing.assert_close(dynamics(mean, actions), predicted)
     covariance = matrix @ torch.diag_embed(log_variance.exp()) @ matrix.mT
-    wanted = kl_divergence(
-        MultivariateNormal(foreseen, (covariance + covariance.mT) / 2),
+    expected = kl_divergence(
+        MultivariateNormal(predicted, (covariance + covariance.mT) / 2),
         MultivariateNormal(later, torch.diag_embed(later_log_variance.exp())),
     )
-    found = divergence(dynamics, foreseen, log_variance, later, later_log_variance)
-    torch.testing.assert_close(found, wanted, rtol=1e-3, atol=1e-4)
+    found = divergence(dynamics, predicted, log_variance, later, later_log_variance)
+    torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-4)
 
 
 def test_dynamic_bound_has_four_terms():
@@ -185,13 +185,13 @@ def test_dynamic_bound_has_four_terms():
     latents = mean + (log_variance / 2).exp() * batch.noise
     dynamics = kind.transition(weights, latents)
     plain = VariationalAutoencoder(hidden=5).loss(weights, batch)
-    foreseen = kind.decode(weights, dynamics(latents, batch.actions))
-    surprise = ((foreseen - batch.later) / 0.1).square().sum(1).mean() / 2
+    predicted = kind.decode(weights, dynamics(latents, batch.actions))
+    nll = ((predicted - batch.later) / 0.1).square().sum(1).mean() / 2
     apart = divergence(
         dynamics,
         dynamics(mean, batch.actions),
         log_variance,
         *kind.posterior(weights, batch.later),
     ).mean()
-    wanted = (plain + surprise + 0.1 * apart).item()
-    assert kind.loss(weights, batch).item() == pytest.approx(wanted, rel=1e-5)
+    expected = (plain + nll + 0.1 * apart).item()
+    assert kind.loss(weights, batch).item() == pytest.approx(expected, rel=1e-5)

@@ -62,16 +62,16 @@ def test_moments_keep_their_digits_far_from_zero():
 
 def test_moments_of_scaled_rows():
     rows, gain, offset = correlated(), np.arange(6.0) - 2, np.arange(6.0)
-    wanted, found = Moments.of(gain * rows + offset), Moments.of(rows).scaled(gain, offset)
-    np.testing.assert_allclose(found.mean, wanted.mean, atol=1e-9)
-    np.testing.assert_allclose(found.covariance, wanted.covariance, atol=1e-9)
+    expected, found = Moments.of(gain * rows + offset), Moments.of(rows).scaled(gain, offset)
+    np.testing.assert_allclose(found.mean, expected.mean, atol=1e-9)
+    np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-9)
 
 
 def test_errors_of_an_affine_reconstruction_follow_from_the_moments():
     random, rows = np.random.default_rng(1), correlated()
     matrix, shift = random.normal(size=(6, 6)), random.normal(size=6)
-    wanted = np.mean((rows @ matrix.T + shift - rows) ** 2, axis=0)
-    np.testing.assert_allclose(affine_errors(matrix, shift, Moments.of(rows)), wanted, rtol=1e-9)
+    expected = np.mean((rows @ matrix.T + shift - rows) ** 2, axis=0)
+    np.testing.assert_allclose(affine_errors(matrix, shift, Moments.of(rows)), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("latents", [1, 3, 6])
@@ -96,11 +96,11 @@ def test_random_projection_is_orthonormal_and_goes_back_by_least_squares(latents
     np.testing.assert_allclose(projection @ projection.T, np.eye(latents), atol=1e-12)
     seen = np.c_[rows @ projection.T, np.ones(len(rows))]
     solved, *_ = np.linalg.lstsq(seen, rows, rcond=None)
-    wanted = np.mean((seen @ solved - rows) ** 2, axis=0)
-    np.testing.assert_allclose(errors(RandomProjection(), weights, rows), wanted, atol=1e-9)
+    expected = np.mean((seen @ solved - rows) ** 2, axis=0)
+    np.testing.assert_allclose(errors(RandomProjection(), weights, rows), expected, atol=1e-9)
 
 
-def test_random_projection_looks_at_its_seed_and_not_at_the_data():
+def test_random_projection_depends_only_on_its_seed():
     drawn = [
         RandomProjection().fit(Moments.of(correlated(seed=data)), latents, seed)["projection"]
         for data, latents, seed in ((0, 3, 7), (1, 3, 7), (0, 5, 7), (0, 3, 8))
@@ -121,7 +121,7 @@ def test_random_directions_prefer_none():
 
 
 @pytest.mark.parametrize("kind", [PrincipalComponents(), RandomProjection()])
-def test_column_that_never_changes_does_no_harm(kind):
+def test_constant_column_is_harmless(kind):
     rows = correlated() * [1, 1, 0, 1, 1, 1]
     for latents in (1, 5, 6):
         weights = kind.fit(Moments.of(rows), latents, seed=0)

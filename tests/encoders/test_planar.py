@@ -147,10 +147,10 @@ def test_an_observation_is_rebuilt_up_to_a_motion_in_the_plane(task, found):
         state, target = moved(state, target, 0, -state.position[:3] * [1, 1, 0])
     if state.position[3] < 0:  # either quaternion is of the same orientation
         state.position[3:] *= -1
-    _, wanted, _ = encoded(task, state, target)
+    _, expected, _ = encoded(task, state, target)
     scaling, _ = weights_of(task)
     half_width, _ = scaling.half_width_and_center()
-    difference = (rebuilt - wanted) * half_width
+    difference = (rebuilt - expected) * half_width
     labels = features.feature_labels(task)
     if "angle_to_target" in labels:
         # An angle at the end of its range, observed in units of pi.
@@ -180,8 +180,8 @@ def test_numbers_of_a_robot_worked_out_by_hand():
     # North, where it goes at 0.2 m/s and the target is 0.5 m off, is ahead along its heading. Its
     # y axis points up and its z axis to the right. It faces -y: straight down, or by the yaw of
     # its x axis east; the target looks there.
-    wanted = [0.03, root, 0, 0.2, -0.1, 0.3, 1, -3, 2, 0.5, 7, 0.5, 0, 0]
-    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    expected = [0.03, root, 0, 0.2, -0.1, 0.3, 1, -3, 2, 0.5, 7, 0.5, 0, 0]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_an_upside_down_robot_has_numbers():

@@ -14,7 +14,7 @@ from jbench.encoders import load_encoder
 from jbench.encoders.kind import Batch
 from jbench.encoders.kinds.contrastive import Contrastive
 from jbench.encoders.kinds.dmd import DynamicModes
-from jbench.encoders.kinds.forward import ForwardModel, changes_of, full_turns
+from jbench.encoders.kinds.forward import ForwardModel, angle_periods, changes_of
 from jbench.encoders.kinds.random_features import RandomFeatures
 from jbench.encoders.kinds.scaled import Scaled
 from jbench.encoders.loop import Learner
@@ -83,7 +83,7 @@ def test_probe_knows_what_is_in_the_latents_and_nothing_else(real):
 
 
 @pytest.mark.parametrize(
-    ("spread", "wanted"),
+    ("spread", "expected"),
     [
         ((1, 1, 1), 3),
         ((5, 0, 0), 1),
@@ -91,10 +91,10 @@ def test_probe_knows_what_is_in_the_latents_and_nothing_else(real):
         ((0, 0, 0), 0),
     ],
 )
-def test_effective_rank_worked_out_by_hand(spread, wanted):
+def test_effective_rank_worked_out_by_hand(spread, expected):
     # Columns at right angles with a mean of 0, so that their lengths are the singular values.
     signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
-    assert effective_rank(signs * spread + 7) == pytest.approx(wanted)
+    assert effective_rank(signs * spread + 7) == pytest.approx(expected)
 
 
 def test_predictions_are_rows_and_the_rank_is_in_the_table_of_encoders(trained):
@@ -122,7 +122,7 @@ def test_encoders_from_before_the_predictions_are_read_and_shown(trained, result
 
 
 def test_changes_of_angles_go_the_shorter_way_and_are_of_unit_variance(real):
-    turns = full_turns(real)
+    turns = angle_periods(real)
     gain, _ = real.scaling.gain_and_offset()
     # The motor's angle and the angle to the target are observed in units of pi.
     np.testing.assert_allclose(turns, [0] * 13 + [2 * gain[13], 0, 2 * gain[15]], rtol=1e-6)
@@ -162,16 +162,16 @@ def test_forward_loss_is_that_of_its_three_errors(real):
     ) - w["change.turn"] * 0.5
     change = np.where(w["change.turn"] > 0, change, later - now)
     reward = batch.rewards.double().numpy().mean(1)[:, None] * w["reward.scale"]
-    wanted = (
+    expected = (
         np.mean((layer("change", hidden) - change * w["change.scale"]) ** 2)
         + np.mean((layer("reward", hidden) - reward) ** 2)
         + np.mean((layer("decoder", latents) - now) ** 2)
     )
-    assert kind.loss(weights, batch).item() == pytest.approx(wanted, rel=1e-4)
+    assert kind.loss(weights, batch).item() == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("kind", [ForwardModel(hidden=5), Contrastive(hidden=5)])
-def test_the_way_back_changes_nothing_of_the_latents(real, kind):
+def test_the_decoder_does_not_influence_the_latents(real, kind):
     weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
     weights = {name: value.requires_grad_() for name, value in weights.items()}
     (shard,) = real.learn()
@@ -184,7 +184,7 @@ def test_the_way_back_changes_nothing_of_the_latents(real, kind):
     assert torch.equal(*found)
 
 
-def test_contrastive_loss_is_the_surprise_at_the_right_pairs(real):
+def test_contrastive_loss_is_the_nll_of_the_correct_pairs(real):
     kind = Contrastive(hidden=5, horizon=1)
     weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
     # The query is 0 for every row: all later states are equally likely.
@@ -244,7 +244,7 @@ def test_dmd_recovers_the_order_of_a_linear_system_in_any_units(order):
     np.testing.assert_allclose(along, 1, atol=0.01)
 
 
-def test_an_encoder_of_more_latents_than_features_is_kept_and_judged(trained, results):
+def test_an_encoder_with_more_latents_than_features_is_saved_and_evaluated(trained, results):
     record = train(trained.states, results, "random-features", 64)
     assert load_encoder(results, record.id)[0].latent_size == 64
     (errors,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()

@@ -7,7 +7,7 @@ import torch
 from jbench.encoders import find_encoder
 from jbench.encoders.kinds.planar import PlanarReduction
 from jbench.encoders.kinds.scaled import Scaled
-from jbench.encoders.saved import KeptEncoder
+from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import MEMORY, States
 from jbench.errors import RequestError
 from tests.encoders.encoder_data import observations_of
@@ -32,11 +32,11 @@ def states_of(trained, task, memory=MEMORY):
 @pytest.mark.parametrize("task", SIZES)
 def test_scaled_is_each_feature_stretched_by_its_extremes(trained, task):
     states = states_of(trained, task)
-    encoder = KeptEncoder(Scaled(), {}, states.scaling, SIZES[task][0])
+    encoder = SavedEncoder(Scaled(), {}, states.scaling, SIZES[task][0])
     seen = observations_of(trained.dataset, task).astype(np.float64)
     low, high = seen.min((0, 1)), seen.max((0, 1))
-    wanted = 2 * (seen - low) / np.where(high > low, high - low, np.inf) - (high > low)
-    np.testing.assert_allclose(encoder.encode(seen.astype(np.float32)), wanted, atol=1e-5)
+    expected = 2 * (seen - low) / np.where(high > low, high - low, np.inf) - (high > low)
+    np.testing.assert_allclose(encoder.encode(seen.astype(np.float32)), expected, atol=1e-5)
     latents = encoder.encode(seen)
     np.testing.assert_array_equal(Scaled().decode({}, latents), latents)
 
@@ -48,7 +48,7 @@ def test_planar_latents_reach_from_minus_one_to_one(trained, task, memory):
     assert states.in_memory == (memory == MEMORY)
     weights = PlanarReduction().fit(states, SIZES[task][1])
     kept = {name: value.astype(np.float32) for name, value in weights.items()}
-    encoder = KeptEncoder(PlanarReduction(), kept, states.scaling, SIZES[task][1])
+    encoder = SavedEncoder(PlanarReduction(), kept, states.scaling, SIZES[task][1])
     latents = encoder.encode(observations_of(trained.dataset, task))
     np.testing.assert_allclose(latents.min((0, 1)), -1, atol=1e-4)
     np.testing.assert_allclose(latents.max((0, 1)), 1, atol=1e-4)
@@ -65,7 +65,7 @@ def test_a_kind_of_one_size_is_found_by_its_name(trained, results):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "says"),
+    ("expected", "says"),
     [
         ("planar:11", "planar of face_direction has 12 latents; type --encoder planar."),
         ("dae", "dae have 1 to 16 latents on face_direction; type --encoder dae:12, or another"),
@@ -73,6 +73,6 @@ def test_a_kind_of_one_size_is_found_by_its_name(trained, results):
         ("planar:12", "type jbench train-encoder --kind planar --task face_direction to make one."),
     ],
 )
-def test_a_size_that_cannot_be_is_refused_with_what_to_type(results, wanted, says):
+def test_invalid_size_is_refused_with_the_option_to_type(results, expected, says):
     with pytest.raises(RequestError, match=says):
-        find_encoder(results, wanted, "face_direction")
+        find_encoder(results, expected, "face_direction")

@@ -63,7 +63,7 @@ def test_split_is_of_whole_episodes_eighty_to_twenty(episodes):
     assert len(held_out) == max(1, round(episodes / 5))
 
 
-def test_split_depends_on_the_seed_alone():
+def test_split_depends_only_on_the_seed():
     splits = [split_episodes(100, seed)[1].tolist() for seed in (0, 0, 1)]
     assert splits[0] == splits[1] != splits[2]
     assert splits[0] != list(range(20))
@@ -85,13 +85,13 @@ def test_states_are_scaled_by_the_extremes_of_all_of_them(dataset, scaled):
 def test_moments_are_those_of_the_scaled_states(dataset, scaled):
     states = read(dataset)
     for found, chosen in zip((states.learned, states.held_out), split_episodes(10, 0), strict=True):
-        wanted = Moments.of(scaled[chosen])
-        assert found.rows == wanted.rows == 1001 * len(chosen)
-        np.testing.assert_allclose(found.mean, wanted.mean, atol=1e-6)
-        np.testing.assert_allclose(found.covariance, wanted.covariance, atol=1e-6)
+        expected = Moments.of(scaled[chosen])
+        assert found.rows == expected.rows == 1001 * len(chosen)
+        np.testing.assert_allclose(found.mean, expected.mean, atol=1e-6)
+        np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-6)
 
 
-def test_larger_than_memory_it_is_read_file_by_file_in_random_order(dataset):
+def test_a_large_dataset_is_read_file_by_file_in_random_order(dataset):
     whole, streamed = read(dataset), read(dataset, memory=SMALL)
     assert (whole.in_memory, streamed.in_memory) == (True, False)
     of_whole, orders = gathered(whole.learn(generator()))[0], []
@@ -118,7 +118,7 @@ def test_streamed_actions_go_with_their_states(dataset):
 
 
 @pytest.mark.parametrize("ahead", [0, 1, 40])
-def test_pairs_are_so_many_steps_apart_in_one_episode(dataset, ahead):
+def test_pairs_have_the_given_distance_within_an_episode(dataset, ahead):
     (shard,) = read(dataset).learn(generator())
     pairs = 8 * (1001 - ahead)
     assert shard.pairs(ahead) == pairs
@@ -173,7 +173,7 @@ def test_feature_that_never_changes_becomes_zero(results):
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf])
-def test_dataset_with_what_is_no_number_is_refused(results, number):
+def test_dataset_with_non_finite_values_is_refused(results, number):
     state = made_up_states(2)
     state.velocity[1, 400, 3] = number
     dataset = make_dataset(results, state=state)

@@ -1,4 +1,4 @@
-"""From a dataset to a kept encoder: what is learned, what is kept, what goes on after a stop."""
+"""Training encoders: learning, saved files, and resuming."""
 
 import hashlib
 import json
@@ -46,7 +46,7 @@ def train(states, results, kind="dae", latents=3, seed=2, **more):
 
 
 def train_until(epoch, *arguments, **more):
-    """Stops a training once so many epochs are done and told."""
+    """Stops a training after this many epochs."""
 
     def stop(done):
         if done == epoch:
@@ -99,14 +99,14 @@ def test_loss_of_an_epoch_is_the_mean_over_its_rows_and_falls():
     assert losses == sorted(losses, reverse=True)
 
 
-def test_noisy_features_are_not_what_is_wanted():
+def test_noisy_features_are_not_the_target():
     losses, _ = learned(DenoisingAutoencoder(noise=0.5, batch=64, learning_rate=1e-2), 30)
     # Else the noise in the four directions that two latents cannot give back would be left: 4 / 6
     # of its variance of 0.25.
     assert losses[-1] < 4 / 6 * 0.25 / 2
 
 
-def test_every_row_is_learned_from_once_in_an_epoch():
+def test_every_row_is_used_once_per_epoch():
     states, rows = of_rank_two()
     seen = []
 
@@ -136,7 +136,7 @@ def test_global_random_numbers_and_threads_do_not_matter(trained, results, tmp_p
 
 @pytest.mark.parametrize("commit_every", [0.0, 1e9])
 @pytest.mark.parametrize("kind", LEARNED)
-def test_stopped_training_goes_on_to_the_same_weights(trained, tmp_path, kind, commit_every):
+def test_interrupted_training_resumes_to_the_same_weights(trained, tmp_path, kind, commit_every):
     options = {**CHEAP, **LEARNED[kind]}
     whole = train(trained.states, Results(tmp_path / "whole"), kind, options=options)
     results = Results(tmp_path / "stopped")
@@ -152,13 +152,13 @@ def test_stopped_training_goes_on_to_the_same_weights(trained, tmp_path, kind, c
     assert files(done) == files(whole)
     assert seen[0] > 0
     assert seen[-1] == 5
-    told = ["epoch", "train_loss", "test_mse", "test_denoising_mse"]
-    assert rows(done)[told].equals(rows(whole)[told])
+    reported = ["epoch", "train_loss", "test_mse", "test_denoising_mse"]
+    assert rows(done)[reported].equals(rows(whole)[reported])
     assert rows(done)["wall_time"].is_monotonic_increasing
     assert not done.has_checkpoint(CHECKPOINT)
 
 
-def test_stopped_training_that_streams_goes_on_to_the_same_weights(trained, tmp_path):
+def test_interrupted_streaming_training_resumes_to_the_same_weights(trained, tmp_path):
     dataset = make_dataset(Results(tmp_path / "data"), episodes=10, each=2)
 
     def streamed():
@@ -173,7 +173,7 @@ def test_stopped_training_that_streams_goes_on_to_the_same_weights(trained, tmp_
     assert errors[0] == pytest.approx(errors[1], rel=0.2)
 
 
-def test_stop_after_the_errors_were_told_does_not_tell_them_twice(trained, tmp_path):
+def test_errors_are_committed_once_if_training_stops_after_them(trained, tmp_path):
     whole = train(trained.states, Results(tmp_path / "whole"))
     results = Results(tmp_path / "stopped")
     train_until(5, trained.states, results)
@@ -184,7 +184,7 @@ def test_stop_after_the_errors_were_told_does_not_tell_them_twice(trained, tmp_p
     assert files(done) == files(whole)
 
 
-def test_checkpoint_that_is_none_is_refused(trained, results):
+def test_invalid_checkpoint_is_refused(trained, results):
     train_until(2, trained.states, results)
     (begun,) = results.scan("encoder")[0]
     begun.append({}, {CHECKPOINT: b"no tensors"})
@@ -220,7 +220,7 @@ def test_checkpoint_with_random_numbers_of_a_gpu_is_refused(trained, results):
         train(trained.states, results)
 
 
-def test_device_that_is_not_there_is_refused():
+def test_missing_device_is_refused():
     assert find_device("cpu").type == "cpu"
     if torch.cuda.is_available():
         assert find_device("auto").type == find_device("cuda").type == "cuda"
@@ -232,7 +232,7 @@ def test_device_that_is_not_there_is_refused():
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 @pytest.mark.parametrize("kind", LEARNED)
-def test_training_on_cuda_goes_on_to_the_same_weights(trained, tmp_path, kind):
+def test_training_on_cuda_resumes_to_the_same_weights(trained, tmp_path, kind):
     options, cuda = {**CHEAP, **LEARNED[kind]}, torch.device("cuda")
 
     def states():
@@ -250,11 +250,11 @@ def test_training_on_cuda_goes_on_to_the_same_weights(trained, tmp_path, kind):
     batch = torch.rand(5, 16, device=cuda, dtype=torch.float64)
     found = encoder.encode(batch)
     assert (found.device.type, found.dtype) == ("cuda", torch.float64)
-    wanted = encoder.encode(batch.cpu().numpy())
-    np.testing.assert_allclose(found.cpu().numpy(), wanted, atol=1e-5)
+    expected = encoder.encode(batch.cpu().numpy())
+    np.testing.assert_allclose(found.cpu().numpy(), expected, atol=1e-5)
 
 
-def test_rows_are_kept_for_each_epoch_and_for_each_feature(trained):
+def test_each_epoch_and_each_feature_has_a_row(trained):
     epochs, features = rows(trained.record), rows(trained.record, "encoder_features")
     assert epochs["epoch"].tolist() == [1, 2, 3, 4]
     assert features["index"].tolist() == list(range(16))
@@ -266,7 +266,7 @@ def test_rows_are_kept_for_each_epoch_and_for_each_feature(trained):
     (total,) = errors.to_dict("records")
     for name in schema.ENCODER_FEATURES.names[3:]:
         assert features[name].mean() == pytest.approx(total[name])
-    # Five episodes have one held out, of which the error is told after each epoch too.
+    # Five episodes have one held out, of which the error is reported after each epoch too.
     assert total["test_mse"] == pytest.approx(epochs["test_mse"].iloc[-1], rel=1e-5)
     assert trained.record.manifest.summary["test_mse"] == total["test_mse"]
     assert trained.record.manifest.provenance["device"] == "cpu"
@@ -282,7 +282,7 @@ def test_closed_form_has_no_epochs(trained, results):
     assert record.status == "finished"
 
 
-def test_encoder_that_is_loaded_gives_the_latents_of_the_trained_network(trained):
+def test_loaded_encoder_gives_the_latents_of_the_trained_network(trained):
     encoder, description = load_encoder(Results(trained.results.path), trained.record.id)
     assert encoder.latent_size == description["latents"] == 3
     observations = observations_of(trained.dataset)[0]
@@ -333,11 +333,11 @@ def test_unfinished_encoder_without_a_checkpoint_starts_over(trained, results):
 def test_encoder_is_a_row_of_the_database(trained):
     tables = query.load(trained.results).tables
     (row,) = tables["encoders"].to_pylist()
-    wanted = {
+    expected = {
         **{"kind": "dae", "representation": "dae3", "task": "face_direction"},
         **{"latents": 3, "seed": 2},
     }
-    assert wanted.items() <= row.items()
+    assert expected.items() <= row.items()
     (errors,) = tables["encoder_errors"].to_pylist()
     for name in ("test_mse", "test_explained"):
         assert row[name] == trained.record.manifest.summary[name] == errors[name]
@@ -385,7 +385,7 @@ def test_latents_beyond_the_features_are_refused(task, latents, said):
         ("daee", {}, "Unknown kind of encoder 'daee'; did you mean dae"),
     ],
 )
-def test_options_that_a_kind_has_not_are_refused(kind, options, said):
+def test_unknown_options_are_refused(kind, options, said):
     with pytest.raises(RequestError, match=said):
         encoder_settings(kind, options, dataset="random/a")
 
@@ -400,7 +400,7 @@ def test_unusable_dataset_leaves_nothing_behind(results):
     assert results.find("encoder", settings.id) is None
 
 
-def test_training_that_diverges_says_so_and_is_not_kept(trained, results):
+def test_diverged_training_is_reported_and_not_saved(trained, results):
     options = {**CHEAP, "hidden": 8, "learning_rate": 1e6}
     with pytest.raises(WorkError, match=r"diverged: the loss of epoch \d is .*--learning-rate"):
         train(trained.states, results, "vae", options=options)
@@ -408,7 +408,7 @@ def test_training_that_diverges_says_so_and_is_not_kept(trained, results):
     assert record.status == "unfinished"
 
 
-def test_states_of_another_seed_are_not_taken_for_the_settings_own(trained, results):
+def test_states_of_another_seed_are_refused(trained, results):
     with pytest.raises(ValueError, match="not the states of"):
         train(trained.states, results, seed=1)
 
@@ -419,12 +419,12 @@ def test_two_processes_do_not_train_the_same_encoder(trained, results):
         train_encoder(trained.settings, trained.states, results)
 
 
-def test_settings_are_checked_whoever_makes_them():
+def test_settings_are_validated():
     with pytest.raises(ValueError, match="latents must be 1 to 16"):
         EncoderSettings(dataset="random/a", latents=17)
 
 
-def test_held_out_episodes_are_not_learned_from(results):
+def test_held_out_episodes_are_not_used_in_training(results):
     (held_out,) = split_episodes(5, 2)[1]
     records = []
     for share in (0.5, 0.1):  # slower than the others, so that the scaling is of the others

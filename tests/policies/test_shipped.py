@@ -173,7 +173,7 @@ class TestOfTwoCells:
     def test_a_run_without_its_policy_says_so(self, place, capsys):
         (rows, *_) = [run.id for run in place.scan("run")[0] if not has_policy(run)]
         assert main(["evaluate", "--policy", rows, "--results", str(place.path)]) == 2
-        assert f"The run {rows} in {place.path} was kept without its policy." in (
+        assert f"The run {rows} in {place.path} was saved without its policy." in (
             capsys.readouterr().err
         )
 

@@ -41,36 +41,36 @@ def test_strip_is_the_moments_side_by_side(tmp_path):
 
 
 @rendering
-def test_gif_holds_the_episode_in_real_time_for_ever(tmp_path):
+def test_gif_loops_the_episode_in_real_time(tmp_path):
     path = tmp_path / "episode.GIF"
     done = render_to_file(Constant(), SCENE, path, name="half power", steps=40)
     animation = Image.open(path)
     assert (animation.n_frames, animation.size) == (11, (160, 120))
     assert animation.info["loop"] == 0
     assert (done.pictures, done.seconds) == (11, 0.4)
-    for index, wanted in enumerate(pictures(range(0, 41, 4), as_video)):
+    for index, expected in enumerate(pictures(range(0, 41, 4), as_video)):
         animation.seek(index)
         assert animation.info["duration"] == 40  # ms
         shown = np.asarray(animation.convert("RGB")).astype(int)
-        assert np.abs(shown - wanted).mean() < 6  # of 255: 256 colours are enough
+        assert np.abs(shown - expected).mean() < 6  # of 255: 256 colours are enough
 
 
 @rendering
 def test_mp4_holds_the_episode_in_slow_motion(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "episode.mp4"
-    told = []
-    render_to_file(Constant(), SCENE, path, name="x", steps=40, speed=0.5, progress=told.append)
+    reported = []
+    render_to_file(Constant(), SCENE, path, name="x", steps=40, speed=0.5, progress=reported.append)
     about, *shown = ffmpeg.read_frames(str(path))
     assert (about["size"], about["fps"], about["codec"]) == ((160, 120), 25, "h264")
     assert len(shown) == 21  # every second of 40 control steps
-    assert told == list(range(41))
+    assert reported == list(range(41))
     steps = range(0, 41, 2)
     for content, frame in zip(shown, render_episode(Constant(), SCENE, steps), strict=True):
         note = "tracking camera, 0.5 x real time"
-        wanted = video_picture(frame, "move_to_pose, x", note).astype(int)
+        expected = video_picture(frame, "move_to_pose, x", note).astype(int)
         found = np.frombuffer(content, np.uint8).reshape(120, 160, 3)
-        assert np.abs(found - wanted).mean() < 8
+        assert np.abs(found - expected).mean() < 8
 
 
 def test_odd_sides_of_a_video_are_made_even(tmp_path):
@@ -91,7 +91,7 @@ def test_animation_keeps_the_colours_of_a_target_that_comes_late():
 
 
 @rendering
-@pytest.mark.parametrize("ending", write.ENDINGS)
+@pytest.mark.parametrize("ending", write.SUFFIXES)
 def test_interrupted_writing_leaves_what_was_there(tmp_path, ending):
     if ending == ".mp4":
         pytest.importorskip("imageio_ffmpeg")
@@ -104,7 +104,7 @@ def test_interrupted_writing_leaves_what_was_there(tmp_path, ending):
 
 
 def test_default_sizes_have_one_shape(tmp_path):
-    sizes = [default_size(tmp_path / f"file{ending}") for ending in write.ENDINGS]
+    sizes = [default_size(tmp_path / f"file{ending}") for ending in write.SUFFIXES]
     assert sizes == [(640, 480), (640, 480), (320, 240)]
     assert {width * 3 for width, _ in sizes} == {height * 4 for _, height in sizes}
 

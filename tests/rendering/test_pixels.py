@@ -62,9 +62,9 @@ def test_dm_control_observes_pixels(load):
 
 def test_dm_control_observes_pixels_beside_the_features(load):
     env, plain = load(pixels_only=False), suite.load("jitterbug", "move_to_pose", {"random": 3})
-    found, wanted = env.reset().observation, plain.reset().observation
-    assert list(found) == [*wanted, "pixels"]
-    for name, values in wanted.items():
+    found, expected = env.reset().observation, plain.reset().observation
+    assert list(found) == [*expected, "pixels"]
+    for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values)
 
 

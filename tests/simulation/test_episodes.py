@@ -46,7 +46,7 @@ def plain_loop(model, quaternion, actions):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_robots_on_threads_are_those_of_a_plain_loop(model, given, threads):
+def test_threaded_simulation_equals_a_plain_loop(model, given, threads):
     found = on_threads(threads, model, *given)
     for episode, (quaternion, actions) in enumerate(zip(*given, strict=True)):
         qpos, qvel = plain_loop(model, quaternion, actions)
@@ -82,8 +82,8 @@ def test_two_models_on_the_same_threads_do_not_mix(model, given):
     with ThreadPoolExecutor(2) as workers, ThreadPoolExecutor(2) as callers:
         jobs = [callers.submit(simulate, one, *given, workers) for one in models * 2]
         together = [job.result() for job in jobs]
-    for found, wanted in zip(together, alone * 2, strict=True):
-        np.testing.assert_array_equal(found.qpos, wanted.qpos)
+    for found, expected in zip(together, alone * 2, strict=True):
+        np.testing.assert_array_equal(found.qpos, expected.qpos)
     for one, trajectories in zip(models, alone, strict=True):
         qpos, _ = plain_loop(one, given[0][0], given[1][0])
         np.testing.assert_array_equal(trajectories.qpos[0], qpos)

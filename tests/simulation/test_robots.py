@@ -50,7 +50,7 @@ def plain_loop(robot, quaternion, actions):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
-def test_robots_move_as_a_plain_loop_moves_each(robot, threads):
+def test_robots_equal_a_plain_loop(robot, threads):
     actions = commands(20, 5)
     with Robots(robot, 5, threads) as robots:
         robots.reset(poses(5))
@@ -93,7 +93,7 @@ def test_a_reset_forgets_everything(robot):
 
 
 @pytest.mark.parametrize("some", [[1, 3], np.array([False, True, False, True, False])])
-def test_some_robots_are_reset_and_the_others_go_on(robot, some):
+def test_some_robots_are_reset_and_the_others_continue(robot, some):
     actions, fresh = commands(20, 5), poses(2, seed=9)
     with Robots(robot, 5, 2) as robots:
         robots.reset(poses(5))
@@ -108,14 +108,14 @@ def test_some_robots_are_reset_and_the_others_go_on(robot, some):
         assert_same(of(state, i), plain_loop(robot, quaternion, actions[10:, i]))
 
 
-def test_what_does_not_fit_the_robots_is_refused(robot):
+def test_wrong_shapes_are_refused(robot):
     with Robots(robot, 3, 1) as robots:
         for quaternions, some in ((poses(1), None), (poses(3)[0], None), (poses(3), [0, 1])):
             with pytest.raises(ValueError, match="robots need as many quaternions"):
                 robots.reset(quaternions, some)
         whole = robots.snapshot()
         for snapshot, some in ((whole[:2], None), (whole[:, 1:], None), (whole, [0])):
-            with pytest.raises(ValueError, match="can't be put to"):
+            with pytest.raises(ValueError, match="A snapshot must have shape"):
                 robots.restore(snapshot, some)
 
 
@@ -125,16 +125,16 @@ def test_a_snapshot_holds_all_that_the_future_depends_on(robot):
         robots.reset(poses(4))
         before = take(robots, actions[:15])
         snapshot = robots.snapshot()
-        wanted = take(robots, actions[15:])
+        expected = take(robots, actions[15:])
         assert_same(robots.restore(snapshot), before)
-        assert_same(take(robots, actions[15:]), wanted)
+        assert_same(take(robots, actions[15:]), expected)
     # Elsewhere too, also for some of them and in another order.
     with Robots(robot, 3, 1) as others:
         others.reset(poses(3, seed=8))
         others.restore(snapshot[[3, 1]], [0, 2])
         found = take(others, actions[15:][:, [3, 0, 1]])
     for here, there in ((0, 3), (2, 1)):
-        assert_same(of(found, here), of(wanted, there))
+        assert_same(of(found, here), of(expected, there))
 
 
 def test_a_snapshot_is_of_its_moment(robot):
@@ -148,7 +148,7 @@ def test_a_snapshot_is_of_its_moment(robot):
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-def test_a_step_may_be_begun_and_finished_apart(robot, threads):
+def test_a_step_can_be_started_and_finished_separately(robot, threads):
     actions = commands(10, 5)
     with Robots(robot, 5, threads) as robots, Robots(robot, 5, 1) as others:
         robots.reset(poses(5))
@@ -160,7 +160,7 @@ def test_a_step_may_be_begun_and_finished_apart(robot, threads):
             assert_same(robots.finish_step(), others.step(held))
 
 
-def test_a_step_that_was_begun_is_finished_before_anything_else(robot):
+def test_a_started_step_must_be_finished_first(robot):
     with Robots(robot, 2, 2) as robots:
         robots.reset(poses(2))
         with pytest.raises(RuntimeError, match="No step was started"):
@@ -174,12 +174,12 @@ def test_a_step_that_was_begun_is_finished_before_anything_else(robot):
             lambda: robots.restore(whole),
             robots.snapshot,
         ):
-            with pytest.raises(RuntimeError, match="finish_step comes first"):
+            with pytest.raises(RuntimeError, match="call finish_step first"):
                 meanwhile()
         assert_same(of(robots.finish_step(), 1), plain_loop(robot, poses(2)[1], [0.0]))
 
 
-def test_states_are_the_callers_own(robot):
+def test_states_are_copies(robot):
     with Robots(robot, 1, 1) as robots:
         state = robots.reset(poses(1))
         kept = [part.copy() for part in state]

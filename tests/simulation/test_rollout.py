@@ -24,7 +24,7 @@ def steps():
 
 
 @pytest.mark.parametrize(("robot", "seed"), [(0, 4), (1, 5)])
-def test_it_is_what_an_environment_does(steps, robot, seed):
+def test_rollout_equals_the_environment(steps, robot, seed):
     env = JitterbugEnv(TASK)
     observation, _ = env.reset(seed=seed)
     for step in steps:
@@ -42,7 +42,7 @@ def test_the_state_is_that_after_the_action(steps):
     assert np.array_equal(steps[0].next_observations, steps[1].observations)
 
 
-def test_a_generator_that_comes_twice_begins_two_episodes():
+def test_a_repeated_generator_starts_two_episodes():
     once, both = np.random.default_rng(7), np.random.default_rng(7)
     starts = resets.draw_starts(TASK, [both, both])
     for i in range(2):

@@ -71,7 +71,7 @@ def test_no_pickle_no_eval_no_shell(path):
         "yaml.load(text)",
         "os.system('ls')",
         "subprocess.run('ls', shell=True)",
-        "subprocess.run('ls', shell=wanted)",
+        "subprocess.run('ls', shell=expected)",
         "numpy.load(path, allow_pickle=True)",
         "pandas.read_pickle(path)",
         "frame.to_pickle(path)",

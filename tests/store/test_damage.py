@@ -165,8 +165,10 @@ def test_manifest_that_names_a_file_elsewhere_is_refused(results, record, name):
 @pytest.mark.parametrize("change", [{"id": "a/c"}, {"kind": "encoder"}])
 def test_manifest_that_calls_itself_otherwise_is_refused(results, record, change):
     alter_manifest(record, **change)
-    wanted = rf"manifest\.json calls itself {change.get('kind', 'run')} {change.get('id', 'a/b')};"
-    with pytest.raises(WorkError, match=wanted):
+    expected = (
+        rf"manifest\.json calls itself {change.get('kind', 'run')} {change.get('id', 'a/b')};"
+    )
+    with pytest.raises(WorkError, match=expected):
         results.find("run", "a/b")
 
 

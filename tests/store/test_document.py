@@ -34,7 +34,7 @@ def rows(title):
     return cells[2:]
 
 
-def wanted(columns):
+def expected(columns):
     """The table of some columns, as it should stand in the document."""
     lines = ["| column | type | unit |", "|---|---|---|"]
     for field in columns:
@@ -45,7 +45,7 @@ def wanted(columns):
 
 @pytest.mark.parametrize(("name", "columns"), [*schema.TABLES.items(), *OF_FILES.items()])
 def test_table_is_described_column_by_column(name, columns):
-    table = wanted(columns)
+    table = expected(columns)
     assert table in section(f"### `{name}`"), f"what should stand there:\n\n{table}\n"
 
 

@@ -8,8 +8,8 @@ from tests.store.store_whole import add_whole_run
 from tests.store.test_damage import truncate
 
 
-def listed_ids(results, **wanted):
-    lines, problems = list_runs(results, wanted)
+def listed_ids(results, **expected):
+    lines, problems = list_runs(results, expected)
     assert problems == []
     return [line.run for line in lines]
 

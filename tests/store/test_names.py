@@ -40,7 +40,7 @@ def test_run_of_a_hostile_name_is_named_and_left_out_and_the_rest_is_used(result
     lines, problems = list_runs(results, {})
     assert ([line.run for line in lines], problems) == ([good.id], [problem])
     (finding,) = verify(results, 1).findings
-    assert (finding.sort, finding.id) == ("damaged", bad.id)
+    assert (finding.severity, finding.id) == ("damaged", bad.id)
 
 
 @pytest.mark.parametrize(
@@ -107,11 +107,11 @@ def test_column_that_a_dataset_lacks_is_found(results):
     content = parquet.to_bytes(dataset.rows_of(entry).drop_columns(["motor_velocity"]))
     assert listed(dataset)[0] == entry.name
     put_in_place(dataset, content)
-    (finding,) = (f for f in verify(results, 1).findings if f.sort == "damaged")
+    (finding,) = (f for f in verify(results, 1).findings if f.severity == "damaged")
     assert str(finding).endswith("is damaged (it has no column motor_velocity).")
 
 
-def test_text_that_is_small_in_the_file_and_fills_the_memory_is_refused():
+def test_repeated_large_texts_are_refused():
     rows = 4_000
     text = pa.DictionaryArray.from_arrays(pa.array([0] * rows), pa.array(["x" * 1_000_000]))
     content = parquet.to_bytes(pa.table({"run": text}))
@@ -120,9 +120,9 @@ def test_text_that_is_small_in_the_file_and_fills_the_memory_is_refused():
         parquet.from_bytes(content, rows)
 
 
-def test_file_that_says_that_it_unpacks_to_more_than_memory_is_refused(monkeypatch):
+def test_file_that_decompresses_to_more_than_the_limit_is_refused(monkeypatch):
     content = parquet.to_bytes(pa.table({"x": [float(n) for n in range(200_000)]}))
-    monkeypatch.setattr(parquet, "_LARGEST", 1 << 20)
+    monkeypatch.setattr(parquet, "_MAX_BYTES", 1 << 20)
     with pytest.raises(ValueError, match="it unpacks to 1 MiB"):
         parquet.from_bytes(content, 200_000)
 

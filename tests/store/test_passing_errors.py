@@ -10,7 +10,7 @@ from jbench.cli import main
 from jbench.errors import WorkError
 from jbench.settings.run import RunSettings
 from jbench.store import Results, files, locks
-from jbench.store.repair import Aside, repair
+from jbench.store.repair import Quarantine, repair
 from jbench.store.verify import verify
 from jbench.training.status import plan
 from tests.store.store_rows import add_run, listed, names
@@ -62,7 +62,7 @@ def test_record_that_is_damaged_and_can_no_longer_be_read_is_left(results, fail)
     broken, other = (run.path / name for name in listed(run))
     broken.write_bytes(broken.read_bytes()[:-1])
     findings = verify(results, 1).findings
-    assert [finding.sort for finding in findings] == ["damaged"]
+    assert [finding.severity for finding in findings] == ["damaged"]
     before = snapshot(results.path)
     fail("open", other, errno.EIO)
     done = repair(results, findings)
@@ -74,7 +74,7 @@ def test_record_whose_folder_cannot_be_listed_is_not_taken_for_empty(results, fa
     run = add_whole_run(results)
     fail("scandir", run.path, errno.EMFILE)
     with pytest.raises(WorkError, match=r"can't be read \(Too many open files\)"):
-        Aside(results).take_record(run.path)
+        Quarantine(results).take_record(run.path)
 
 
 def test_row_that_cannot_be_read_now_is_no_reason_to_delete_its_record(results, record, fail):
@@ -100,7 +100,7 @@ def test_folder_that_cannot_be_listed_ends_in_a_sentence(results, fail, code, ca
         assert main([verb, "--results", str(results.path)]) == 1
         said = capsys.readouterr()
         assert f"{run.path} can't be read ({os.strerror(code)})" in said.out + said.err
-    with results.hold("run", run.id) as found:  # what is left over there is removed the next time
+    with results.locked("run", run.id) as found:  # what is left over there is removed the next time
         assert found.id == run.id
 
 

@@ -32,15 +32,15 @@ def test_every_row_of_the_paper_is_there(tables):
     assert tables["published"].num_rows == 19_035
 
 
-@pytest.mark.parametrize(("task", "algo", "wanted"), CELLS)
-def test_figure_9_ends_where_the_paper_says(tables, task, algo, wanted):
+@pytest.mark.parametrize(("task", "algo", "expected"), CELLS)
+def test_figure_9_ends_where_the_paper_says(tables, task, algo, expected):
     sql = f"""
         select arg_max(episode_return, training_steps) from published
         where figure = 'fig9' and task = '{task}' and algo = '{algo}'
         group by quantile order by quantile
     """
     low, median, high = (value for (value,) in ask(tables, sql))
-    assert [median, low, high] == pytest.approx(wanted, abs=1)
+    assert [median, low, high] == pytest.approx(expected, abs=1)
 
 
 def test_representations_are_named_as_those_of_runs(tables):
@@ -48,8 +48,8 @@ def test_representations_are_named_as_those_of_runs(tables):
         select distinct representation, figure = 'augmented-sac' from published order by all
     """
     # The ten robots in sequence are of no run that we have.
-    wanted = [("dae12", False), ("full", False), ("full-augmented-sequence", True)]
-    assert ask(tables, sql) == wanted
+    expected = [("dae12", False), ("full", False), ("full-augmented-sequence", True)]
+    assert ask(tables, sql) == expected
 
 
 def test_encoded_curves_are_those_of_figures_7_and_8(tables):

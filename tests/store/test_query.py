@@ -81,7 +81,7 @@ def test_every_table_has_these_columns_in_sql(results, filled, table):
 
 
 def test_run_is_a_row_of_its_settings_and_its_state(filled):
-    wanted = [
+    expected = [
         ("dae/s0", "ddpg", "dae12", ENCODER, 0, 3000, "failed", 2, None),
         ("full/s0", "ddpg", "full", None, 0, 3000, "finished", 3, 7.5),
         ("full/s1", "ddpg", "full", None, 1, 3000, "unfinished", 1, None),
@@ -92,7 +92,7 @@ def test_run_is_a_row_of_its_settings_and_its_state(filled):
         query.load(filled).tables,
     )
     found = found.astype(object).where(found.notna(), None)
-    assert [tuple(row) for row in found.to_numpy()] == wanted
+    assert [tuple(row) for row in found.to_numpy()] == expected
 
 
 def test_settings_and_provenance_are_json_that_sql_can_look_into(filled):

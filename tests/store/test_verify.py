@@ -21,13 +21,13 @@ from tests.store.test_damage import BROKEN_MANIFESTS, DAMAGES, flip_a_byte, trun
 
 def sentences(results):
     """What is found, with its sort and its record."""
-    return [(f.sort, f.kind, f.id, str(f)) for f in verify(results, 2).findings]
+    return [(f.severity, f.kind, f.id, str(f)) for f in verify(results, 2).findings]
 
 
 def assert_one(results, sort, record, says):
     """There is one finding, and it is this."""
     (found,) = verify(results, 2).findings
-    assert (found.sort, found.kind, found.id) == (sort, record.kind, record.id)
+    assert (found.severity, found.kind, found.id) == (sort, record.kind, record.id)
     assert says in str(found), str(found)
 
 
@@ -52,7 +52,7 @@ def test_damaged_file_is_found(results, name, damage, reason):
     run = add_whole_run(results, seed=5)
     (path,) = run.path.glob(f"{name}*")
     damage(path)
-    (found,) = (finding for finding in verify(results, 2).findings if finding.sort == "damaged")
+    (found,) = (finding for finding in verify(results, 2).findings if finding.severity == "damaged")
     assert (found.kind, found.id, found.path) == ("run", run.id, path)
     assert str(found).startswith(f"{path} is damaged (")
     assert reason in str(found)
@@ -119,7 +119,7 @@ def test_id_that_its_settings_do_not_give_is_found(results):
     alter_manifest(run, settings=altered)
     assert_one(results, "damaged", run, f"has settings of the hash {settings_hash(altered)}")
     alter_manifest(run, settings={"seed": float("nan")})
-    assert_one(results, "damaged", run, "says what can't be")
+    assert_one(results, "damaged", run, "is invalid")
 
 
 def test_manifest_that_calls_itself_otherwise_is_found(results):
@@ -134,12 +134,12 @@ def test_folder_that_is_no_id_is_found(results):
     run = add_whole_run(results)
     run.path.rename(run.path.parent / "my copy")
     (found,) = verify(results, 2).findings
-    assert (found.sort, "is not an id" in found.problem) == ("damaged", True)
+    assert (found.severity, "is not an id" in found.problem) == ("damaged", True)
 
 
 def test_leftovers_are_found_wherever_they_lie(results):
     run = add_whole_run(results)
-    wanted = []
+    expected = []
     for path in (
         run.path / ".writing-x1",
         run.path / "episodes-00007-0badc0de.parquet",
@@ -150,8 +150,8 @@ def test_leftovers_are_found_wherever_they_lie(results):
     ):
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(b"left")
-        wanted.append(f"{path} is listed by no manifest.")
-    assert sorted(text for *_, text in sentences(results)) == sorted(wanted)
+        expected.append(f"{path} is listed by no manifest.")
+    assert sorted(text for *_, text in sentences(results)) == sorted(expected)
     assert {sort for sort, *_ in sentences(results)} == {"leftover"}
 
 
@@ -182,7 +182,7 @@ def test_kind_behind_a_link_is_not_read(tmp_path, results):
     results.path.mkdir()
     (results.path / "runs").symlink_to(tmp_path / "other" / "runs")
     (found,) = verify(results, 2).findings
-    assert found.sort == "foreign"
+    assert found.severity == "foreign"
     assert str(found) == f"{results.path}/runs leads out of the results directory; it is not used."
 
 
@@ -191,8 +191,8 @@ def test_missing_references_are_worth_a_warning_and_no_fault(results):
     for lost, user in ((encoder, run), (run, evaluation)):
         shutil.move(lost.path, moved := results.path / "moved")
         found = verify(results, 2)
-        assert [(f.sort, f.id) for f in found.findings] == [("warning", user.id)]
-        assert f"names the {lost.kind} {lost.id}, which is not whole" in str(found.findings[0])
+        assert [(f.severity, f.id) for f in found.findings] == [("warning", user.id)]
+        assert f"names the {lost.kind} {lost.id}, which is not intact" in str(found.findings[0])
         assert found.faults == []
         shutil.move(moved, lost.path)
     shutil.rmtree(dataset.path)
@@ -259,7 +259,7 @@ def test_what_may_not_be_read_is_no_damage(results):
 from jbench.store.verify import verify
 store_faults.give_up_rights()
 for finding in verify(results, 2).findings:
-    print(finding.sort, finding)
+    print(finding.severity, finding)
 """
     for path in (run.path / "policy.json", run.path / "manifest.json", run.path):
         mode = path.stat().st_mode
@@ -280,11 +280,11 @@ def test_nothing_is_changed(results):
 
 def test_progress_counts_the_bytes_of_all_files(results):
     add_chain(results)
-    told = []
-    found = verify(results, 2, lambda done, total: told.append((done, total)))
-    assert [total for _, total in told] == [found.bytes] * found.files
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
-    assert told[-1][0] == found.bytes
+    reported = []
+    found = verify(results, 2, lambda done, total: reported.append((done, total)))
+    assert [total for _, total in reported] == [found.bytes] * found.files
+    assert [done for done, _ in reported] == sorted(done for done, _ in reported)
+    assert reported[-1][0] == found.bytes
 
 
 def test_memory_does_not_grow_with_the_files(results):

@@ -232,7 +232,7 @@ def test_masses_are_those_of_the_plain_robot_unless_asked_for():
     assert dataclasses.replace(varied, **dict.fromkeys(names, 0.0)) == morphology
 
 
-def test_numpys_global_generator_is_left_alone():
+def test_numpys_global_generator_is_not_used():
     before = np.random.get_state()[1:3]
     augmented.draw.__wrapped__(6)
     np.testing.assert_equal(np.random.get_state()[1:3], before)
@@ -266,7 +266,7 @@ def test_robot_that_cannot_be_or_stand_is_not_usable(name, value):
     assert not augmented.is_usable(Morphology(0, **{name: value}))
 
 
-def test_bad_state_is_no_standing():
+def test_unstable_robot_does_not_stand():
     # Lower legs of 5 mm: MuJoCo warns of huge accelerations and puts the robot back upright.
     robot = augmented.build(Morphology(0, feet=((0.0, 0.0, 0.06), (0.0, 0.0, 0.06), NONE, NONE)))
     assert augmented.standing_reward(robot) == 0
@@ -288,7 +288,7 @@ def test_draw_that_is_not_usable_is_redrawn_and_counted(monkeypatch):
     assert len({morphology.knees for morphology in refused}) == 3
 
 
-def test_seed_without_a_robot_is_an_error_at_last(monkeypatch):
+def test_seed_without_a_usable_robot_is_an_error(monkeypatch):
     monkeypatch.setattr(augmented, "is_usable", lambda morphology: False)
     with pytest.raises(WorkError, match="101 draws of seed 7 stands"):
         augmented.draw.__wrapped__(7)

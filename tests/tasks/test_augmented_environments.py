@@ -135,7 +135,7 @@ def test_both_libraries_observe_the_augmented_robots_own_centre_of_mass(plain, s
     # MuJoCo's own sensor measures the velocity on dm_control's side.
     seen = [(np.concatenate(list(theirs.reset().observation.values())), ours.reset()[0])]
     for action in np.random.default_rng(seed).uniform(-1, 1, (100, 1)).astype(np.float32):
-        wanted = np.concatenate(list(theirs.step(action).observation.values()))
-        seen.append((wanted, ours.step(action)[0]))
-    wanted, found = map(np.array, zip(*seen, strict=True))
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-6)
+        expected = np.concatenate(list(theirs.step(action).observation.values()))
+        seen.append((expected, ours.step(action)[0]))
+    expected, found = map(np.array, zip(*seen, strict=True))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)

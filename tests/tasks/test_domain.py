@@ -150,7 +150,7 @@ def test_consecutive_episodes_begin_differently(task):
 
 
 @EVERY_TASK
-def test_numpys_global_generator_is_left_alone(task):
+def test_numpys_global_generator_is_not_used(task):
     before = np.random.get_state()[1:3]
     roll_out(load(task), 5)
     np.testing.assert_equal(np.random.get_state()[1:3], before)

@@ -123,18 +123,18 @@ def test_gymnasium_and_dm_control_are_the_same_robot(task, seed):
         seen.append((np.concatenate(list(step.observation.values())), observation))
         rewards.append((step.reward, reward))
     for pairs in (seen, rewards):
-        wanted, found = map(np.array, zip(*pairs, strict=True))
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-6)
+        expected, found = map(np.array, zip(*pairs, strict=True))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
 @EVERY_TASK
 def test_returned_arrays_are_the_callers(task):
     env = JitterbugEnv(task)
-    wanted = roll_out(env)
+    expected = roll_out(env)
     kept = env.reset(seed=0)[0]
     env.step(np.ones(1, np.float32))[0][:] = 9
-    assert tuple(kept) == wanted[0]
-    assert roll_out(env) == wanted
+    assert tuple(kept) == expected[0]
+    assert roll_out(env) == expected
 
 
 @pytest.mark.parametrize(

@@ -143,7 +143,7 @@ class Killer:
             results = Results(path)
             self.steps[-1].append([steps_of(run, results) for run in self._runs])
             findings = verify(results, 1).findings
-            self.problems += [str(one) for one in findings if one.sort == "damaged"]
+            self.problems += [str(one) for one in findings if one.severity == "damaged"]
 
     def _fork(self, path, deadly_point=None):
         process = os.fork()

@@ -108,7 +108,7 @@ def test_the_other_runs_end_as_alone(tmp_path, engines):
 
     def poison(run, steps, episode_return):
         if (run.seed, steps) == (0, 200):
-            engines[-1]._team.tensors.kept["critic1"][0, 0] = math.nan
+            engines[-1]._team.tensors.saved["critic1"][0, 0] = math.nan
 
     failures, _ = train(tmp_path / "both", runs, progress=poison)
     assert list(failures) == [runs[0].id]
@@ -129,7 +129,7 @@ def test_weights_of_the_last_update_are_looked_at_before_they_are_kept(tmp_path,
 
     def poison(run, steps, episode_return):
         if steps == 100:
-            engines[-1]._team.tensors.kept["critic_target"][0, 0] = math.inf
+            engines[-1]._team.tensors.saved["critic_target"][0, 0] = math.inf
 
     failures, _ = train(tmp_path, [run], progress=poison)
     assert list(failures) == [run.id]
@@ -170,7 +170,7 @@ def test_an_error_later_does_not_hide_that_a_run_diverged(tmp_path, engines):
 
     def disturb(run, steps, episode_return):
         if (run.seed, steps) == (0, 50):
-            engines[-1]._team.tensors.kept["critic"][0, 0] = math.nan
+            engines[-1]._team.tensors.saved["critic"][0, 0] = math.nan
         if steps == 150:
             raise ValueError("something else")
 

@@ -1,26 +1,26 @@
-"""Agents of many seeds that learn side by side in one process.
+"""The default training engine: many seeds of an algorithm in one process.
 
-    tensors.py       what agents remember, stacked by seed, and memory that they share
-    network.py       networks with their gradients written out; adam.py: their optimiser
-    learner.py       what the update rules share; ddpg.py, td3.py, sac.py, ppo.py: one rule each
+    tensors.py       tensors of all seeds, stacked, and scratch memory
+    network.py       networks with hand-written gradients; adam.py: their optimiser
+    learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
     features.py      features learned with an agent; dense.py: their layers; on_features.py: the
-                     rules on them
-    batch.py         what an off-policy rule learns from; rules.py: the rules by name
-    streams.py       the random numbers of each seed; noise.py: noise on actions
-    environments.py  the robots
-    replay.py        replay buffers; updates.py: minibatches from them
-    rollout.py       what PPO learns from
-    team.py          the agents of all seeds as one; graphs.py: CUDA graphs
-    engine.py        the loop and its state; off_policy.py, on_policy.py: its two kinds
-    make.py          an engine from what a user asks for
+                     update rules on them
+    batch.py         an off-policy minibatch; rules.py: the update rules by name
+    streams.py       random generators of each seed; noise.py: action noise
+    environments.py  the simulated robots
+    replay.py        replay buffers; updates.py: minibatches sampled from them
+    rollout.py       rollout buffer of PPO
+    team.py          the agents of all seeds; graphs.py: CUDA graphs
+    engine.py        the training loop and its state; off_policy.py, on_policy.py: its two kinds
+    make.py          builds an engine from settings
 
-Every update rule is written once, for tensors with a leading axis of seeds and for tensors without
-it. On a CPU each seed's networks are computed by themselves, so that no seed depends on which
-others are there, not even in the last bit, and the same seeds give the same numbers again.
+Every update rule is written once, for tensors with or without a leading axis of seeds. On a CPU
+the seeds are computed one after another: a seed's numbers do not depend on the other seeds, bit for
+bit, and training is reproducible.
 
-On a GPU all seeds are computed in one stack. Random numbers are the CPU's, so that a seed sees the
-same robots, minibatches and noise; but which kernel multiplies a stack depends on its size, so
-that a seed among others agrees with the seed alone to rounding only, and after some thousand steps
-no more. The kernels that are used add in a fixed order: the same seeds on the same GPU with the
-same libraries are meant to give the same numbers again.
+On a GPU all seeds are computed in one stack. Random numbers are still drawn on the CPU, so a seed
+sees the same robots, minibatches and noise. Which kernel multiplies a stack depends on its size,
+so a seed trained with others agrees with the same seed trained alone only to rounding, and the two
+diverge after some thousand steps. The kernels add in a fixed order, so the same seeds on the same
+GPU with the same libraries should give the same numbers.
 """

@@ -3,48 +3,44 @@
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.tensors import Part
+from jbench.agents.batched.tensors import SeedView
 
 _BETA1, _BETA2 = 0.9, 0.999
 
 
 class Adam:
-    """The optimiser of one vector of parameters; its moments are kept beside these.
+    """Adam for one flat vector of parameters.
 
     Attributes:
-        steps: (...,) how many it has made, float32.
+        steps: (...,) number of steps made, float32.
     """
 
     def __init__(
         self,
-        part: Part,
+        view: SeedView,
         name: str,
         values: Tensor,
         gradient: Tensor,
         learning_rate: float,
         epsilon: float = 1e-8,
     ) -> None:
-        """Looks at parameters and their gradient, both (..., count).
+        """Refers to parameters and their gradient, both (..., count), without copying them.
 
         Args:
-            part: whose they are.
-            name: under which moments and number of steps are kept.
-            values: changed by `step`.
-            gradient: read by `step`.
-            learning_rate: of all parameters.
+            name: prefix of the saved tensors.
             epsilon: added to the root of the second moment.
         """
-        self._first = part.keep(f"{name}.first_moment", values.shape[-1])
-        self._second = part.keep(f"{name}.second_moment", values.shape[-1])
-        self.steps = part.keep(f"{name}.steps", dtype=torch.float32)
+        self._first = view.saved(f"{name}.first_moment", values.shape[-1])
+        self._second = view.saved(f"{name}.second_moment", values.shape[-1])
+        self.steps = view.saved(f"{name}.steps", dtype=torch.float32)
         self._values, self._gradient = values, gradient
         self._learning_rate, self._epsilon = learning_rate, epsilon
 
     def step(self) -> None:
-        """Changes the parameters by their gradient."""
+        """Makes one step in place."""
         self.steps += 1
-        # The kernel of torch.optim.Adam(fused=True), without the optimiser's bookkeeping: that
-        # would take as long as the kernel. Seeds of a stack have made equally many steps.
+        # The kernel of torch.optim.Adam(fused=True) without the optimiser's bookkeeping, which
+        # takes as long as the kernel. All seeds of a stack have made the same number of steps.
         torch._fused_adam_(
             [self._values],
             [self._gradient],

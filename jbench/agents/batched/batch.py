@@ -1,33 +1,33 @@
-"""The transitions that an off-policy update learns from."""
+"""A minibatch of an off-policy update."""
 
 import torch
 from torch import Tensor
 
 
 class Batch:
-    """Transitions (s, a, r, s') of one seed (...,) or of a stack (seeds,), in memory used again.
+    """Transitions (s, a, r, s') in reused buffers; a stack of seeds has a leading axis.
 
     Attributes:
-        rows: (..., batch, dim(O) + 2) s, a, r: what all but the last four are views of.
-        state_actions: (..., batch, dim(O) + 1) s and behind it a, as a critic sees them.
+        rows: (..., batch, dim(O) + 2) s, a and r; the next four attributes are views of it.
+        state_actions: (..., batch, dim(O) + 1) s and a, the input of a critic.
         observations: (..., batch, dim(O)) s.
-        actions: (..., batch, 1) a; an update may put others there once it has done with these.
+        actions: (..., batch, 1) a; overwritten by an update.
         rewards: (..., batch, 1) r.
-        next_rows: (..., batch, dim(O) + 2) s' and two numbers without a meaning.
-        next_state_actions: (..., batch, dim(O) + 1) s' and behind it a place for actions.
+        next_rows: (..., batch, dim(O) + 2) s' and two unused columns.
+        next_state_actions: (..., batch, dim(O) + 1) s' and the next action.
         next_observations: (..., batch, dim(O)) s'.
-        next_actions: (..., batch, 1) the place for actions.
-        discounts: (..., batch, 1) of the value of s'; 0 where nothing follows.
-        noise: (..., batch, noise_per_transition) independent standard normal numbers.
-        share: (..., batch, 1) of each transition in a mean over the batch: 1 / batch.
+        next_actions: (..., batch, 1) written by an update.
+        discounts: (..., batch, 1) gamma, or 0 where s' is terminal.
+        noise: (..., batch, noise_per_transition) standard normal numbers.
+        mean_weight: (..., batch, 1) 1 / batch, the gradient of a mean over the batch.
     """
 
     def __init__(self, rows: Tensor, next_rows: Tensor, discounts: Tensor, noise: Tensor) -> None:
-        """Looks at memory, as described in the class."""
+        """Makes the views of the given buffers."""
         self.rows, self.next_rows = rows, next_rows
         self.discounts, self.noise = discounts, noise
         self.state_actions, self.rewards = rows[..., :-1], rows[..., -1:]
         self.observations, self.actions = rows[..., :-2], rows[..., -2:-1]
         self.next_state_actions, self.next_observations = next_rows[..., :-1], next_rows[..., :-2]
         self.next_actions = next_rows[..., -2:-1]
-        self.share = torch.full_like(discounts, 1 / rows.shape[-2])
+        self.mean_weight = torch.full_like(discounts, 1 / rows.shape[-2])

@@ -13,7 +13,7 @@ from jbench.agents.batched.learner import (
     tanh_gradient,
 )
 from jbench.agents.batched.network import Network
-from jbench.agents.batched.tensors import Part
+from jbench.agents.batched.tensors import SeedView
 from jbench.settings.algorithms import DDPGSettings
 
 
@@ -27,13 +27,13 @@ class DDPG(OffPolicyLearner):
         self,
         settings: DDPGSettings,
         observation_size: int,
-        part: Part,
+        view: SeedView,
         low_precision: bool = False,
     ) -> None:
-        """As for any learner."""
-        super().__init__(settings, observation_size, part, low_precision)
+        """See `Learner`."""
+        super().__init__(settings, observation_size, view, low_precision)
         self._settings, joins = settings, settings.action_layer
-        # The actor's activations are needed until its gradient, those of the others before.
+        # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_sizes, workspace="actor")
         (self.critic,) = self._critics(["critic"], ["critic"], joins=joins)
         self.actor_target = self._network(
@@ -44,7 +44,7 @@ class DDPG(OffPolicyLearner):
         self._critic_adam = self._adam("critic", self.critic)
 
     def initialize(self, generator: Generator) -> None:
-        """Draws the first parameters of one seed."""
+        """Draws the initial parameters of one seed."""
         kind, bound = self._settings.initialization, self._settings.last_layer_bound
         for network, target in ((self.actor, self.actor_target), (self.critic, self.critic_target)):
             initialize_uniform(network.layers, generator, kind, bound)
@@ -55,28 +55,37 @@ class DDPG(OffPolicyLearner):
         return self.actor.forward(observations, exact=True).tanh_()
 
     def policy(self) -> tuple[Network, str]:
-        """As `Learner.policy`."""
+        """See `Learner.policy`."""
         return self.actor, "tanh"
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
-        """Learns from a minibatch of N transitions (s, a, r, s'), always in the same way."""
+        """Makes one update from a minibatch of N transitions (s, a, r, s').
+
+        Gradients, with y = r + gamma Q'(s', mu'(s')) held constant and a = tanh(u), u = actor(s):
+
+            L_Q  = 1/N sum (Q(s, a) - y)^2        dL_Q / dQ  = 2 (Q(s, a) - y) / N
+            L_mu = -1/N sum Q(s, mu(s))           dL_mu / da = -1/N dQ(s, a) / da
+                                                  dL_mu / du = dL_mu / da (1 - a^2)
+
+        `backward` continues from the network outputs, dQ and du, to the parameters.
+        """
         settings = self._settings
         # y = r + gamma Q'(s', mu'(s'))
         torch.tanh(self.actor_target.forward(batch.next_observations), out=batch.next_actions)
         next_values = self.critic_target.forward(batch.next_state_actions)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
-        # Update the critic by minimising the loss 1/N sum (y - Q(s, a))^2.
+        # Minimise L_Q over the critic.
         errors = self.critic.forward(batch.state_actions) - targets
-        self.critic.backward(2 * errors * batch.share)
+        self.critic.backward(2 * errors * batch.mean_weight)
         if not settings.gradients_first:
             self._critic_adam.step()
 
-        # Update the actor by the policy gradient, the gradient of 1/N sum Q(s, mu(s)).
+        # Minimise L_mu over the actor.
         torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
         losses = -self.critic.forward(batch.state_actions)
-        descent = self.critic.action_gradient(-batch.share)
-        self.actor.backward(tanh_gradient(descent, batch.actions))
+        by_action = self.critic.action_gradient(-batch.mean_weight)
+        self.actor.backward(tanh_gradient(by_action, batch.actions))
         if settings.gradients_first:
             self._critic_adam.step()
         self._actor_adam.step()

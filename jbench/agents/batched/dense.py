@@ -1,4 +1,4 @@
-"""Densely connected layers, and their gradients written out (Huang et al., 2017)."""
+"""Densely connected layers with hand-written gradients (Huang et al., 2017)."""
 
 from collections.abc import Sequence
 
@@ -6,29 +6,28 @@ import torch
 from torch import Tensor
 
 from jbench.agents.batched.network import Layer
-from jbench.agents.batched.tensors import Part
+from jbench.agents.batched.tensors import SeedView
 
 
 class DenseLayers:
-    """Layers of SiLU units, each of which sees the inputs and all units before it.
+    """Layers of SiLU units, each of which takes the inputs and all previous units.
 
-    Inputs and units lie side by side in one row, so that every layer reads the beginning of the row
-    and writes behind it.
+    Inputs and units share one row: every layer reads the beginning of the row and writes the
+    columns that follow.
 
     Attributes:
-        size: inputs and units.
+        size: number of inputs and units together.
     """
 
-    def __init__(self, part: Part, name: str, inputs: int, layers: Sequence[Layer]) -> None:
-        """Looks at layers.
+    def __init__(self, view: SeedView, name: str, inputs: int, layers: Sequence[Layer]) -> None:
+        """Connects layers.
 
         Args:
-            part: whose layers they are.
-            name: of the memory for rows.
+            name: of the scratch memory.
             inputs: number of inputs.
-            layers: the first one of the inputs, each next one of as many more as it has units.
+            layers: each takes the inputs and the units of all layers before it.
         """
-        self._part, self._name, self._layers = part, name, layers
+        self._view, self._name, self._layers = view, name, layers
         self._spans: list[tuple[int, int]] = []
         self.size = inputs
         for layer in layers:
@@ -38,14 +37,14 @@ class DenseLayers:
         self._rows = torch.empty(0)
 
     def rows(self, batch: int) -> Tensor:
-        """Returns the memory (..., batch, size) whose first columns take the inputs."""
-        return self._part.scratch(f"{self._name} rows", batch, self.size)
+        """Returns a buffer (..., batch, size), whose first columns are for the inputs."""
+        return self._view.scratch(f"{self._name} rows", batch, self.size)
 
     def forward(self, rows: Tensor) -> None:
-        """Writes the units behind the inputs of `rows`."""
+        """Computes the units and writes them to the columns after the inputs of `rows`."""
         self._rows, batch = rows, rows.shape[-2]
         self._raw = [
-            self._part.scratch(f"{self._name} raw {i}", batch, layer.units)
+            self._view.scratch(f"{self._name} raw {i}", batch, layer.units)
             for i, layer in enumerate(self._layers)
         ]
         for layer, raw, (start, end) in zip(self._layers, self._raw, self._spans, strict=True):
@@ -55,21 +54,21 @@ class DenseLayers:
     def backward(
         self, by_rows: Tensor, first: int, *, learn: bool, selected: Tensor | None = None
     ) -> None:
-        """Adds to the gradient by each column what later columns contribute to it.
+        """Backpropagates through the layers; adds to `by_rows` in place.
 
         Args:
-            by_rows: (..., batch, size - first) gradient of a loss by the columns of the last rows
-                that went forward, from `first` on; completed in place.
+            by_rows: (..., batch, size - first) gradient of a loss by the columns of the last
+                forward pass from `first` on.
             first: the first column that has a gradient, at most the number of inputs.
-            learn: whether the gradient by the layers' parameters is written, too.
-            selected: the rows of the batch that `by_rows` is for; all for None. Only for one seed,
-                and without `learn`.
+            learn: whether to write the gradient by the layers' parameters.
+            selected: indices of the batch that `by_rows` belongs to; None for all. Requires a
+                single seed and `learn=False`.
         """
         layers = list(zip(self._layers, self._raw, self._spans, strict=True))
         for layer, raw, (start, end) in reversed(layers):
-            its_raw = raw if selected is None else raw.index_select(0, selected)
+            layer_raw = raw if selected is None else raw.index_select(0, selected)
             by_units = by_rows[..., start - first : end - first]
-            delta = torch.ops.aten.silu_backward(by_units, its_raw)
+            delta = torch.ops.aten.silu_backward(by_units, layer_raw)
             if learn:
                 layer.differentiate(delta, self._rows[..., :start].mT)
             if start > first:

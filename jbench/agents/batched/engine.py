@@ -1,4 +1,4 @@
-"""Agents of several seeds that learn one task side by side: the loop, and all of its state."""
+"""The training loop of several seeds on one task, and its complete state."""
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
@@ -21,11 +21,11 @@ _AGENT, _WORLD, _LOOP = "agent/", "environments/", "loop/"
 
 
 class SeedState(NamedTuple):
-    """All of one seed but the rows of its replay buffer.
+    """The state of one seed, except for its replay buffer.
 
     Attributes:
-        tensors: by name, on the CPU, none sharing memory: as safetensors wants them.
-        scalars: what JSON can say.
+        tensors: by name, on the CPU, without shared memory, as safetensors requires.
+        scalars: everything else, serialisable as JSON.
     """
 
     tensors: dict[str, Tensor]
@@ -33,16 +33,15 @@ class SeedState(NamedTuple):
 
 
 class Engine(Closing):
-    """Agents of several seeds that learn side by side; each learns what it would learn alone.
+    """Trains several seeds side by side; each learns what it would learn alone.
 
     Use it as a context manager: it holds threads.
 
     Attributes:
-        environments: what the agents learn in.
-        control_steps: of each seed, over all its environments.
-        updates: of each seed.
-        diverged: the seeds that have diverged, by their places. The others are not affected: a
-            diverged seed's robots get the action 0, and it may learn no more.
+        control_steps: per seed, over all its environments.
+        updates: per seed.
+        diverged: the diverged seeds by index. Their robots get the action 0 and they may stop
+            learning; the other seeds are not affected.
     """
 
     def __init__(
@@ -52,13 +51,11 @@ class Engine(Closing):
         streams: Sequence[Streams],
         rollout_steps: int,
     ) -> None:
-        """Begins with agents that know nothing.
+        """Starts with untrained agents.
 
         Args:
-            team: the agents.
-            environments: what they learn in.
-            streams: of every seed.
-            rollout_steps: of each environment from one learning to the next.
+            streams: one per seed.
+            rollout_steps: steps of each environment between learning phases.
         """
         self.environments = environments
         self.control_steps = self.updates = 0
@@ -66,22 +63,22 @@ class Engine(Closing):
         self.diverged: dict[int, Divergence] = {}
         self._collected = 0
         team.initialize(streams)
-        # All that must stay finite; the log temperature of SAC is -inf if ent_coef is 0.
-        kept = team.tensors.kept
-        self._finite = [n for n in kept if n != LOSS_SUMS and bool(kept[n].isfinite().all())]
+        # Tensors that must stay finite; the log temperature of SAC is -inf if ent_coef is 0.
+        saved = team.tensors.saved
+        self._finite = [n for n in saved if n != LOSS_SUMS and bool(saved[n].isfinite().all())]
 
     def close(self) -> None:
         """Ends the threads."""
         self.environments.close()
 
     def learn(self, steps: int) -> Iterator[NDArray[np.float64] | None]:
-        """Learns until each seed has had so many control steps, to the end of a rollout.
+        """Trains until each seed has made `steps` control steps and completed a rollout.
 
-        Between two control steps the caller may do with the agents what it likes: what a step
-        taught is learned when the next one is asked for, also after `restore`.
+        Learning happens when the step after a completed rollout is requested, also after
+        `restore`, so the caller can evaluate or save the agents between any two steps.
 
         Args:
-            steps: of each seed, since the very first.
+            steps: per seed, counted from the start of training.
 
         Yields:
             After each step of all robots, the returns (seeds, environments) of the episodes that
@@ -103,23 +100,21 @@ class Engine(Closing):
             yield step.episode_returns
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns the deterministic actions (seeds, N, 1) of every agent in [-1, 1].
-
-        Those of diverged agents are 0.
+        """Returns deterministic actions (seeds, N, 1) in [-1, 1]; 0 for diverged agents.
 
         Args:
             observations: (seeds, N, dim(O)) of the task, not encoded.
         """
-        seen = self.environments.encode(torch.from_numpy(observations))
-        actions: NDArray[np.float32] = self._team.run(_act, seen).float().numpy()
+        inputs = self.environments.encode(torch.from_numpy(observations))
+        actions: NDArray[np.float32] = self._team.run(_act, inputs).float().numpy()
         actions[list(self.diverged)] = 0
         return actions
 
     def evaluate(self, environments: Environments) -> NDArray[np.float64]:
-        """Returns the returns (seeds, N) of one episode of each robot, deterministic actions.
+        """Returns the returns (seeds, N) of one episode per robot with deterministic actions.
 
         Args:
-            environments: of the evaluation, at the beginning of an episode, N for every agent.
+            environments: N per seed, at the beginning of an episode.
         """
         while True:
             actions = self._team.run(_act, environments.observations)[..., 0]
@@ -128,24 +123,24 @@ class Engine(Closing):
                 return returns
 
     def policy(self, seed: int) -> Policy:
-        """Returns a copy of the deterministic policy of the seed in the given place."""
+        """Returns a copy of the deterministic policy of the seed with this index."""
         return self._team.policy(seed)
 
     def losses(self, seed: int) -> dict[str, float]:
-        """Returns the last losses of a seed by the names of the database; none before any."""
-        sums, counts = self._team.tensors.kept[LOSS_SUMS][seed].cpu().unbind(dim=-1)
+        """Returns the last losses of a seed by database name; empty before the first update."""
+        sums, counts = self._team.tensors.saved[LOSS_SUMS][seed].cpu().unbind(dim=-1)
         means = zip(self._team.each[seed].losses, counts, (sums / counts).tolist(), strict=True)
         return {name: mean for name, count, mean in means if count}
 
     def check_weights(self) -> None:
-        """Notes in `diverged` the seeds whose weights or optimisers are not finite."""
+        """Records in `diverged` the seeds whose weights or optimiser moments are not finite."""
         for name in self._finite:
             for seed in self._not_finite(name):
-                self._note_divergence(seed, "weights")
+                self._record_divergence(seed, "weights")
 
     def state(self, seed: int) -> SeedState:
-        """Returns all of one seed but its replay rows, between any two control steps."""
-        tensors = {_AGENT + name: kept[seed] for name, kept in self._team.tensors.kept.items()}
+        """Returns the state of one seed without its replay rows, at any control step."""
+        tensors = {_AGENT + name: saved[seed] for name, saved in self._team.tensors.saved.items()}
         world = self.environments.state(seed)
         tensors |= {_WORLD + name: torch.from_numpy(value) for name, value in world.items()}
         tensors |= {_LOOP + name: tensor for name, tensor in self._loop_state(seed).items()}
@@ -161,20 +156,22 @@ class Engine(Closing):
         return SeedState(copies, scalars)
 
     def restore(self, states: Sequence[SeedState]) -> None:
-        """Puts all seeds where they were; on a CPU, what follows is the same bit for bit.
+        """Restores all seeds; on a CPU, training continues with the same bits.
 
         Args:
-            states: of every seed. An off-policy engine is given its replay rows before.
+            states: of every seed. The replay rows of an off-policy engine must be restored before.
 
         Raises:
-            ValueError: if the seeds have not had equally many control steps.
+            ValueError: if the seeds have made different numbers of control steps.
         """
         first = states[0].scalars
         if any(state.scalars["control_steps"] != first["control_steps"] for state in states):
-            raise ValueError("Seeds that learn side by side have had equally many control steps.")
+            raise ValueError(
+                "All seeds of an engine must have made the same number of control steps."
+            )
         for seed, (tensors, scalars) in enumerate(states):
-            for name, kept in self._team.tensors.kept.items():
-                kept[seed] = tensors[_AGENT + name]
+            for name, saved in self._team.tensors.saved.items():
+                saved[seed] = tensors[_AGENT + name]
             world = {name: tensor.numpy() for name, tensor in _under(_WORLD, tensors).items()}
             steps = scalars["episodes"], scalars["episode_steps"]
             self.environments.restore(seed, world, *steps)
@@ -184,61 +181,60 @@ class Engine(Closing):
         self._collected = first["collected"]
 
     def _check_losses(self) -> None:
-        """Notes the seeds with a loss that is not finite, after an update."""
+        """Records the seeds with a loss that is not finite."""
         for seed in self._not_finite(LOSS_SUMS):
-            self._note_divergence(seed, divergent_loss(self.losses(seed)) or "losses")
+            self._record_divergence(seed, divergent_loss(self.losses(seed)) or "losses")
 
     def _checked_actions(self, actions: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Notes the seeds with actions that are not finite, and sets these to 0.
+        """Records the seeds with actions that are not finite, and sets those actions to 0.
 
-        MuJoCo would print a warning and take them for 0 itself.
+        MuJoCo would print a warning and set them to 0 itself.
         """
         finite = np.isfinite(actions).all(axis=1)
         if not finite.all():
             for seed in np.flatnonzero(~finite).tolist():
-                self._note_divergence(seed, "actions")
+                self._record_divergence(seed, "actions")
             actions[~finite] = 0
         return actions
 
     def _not_finite(self, name: str) -> list[int]:
-        """Returns the seeds whose tensor of that name is not finite."""
-        finite = self._team.tensors.kept[name].isfinite().view(len(self._streams), -1).all(dim=1)
-        # One small copy from a GPU, also where all are finite.
+        """Returns the seeds whose tensor `name` is not finite."""
+        finite = self._team.tensors.saved[name].isfinite().view(len(self._streams), -1).all(dim=1)
+        # Only one small copy from a GPU.
         return [seed for seed, is_finite in enumerate(finite.tolist()) if not is_finite]
 
-    def _note_divergence(self, seed: int, what: str) -> None:
-        """Notes that a seed has diverged; of several signs the first counts."""
+    def _record_divergence(self, seed: int, what: str) -> None:
+        """Records the first sign that a seed has diverged."""
         self.diverged.setdefault(seed, Divergence(self.updates, self.control_steps, what))
 
     def _still_learning(self, seeds: range) -> bool:
-        """Returns whether one of some seeds has not diverged."""
+        """Returns whether any of these seeds has not diverged."""
         return not all(seed in self.diverged for seed in seeds)
 
     @abstractmethod
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
-        """Returns actions (seeds, environments) to learn from."""
+        """Returns exploring actions (seeds, environments)."""
 
     @abstractmethod
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: Step) -> None:
-        """Keeps what a control step has taught."""
+        """Stores the transitions of a control step."""
 
     @abstractmethod
     def _learn(self) -> None:
-        """Learns from what was remembered."""
+        """Makes the updates that are due after a rollout."""
 
     @abstractmethod
     def _loop_state(self, seed: int) -> dict[str, Tensor]:
-        """Returns what the loop remembers of a seed."""
+        """Returns the state of the loop for one seed."""
 
     @abstractmethod
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
-        """Takes back what `_loop_state` gave."""
+        """Restores what `_loop_state` returned."""
 
 
 def _under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Returns the tensors whose names begin so, by the rest of their names."""
-    own = {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
-    return own
+    """Returns the tensors whose names start with a prefix, with the prefix removed."""
+    return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
 
 
 def _act(agent: Learner, observations: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""The robots that the agents of several seeds learn on, all stepped together."""
+"""The simulated robots of all seeds, stepped together."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -18,17 +18,17 @@ from jbench.tasks import model, resets
 from jbench.tasks.features import TASK_SPECS, State, observation, reward
 
 Models = Callable[[int], mujoco.MjModel]
-"""Gives the robot of every episode, counted from 0."""
+"""Maps an episode number, counted from 0, to its robot."""
 
 
 class Step(NamedTuple):
-    """What a control step of all robots led to.
+    """Result of a control step of all robots.
 
     Attributes:
         rewards: (seeds, environments).
         observations: (seeds, environments, size) at the end of the step.
-        episode_returns: (seeds, environments) of the episodes that ended with it, or None. All
-            begin and end together. Then the robots are in their next episodes already.
+        episode_returns: (seeds, environments) of the episodes that ended with this step, or None.
+            All episodes end together, and the robots are then reset to their next episodes.
     """
 
     rewards: NDArray[np.float64]
@@ -37,16 +37,16 @@ class Step(NamedTuple):
 
 
 class Environments(Closing):
-    """Seeds x environments robots on one task, in whole episodes.
+    """Seeds x environments robots on one task, reset together.
 
     Use it as a context manager: it holds threads.
 
     Attributes:
-        observations: (seeds, environments, size) what the agents see now, float32.
-        episodes: how many each robot has had, the one under way not counted.
-        steps: control steps of the episode under way.
+        observations: (seeds, environments, size) current inputs of the agents, float32.
+        episodes: completed episodes of each robot.
+        steps: control steps made in the current episode.
         episode_steps: control steps in an episode.
-        threads: how many robots are stepped at a time.
+        threads: number of simulation threads.
     """
 
     def __init__(
@@ -59,15 +59,12 @@ class Environments(Closing):
         models: Models | None = None,
         episode_steps: int = EPISODE_STEPS,
     ) -> None:
-        """Begins the first episodes.
+        """Starts the first episodes.
 
         Args:
-            task: one of `jbench.names.TASKS`.
-            generators: of each environment of each seed, for the beginnings of its episodes.
-            encoder: of the observations.
-            threads: how many robots are stepped at a time.
-            models: of the episodes; the plain robot for None.
-            episode_steps: control steps in an episode; other than the tasks' own for tests.
+            generators: per seed and environment, of initial poses and targets.
+            models: the robot of each episode; None for the plain robot.
+            episode_steps: control steps in an episode; tests use short episodes.
         """
         self._task, self._encoder, self.threads = task, encoder, threads
         self.episode_steps = episode_steps
@@ -81,18 +78,18 @@ class Environments(Closing):
         self._begin_episodes()
 
     def close(self) -> None:
-        """Ends the threads."""
+        """Stops the threads."""
         self._robots.close()
 
     @property
     def size(self) -> int:
-        """Number of dimensions of what an agent sees."""
+        """Dimension of the agents' inputs."""
         if self._encoder is not None:
             return self._encoder.latent_size
         return TASK_SPECS[self._task].observation_size
 
     def step(self, actions: NDArray[np.floating]) -> Step:
-        """Holds the actions (seeds, environments), clipped to [-1, 1], for a control step."""
+        """Applies actions (seeds, environments), clipped to [-1, 1], for one control step."""
         state = self._robots.step(actions.reshape(-1))
         rewards = np.asarray(reward(self._task, state, self._target)).reshape(self._shape)
         self._returns += rewards
@@ -106,14 +103,14 @@ class Environments(Closing):
         return Step(rewards, observations, returns)
 
     def encode(self, observations: Tensor) -> Tensor:
-        """Returns what agents see (seeds, N, size) of the task's observations, (..., dim(O))."""
+        """Maps observations (seeds, N, dim(O)) of the task to agents' inputs (seeds, N, size)."""
         if self._encoder is None:
             return observations
-        # One seed after another: a product may round differently in a larger batch.
+        # Seed by seed, because a matrix product may round differently in a larger batch.
         return torch.stack([self._encoder.encode(batch) for batch in observations])
 
     def state(self, seed: int) -> dict[str, NDArray[np.float64]]:
-        """Returns all of one seed's simulation, at any moment, for `restore`."""
+        """Returns the simulation state of one seed, for `restore`."""
         rows = self._rows(seed)
         return {
             "simulation": self._robots.snapshot()[rows],
@@ -125,15 +122,15 @@ class Environments(Closing):
     def restore(
         self, seed: int, state: dict[str, NDArray[np.float64]], episodes: int, steps: int
     ) -> None:
-        """Puts one seed's simulation exactly where it was.
+        """Restores the simulation of one seed exactly.
 
         Args:
-            seed: its place.
+            seed: index of the seed.
             state: from `state`.
-            episodes: as in the class, the same for all seeds.
-            steps: as in the class, the same for all seeds.
+            episodes: completed episodes, the same for all seeds.
+            steps: control steps made in the current episode, the same for all seeds.
         """
-        self._exchange_robots(episodes)
+        self._switch_robot(episodes)
         rows = self._rows(seed)
         self._target.position[rows] = state["target_position"]
         self._target.yaw[rows] = state["target_yaw"]
@@ -144,32 +141,32 @@ class Environments(Closing):
         )
 
     def _begin_episodes(self) -> None:
-        """Puts all robots at the beginning of an episode, with targets of their own."""
-        self._exchange_robots(self.episodes)
+        """Resets all robots and draws a target for each."""
+        self._switch_robot(self.episodes)
         starts = resets.draw_starts(self._task, self._generators)
         self._target = starts.targets
         self._returns = np.zeros(self._shape)
         self.steps = 0
         self.observations = self._observe(self._robots.reset(starts.quaternions))
 
-    def _exchange_robots(self, episode: int) -> None:
-        """Takes the robot of an episode, where it is another one."""
-        wanted = self._models(episode)
-        if wanted is not self._model:
+    def _switch_robot(self, episode: int) -> None:
+        """Switches to the robot of an episode if it differs from the current one."""
+        robot = self._models(episode)
+        if robot is not self._model:
             self._robots.close()
-            self._model = wanted
+            self._model = robot
             self._robots = self._new_robots()
 
     def _new_robots(self) -> Robots:
         return Robots(self._model, len(self._generators), self.threads)
 
     def _observe(self, state: State) -> Tensor:
-        """Returns what the agents see, (seeds, environments, size)."""
-        seen = np.asarray(observation(self._task, state, self._target), np.float32)
-        return self.encode(torch.from_numpy(seen.reshape(*self._shape, -1)))
+        """Returns the agents' inputs (seeds, environments, size)."""
+        observed = np.asarray(observation(self._task, state, self._target), np.float32)
+        return self.encode(torch.from_numpy(observed.reshape(*self._shape, -1)))
 
     def _rows(self, seed: int) -> slice:
-        """Returns the places of a seed's robots."""
+        """Returns the indices of a seed's robots."""
         environments = self._shape[1]
         return slice(seed * environments, (seed + 1) * environments)
 

@@ -1,7 +1,7 @@
-"""Features that are learned with an agent, by predicting the next observation.
+"""Features learned with an agent by predicting the next observation (OFENet).
 
 Source: Ota et al. (2020), "Can Increasing Input Dimensionality Improve Deep Reinforcement
-Learning?", arXiv:2003.01629. `docs/agents.md` says what differs from it.
+Learning?", arXiv:2003.01629. `docs/agents.md` lists the differences.
 """
 
 from typing import Any
@@ -16,114 +16,119 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.dense import DenseLayers
 from jbench.agents.batched.learner import initialize_uniform
 from jbench.agents.batched.network import Affine, Layer, Network, affine_count, affine_views
-from jbench.agents.batched.tensors import Part
-from jbench.policies.feature_map import LARGEST, SMALLEST_DEVIATION, FeatureMap
+from jbench.agents.batched.tensors import SeedView
+from jbench.policies.feature_map import MAX_INPUT, MIN_DEVIATION, FeatureMap
 from jbench.settings.ofe import OFESettings
 
 
 class Features:
-    """Features z_o = phi_o(o) and z_oa = phi_oa(z_o, a), and what learns them.
+    """Features z_o = phi_o(o) and z_oa = phi_oa(z_o, a), and their training.
 
-    A linear layer predicts the next observation from z_oa. The networks see observations that are
-    standardised by the mean and variance over the minibatches of their first updates. The agent
-    sees those that are appended to the units as they are.
+    A linear layer predicts the next observation from z_oa. The inputs of phi_o and phi_oa are
+    standardised by mean and variance over the minibatches of the first updates. Observations that
+    are appended to the features for the agent are not standardised.
 
     Attributes:
         size: of z_o.
-        pair_size: of z_oa.
-        values: (...,) all parameters; `gradient` is like it.
+        state_action_size: of z_oa.
+        values: (..., parameters) flat parameters; `gradient` has the same shape.
     """
 
-    def __init__(self, settings: OFESettings, observation_size: int, part: Part) -> None:
-        """Looks at the numbers of a part.
-
-        Args:
-            settings: of the features.
-            observation_size: of o.
-            part: whose numbers.
-        """
-        self._settings, self._part, self._observed = settings, part, observation_size
+    def __init__(self, settings: OFESettings, observation_size: int, view: SeedView) -> None:
+        """Makes the networks."""
+        self._settings, self._view, self._observation_size = settings, view, observation_size
         self._appended = settings.units > observation_size
         self.size = settings.units + (observation_size if self._appended else 0)
-        self.pair_size = self.size + 1 + settings.units
+        self.state_action_size = self.size + 1 + settings.units
         shapes = _shapes(observation_size, settings.widths)
-        self._of_observations = len(shapes)
+        self._layers_of_phi_o = len(shapes)
         shapes += _shapes(self.size + 1, settings.widths)
-        shapes.append((self.pair_size, observation_size))
+        shapes.append((self.state_action_size, observation_size))
         self._shapes, count = shapes, affine_count(shapes)
-        self.values = part.keep("features", count)
-        self.gradient = part.scratch("features.gradient", count)
+        self.values = view.saved("features", count)
+        self.gradient = view.scratch("features.gradient", count)
         self.layers = self.layers_of(self.values)
         pairs = zip(self.layers, self.layers_of(self.gradient), strict=True)
         *layers, self._head = [Layer(*pair) for pair in pairs]
         first, second = layers[: len(shapes) // 2], layers[len(shapes) // 2 :]
-        self._phi_o = DenseLayers(part, "phi_o", observation_size, first)
-        self._phi_oa = DenseLayers(part, "phi_oa", self.size + 1, second)
-        self._adam = Adam(part, "features", self.values, self.gradient, settings.learning_rate)
-        self._mean = part.keep("features.mean", observation_size)
-        self._variance = part.keep("features.variance", observation_size)
+        self._phi_o = DenseLayers(view, "phi_o", observation_size, first)
+        self._phi_oa = DenseLayers(view, "phi_oa", self.size + 1, second)
+        self._adam = Adam(view, "features", self.values, self.gradient, settings.learning_rate)
+        self._mean = view.saved("features.mean", observation_size)
+        self._variance = view.saved("features.variance", observation_size)
 
     def layers_of(self, flat: Tensor) -> list[Affine]:
-        """Returns the layers of phi_o, of phi_oa and the last one in parameters like `values`."""
+        """Returns the layers of phi_o and phi_oa and the output layer, as views of `flat`."""
         return affine_views(flat, self._shapes)
 
     def initialize(self, generator: Generator) -> None:
-        """Draws the first parameters of one seed; observations are not standardised yet."""
+        """Draws the initial parameters of one seed; mean 0 and variance 1 standardise nothing."""
         initialize_uniform(self.layers, generator, "glorot")
         self._variance.fill_(1)
 
-    def of_observations(self, observations: Tensor, out: Tensor) -> Tensor:
+    def observation_features(self, observations: Tensor, out: Tensor) -> Tensor:
         """Writes and returns z_o (..., N, size) of observations (..., N, dim(O))."""
         rows = self._forward(observations)
         if self._appended:
-            out[..., : self._observed].copy_(observations)
-        out[..., -self._settings.units :].copy_(rows[..., self._observed :])
+            out[..., : self._observation_size].copy_(observations)
+        out[..., -self._settings.units :].copy_(rows[..., self._observation_size :])
         return out
 
-    def of_pairs(self, pairs: Tensor) -> Tensor:
-        """Returns z_oa (..., N, pair_size) of z_o and an action behind it (..., N, size + 1)."""
-        rows = self._forward_pairs(pairs)
+    def state_action_features(self, state_actions: Tensor) -> Tensor:
+        """Returns z_oa (..., N, state_action_size) for z_o and a (..., N, size + 1)."""
+        rows = self._forward_state_actions(state_actions)
         if self._appended:
-            rows[..., : self._observed].copy_(pairs[..., : self._observed])
+            rows[..., : self._observation_size].copy_(state_actions[..., : self._observation_size])
         return rows
 
     def action_gradient(self, by_features: Tensor, selected: Tensor | None) -> Tensor:
-        """Returns the gradient (..., N, 1) of a loss by the actions of the last `of_pairs`.
+        """Returns the gradient (..., N, 1) by the actions of the last `state_action_features`.
 
         Args:
-            by_features: (..., N, 1 + units) gradient by what z_oa has behind z_o; overwritten.
-            selected: the pairs that `by_features` is for; all for None. Only for one seed.
+            by_features: (..., N, 1 + units) gradient of a loss by the columns of z_oa after z_o;
+                overwritten.
+            selected: indices of the batch that `by_features` belongs to; None for all. Requires a
+                single seed.
         """
         self._phi_oa.backward(by_features, self.size, learn=False, selected=selected)
         return by_features[..., :1]
 
     def learn(self, batch: Batch) -> Tensor:
-        """Makes one update; returns the squared errors (..., N, dim(O)) before it."""
+        """Makes one update; returns the squared errors (..., N, dim(O)) before it.
+
+        With the prediction p = W z_oa + b of the standardised next observation o', d = dim(O):
+
+            L = 1 / (N d) sum |p - o'|^2      dL / dp = 2 (p - o') / (N d)
+
+        This gradient goes back through W and phi_oa to z_oa; its columns that hold the units of
+        phi_o then go back through phi_o.
+        """
         self._standardize_by(batch.observations)
         rows = self._forward(batch.observations)
-        pairs = self._part.scratch("features.state_actions", rows.shape[-2], self.size + 1)
+        state_actions = self._view.scratch("features.state_actions", rows.shape[-2], self.size + 1)
         if self._appended:
-            pairs[..., : self._observed].copy_(batch.observations)
-        pairs[..., -1 - self._settings.units : -1].copy_(rows[..., self._observed :])
-        pairs[..., -1:].copy_(batch.actions)
-        seen = self._forward_pairs(pairs)
-        errors = self._head.forward(seen)
+            state_actions[..., : self._observation_size].copy_(batch.observations)
+        state_actions[..., -1 - self._settings.units : -1].copy_(
+            rows[..., self._observation_size :]
+        )
+        state_actions[..., -1:].copy_(batch.actions)
+        features = self._forward_state_actions(state_actions)
+        errors = self._head.forward(features)
         errors.sub_(self._standardized(batch.next_observations))
 
-        # The loss is the mean of the squared errors over the batch and the observation.
-        delta = errors * (2 / self._observed * batch.share)
-        self._head.differentiate(delta, seen.mT)
-        by_seen = self._part.scratch("features.by_seen", *seen.shape[-2:])
-        self._head.propagate(delta, by_seen)
-        self._phi_oa.backward(by_seen, 0, learn=True)
-        by_units = by_seen[..., self.size - self._settings.units : self.size]
-        self._phi_o.backward(by_units, self._observed, learn=True)
+        delta = errors * (2 / self._observation_size * batch.mean_weight)
+        self._head.differentiate(delta, features.mT)
+        by_features = self._view.scratch("features.by_features", *features.shape[-2:])
+        self._head.propagate(delta, by_features)
+        self._phi_oa.backward(by_features, 0, learn=True)
+        by_units = by_features[..., self.size - self._settings.units : self.size]
+        self._phi_o.backward(by_units, self._observation_size, learn=True)
         self._adam.step()
         return errors.square_()
 
     def to_map(self) -> FeatureMap:
-        """Returns a copy of what gives z_o, for a saved policy; only of one seed."""
-        layers = self.layers[: self._of_observations]
+        """Returns a copy of phi_o for a saved policy; requires a single seed."""
+        layers = self.layers[: self._layers_of_phi_o]
         return FeatureMap(
             _array(self._mean),
             _array(self._deviation()),
@@ -133,33 +138,33 @@ class Features:
         )
 
     def _forward(self, observations: Tensor) -> Tensor:
-        """Returns standardised observations and the units of phi_o behind them."""
+        """Returns rows of the standardised observations and the units of phi_o."""
         rows = self._phi_o.rows(observations.shape[-2])
-        rows[..., : self._observed].copy_(self._standardized(observations))
+        rows[..., : self._observation_size].copy_(self._standardized(observations))
         self._phi_o.forward(rows)
         return rows
 
-    def _forward_pairs(self, pairs: Tensor) -> Tensor:
-        """Returns z_oa of z_o and actions, but that an observation within it is standardised."""
-        rows = self._phi_oa.rows(pairs.shape[-2])
-        rows[..., : self.size + 1].copy_(pairs)
+    def _forward_state_actions(self, state_actions: Tensor) -> Tensor:
+        """Returns z_oa, in which an appended observation is standardised."""
+        rows = self._phi_oa.rows(state_actions.shape[-2])
+        rows[..., : self.size + 1].copy_(state_actions)
         if self._appended:
-            observations = pairs[..., : self._observed]
-            rows[..., : self._observed].copy_(self._standardized(observations))
+            observations = state_actions[..., : self._observation_size]
+            rows[..., : self._observation_size].copy_(self._standardized(observations))
         self._phi_oa.forward(rows)
         return rows
 
     def _standardized(self, observations: Tensor) -> Tensor:
         centred = observations - self._mean.unsqueeze(-2)
-        return centred.div_(self._deviation().unsqueeze(-2)).clamp_(-LARGEST, LARGEST)
+        return centred.div_(self._deviation().unsqueeze(-2)).clamp_(-MAX_INPUT, MAX_INPUT)
 
     def _deviation(self) -> Tensor:
-        return (self._variance + SMALLEST_DEVIATION**2).sqrt_()
+        return (self._variance + MIN_DEVIATION**2).sqrt_()
 
     def _standardize_by(self, observations: Tensor) -> None:
-        """Makes a minibatch a part of mean and variance, if it is one of the first ones.
+        """Merges a minibatch into mean and variance during the first updates.
 
-        Source: Chan, Golub and LeVeque (1979), the variance of two sets together.
+        Source: Chan, Golub and LeVeque (1979), variance of the union of two sets.
         """
         before = self._adam.steps.unsqueeze(-1)
         weight = (before < self._settings.standardize_updates).to(self._mean.dtype) / (before + 1)
@@ -172,41 +177,40 @@ class Features:
 
 
 class FeatureCritic(Network):
-    """A critic that is given z_o and an action, and sees z_oa."""
+    """A critic of z_oa whose argument is z_o and an action."""
 
     def __init__(
         self, features: Features, twin: Network | None, *args: Any, **options: Any
     ) -> None:
-        """Makes the views of its parameters.
+        """Makes the views of the parameters.
 
         Args:
-            features: that it sees.
-            twin: a critic that has always just been asked about the same pairs, and whose inputs
-                are this one's; None for one that computes its own.
-            args: of a `Network`.
-            options: of a `Network`.
+            twin: a critic that is always evaluated on the same batch before this one, whose z_oa
+                is reused; None for a critic that computes z_oa.
+            args: of `Network`.
+            options: of `Network`.
         """
         super().__init__(*args, **options)
         self._features, self._twin = features, twin
 
     def forward(self, inputs: Tensor, *, exact: bool = False) -> Tensor:
-        """Returns the values (..., batch, 1) of z_o and actions (..., batch, size + 1)."""
+        """Returns values (..., batch, 1) for z_o and actions (..., batch, size + 1)."""
         twin = self._twin
-        seen = self._features.of_pairs(inputs) if twin is None else twin._inputs
-        return super().forward(seen, exact=exact)
+        features = self._features.state_action_features(inputs) if twin is None else twin._inputs
+        return super().forward(features, exact=exact)
 
     def action_gradient(self, delta: Tensor, rows: Tensor | None = None) -> Tensor:
         """Returns the gradient (..., batch, 1) by the actions; see `Network`."""
-        places = slice(self._features.size, self._features.pair_size)
-        by_features = self._input_gradient(delta, places, rows)
+        columns = slice(self._features.size, self._features.state_action_size)
+        by_features = self._input_gradient(delta, columns, rows)
         return self._features.action_gradient(by_features, rows)
 
 
 def _shapes(inputs: int, widths: list[int]) -> list[tuple[int, int]]:
-    """Returns inputs and units of each of densely connected layers."""
+    """Returns inputs and units of densely connected layers."""
     return [(inputs + sum(widths[:i]), width) for i, width in enumerate(widths)]
 
 
 def _array(tensor: Tensor) -> NDArray[np.float32]:
-    found: NDArray[np.float32] = tensor.float().cpu().numpy().copy(order="C")
-    return found
+    array: NDArray[np.float32] = tensor.float().cpu().numpy().copy(order="C")
+    return array

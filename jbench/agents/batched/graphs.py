@@ -1,4 +1,4 @@
-"""CUDA graphs: a sequence of kernels recorded once and then started by one call."""
+"""CUDA graphs: a recorded sequence of kernels that one call launches."""
 
 from collections.abc import Callable, Hashable
 
@@ -6,23 +6,23 @@ import torch
 
 
 class Captured:
-    """A function that works on the same memory at every call, recorded on a GPU.
+    """A function that is recorded on a GPU, one recording per argument, and then replayed.
 
-    It must read and write tensors that stay where they are, must not look at their values, and may
-    depend on nothing else but its argument; each argument has a recording of its own. The update
-    of a small network is a hundred kernels, and Python takes longer to start them than they run.
+    The function must read and write the same tensors at every call, must not branch on their
+    values, and may depend only on its argument. An update of a small network is a hundred kernels,
+    which Python takes longer to launch than they take to run.
     """
 
     def __init__(self, function: Callable[[Hashable], None], device: torch.device) -> None:
-        """Records nothing yet; on a CPU it never does."""
+        """Wraps a function; on a CPU it is called directly."""
         self._function, self._device = function, device
         self._called: set[Hashable] = set()
         self._graphs: dict[Hashable, torch.cuda.CUDAGraph] = {}
 
     def __call__(self, argument: Hashable) -> None:
-        """Does what the function does."""
+        """Calls the function, or replays its recording."""
         if self._device.type != "cuda" or argument not in self._called:
-            # The first time, kernels are loaded and libraries ask for memory: not to be recorded.
+            # The first call loads kernels and allocates memory, which must not be recorded.
             self._called.add(argument)
             self._function(argument)
             return
@@ -31,7 +31,7 @@ class Captured:
         self._graphs[argument].replay()
 
     def _record(self, argument: Hashable) -> torch.cuda.CUDAGraph:
-        """Records a call without doing it."""
+        """Records a call without running it."""
         graph = torch.cuda.CUDAGraph()
         pool = next((other.pool() for other in self._graphs.values()), None)
         with torch.cuda.graph(graph, pool=pool, capture_error_mode="thread_local"):

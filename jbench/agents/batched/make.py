@@ -1,4 +1,4 @@
-"""Making an engine from what a user asks for."""
+"""Builds an engine from settings."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -40,41 +40,37 @@ def make_engine(
     dtype: torch.dtype = torch.float32,
     episode_steps: int = EPISODE_STEPS,
 ) -> Engine:
-    """Returns agents of several seeds that have learned nothing yet.
+    """Returns an engine with one untrained agent per seed.
 
     Args:
-        algo: one of `jbench.names.ALGORITHMS`.
-        settings: of that algorithm.
-        task: one of `jbench.names.TASKS`.
-        seeds: one for each agent.
-        environments: of each agent; those of the settings for None: 1, and PPO's n_envs.
-        time_limit: whether the value of an episode's last state counts.
-        encoder: of the observations.
-        ofe: settings of features that are learned with the agent; not with PPO. None for none.
-        models: the robot of every episode; the plain one for None.
-        device: "cpu", "cuda", or "auto" for the second where there is one.
-        precision: one of `jbench.names.PRECISIONS`; what is learned is float32 in any case.
-        threads: how many robots are stepped at a time; None for one on a CPU, where the learning
-            takes the time and a process for each core is faster, and for all cores beside a GPU.
-        stacked: whether all seeds are computed at a time, or one after another; None for the
-            faster: the first on a GPU.
-        dtype: of all numbers; other than float32 for tests.
-        episode_steps: in an episode; other than the tasks' own for tests.
+        environments: per agent; None for the settings' number (PPO's n_envs, otherwise 1).
+        time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
+        ofe: settings of features learned with the agent (not with PPO); None for no features.
+        models: the robot of each episode; None for the plain robot.
+        device: "cpu", "cuda", or "auto" for a GPU if there is one.
+        precision: one of `jbench.names.PRECISIONS`; parameters are float32 in any case.
+        threads: simulation threads; None for one on a CPU, where learning dominates and one
+            process per core is faster, and for one per core with a GPU.
+        stacked: whether to compute all seeds at once or one after another; None for the faster
+            way: stacked on a GPU.
+        dtype: of all tensors; tests use float64.
+        episode_steps: control steps in an episode; tests use short episodes.
 
     Raises:
-        RequestError: if there is no such device or precision, or the environments are too many.
+        RequestError: if the device or the precision does not exist, or there are too many
+            environments.
     """
-    place = device_of(device)
+    torch_device = device_of(device)
     if precision not in PRECISIONS:
         raise RequestError(f"Unknown precision {precision!r}; choose {one_of(PRECISIONS)}.")
-    gpu = place.type == "cuda"
+    gpu = torch_device.type == "cuda"
     if precision == "tf32" and not gpu:
         raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
     if gpu:
         torch.backends.cuda.matmul.fp32_precision = "tf32" if precision == "tf32" else "ieee"
     count = environments or (settings.n_envs if isinstance(settings, PPOSettings) else 1)
     streams = [Streams(seed, count) for seed in seeds]
-    worlds = Environments(
+    robots = Environments(
         task,
         [stream.environments for stream in streams],
         encoder=encoder,
@@ -88,26 +84,26 @@ def make_engine(
     team: Team[Learner] = Team(
         rule,
         settings,
-        worlds.size,
-        Tensors(len(seeds), dtype, place),
+        robots.size,
+        Tensors(len(seeds), dtype, torch_device),
         stacked=gpu if stacked is None else stacked,
         low_precision=precision == "bfloat16",
     )
     if isinstance(settings, PPOSettings):
-        return OnPolicyEngine(settings, team, worlds, streams, time_limit=time_limit)
+        return OnPolicyEngine(settings, team, robots, streams, time_limit=time_limit)
     assert isinstance(settings, OffPolicySettings)
-    return OffPolicyEngine(settings, team, worlds, streams, time_limit=time_limit)
+    return OffPolicyEngine(settings, team, robots, streams, time_limit=time_limit)
 
 
 def device_of(name: str) -> torch.device:
-    """Returns the device of a name in `jbench.names.DEVICES`.
+    """Returns the device named "cpu", "cuda" or "auto".
 
     Raises:
-        RequestError: if there is no such device.
+        RequestError: if the device does not exist.
     """
     if name not in DEVICES:
         raise RequestError(f"Unknown device {name!r}; choose {one_of(DEVICES)}.")
-    there = torch.cuda.is_available()
-    if name == "cuda" and not there:
+    has_gpu = torch.cuda.is_available()
+    if name == "cuda" and not has_gpu:
         raise RequestError("There is no CUDA device here; type --device cpu.")
-    return torch.device("cuda" if there and name != "cpu" else "cpu")
+    return torch.device("cuda" if has_gpu and name != "cpu" else "cpu")

@@ -1,4 +1,4 @@
-"""Noise on the actions of agents that explore."""
+"""Action noise for exploration."""
 
 import math
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from jbench.settings.algorithms import OffPolicySettings
 
 
 class ActionNoise:
-    """Normal noise, or that of an Ornstein-Uhlenbeck process, for each robot of each seed.
+    """Normal or Ornstein-Uhlenbeck noise for each robot of each seed.
 
     Attributes:
-        previous: (seeds, environments) last values of the process; zeros for normal noise.
+        previous: (seeds, environments) state of the process; zeros for normal noise.
     """
 
     def __init__(self, settings: OffPolicySettings, seeds: int, environments: int) -> None:
-        """Begins the processes at 0."""
+        """Starts the processes at 0."""
         self._kind = settings.action_noise
         self._mean, self._sigma = settings.noise_mean, settings.noise_sigma
         self._pull = settings.noise_theta * settings.noise_dt
@@ -30,7 +30,7 @@ class ActionNoise:
         self.previous[:] = 0
 
     def draw(self, streams: Sequence[Streams]) -> NDArray[np.float64] | float:
-        """Returns the next (seeds, environments) noise, or 0 for none."""
+        """Returns the next noise (seeds, environments); 0 if there is none."""
         if self._kind == "none":
             return 0.0
         environments = self.previous.shape[1]

@@ -1,4 +1,4 @@
-"""The loop of DDPG, TD3 and SAC: act, remember, and learn from memory now and then."""
+"""Training loop of DDPG, TD3 and SAC: act, store transitions, update from a replay buffer."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -22,10 +22,10 @@ from jbench.settings.algorithms import OffPolicySettings
 
 
 class OffPolicyEngine(Engine):
-    """Agents that learn from a replay buffer each.
+    """Agents that learn from one replay buffer each.
 
     Attributes:
-        replay: their transitions.
+        replay: transitions of all seeds.
     """
 
     def __init__(
@@ -37,17 +37,14 @@ class OffPolicyEngine(Engine):
         *,
         time_limit: TimeLimit = "bootstrap",
     ) -> None:
-        """Begins with agents that know nothing, and no transitions.
+        """Starts with untrained agents and empty replay buffers.
 
         Args:
-            settings: of the algorithm.
-            team: the agents.
-            environments: what they learn in.
-            streams: of every seed.
-            time_limit: whether the value of an episode's last state counts.
+            streams: one per seed.
+            time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
 
         Raises:
-            RequestError: if the updates can't be shared out among so many environments.
+            RequestError: if the number of environments does not divide the training interval.
         """
         seeds, count = environments.observations.shape[:2]
         rollout_steps, self._due = schedule(settings, count)
@@ -66,42 +63,42 @@ class OffPolicyEngine(Engine):
             episode_steps=environments.episode_steps,
         )
         self._groups = [
-            Updates(settings, group, group.of(streams), self.replay, time_limit)
+            Updates(settings, group, group.select(streams), self.replay, time_limit)
             for group in team.groups
         ]
         self.replay.begin(environments.observations)
 
     def replay_rows(self, seed: int, first: int = 0) -> Tensor:
-        """Returns a seed's replay rows (environments, rows, size + 2), `replay.row` excluded.
+        """Returns a seed's replay rows (environments, rows, size + 2), without row `replay.row`.
 
         Args:
-            seed: its place.
-            first: number of the first row; older ones than count are left out.
+            seed: index of the seed.
+            first: number of the first row; expired rows are left out.
         """
         return self.replay.rows_since(seed, first)
 
     def restore_rows(self, seed: int, rows: Tensor, row: int) -> None:
-        """Puts back the replay rows of a seed; `restore` of all must follow.
+        """Restores the replay rows of a seed; `restore` of all seeds must follow.
 
         Args:
-            seed: its place.
-            rows: (environments, rows, size + 2), the last of them before `row`.
-            row: what `replay.row` was, the same for all seeds.
+            seed: index of the seed.
+            rows: (environments, rows, size + 2) up to row number `row` - 1.
+            row: the saved `replay.row`, the same for all seeds.
         """
         self.replay.restore(seed, rows, row)
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         settings, shape = self._settings, observations.shape[:2]
         if settings.uniform_warmup and self.control_steps < settings.learning_starts:
-            chosen = np.stack([each.actions.uniform(-1, 1, shape[1]) for each in self._streams])
+            actions = np.stack([each.actions.uniform(-1, 1, shape[1]) for each in self._streams])
         else:
             noise = self._policy_noise(shape)
-            chosen = self._team.run(_explore, observations, noise)[..., 0].numpy()
-        noisy = chosen + self._noise.draw(self._streams)
-        return np.clip(noisy, -1, 1).astype(np.float32)
+            actions = self._team.run(_explore, observations, noise)[..., 0].numpy()
+        noisy_actions = actions + self._noise.draw(self._streams)
+        return np.clip(noisy_actions, -1, 1).astype(np.float32)
 
     def _policy_noise(self, shape: Sequence[int]) -> Tensor:
-        """Returns standard normal numbers (seeds, environments, 1), zeros where none are needed."""
+        """Returns standard normal numbers (seeds, environments, 1); zeros if none are needed."""
         if not self._team.each[0].random_policy:
             return torch.zeros(*shape, 1)
         draws = [each.actions.standard_normal((shape[1], 1)) for each in self._streams]
@@ -135,14 +132,17 @@ class OffPolicyEngine(Engine):
 
 
 def schedule(settings: OffPolicySettings, environments: int) -> tuple[int, int]:
-    """Returns steps of each environment from one learning to the next, and updates then.
+    """Returns the steps per environment between learning phases, and the updates per phase.
 
-    More environments take fewer steps each; the ratio of updates to control steps is that of the
-    settings.
+    More environments take fewer steps each, so the ratio of updates to control steps stays that of
+    the settings.
+
+    Raises:
+        RequestError: if the number of updates per phase is not an integer.
     """
     steps = max(1, settings.train_freq // environments)
-    updates, rest = divmod(settings.gradient_steps * steps * environments, settings.train_freq)
-    if rest:
+    updates, remainder = divmod(settings.gradient_steps * steps * environments, settings.train_freq)
+    if remainder:
         raise RequestError(
             f"{environments} environments can't share {settings.gradient_steps} updates every "
             f"{settings.train_freq} control steps: type a number of environments that divides "

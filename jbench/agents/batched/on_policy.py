@@ -1,4 +1,4 @@
-"""The loop of PPO: act for a while, learn from just that, and forget it."""
+"""Training loop of PPO: collect a rollout, update on it, discard it."""
 
 from collections.abc import Hashable, Sequence
 from typing import Any
@@ -31,23 +31,20 @@ class OnPolicyEngine(Engine):
         *,
         time_limit: TimeLimit = "bootstrap",
     ) -> None:
-        """Begins with agents that know nothing.
+        """Starts with untrained agents.
 
         Args:
-            settings: of the algorithm.
-            team: the agents.
-            environments: what they learn in; not more than a rollout has transitions.
-            streams: of every seed.
-            time_limit: whether the value of an episode's last state counts.
+            streams: one per seed.
+            time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         """
         seeds, count = environments.observations.shape[:2]
-        # As many transitions as the settings say, whatever the number of environments.
+        # The number of transitions does not depend on the number of environments.
         steps = max(1, settings.n_steps * settings.n_envs // count)
         super().__init__(team, environments, streams, steps)
         self._settings, self._bootstrap = settings, time_limit == "bootstrap"
         self._rollout = Rollout(seeds, count, steps, environments.size, team.tensors.dtype)
         self._epochs = [
-            Epochs(settings, group, group.of(streams), self._rollout) for group in team.groups
+            Epochs(settings, group, group.select(streams), self._rollout) for group in team.groups
         ]
         self._outputs = torch.zeros(seeds, count, 3)
 
@@ -63,7 +60,7 @@ class OnPolicyEngine(Engine):
         rewards = torch.from_numpy(step.rewards).to(self._rollout.rows.dtype)
         ended = step.episode_returns is not None
         if ended and self._bootstrap:
-            # The episode was cut off: what would have followed is worth what it is worth there.
+            # The episode was truncated: its last state's value stands for the missing rewards.
             values = self._team.run(_value, step.observations)[..., 0]
             rewards += self._settings.gamma * values
         self._rollout.add(observations, self._outputs, rewards, ended)
@@ -75,28 +72,28 @@ class OnPolicyEngine(Engine):
         for epochs in self._epochs:
             if self._still_learning(epochs.seeds):
                 epochs.run()
-        self._rollout.done = 0
+        self._rollout.steps = 0
         self.updates += settings.n_epochs
 
     def _loop_state(self, seed: int) -> dict[str, Tensor]:
-        done = self._rollout.done
+        steps = self._rollout.steps
         return {
-            "rollout": self._rollout.rows[seed, :, :done],
-            "ends": torch.from_numpy(self._rollout.ends[:done]),
+            "rollout": self._rollout.rows[seed, :, :steps],
+            "ends": torch.from_numpy(self._rollout.ends[:steps]),
         }
 
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
         rows = tensors["rollout"]
-        self._rollout.done = done = rows.shape[1]
-        self._rollout.rows[seed, :, :done] = rows
-        self._rollout.ends[:done] = tensors["ends"].numpy()
+        self._rollout.steps = steps = rows.shape[1]
+        self._rollout.rows[seed, :, :steps] = rows
+        self._rollout.ends[:steps] = tensors["ends"].numpy()
 
 
 class Epochs:
-    """What one group of seeds learns from each rollout: minibatches in an order of its own.
+    """The updates of one group of seeds after each rollout: shuffled minibatches.
 
     Attributes:
-        seeds: their places.
+        seeds: indices of the seeds.
     """
 
     def __init__(
@@ -106,22 +103,20 @@ class Epochs:
         streams: Sequence[Streams],
         rollout: Rollout,
     ) -> None:
-        """Learns nothing yet.
+        """Makes the buffers.
 
         Args:
-            settings: of the algorithm.
-            group: that learns.
             streams: of the seeds of the group.
             rollout: of all seeds.
         """
         self.seeds = group.seeds
         self._settings, self._learner, self._streams = settings, group.learner, streams
         rows = rollout.rows[group.seeds.start : group.seeds.stop]
-        # A seed's transitions, one environment after another.
+        # Transitions of each seed, environment by environment.
         self._source = rows.flatten(0, 2)
         self._transitions = rows.shape[1] * rows.shape[2]
-        self._scratch = group.learner.part.scratch
-        self._rows = self._source.to(group.learner.part.device, copy=True)
+        self._scratch = group.learner.view.scratch
+        self._rows = self._source.to(group.learner.view.device, copy=True)
         self._update = Captured(self._update_once, self._rows.device)
 
     def run(self) -> None:
@@ -131,33 +126,33 @@ class Epochs:
         for _ in range(self._settings.n_epochs):
             orders = self._orders()
             for start in range(0, self._transitions, self._settings.batch_size):
-                places = orders[..., start : start + self._settings.batch_size]
-                self._places(places.shape[-1]).copy_(places)
-                self._update(places.shape[-1])
+                indices = orders[..., start : start + self._settings.batch_size]
+                self._indices(indices.shape[-1]).copy_(indices)
+                self._update(indices.shape[-1])
 
     def _orders(self) -> Tensor:
-        """Returns the order (..., transitions) of each seed's rows in an epoch."""
+        """Returns a random order (..., transitions) of each seed's rows."""
         orders = [stream.updates.permutation(self._transitions) for stream in self._streams]
-        if not self._learner.part.lead:
+        if not self._learner.view.batch_shape:
             return torch.from_numpy(orders[0])
-        apart = [order + seed * self._transitions for seed, order in enumerate(orders)]
-        return torch.from_numpy(np.stack(apart)).to(self._rows.device)
+        offset_orders = [order + seed * self._transitions for seed, order in enumerate(orders)]
+        return torch.from_numpy(np.stack(offset_orders)).to(self._rows.device)
 
-    def _places(self, size: int) -> Tensor:
-        return self._scratch("places", size, dtype=torch.int64)
+    def _indices(self, size: int) -> Tensor:
+        return self._scratch("indices", size, dtype=torch.int64)
 
     def _update_once(self, size: Hashable) -> None:
-        """Makes one update from the minibatch whose places lie ready."""
+        """Makes one update from the minibatch at the current indices."""
         assert isinstance(size, int)
         width = self._rows.shape[-1]
         batch = self._scratch("minibatch", size, width)
-        places = self._places(size).view(-1)
-        torch.index_select(self._rows, 0, places, out=batch.view(-1, width))
+        indices = self._indices(size).view(-1)
+        torch.index_select(self._rows, 0, indices, out=batch.view(-1, width))
         self._learner.update(minibatch_of(batch))
 
 
 def minibatch_of(rows: Tensor) -> Minibatch:
-    """Returns rows (..., N, size + 6) of a `Rollout` as what PPO learns from."""
+    """Returns a minibatch from rows (..., N, size + 6) of a `Rollout`."""
     return Minibatch(rows[..., :-6], *rows[..., -6:-1].split(1, dim=-1))
 
 

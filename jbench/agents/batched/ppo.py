@@ -9,7 +9,7 @@ from torch import Generator, Tensor
 from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.network import Network, parameter_count
-from jbench.agents.batched.tensors import Part, aligned
+from jbench.agents.batched.tensors import SeedView, aligned
 from jbench.settings.algorithms import PPOSettings
 
 _LOG_2_PI = math.log(2 * math.pi)
@@ -17,15 +17,15 @@ _ADAM_EPSILON = 1e-5  # stable-baselines 2 and 3
 
 
 class Minibatch(NamedTuple):
-    """Some of the transitions of a rollout, each (..., N, 1) but the first.
+    """Transitions of a rollout, all (..., N, 1) but the observations.
 
     Attributes:
         observations: (..., N, dim(O)).
-        actions: as they were drawn, not clipped.
-        log_likelihoods: of the actions, under the policy that drew them.
-        values: of the observations, as they were estimated then.
+        actions: not clipped.
+        log_likelihoods: of the actions under the policy that collected the rollout.
+        values: estimates of V(s) at the time of the rollout.
         advantages: of the actions.
-        returns: what the values should have been.
+        returns: targets of V(s).
     """
 
     observations: Tensor
@@ -45,53 +45,53 @@ class PPO(Learner):
         self,
         settings: PPOSettings,
         observation_size: int,
-        part: Part,
+        view: SeedView,
         low_precision: bool = False,
     ) -> None:
-        """As for any learner."""
-        super().__init__(settings, observation_size, part, low_precision)
+        """See `Learner`."""
+        super().__init__(settings, observation_size, view, low_precision)
         self._settings = settings
         self.value_sizes = self.policy_sizes
-        # One network with the outputs mu(s) and V(s), or one for each.
+        # One network with the outputs mu(s) and V(s), or two networks.
         sizes = (*self.policy_sizes[:-1], 2 if settings.shared_layers else 1)
         count = parameter_count(sizes)
-        parts = [count, aligned(1)] + ([] if settings.shared_layers else [count])
-        # They and the policy's log sigma are one vector, since its gradient is clipped as one.
-        self._values = part.keep("policy", sum(parts))
-        self._gradient = part.scratch("policy.gradient", sum(parts))
+        lengths = [count, aligned(1)] + ([] if settings.shared_layers else [count])
+        # Networks and log sigma are one vector, because their gradient is clipped by its norm.
+        self._values = view.saved("policy", sum(lengths))
+        self._gradient = view.scratch("policy.gradient", sum(lengths))
         actor, log_sigma, *critic = zip(
-            *(flat.split(parts, dim=-1) for flat in (self._values, self._gradient)), strict=True
+            *(flat.split(lengths, dim=-1) for flat in (self._values, self._gradient)), strict=True
         )
         self.log_sigma, self._log_sigma_gradient = (flat[..., :1] for flat in log_sigma)
         self._networks = [
-            Network(part, sizes, *flats, workspace=workspace, low_precision=low_precision)
+            Network(view, sizes, *flats, workspace=workspace, low_precision=low_precision)
             for flats, workspace in zip((actor, *critic), ("actor", "critic"), strict=False)
         ]
         self.actor, self.critic = self._networks[0], self._networks[-1]
-        self._adam_of_all = Adam(
-            part, "policy", self._values, self._gradient, self._learning_rate, _ADAM_EPSILON
+        self._optimizer = Adam(
+            view, "policy", self._values, self._gradient, self._learning_rate, _ADAM_EPSILON
         )
 
     def initialize(self, generator: Generator) -> None:
-        """Draws the first parameters of one seed: orthogonal matrices, log sigma 0."""
+        """Draws the initial parameters of one seed: orthogonal matrices, log sigma 0."""
         gains = iter((0.01, 1.0))
         for network in self._networks:
             *hidden, last = (layer.weight for layer in network.layers)
             for weight in hidden:
-                _draw_orthogonal(weight, math.sqrt(2), generator)
+                _initialize_orthogonal(weight, math.sqrt(2), generator)
             for output in last.split(1, dim=-1):
-                _draw_orthogonal(output, next(gains), generator)
+                _initialize_orthogonal(output, next(gains), generator)
 
     def act(self, observations: Tensor) -> Tensor:
         """Returns mu(s), clipped."""
         return self.actor.forward(observations, exact=True)[..., :1].clamp(-1, 1)
 
     def policy(self) -> tuple[Network, str]:
-        """As `Learner.policy`."""
+        """See `Learner.policy`."""
         return self.actor, "clip"
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
-        """Returns (..., N, 3) drawn actions, their log likelihoods, and V(s).
+        """Returns (..., N, 3) sampled actions, their log likelihoods, and V(s).
 
         Args:
             observations: (..., N, dim(O)).
@@ -108,14 +108,22 @@ class PPO(Learner):
         return self.critic.forward(observations, exact=True)[..., -1:]
 
     def update(self, batch: Minibatch) -> None:
-        """Learns from a minibatch of N transitions by the gradient of L^CLIP - L^VF + entropy."""
+        """Makes one update from a minibatch of N transitions.
+
+        Minimises L = -L^CLIP + vf_coef L^VF - ent_coef H over mu, V and log sigma. With
+        l = log pi(a | s), r = exp(l - l_old) and sigma^2 the variance of pi:
+
+            L^CLIP = 1/N sum min(r A, clip(r) A)      dL^CLIP / dl = r A / N if r A <= clip(r) A
+            dl / dmu = (a - mu) / sigma^2             (otherwise 0: clip(r) is constant)
+            dl / dlog sigma = (a - mu)^2 / sigma^2 - 1,   dH / dlog sigma = 1
+            L^VF = 1/N sum (V - R)^2                  dL^VF / dV = 2 (V - R) / N, V unclipped
+        """
         settings, size = self._settings, batch.actions.shape[-2]
         advantages = batch.advantages
         if settings.normalize_advantage and size > 1:
-            spread, mean = torch.std_mean(advantages, dim=-2, keepdim=True)
-            advantages = (advantages - mean) / (spread + 1e-8)
+            sd, mean = torch.std_mean(advantages, dim=-2, keepdim=True)
+            advantages = (advantages - mean) / (sd + 1e-8)
 
-        # L^CLIP = 1/N sum min(ratio A, clip(ratio) A), ratio = pi(a | s) / pi_old(a | s)
         log_sigma = self.log_sigma.unsqueeze(-2)
         precision = torch.exp(-2 * log_sigma)
         means, values = self._forward(batch.observations)
@@ -124,7 +132,6 @@ class PPO(Learner):
         ratios = torch.exp(-0.5 * (squares + _LOG_2_PI) - log_sigma - batch.log_likelihoods)
         clipped = ratios.clamp(1 - settings.clip_range, 1 + settings.clip_range)
         surrogates, bounded = advantages * ratios, advantages * clipped
-        # Where the clipped term is the lower one, it does not depend on the policy.
         by_log_likelihood = torch.where(surrogates <= bounded, surrogates, 0) / -size
         by_mean = by_log_likelihood * deviations * precision
         by_log_sigma = (by_log_likelihood * (squares - 1)).sum(dim=-2) - settings.ent_coef
@@ -137,30 +144,34 @@ class PPO(Learner):
         self._record_loss("value_loss", errors.square())
         self._record_loss("entropy_loss", -0.5 * (1 + _LOG_2_PI) - log_sigma)
 
-        # Clip the whole gradient, and take a step.
+        # Clip the norm of the whole gradient, and make a step.
         norm = torch.linalg.vector_norm(self._gradient, dim=-1, keepdim=True)
         scale = (settings.max_grad_norm / (norm + 1e-6)).clamp_(max=1)
-        # Seeds share this memory, and its padding is never written: a diverged seed whose norm is
-        # nan must leave it at 0.
+        # Seeds share this buffer, and its padding must stay 0 even if a diverged seed's norm is
+        # nan.
         self._gradient.mul_(scale.nan_to_num_())
-        self._adam_of_all.step()
+        self._optimizer.step()
 
     def _value_errors(self, values: Tensor, batch: Minibatch) -> tuple[Tensor, Tensor]:
-        """Returns errors of V(s), and half the derivatives of their squares; each (..., N, 1).
+        """Returns errors of V(s) and half the derivatives of their squares by V(s), (..., N, 1).
 
-        L^VF is 1/N sum errors^2. A value is clipped to the neighbourhood of what it was.
+        L^VF is 1/N sum errors^2; V(s) may be clipped to within `clip_range_vf` of its old value.
         """
         errors, clip = values - batch.returns, self._settings.clip_range_vf
         if clip is None:
             return errors, errors
         changes = values - batch.values
-        near = changes.clamp(-clip, clip)
-        clipped, moves = batch.values + near - batch.returns, near == changes
+        clipped_changes = changes.clamp(-clip, clip)
+        clipped = batch.values + clipped_changes - batch.returns
+        is_within = clipped_changes == changes
         if self._settings.value_loss == "clipped":
-            return clipped, torch.where(moves, clipped, 0)
-        # The larger error counts; where that is the clipped one, it does not depend on the value.
-        larger = errors.abs() >= clipped.abs()
-        return torch.where(larger, errors, clipped), torch.where(larger | moves, errors, 0)
+            return clipped, torch.where(is_within, clipped, 0)
+        # The larger error counts; a clipped error does not depend on V(s).
+        is_larger = errors.abs() >= clipped.abs()
+        return (
+            torch.where(is_larger, errors, clipped),
+            torch.where(is_larger | is_within, errors, 0),
+        )
 
     def _forward(self, observations: Tensor, *, exact: bool = False) -> tuple[Tensor, Tensor]:
         """Returns mu(s) and V(s), each (..., N, 1)."""
@@ -168,7 +179,7 @@ class PPO(Learner):
         return outputs[0][..., :1], outputs[-1][..., -1:]
 
     def _backward(self, by_mean: Tensor, by_value: Tensor) -> None:
-        """Writes the gradient of a loss, given those by mu(s) and V(s), each (..., N, 1)."""
+        """Writes the gradient by the parameters, given those by mu(s) and V(s), (..., N, 1)."""
         if self.actor is self.critic:
             self.actor.backward(torch.cat([by_mean, by_value], dim=-1))
         else:
@@ -176,7 +187,7 @@ class PPO(Learner):
             self.critic.backward(by_value)
 
 
-def _draw_orthogonal(weight: Tensor, gain: float, generator: Generator) -> None:
+def _initialize_orthogonal(weight: Tensor, gain: float, generator: Generator) -> None:
     """Draws a weight matrix of one seed on the CPU (Saxe et al., 2014)."""
-    drawn = torch.empty(weight.shape, dtype=weight.dtype)
-    weight.copy_(torch.nn.init.orthogonal_(drawn, gain, generator=generator))
+    values = torch.empty(weight.shape, dtype=weight.dtype)
+    weight.copy_(torch.nn.init.orthogonal_(values, gain, generator=generator))

@@ -1,20 +1,20 @@
-"""What robots did since the last update of an on-policy agent."""
+"""Rollout buffer of an on-policy agent."""
 
 import numpy as np
 import torch
 from torch import Tensor
 
-_EXTRA = 6  # numbers of a step beside the observation
+_EXTRA = 6  # columns besides the observation
 
 
 class Rollout:
-    """The same number of steps of each environment of each seed.
+    """Consecutive steps of each environment of each seed.
 
     Attributes:
-        rows: (seeds, environments, steps, size + 6) of each step the observation, the action,
-            its log likelihood, the observation's value, the advantage, the return and the reward.
-        ends: (steps,) whether all episodes ended with a step.
-        done: how many steps were added.
+        rows: (seeds, environments, capacity, size + 6) observation, action, log likelihood of the
+            action, value of the observation, advantage, return and reward of each step.
+        ends: (capacity,) whether the episodes ended with a step.
+        steps: number of steps added.
     """
 
     def __init__(
@@ -25,44 +25,44 @@ class Rollout:
         observation_size: int,
         dtype: torch.dtype = torch.float32,
     ) -> None:
-        """Begins with no steps."""
+        """Starts empty; `steps` is the capacity."""
         self.rows = torch.zeros(seeds, environments, steps, observation_size + _EXTRA, dtype=dtype)
         self.ends = np.zeros(steps, bool)
-        self.done = 0
+        self.steps = 0
 
-    def add(self, observations: Tensor, answers: Tensor, rewards: Tensor, end: bool) -> None:
+    def add(self, observations: Tensor, outputs: Tensor, rewards: Tensor, end: bool) -> None:
         """Adds a step.
 
         Args:
-            observations: (seeds, environments, size) that the agents saw.
-            answers: (seeds, environments, 3) actions, their log likelihoods, values.
+            observations: (seeds, environments, size) before the actions.
+            outputs: (seeds, environments, 3) actions, their log likelihoods, values.
             rewards: (seeds, environments).
             end: whether the episodes ended.
         """
-        now = self.rows[:, :, self.done]
-        now[..., :-6].copy_(observations)
-        now[..., -6:-3].copy_(answers)
-        now[..., -1].copy_(rewards)
-        self.ends[self.done] = end
-        self.done += 1
+        row = self.rows[:, :, self.steps]
+        row[..., :-6].copy_(observations)
+        row[..., -6:-3].copy_(outputs)
+        row[..., -1].copy_(rewards)
+        self.ends[self.steps] = end
+        self.steps += 1
 
     def estimate(self, last_values: Tensor, gamma: float, lam: float) -> None:
-        """Fills in advantages and returns by generalised advantage estimation.
+        """Computes advantages and returns by generalised advantage estimation.
 
-        Schulman et al., 2016, equation 16; a return is the advantage plus the value.
+        Source: Schulman et al., 2016, equation 16; a return is the advantage plus the value.
 
         Args:
-            last_values: (seeds, environments) of the observations after the last step.
+            last_values: (seeds, environments) values of the observations after the last step.
             gamma: discount.
             lam: the method's lambda.
         """
         values, rewards = self.rows[..., -4], self.rows[..., -1]
-        advantage, following = torch.zeros_like(last_values), last_values
-        for step in range(self.done - 1, -1, -1):
-            going_on = 0.0 if self.ends[step] else 1.0
+        advantage, next_value = torch.zeros_like(last_values), last_values
+        for step in range(self.steps - 1, -1, -1):
+            continues = 0.0 if self.ends[step] else 1.0
             value = values[:, :, step]
-            delta = rewards[:, :, step] + gamma * following * going_on - value
-            advantage = delta + gamma * lam * going_on * advantage
+            delta = rewards[:, :, step] + gamma * next_value * continues - value
+            advantage = delta + gamma * lam * continues * advantage
             self.rows[:, :, step, -3] = advantage
-            following = value
+            next_value = value
         torch.add(self.rows[..., -3], values, out=self.rows[..., -2])

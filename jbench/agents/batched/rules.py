@@ -1,4 +1,4 @@
-"""The update rules by the name of their algorithm."""
+"""Update rules by name of the algorithm."""
 
 from jbench.agents.batched.ddpg import DDPG
 from jbench.agents.batched.learner import Learner
@@ -19,4 +19,4 @@ ON_FEATURES: dict[str, type[OnFeatures]] = {
     "sac": SACOnFeatures,
     "td3": TD3OnFeatures,
 }
-"""The rules that can learn features with the agent."""
+"""Update rules on learned features."""

@@ -15,30 +15,30 @@ from jbench.agents.batched.learner import (
     tanh_gradient,
 )
 from jbench.agents.batched.network import Network
-from jbench.agents.batched.tensors import Part
+from jbench.agents.batched.tensors import SeedView
 from jbench.settings.algorithms import SACSettings
 
-# Bounds of the logarithm of the policy's standard deviation, as in the authors' code.
-_LOWEST, _HIGHEST = -20, 2
-# Keeps the logarithm of tanh's derivative finite where an action is 1, as in the authors' code.
+# Bounds of log sigma(s), as in the authors' code.
+_MIN_LOG_SIGMA, _MAX_LOG_SIGMA = -20, 2
+# Keeps the logarithm of tanh's derivative finite at actions of 1 and -1, as in the authors' code.
 _EPSILON = 1e-6
 _HALF_LOG_2_PI = 0.5 * math.log(2 * math.pi)
 
 
 class Sample(NamedTuple):
-    """Actions a = tanh(u), u = mu(s) + sigma(s) e, that a policy drew; each (..., N, 1).
+    """Sampled actions a = tanh(u), u = mu(s) + sigma(s) e; each (..., N, 1).
 
     Attributes:
         actions: a.
         log_likelihoods: log pi(a | s).
-        spread: sigma(s) e, which is u's derivative by log sigma(s).
-        free: 1 where log sigma(s) lies within its bounds, else 0.
+        scaled_noise: sigma(s) e, the derivative of u by log sigma(s).
+        in_bounds: whether log sigma(s) lies within its bounds.
     """
 
     actions: Tensor
     log_likelihoods: Tensor
-    spread: Tensor
-    free: Tensor
+    scaled_noise: Tensor
+    in_bounds: Tensor
 
 
 class SAC(OffPolicyLearner):
@@ -52,21 +52,21 @@ class SAC(OffPolicyLearner):
         self,
         settings: SACSettings,
         observation_size: int,
-        part: Part,
+        view: SeedView,
         low_precision: bool = False,
     ) -> None:
-        """As for any learner."""
-        super().__init__(settings, observation_size, part, low_precision)
+        """See `Learner`."""
+        super().__init__(settings, observation_size, view, low_precision)
         self._tau, self._interval = settings.tau, settings.target_update_interval
         self._target_entropy = -1.0
         if settings.target_entropy != "auto":
             self._target_entropy = settings.target_entropy
         self._learns_temperature = settings.ent_coef == "auto"
-        self._first_temperature = 1.0 if settings.ent_coef == "auto" else settings.ent_coef
-        # The policy's outputs are mu(s) and log sigma(s).
+        self._initial_temperature = 1.0 if settings.ent_coef == "auto" else settings.ent_coef
+        # The actor's outputs are mu(s) and log sigma(s).
         sizes = (*self.policy_sizes[:-1], 2)
         self.actor = self._network("actor", sizes, workspace="actor")
-        # Each critic needs its activations until both are known, their targets no longer.
+        # Both critics' activations are needed at the same time, those of their targets are not.
         self.critics = self._critics(["critic1", "critic2"], ["critic1", "critic2"])
         self.critic_targets = self._critics(
             ["critic1_target", "critic2_target"], ["critic1", "critic1"], False
@@ -75,11 +75,11 @@ class SAC(OffPolicyLearner):
         self._critic_adams = [
             self._adam(f"critic{i}", critic) for i, critic in enumerate(self.critics, 1)
         ]
-        self.log_temperature = part.keep("log_temperature", 1)
-        self._temperature_gradient = part.scratch("log_temperature.gradient", 1)
+        self.log_temperature = view.saved("log_temperature", 1)
+        self._temperature_gradient = view.scratch("log_temperature.gradient", 1)
         if self._learns_temperature:
             self._temperature_adam = Adam(
-                part,
+                view,
                 "log_temperature",
                 self.log_temperature,
                 self._temperature_gradient,
@@ -87,23 +87,23 @@ class SAC(OffPolicyLearner):
             )
 
     def initialize(self, generator: Generator) -> None:
-        """Draws the first parameters of one seed."""
+        """Draws the initial parameters of one seed."""
         for network in (self.actor, *self.critics):
             initialize_uniform(network.layers, generator)
         for target, critic in zip(self.critic_targets, self.critics, strict=True):
             target.values.copy_(critic.values)
-        self.log_temperature.fill_(self._first_temperature).log_()
+        self.log_temperature.fill_(self._initial_temperature).log_()
 
     def act(self, observations: Tensor) -> Tensor:
         """Returns tanh(mu(s))."""
         return self.actor.forward(observations, exact=True)[..., :1].tanh()
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
-        """Returns actions drawn from pi(. | s)."""
+        """Returns actions sampled from pi(. | s)."""
         return self._sample(observations, noise, exact=True).actions
 
     def policy(self) -> tuple[Network, str]:
-        """As `Learner.policy`."""
+        """See `Learner.policy`."""
         return self.actor, "tanh"
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
@@ -111,42 +111,51 @@ class SAC(OffPolicyLearner):
         return update_of_call % self._interval == 0
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
-        """Learns from a minibatch of N transitions (s, a, r, s')."""
+        """Makes one update from a minibatch of N transitions (s, a, r, s').
+
+        With a' ~ pi(. | s') and y = r + gamma (min Q'_i(s', a') - alpha log pi(a' | s')) constant,
+        and a ~ pi(. | s) reparametrised (see `_policy_gradient`):
+
+            L_Q  = sum_i 1/2N sum (Q_i(s, a) - y)^2            dL_Q / dQ_i = (Q_i(s, a) - y) / N
+            L_pi = 1/N sum (alpha log pi(a | s) - min Q_i(s, a))
+            L_alpha = -1/N sum log alpha (log pi(a | s) + target entropy)
+        """
         temperature = self.log_temperature.exp().unsqueeze(-1)
 
-        # y = r + gamma (min Q'(s', a') - alpha log pi(a' | s')) with a' ~ pi(. | s')
-        following = self._sample(batch.next_observations, batch.noise[..., 1:])
-        batch.next_actions.copy_(following.actions)
+        next_sample = self._sample(batch.next_observations, batch.noise[..., 1:])
+        batch.next_actions.copy_(next_sample.actions)
         next_values = torch.minimum(
             *(q.forward(batch.next_state_actions) for q in self.critic_targets)
         )
-        next_values.addcmul_(temperature, following.log_likelihoods, value=-1)
+        next_values.addcmul_(temperature, next_sample.log_likelihoods, value=-1)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
-        # Update the critics by minimising 1/N sum (y - Q(s, a))^2 / 2 for each of them.
+        # Minimise L_Q over the critics.
         losses = torch.zeros_like(targets)
         for critic, adam in zip(self.critics, self._critic_adams, strict=True):
             errors = critic.forward(batch.state_actions) - targets
-            critic.backward(errors * batch.share)
+            critic.backward(errors * batch.mean_weight)
             adam.step()
             losses.addcmul_(errors, errors, value=0.5)
         self._record_loss("critic_loss", losses)
 
-        # Update the policy by minimising 1/N sum (alpha log pi(a | s) - min Q(s, a)), a ~ pi(s).
-        drawn = self._sample(batch.observations, batch.noise[..., :1])
-        batch.actions.copy_(drawn.actions)
+        # Minimise L_pi over the actor.
+        sample = self._sample(batch.observations, batch.noise[..., :1])
+        batch.actions.copy_(sample.actions)
         first, second = (critic.forward(batch.state_actions) for critic in self.critics)
         self._record_loss(
-            "actor_loss", temperature * drawn.log_likelihoods - torch.minimum(first, second)
+            "actor_loss", temperature * sample.log_likelihoods - torch.minimum(first, second)
         )
-        descent = self._lower_gradient(first, second, -batch.share)
-        self.actor.backward(self._policy_gradient(drawn, temperature, descent, batch.share))
+        by_action = self._minimum_gradient(first, second, -batch.mean_weight)
+        self.actor.backward(
+            self._policy_gradient(sample, temperature, by_action, batch.mean_weight)
+        )
         self._actor_adam.step()
 
-        # Update the temperature by minimising -1/N sum log alpha (log pi(a | s) + target entropy).
+        # Minimise L_alpha over log alpha.
         self._record_loss("entropy_coefficient", temperature)
         if self._learns_temperature:
-            torch.mean(drawn.log_likelihoods, dim=-2, out=self._temperature_gradient)
+            torch.mean(sample.log_likelihoods, dim=-2, out=self._temperature_gradient)
             self._temperature_gradient.add_(self._target_entropy).neg_()
             self._temperature_adam.step()
 
@@ -156,53 +165,59 @@ class SAC(OffPolicyLearner):
                 polyak_update(target, critic, self._tau)
 
     def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> Sample:
-        """Returns an action for each observation, drawn with noise e (..., N, 1)."""
+        """Samples an action per observation with noise e (..., N, 1)."""
         outputs = self.actor.forward(observations, exact=exact)
         raw = outputs[..., 1:]
-        log_sigma = raw.clamp(_LOWEST, _HIGHEST)
-        spread = log_sigma.exp() * noise
-        actions = torch.tanh(outputs[..., :1] + spread)
-        # The likelihood of u, by the derivative of tanh.
-        squashing = torch.log(1 + _EPSILON - actions.square())
-        log_likelihoods = -0.5 * noise.square() - log_sigma - _HALF_LOG_2_PI - squashing
-        return Sample(actions, log_likelihoods, spread, raw == log_sigma)
+        log_sigma = raw.clamp(_MIN_LOG_SIGMA, _MAX_LOG_SIGMA)
+        scaled_noise = log_sigma.exp() * noise
+        actions = torch.tanh(outputs[..., :1] + scaled_noise)
+        # log pi(a | s) = log N(u; mu, sigma) - log da/du
+        log_slope = torch.log(1 + _EPSILON - actions.square())
+        log_likelihoods = -0.5 * noise.square() - log_sigma - _HALF_LOG_2_PI - log_slope
+        return Sample(actions, log_likelihoods, scaled_noise, raw == log_sigma)
 
-    def _lower_gradient(self, first: Tensor, second: Tensor, by_lower: Tensor) -> Tensor:
-        """Returns the gradient of a loss by the actions that both critics have just valued.
+    def _minimum_gradient(self, first: Tensor, second: Tensor, by_minimum: Tensor) -> Tensor:
+        """Returns the gradient of a loss by the actions of the critics' last evaluation.
 
         Args:
-            first: value (..., N, 1) by the first critic.
-            second: value by the second.
-            by_lower: the loss's gradient by the lower of the two.
+            first: (..., N, 1) values of the first critic.
+            second: (..., N, 1) values of the second critic.
+            by_minimum: (..., N, 1) gradient of the loss by the lower value.
         """
-        ours = first <= second
-        if self.part.lead:
-            weight = ours.to(by_lower.dtype).mul_(by_lower)
-            descent = self.critics[0].action_gradient(weight)
-            return descent.add_(self.critics[1].action_gradient(by_lower - weight))
-        # Each critic has its own rows: half of the products, but of sizes that are not known
-        # before, as a GPU would want them.
-        descent = torch.empty_like(by_lower)
-        for critic, mask in zip(self.critics, (ours, ~ours), strict=True):
+        is_first = first <= second
+        if self.view.batch_shape:
+            by_first = is_first.to(by_minimum.dtype).mul_(by_minimum)
+            by_action = self.critics[0].action_gradient(by_first)
+            return by_action.add_(self.critics[1].action_gradient(by_minimum - by_first))
+        # Each critic goes backward on its own rows only. This halves the work, but the sizes vary,
+        # which a CUDA graph does not allow.
+        by_action = torch.empty_like(by_minimum)
+        for critic, mask in zip(self.critics, (is_first, ~is_first), strict=True):
             rows = mask.view(-1).nonzero().view(-1)
-            gradient = critic.action_gradient(by_lower.index_select(0, rows), rows)
-            descent.index_copy_(0, rows, gradient)
-        return descent
+            gradient = critic.action_gradient(by_minimum.index_select(0, rows), rows)
+            by_action.index_copy_(0, rows, gradient)
+        return by_action
 
     def _policy_gradient(
-        self, drawn: Sample, temperature: Tensor, descent: Tensor, share: Tensor
+        self, sample: Sample, temperature: Tensor, by_action: Tensor, mean_weight: Tensor
     ) -> Tensor:
-        """Returns the gradient (..., N, 2) of the policy's loss by mu(s) and log sigma(s).
+        """Returns the gradient (..., N, 2) of L_pi by mu(s) and log sigma(s).
+
+        With a = tanh(u), u = mu + sigma e and
+        log pi(a | s) = -e^2 / 2 - log sigma - log(1 - a^2) + constant:
+
+            dL_pi / da = -1/N dmin Q / da + alpha / N 2 a / (1 - a^2)
+            dL_pi / dmu = dL_pi / du = dL_pi / da (1 - a^2)
+            dL_pi / dlog sigma = dL_pi / du sigma e - alpha / N    (0 outside log sigma's bounds)
 
         Args:
-            drawn: the actions.
             temperature: alpha.
-            descent: gradient of the part of the loss that the critics give, by the actions.
-            share: 1 / N.
+            by_action: (..., N, 1) the critics' term, -1/N dmin Q / da.
+            mean_weight: 1 / N.
         """
-        weight = temperature * share
-        actions = drawn.actions
-        by_actions = descent + weight * 2 * actions / (1 + _EPSILON - actions.square())
-        by_mu = tanh_gradient(by_actions, actions)
-        by_log_sigma = (by_mu * drawn.spread - weight) * drawn.free
+        weight = temperature * mean_weight
+        actions = sample.actions
+        by_action = by_action + weight * 2 * actions / (1 + _EPSILON - actions.square())
+        by_mu = tanh_gradient(by_action, actions)
+        by_log_sigma = (by_mu * sample.scaled_noise - weight) * sample.in_bounds
         return torch.cat([by_mu, by_log_sigma], dim=-1)

@@ -1,4 +1,4 @@
-"""The random numbers of one seed, each use with a generator of its own."""
+"""Independent random generators of each seed, one per purpose."""
 
 from typing import Any
 
@@ -8,41 +8,36 @@ from numpy.random import PCG64, Generator, SeedSequence
 
 
 class Streams:
-    """The generators of one seed; what others draw, or how many seeds there are, is nothing to it.
+    """The generators of one seed, independent of the other seeds.
 
-    All are on the CPU, for every device: an agent on a GPU sees the same robots, minibatches and
-    noise, and differs by rounding alone.
+    They are on the CPU for every device, so an agent on a GPU sees the same robots, minibatches
+    and noise as on a CPU.
 
     Attributes:
-        actions: for exploring.
-        updates: for minibatches, and the noise in updates.
-        environments: for the beginnings of episodes, one for each environment.
+        actions: for exploration.
+        updates: for minibatches and noise in updates.
+        environments: for initial states, one per environment.
     """
 
     def __init__(self, seed: int, environments: int) -> None:
-        """Begins the streams of a seed.
-
-        Args:
-            seed: any number from 0.
-            environments: how many it has.
-        """
+        """Seeds the generators; `seed` is non-negative."""
         weights, actions, updates, *others = SeedSequence(seed).spawn(3 + environments)
         self._weights = weights
         self.actions, self.updates = Generator(PCG64(actions)), Generator(PCG64(updates))
         self.environments = [Generator(PCG64(other)) for other in others]
 
     def weights(self) -> torch.Generator:
-        """Returns a new generator of the first weights."""
+        """Returns a new generator of the initial weights."""
         return torch.Generator().manual_seed(int(self._weights.generate_state(1, np.uint64)[0]))
 
     def state(self) -> list[dict[str, Any]]:
-        """Returns where every generator is, as JSON can have it."""
+        """Returns the state of every generator, serialisable as JSON."""
         return [dict(generator.bit_generator.state) for generator in self._all()]
 
     def restore(self, state: list[dict[str, Any]]) -> None:
-        """Puts every generator where `state` found it."""
-        for generator, where in zip(self._all(), state, strict=True):
-            generator.bit_generator.state = where
+        """Restores what `state` returned."""
+        for generator, saved in zip(self._all(), state, strict=True):
+            generator.bit_generator.state = saved
 
     def _all(self) -> list[Generator]:
         return [self.actions, self.updates, *self.environments]

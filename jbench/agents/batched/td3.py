@@ -14,7 +14,7 @@ from jbench.agents.batched.learner import (
     tanh_gradient,
 )
 from jbench.agents.batched.network import Network
-from jbench.agents.batched.tensors import Part
+from jbench.agents.batched.tensors import SeedView
 from jbench.settings.algorithms import TD3Settings
 
 
@@ -28,15 +28,15 @@ class TD3(OffPolicyLearner):
         self,
         settings: TD3Settings,
         observation_size: int,
-        part: Part,
+        view: SeedView,
         low_precision: bool = False,
     ) -> None:
-        """As for any learner."""
-        super().__init__(settings, observation_size, part, low_precision)
+        """See `Learner`."""
+        super().__init__(settings, observation_size, view, low_precision)
         self._initialization = settings.initialization
         self._tau, self._delay = settings.tau, settings.policy_delay
         self._sigma, self._clip = settings.target_policy_noise, settings.target_noise_clip
-        # The actor's activations are needed until its gradient, those of the others before.
+        # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_sizes, workspace="actor")
         workspaces = ["critic"] * 2
         self.critics = self._critics(["critic1", "critic2"], workspaces)
@@ -48,7 +48,7 @@ class TD3(OffPolicyLearner):
         ]
 
     def initialize(self, generator: Generator) -> None:
-        """Draws the first parameters of one seed."""
+        """Draws the initial parameters of one seed."""
         networks = (self.actor, *self.critics)
         targets = (self.actor_target, *self.critic_targets)
         for network, target in zip(networks, targets, strict=True):
@@ -60,7 +60,7 @@ class TD3(OffPolicyLearner):
         return self.actor.forward(observations, exact=True).tanh_()
 
     def policy(self) -> tuple[Network, str]:
-        """As `Learner.policy`."""
+        """See `Learner.policy`."""
         return self.actor, "tanh"
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
@@ -68,12 +68,20 @@ class TD3(OffPolicyLearner):
         return update % self._delay == 0
 
     def reset_losses(self, delayed: Sequence[bool]) -> None:
-        """As `Learner.reset_losses`: the actor's last loss stays until it has a new one."""
-        self._noted[..., 0 if any(delayed) else 1 :, :].zero_()
+        """See `Learner.reset_losses`; the actor's loss is kept until its next update."""
+        self._loss_sums[..., 0 if any(delayed) else 1 :, :].zero_()
 
     def update(self, batch: Batch, delayed: bool = True) -> None:
-        """Learns from a minibatch of N transitions (s, a, r, s'); the actor if it is due."""
-        # a' = pi'(s') + clip(noise, -c, c), y = r + gamma min Q'(s', a')
+        """Makes one update from a minibatch of N transitions (s, a, r, s').
+
+        With a' = pi'(s') + clip(noise, -c, c), y = r + gamma min Q'_i(s', a') constant, and
+        pi(s) = a = tanh(u):
+
+            L_Q  = sum_i 1/N sum (Q_i(s, a) - y)^2    dL_Q / dQ_i = 2 (Q_i(s, a) - y) / N
+            L_pi = -1/N sum Q_1(s, pi(s))             dL_pi / du = -1/N dQ_1(s, a) / da (1 - a^2)
+
+        The actor and the target networks are updated only if `delayed`.
+        """
         smoothing = (batch.noise * self._sigma).clamp_(-self._clip, self._clip)
         next_actions = self.actor_target.forward(batch.next_observations).tanh_()
         torch.clamp(next_actions.add_(smoothing), -1, 1, out=batch.next_actions)
@@ -82,21 +90,21 @@ class TD3(OffPolicyLearner):
         )
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
-        # Update the critics by minimising 1/N sum (y - Q(s, a))^2 for each of them.
+        # Minimise L_Q over the critics.
         losses = torch.zeros_like(targets)
         for critic, adam in zip(self.critics, self._critic_adams, strict=True):
             errors = critic.forward(batch.state_actions) - targets
-            critic.backward(2 * errors * batch.share)
+            critic.backward(2 * errors * batch.mean_weight)
             adam.step()
             losses.addcmul_(errors, errors)
         self._record_loss("critic_loss", losses)
 
         if delayed:
-            # Update the actor by the policy gradient, the gradient of 1/N sum Q1(s, pi(s)).
+            # Minimise L_pi over the actor.
             torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
             values = self.critics[0].forward(batch.state_actions)
-            descent = self.critics[0].action_gradient(-batch.share)
-            self.actor.backward(tanh_gradient(descent, batch.actions))
+            by_action = self.critics[0].action_gradient(-batch.mean_weight)
+            self.actor.backward(tanh_gradient(by_action, batch.actions))
             self._actor_adam.step()
             self._record_loss("actor_loss", -values)
 

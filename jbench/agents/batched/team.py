@@ -1,4 +1,4 @@
-"""The agents of several seeds as one."""
+"""The agents of several seeds."""
 
 from collections.abc import Callable, Hashable, Sequence
 from typing import Concatenate, Generic, NamedTuple, TypeVar
@@ -19,28 +19,28 @@ Method = Callable[Concatenate[Rule, ...], Tensor]
 
 
 class Group(NamedTuple, Generic[Rule]):
-    """Agents that learn in one sequence of products.
+    """Seeds that are updated together.
 
     Attributes:
-        learner: of them.
-        seeds: their places among all seeds.
+        learner: of these seeds.
+        seeds: their indices.
     """
 
     learner: Rule
     seeds: range
 
-    def of(self, streams: Sequence[Streams]) -> Sequence[Streams]:
-        """Returns the streams of its seeds, of those of all."""
+    def select(self, streams: Sequence[Streams]) -> Sequence[Streams]:
+        """Returns the streams of the group's seeds."""
         return streams[self.seeds.start : self.seeds.stop]
 
 
 class Team(Generic[Rule]):
-    """A learner for each seed, and perhaps one for all, over the same tensors.
+    """One learner per seed, and optionally one for the whole stack, on the same tensors.
 
     Attributes:
-        tensors: all that the agents remember.
-        each: a learner for each seed.
-        groups: of agents that learn at the same time: each seed by itself, or all.
+        tensors: the state of the agents.
+        each: a learner per seed.
+        groups: one per seed, or one of all seeds.
     """
 
     def __init__(
@@ -53,22 +53,20 @@ class Team(Generic[Rule]):
         stacked: bool,
         low_precision: bool = False,
     ) -> None:
-        """Makes the learners; their numbers are zeros.
+        """Makes the learners; all parameters are zeros.
 
         Args:
-            rule: what they learn by.
-            settings: of the rule.
-            observation_size: numbers in an observation.
-            tensors: where their numbers are.
-            stacked: whether all seeds are computed in one stack, or one after another.
-            low_precision: whether hidden layers are multiplied in bfloat16.
+            rule: class of the learners.
+            observation_size: number of inputs of the policy.
+            stacked: whether to compute all seeds in one stack or one after another.
+            low_precision: whether to multiply hidden layers in bfloat16.
         """
         self.tensors = tensors
-        parts = [tensors.of(seed) for seed in range(tensors.seeds)]
-        self.each = [rule(settings, observation_size, part, low_precision) for part in parts]
+        views = [tensors.seed_view(seed) for seed in range(tensors.seeds)]
+        self.each = [rule(settings, observation_size, view, low_precision) for view in views]
         self._stack: Rule | None = None
         if stacked:
-            self._stack = rule(settings, observation_size, tensors.all(), low_precision)
+            self._stack = rule(settings, observation_size, tensors.stacked_view(), low_precision)
         self.groups = (
             [Group(learner, range(seed, seed + 1)) for seed, learner in enumerate(self.each)]
             if self._stack is None
@@ -79,16 +77,16 @@ class Team(Generic[Rule]):
         self._outputs: dict[Hashable, Tensor] = {}
 
     def initialize(self, streams: Sequence[Streams]) -> None:
-        """Draws the first parameters of every seed."""
+        """Draws the initial parameters of every seed."""
         for learner, stream in zip(self.each, streams, strict=True):
             learner.initialize(stream.weights())
 
     def run(self, method: Method[Rule], *inputs: Tensor) -> Tensor:
-        """Evaluates a method of every agent on its part of the inputs.
+        """Evaluates a method of every agent on its inputs.
 
         Args:
-            method: function of a learner and tensors (..., N, any); the same object at every call,
-                since a GPU keeps a recording of each.
+            method: function of a learner and tensors (..., N, any); it must be the same object at
+                every call, because it is recorded on a GPU.
             inputs: (seeds, N, any).
 
         Returns:
@@ -97,24 +95,24 @@ class Team(Generic[Rule]):
         if self._stack is None:
             of_seeds = zip(self.each, *(x.to(self.tensors.dtype) for x in inputs), strict=True)
             return torch.stack([method(agent, *own) for agent, *own in of_seeds])
-        key = (method, *(part.shape for part in inputs))
+        key = (method, *(x.shape for x in inputs))
         if key not in self._inputs:
             self._inputs[key] = [
-                torch.empty(part.shape, dtype=self.tensors.dtype, device=self.tensors.device)
-                for part in inputs
+                torch.empty(x.shape, dtype=self.tensors.dtype, device=self.tensors.device)
+                for x in inputs
             ]
-        for memory, part in zip(self._inputs[key], inputs, strict=True):
-            memory.copy_(part)
+        for buffer, x in zip(self._inputs[key], inputs, strict=True):
+            buffer.copy_(x)
         self._captured(key)
         return self._outputs[key].cpu()
 
     def policy(self, seed: int) -> Policy:
-        """Returns a copy of one seed's deterministic policy as it is kept in the database."""
+        """Returns a copy of one seed's deterministic policy, as it is saved in the database."""
         network, squash = self.each[seed].policy()
         layers = affines(network.values.float().cpu(), network.sizes)
         weights = [layer.weight.mT.numpy().copy() for layer in layers]
         biases = [layer.bias.numpy().copy() for layer in layers]
-        # Of a random policy, the first output is the mean.
+        # The first output of a stochastic policy is the mean.
         return Policy(
             [*weights[:-1], weights[-1][:1]],
             [*biases[:-1], biases[-1][:1]],

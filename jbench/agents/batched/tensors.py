@@ -1,23 +1,27 @@
-"""Where the agents of several seeds keep their numbers: stacked, with a leading axis of seeds."""
+"""Tensors of several seeds' agents, stacked along a leading axis."""
 
 import torch
 from torch import Tensor
 
-# 64 bytes of float32: a vector of the processor, a line of its cache.
+# 64 bytes of float32: a processor vector and a cache line.
 _ALIGNMENT = 16
 
 
 def aligned(count: int) -> int:
-    """Returns the next multiple of 16: where the next of several parts of a tensor may begin.
+    """Returns the next multiple of 16, at which the next part of a flat tensor may begin.
 
-    Kernels may round differently by where their memory begins, and no seed may notice its
-    neighbours in a stack.
+    Kernels may round differently depending on the alignment of their memory, and a seed's numbers
+    must not depend on its position in a stack.
     """
     return -(-count // _ALIGNMENT) * _ALIGNMENT
 
 
 class Tensors:
-    """The tensors of a number of agents by name, each (seeds, ...): all that they remember."""
+    """Named tensors of several agents.
+
+    Attributes:
+        saved: (seeds, ...) tensors by name, the complete state of the agents.
+    """
 
     def __init__(
         self,
@@ -25,29 +29,31 @@ class Tensors:
         dtype: torch.dtype = torch.float32,
         device: torch.device | str = "cpu",
     ) -> None:
-        """Begins with none."""
+        """Starts without tensors."""
         self.seeds = seeds
         self.dtype = dtype
         self.device = torch.device(device)
-        self.kept: dict[str, Tensor] = {}
+        self.saved: dict[str, Tensor] = {}
         self._scratch: dict[tuple[object, ...], Tensor] = {}
 
-    def of(self, seed: int) -> "Part":
-        """Returns the part of the seed with the given place in the stack, without seeds' axis."""
-        return Part(self, seed)
+    def seed_view(self, seed: int) -> "SeedView":
+        """Returns the tensors of the seed with this index, without the axis of seeds."""
+        return SeedView(self, seed)
 
-    def all(self) -> "Part":
-        """Returns the whole stack: tensors with a leading axis of seeds."""
-        return Part(self, None)
+    def stacked_view(self) -> "SeedView":
+        """Returns the tensors of all seeds."""
+        return SeedView(self, None)
 
-    def keep(self, name: str, shape: tuple[int, ...], dtype: torch.dtype | None) -> Tensor:
-        """Returns the (seeds, *shape) tensor of a name, zeros where it is new."""
-        if name not in self.kept:
-            self.kept[name] = self._zeros((self.seeds, *shape), dtype)
-        return self.kept[name]
+    def saved_tensor(self, name: str, shape: tuple[int, ...], dtype: torch.dtype | None) -> Tensor:
+        """Returns the (seeds, *shape) tensor of a name; zeros if it is new."""
+        if name not in self.saved:
+            self.saved[name] = self._zeros((self.seeds, *shape), dtype)
+        return self.saved[name]
 
-    def lend(self, name: str, shape: tuple[int, ...], dtype: torch.dtype | None) -> Tensor:
-        """Returns a tensor that is written before it is read, the same one at every call."""
+    def scratch_tensor(
+        self, name: str, shape: tuple[int, ...], dtype: torch.dtype | None
+    ) -> Tensor:
+        """Returns a buffer, the same one at every call; its content is arbitrary."""
         key = (name, shape, dtype)
         if key not in self._scratch:
             self._scratch[key] = self._zeros(shape, dtype)
@@ -57,35 +63,35 @@ class Tensors:
         return torch.zeros(shape, dtype=dtype or self.dtype, device=self.device)
 
 
-class Part:
-    """What one agent of a stack sees of its tensors, or all agents at a time.
+class SeedView:
+    """The tensors of one seed, or of the whole stack.
 
-    An update rule is written once for both: its tensors have no leading axes, or that of seeds.
-    On the CPU a product of matrices for each seed is faster than a batch of products, and the
-    activations of one seed stay in the processor's cache while it learns; a GPU wants them all.
+    Update rules are written once for both cases. On a CPU one matrix product per seed is faster
+    than a batched product, and one seed's activations stay in the cache; a GPU is faster on the
+    whole stack.
 
     Attributes:
-        lead: the leading axes of all its tensors: (), or (seeds,).
+        batch_shape: leading axes of all tensors: () for one seed, (seeds,) for the stack.
     """
 
     def __init__(self, tensors: Tensors, seed: int | None) -> None:
-        """Looks at one seed, or at all for None."""
+        """Selects one seed, or all for None."""
         self._tensors, self._seed = tensors, seed
-        self.lead = (tensors.seeds,) if seed is None else ()
+        self.batch_shape = (tensors.seeds,) if seed is None else ()
 
     @property
     def device(self) -> torch.device:
-        """Where the numbers are."""
+        """Device of the tensors."""
         return self._tensors.device
 
-    def keep(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
-        """Returns a tensor (*lead, *shape) that is saved and restored; zeros at first."""
-        stacked = self._tensors.keep(name, shape, dtype)
+    def saved(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
+        """Returns a tensor (*batch_shape, *shape) of the agent's state; zeros at first."""
+        stacked = self._tensors.saved_tensor(name, shape, dtype)
         return stacked if self._seed is None else stacked[self._seed]
 
     def scratch(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
-        """Returns a tensor (*lead, *shape) that nobody relies on after an update.
+        """Returns a buffer (*batch_shape, *shape) for use within an update.
 
-        All seeds that are looked at alone share it: they learn one after another.
+        Views of single seeds share it, because they are updated one after another.
         """
-        return self._tensors.lend(name, (*self.lead, *shape), dtype)
+        return self._tensors.scratch_tensor(name, (*self.batch_shape, *shape), dtype)

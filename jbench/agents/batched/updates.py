@@ -1,4 +1,4 @@
-"""Off-policy updates: each seed draws its minibatches, each group of seeds learns from them."""
+"""Off-policy updates: sampling minibatches per seed and updating each group of seeds."""
 
 from collections.abc import Hashable, Sequence
 from typing import Any
@@ -17,17 +17,17 @@ from jbench.agents.batched.team import Group
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
 
-_DRAWN = 1000  # minibatches before the first update, at a time
+_MAX_SAMPLED = 1000  # minibatches of pretraining that are sampled at once
 
 
 class Updates:
     """The updates of one group of seeds.
 
-    Random numbers are drawn on the CPU for all updates that are due at a time; then each update
-    finds its own in the same memory, so that a GPU can repeat it without Python.
+    Random numbers for all updates of a learning phase are drawn on the CPU at once. Each update
+    then reads its own from the same buffers, so that a GPU can replay it as a CUDA graph.
 
     Attributes:
-        seeds: their places.
+        seeds: indices of the seeds.
     """
 
     def __init__(
@@ -38,36 +38,34 @@ class Updates:
         replay: ReplayBuffer,
         time_limit: TimeLimit,
     ) -> None:
-        """Makes none yet.
+        """Makes the buffers.
 
         Args:
-            settings: of the algorithm.
-            group: that learns.
             streams: of the seeds of the group.
-            replay: the buffers of all seeds.
-            time_limit: whether the value of an episode's last state counts.
+            replay: buffers of all seeds.
+            time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         """
         self.seeds = group.seeds
         self._learner, self._streams, self._replay = group.learner, streams, replay
         self._size, self._gamma = settings.batch_size, settings.gamma
         self._terminal = time_limit == "terminal"
         self._rows = replay.rows_of(group.seeds)
-        scratch, width = group.learner.part.scratch, self._rows.shape[-1]
+        scratch, width = group.learner.view.scratch, self._rows.shape[-1]
         self._batch = batch = Batch(
             scratch("rows", self._size, width),
             scratch("next_rows", self._size, width),
             scratch("discounts", self._size, 1).fill_(self._gamma),
             scratch("noise", self._size, group.learner.noise_per_transition),
         )
-        self._places, self._next_places = (
-            scratch(name, self._size, dtype=torch.int64) for name in ("places", "next_places")
+        self._indices, self._next_indices = (
+            scratch(name, self._size, dtype=torch.int64) for name in ("indices", "next_indices")
         )
-        # Where rows are found, and where they are put.
+        # Indices of rows in the replay buffer, and the minibatch rows to copy them to.
         self._gathered = [
-            (places.view(-1), rows.view(-1, width))
-            for places, rows in (
-                (self._places, batch.rows),
-                (self._next_places, batch.next_rows),
+            (indices.view(-1), rows.view(-1, width))
+            for indices, rows in (
+                (self._indices, batch.rows),
+                (self._next_indices, batch.next_rows),
             )
         ]
         self._update = Captured(self._update_once, self._rows.device)
@@ -76,29 +74,29 @@ class Updates:
         self._samples: list[tuple[Tensor, Tensor]] = []
 
     def pretrain(self, control_steps: int) -> None:
-        """Learns what is to be learned before the first update.
+        """Makes the updates that precede the first update of the agents.
 
         Args:
-            control_steps: of each seed.
+            control_steps: made by each seed.
         """
-        left = self._learner.pretraining(control_steps)
-        while left:
-            count = min(left, _DRAWN)
-            samples = self._draw(count)
+        remaining = self._learner.pretraining(control_steps)
+        while remaining:
+            count = min(remaining, _MAX_SAMPLED)
+            samples = self._sample(count)
             for i in range(count):
                 self._put(samples, i)
                 self._pretrain(None)
-            left -= count
+            remaining -= count
 
     def prepare(self, first: int, count: int) -> None:
-        """Samples indices and noise for a number of updates.
+        """Samples indices and noise for the next `count` updates.
 
         Args:
-            first: number of the first of them, counted from 1.
-            count: how many.
+            first: number of the first update since the start of training, counted from 1.
+            count: number of updates.
         """
         self._delayed = [self._learner.is_delayed_update(first + i, i) for i in range(count)]
-        self._samples = self._draw(count)
+        self._samples = self._sample(count)
 
     def run(self) -> None:
         """Makes the updates that were prepared."""
@@ -108,51 +106,51 @@ class Updates:
             self._update(delayed)
 
     def _put(self, samples: Sequence[tuple[Tensor, Tensor]], update: int) -> None:
-        """Copies the indices and noise of one update to where it reads them."""
-        for place, drawn in samples:
-            place.copy_(drawn[update])
+        """Copies the indices and noise of one update to the buffers that it reads."""
+        for buffer, values in samples:
+            buffer.copy_(values[update])
 
     def _update_once(self, delayed: Hashable) -> None:
-        """Makes one update with the indices and noise in memory."""
+        """Makes one update with the indices and noise in the buffers."""
         self._gather()
         self._learner.update(self._batch, bool(delayed))
 
     def _pretrain_once(self, _: Hashable) -> None:
-        """Learns features from the minibatch whose indices are in memory."""
+        """Trains features on the minibatch whose indices are in the buffers."""
         self._gather()
         self._learner.pretrain(self._batch)
 
     def _gather(self) -> None:
-        for places, rows in self._gathered:
-            torch.index_select(self._rows, 0, places, out=rows)
+        for indices, rows in self._gathered:
+            torch.index_select(self._rows, 0, indices, out=rows)
 
-    def _draw(self, count: int) -> list[tuple[Tensor, Tensor]]:
-        """Returns places (..., size, any) for samples, each with (count, ..., size, any) of it."""
+    def _sample(self, count: int) -> list[tuple[Tensor, Tensor]]:
+        """Returns buffers (..., size, any), each with its samples (count, ..., size, any)."""
         shape, noise = (count, self._size), self._batch.noise
-        drawn = [self._replay.draw(stream.updates, *shape) for stream in self._streams]
+        sampled = [self._replay.sample(stream.updates, *shape) for stream in self._streams]
         samples = [
-            (self._places, self._together([draws.rows for draws in drawn], offset=True)),
-            (self._next_places, self._together([draws.next_rows for draws in drawn], offset=True)),
+            (self._indices, self._stack([each.rows for each in sampled], offset=True)),
+            (self._next_indices, self._stack([each.next_rows for each in sampled], offset=True)),
         ]
         if self._terminal:
-            discounts = [np.where(draws.last, 0, self._gamma)[..., None] for draws in drawn]
-            samples.append((self._batch.discounts, self._together(discounts)))
+            discounts = [np.where(each.last, 0, self._gamma)[..., None] for each in sampled]
+            samples.append((self._batch.discounts, self._stack(discounts)))
         if noise.shape[-1]:
             size = (*shape, noise.shape[-1])
             normal = [stream.updates.standard_normal(size, np.float32) for stream in self._streams]
-            samples.append((noise, self._together(normal)))
+            samples.append((noise, self._stack(normal)))
         return samples
 
-    def _together(self, of_each: Sequence[NDArray[Any]], *, offset: bool = False) -> Tensor:
-        """Puts what each seed drew, (count, ...), in the layout of the group, on its device.
+    def _stack(self, per_seed: Sequence[NDArray[Any]], *, offset: bool = False) -> Tensor:
+        """Stacks the samples (count, ...) of each seed and moves them to the device.
 
         Args:
-            of_each: of each seed.
-            offset: whether these are rows of a seed's own buffer.
+            per_seed: samples of each seed.
+            offset: whether they are indices into a seed's own buffer.
         """
-        if not self._learner.part.lead:
-            return torch.from_numpy(of_each[0])
+        if not self._learner.view.batch_shape:
+            return torch.from_numpy(per_seed[0])
         if offset:
-            rows = len(self._rows) // len(of_each)
-            of_each = [drawn + seed * rows for seed, drawn in enumerate(of_each)]
-        return torch.from_numpy(np.stack(of_each, axis=1)).to(self._rows.device)
+            rows = len(self._rows) // len(per_seed)
+            per_seed = [indices + seed * rows for seed, indices in enumerate(per_seed)]
+        return torch.from_numpy(np.stack(per_seed, axis=1)).to(self._rows.device)

@@ -1,7 +1,7 @@
-"""The plain autoencoder: one tanh layer to the latent, one tanh layer back.
+"""The plain autoencoder: a tanh layer encodes, and a tanh layer decodes.
 
-Source: paper, Figure 6, without the noise; Rumelhart, Hinton and Williams (1986). The layers are
-the denoising autoencoder's (`dae.py`), which is an option of these few lines.
+Source: paper, Figure 6, without the noise; Rumelhart, Hinton and Williams (1986). The denoising
+autoencoder (`dae.py`) has the same layers.
 """
 
 from collections.abc import Mapping
@@ -14,10 +14,10 @@ from jbench.tasks.features import Array
 
 
 class Autoencoder(Learned):
-    """Reconstructs what it sees through fewer numbers, by the mean squared error."""
+    """Minimises the mean squared reconstruction error."""
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns Glorot's weights, and biases of 0."""
+        """Returns Glorot weights and zero biases."""
         return {
             "encoder.weight": glorot(latents, size, random),
             "encoder.bias": torch.zeros(latents),
@@ -34,7 +34,7 @@ class Autoencoder(Learned):
         return tanh(latents @ weights["decoder.weight"].T + weights["decoder.bias"])
 
     def loss(self, weights: Weights, batch: Batch) -> Tensor:
-        """Returns the mean squared error of a feature."""
+        """Returns the mean squared error per feature."""
         rebuilt = self.decode(weights, self.encode(weights, batch.now))
         return torch.nn.functional.mse_loss(rebuilt, batch.later)
 
@@ -42,22 +42,28 @@ class Autoencoder(Learned):
     def gradient(
         self, weights: Mapping[str, Tensor], gradients: Mapping[str, Tensor], batch: Batch
     ) -> Tensor:
-        """Does by hand what autograd does, in fewer passes over the rows."""
-        into, back = weights["encoder.weight"], weights["decoder.weight"]
-        latents = tanh_(torch.addmm(weights["encoder.bias"], batch.now, into.T))
-        rebuilt = tanh_(torch.addmm(weights["decoder.bias"], latents, back.T))
+        """Computes the gradient by hand, in fewer passes over the rows than autograd.
+
+        For n rows of d features, with z = tanh(W x + b) and y = tanh(V z + c):
+
+            L = 1 / (n d) sum |y - x'|^2      dL / d(V z + c) = 2 (y - x') / (n d) (1 - y^2)
+            dL / d(W x + b) = V' dL / d(V z + c) (1 - z^2)
+        """
+        encoder, decoder = weights["encoder.weight"], weights["decoder.weight"]
+        latents = tanh_(torch.addmm(weights["encoder.bias"], batch.now, encoder.T))
+        rebuilt = tanh_(torch.addmm(weights["decoder.bias"], latents, decoder.T))
         error = rebuilt - batch.later
         loss = error.square().mean()
-        # From here on `rebuilt` and `latents` become the errors that come back through them.
-        through = _times_slope_(rebuilt, error.mul_(2 / error.numel()))
-        torch.mm(through.T, latents, out=gradients["decoder.weight"])
-        torch.sum(through, 0, out=gradients["decoder.bias"])
-        through = _times_slope_(latents, through @ back)
-        torch.mm(through.T, batch.now, out=gradients["encoder.weight"])
-        torch.sum(through, 0, out=gradients["encoder.bias"])
+        # The gradients reuse the memory of `rebuilt` and `latents`.
+        delta = _times_slope_(rebuilt, error.mul_(2 / error.numel()))
+        torch.mm(delta.T, latents, out=gradients["decoder.weight"])
+        torch.sum(delta, 0, out=gradients["decoder.bias"])
+        delta = _times_slope_(latents, delta @ decoder)
+        torch.mm(delta.T, batch.now, out=gradients["encoder.weight"])
+        torch.sum(delta, 0, out=gradients["encoder.bias"])
         return loss
 
 
 def _times_slope_(tanhs: Tensor, error: Tensor) -> Tensor:
-    """Returns error * (1 - tanhs ** 2), the error before a tanh, in the memory of `tanhs`."""
+    """Returns error * (1 - tanhs ** 2), written to the memory of `tanhs`."""
     return tanhs.square_().neg_().add_(1).mul_(error)

@@ -1,10 +1,10 @@
-"""Contrastive prediction: latents that tell a state's own future from the futures of others.
+"""Contrastive prediction: latents that distinguish a state's future from the futures of others.
 
-Source: InfoNCE (van den Oord, Li and Vinyals, arXiv:1807.03748) with the actions in between, as the
-temporal contrastive learning of Yang and Nachum (arXiv:2102.05815). The encoder has the shape of
-the denoising autoencoder's, one tanh layer. From the latents of a state and the actions a
-hidden tanh layer makes a query; its product with the latents of the state `horizon` control steps
-later must be larger than those with the later states of all other rows of the batch.
+Source: InfoNCE (van den Oord, Li and Vinyals, arXiv:1807.03748) with the actions in between, as in
+the temporal contrastive learning of Yang and Nachum (arXiv:2102.05815). The encoder is one tanh
+layer, as in the denoising autoencoder. A hidden tanh layer maps the latents of a state and the
+actions to a query. The query's product with the latents of the state `horizon` control steps later
+must be larger than its products with the later states of all other rows of the batch.
 """
 
 from typing import ClassVar
@@ -31,11 +31,11 @@ class Contrastive(Learned):
 
     @property
     def steps_ahead(self) -> int:
-        """Control steps to the state that must be recognised."""
+        """Control steps to the later state."""
         return self.horizon
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns Glorot's weights, and biases of 0."""
+        """Returns Glorot weights and zero biases."""
         return layers(
             {
                 "encoder": (latents, size),
@@ -51,20 +51,17 @@ class Contrastive(Learned):
         return tanh(affine(weights, "encoder", scaled))
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the linear reconstruction, which is learned beside the rest."""
+        """Returns the linear reconstruction, trained without influence on the latents."""
         return affine(weights, "decoder", latents)
 
     def loss(self, weights: Weights, batch: Batch) -> Tensor:
-        """Returns the negative log probability of the right pairs (nats), and the readout's error.
-
-        The reconstruction has no influence on the latents.
-        """
+        """Returns the InfoNCE loss (nats) plus the squared error of the reconstruction."""
         assert batch.actions is not None
         latents = self.encode(weights, batch.now)
         hidden = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
         products = affine(weights, "query", hidden) @ self.encode(weights, batch.later).T
-        right = torch.arange(len(products), device=products.device)
+        labels = torch.arange(len(products), device=products.device)
         rebuilt = self.decode(weights, latents.detach())
-        return torch.nn.functional.cross_entropy(products, right) + torch.nn.functional.mse_loss(
+        return torch.nn.functional.cross_entropy(products, labels) + torch.nn.functional.mse_loss(
             rebuilt, batch.now
         )

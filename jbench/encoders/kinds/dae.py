@@ -1,7 +1,6 @@
 """The paper's denoising autoencoder (paper, section 5.2; Vincent et al., 2008).
 
-An autoencoder that sees its input corrupted by Gaussian noise and learns to give back the clean
-one.
+Its input is corrupted by Gaussian noise, and it learns to reconstruct the clean input.
 """
 
 import torch
@@ -19,6 +18,6 @@ class DenoisingAutoencoder(Autoencoder):
     )
 
     def prepare(self, batch: Batch, latents: int, random: torch.Generator) -> Batch:
-        """Returns the batch with noise on what is encoded."""
+        """Returns the batch with Gaussian noise on the encoded states."""
         noise = standard_normal(batch.now.shape, random, batch.now)
         return batch._replace(now=noise.mul_(self.noise).add_(batch.now))

@@ -1,7 +1,6 @@
-"""The dynamic denoising autoencoder: it reconstructs the state some control steps later.
+"""The dynamic denoising autoencoder predicts the state some control steps later.
 
-Source: the authors' code beside the paper, which tried it; their denoising autoencoder with
-another target.
+Source: the authors' code, in which it is the denoising autoencoder with another target.
 """
 
 from typing import ClassVar
@@ -13,9 +12,9 @@ from jbench.names import EPISODE_STEPS
 
 
 class DynamicDenoisingAutoencoder(DenoisingAutoencoder):
-    """Foresees the clean state `horizon` control steps later from a noisy one.
+    """Predicts the clean state `horizon` control steps later from a noisy one.
 
-    What it can't foresee, such as the random actions in between, stays in its error.
+    Its error includes what is unpredictable, such as the effect of the random actions.
     """
 
     decodes_later: ClassVar[bool] = True
@@ -24,5 +23,5 @@ class DynamicDenoisingAutoencoder(DenoisingAutoencoder):
 
     @property
     def steps_ahead(self) -> int:
-        """Control steps to the state that is reconstructed."""
+        """Control steps to the predicted state."""
         return self.horizon

@@ -1,13 +1,13 @@
-"""Dynamic mode decomposition with control, in coordinates that no unit of the features changes.
+"""Dynamic mode decomposition with control, independent of the units of the features.
 
 A linear model x' = A x + B u + noise of the scaled states x and the actions u is fitted by least
 squares (Proctor, Brunton and Kutz, arXiv:1409.6358). Plain decomposition truncates A to the
-directions of the largest variance, which depend on the features' units. Here both x and x' are made
-white first, so that the singular values of A are the canonical correlations of present and future
-given the actions (Hotelling, 1936): numbers from 0 to 1 that are the same for any invertible linear
-change of the features. How many of them are not small is the order of the linear dynamics. The
-latents are the first canonical directions of the present, of unit variance: among all linear
-encoders of that size they give the best linear prediction of the whitened future.
+directions of the largest variance, which depend on the features' units. Here x and x' are whitened
+first. The singular values of A are then the canonical correlations of present and future given the
+actions (Hotelling, 1936): numbers from 0 to 1 that no invertible linear change of the features
+alters. The number of large ones is the order of the linear dynamics. The latents are the first
+canonical directions of the present, of unit variance. Among all linear encoders of that size they
+give the best linear prediction of the whitened future.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -25,34 +25,37 @@ from jbench.tasks.features import Array
 if TYPE_CHECKING:
     from jbench.encoders.states import States
 
-_ROWS = 65536  # at a time
-_SMALLEST = 1e-9  # share of the largest variance, below which a direction has none
+_MAX_ROWS = 65536  # rows per block
+_MIN_VARIANCE = 1e-9  # relative to the largest variance; smaller ones count as 0
 
 
 class DynamicModes(Fitted):
-    """Keeps the canonical directions in which the present determines the future."""
+    """Encodes the canonical directions in which the present determines the future."""
 
     horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the directions, the linear way back, and all singular values."""
+        """Returns the directions, the linear decoder, and all singular values."""
         moments = Moments.none(2 * states.size + self.horizon)
         for shard in states.learn():
-            for chosen in torch.arange(shard.pairs(self.horizon)).split(_ROWS):
-                batch = shard.take(chosen.to(states.device), self.horizon, with_actions=True)
+            for indices in torch.arange(shard.pairs(self.horizon)).split(_MAX_ROWS):
+                batch = shard.take(indices.to(states.device), self.horizon, with_actions=True)
                 assert batch.actions is not None
                 rows = torch.cat([batch.now, batch.later, batch.actions], 1).double()
                 moments = moments.merged(Moments.of(rows.cpu().numpy()))
         directions, correlations = canonical_directions(moments.covariance, states.size)
         directions = directions[:latents]
         present = moments.covariance[: states.size, : states.size]
-        seen = directions @ present
+        cross_covariance = directions @ present
         mean = moments.mean[: states.size]
-        back = np.linalg.pinv(seen @ directions.T, rcond=_SMALLEST, hermitian=True) @ seen
+        decoder = (
+            np.linalg.pinv(cross_covariance @ directions.T, rcond=_MIN_VARIANCE, hermitian=True)
+            @ cross_covariance
+        )
         return {
             "directions": directions,
             "mean": mean,
-            "back": back,
+            "back": decoder,
             "singular_values": correlations,
         }
 
@@ -65,7 +68,7 @@ class DynamicModes(Fitted):
         return latents @ weights["back"] + weights["mean"]
 
     def summary(self, weights: Weights) -> dict[str, Any]:
-        """Returns the singular values of the dynamics, the largest first."""
+        """Returns the singular values of the dynamics in descending order."""
         return {"singular_values": [round(float(s), 4) for s in weights["singular_values"]]}
 
 
@@ -79,25 +82,27 @@ def canonical_directions(covariance: FloatArray, size: int) -> tuple[FloatArray,
     given = covariance[2 * size :, 2 * size :]
     pair = covariance[: 2 * size, : 2 * size]
     with_actions = covariance[: 2 * size, 2 * size :]
-    # What is left of present and future when the actions are known.
+    # Covariance of present and future given the actions.
     pair = pair - with_actions @ np.linalg.pinv(given, hermitian=True) @ with_actions.T
     white, later_white = _whitening(pair[:size, :size]), _whitening(pair[size:, size:])
     across = later_white @ pair[size:, :size] @ white.T
     _, correlations, rows = np.linalg.svd(across)
     directions = rows @ white
-    # The sign of a direction is free: its largest number is made positive.
+    # The sign of a direction is arbitrary: its largest component is made positive.
     largest = np.argmax(np.abs(directions), axis=1)
     signs = np.sign(directions[np.arange(size), largest])
     return directions * np.where(signs, signs, 1)[:, None], np.clip(correlations, 0, 1)
 
 
 def _whitening(covariance: FloatArray) -> FloatArray:
-    """Returns a matrix that makes rows of this covariance white, 0 where there is no variance."""
-    # Of unit variance first: what counts as no variance must not depend on the features' units.
+    """Returns a matrix that whitens rows of this covariance; 0 in directions without variance."""
+    # Scaled to unit variance first, so that the threshold does not depend on the features' units.
     sd = np.sqrt(np.diag(covariance))
     inverse_sd = np.divide(1, sd, out=np.zeros_like(sd), where=sd > 0)
     values, vectors = np.linalg.eigh(covariance * np.outer(inverse_sd, inverse_sd))
-    has = values > _SMALLEST * values[-1]
-    roots = np.divide(1, np.sqrt(np.where(has, values, 1)), out=np.zeros_like(values), where=has)
+    is_positive = values > _MIN_VARIANCE * values[-1]
+    roots = np.divide(
+        1, np.sqrt(np.where(is_positive, values, 1)), out=np.zeros_like(values), where=is_positive
+    )
     whitening: FloatArray = (vectors * roots) @ vectors.T * inverse_sd
     return whitening

@@ -1,9 +1,9 @@
-"""A forward model: latents that, with the actions, determine what happens next.
+"""A forward model: latents that predict the change of the state and the reward.
 
-The encoder has the shape of the denoising autoencoder's, one tanh layer, so that the two differ in
-their loss alone. A hidden tanh layer predicts from latents and actions how the state changes over
-`horizon` control steps, and the mean reward on the way. Each of these numbers is scaled to unit
-variance: what varies most is not what counts.
+The encoder is one tanh layer, as in the denoising autoencoder, so the two differ only in their
+loss. A hidden tanh layer predicts from latents and actions the change of the state over `horizon`
+control steps and the mean reward. Every target is scaled to unit variance, so that features of
+large variance do not dominate the loss.
 
 Source: the task "predict the difference of states" of Lange et al. (arXiv:2310.04241), with the
 reward.
@@ -25,8 +25,8 @@ from jbench.tasks.features import FEATURE_SIZES, RANGES, TASK_SPECS, Array
 if TYPE_CHECKING:
     from jbench.encoders.states import States
 
-_CONSTANT = 1e-9  # standard deviation of a change that never happens
-_ROWS = 65536  # at a time
+_MIN_SD = 1e-9  # changes of smaller standard deviation count as constant
+_MAX_ROWS = 65536  # rows per block
 
 
 class ForwardModel(Learned):
@@ -43,7 +43,7 @@ class ForwardModel(Learned):
         return self.horizon
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns Glorot's weights, and biases of 0."""
+        """Returns Glorot weights and zero biases."""
         return layers(
             {
                 "encoder": (latents, size),
@@ -56,38 +56,35 @@ class ForwardModel(Learned):
         )
 
     def constants(self, states: "States") -> dict[str, Tensor]:
-        """Returns what scales changes and rewards to unit variance, and the turns of angles."""
-        turn = full_turns(states)
-        of_changes, of_rewards = Moments.none(states.size), Moments.none(1)
+        """Returns the scales of changes and rewards, and the periods of angles."""
+        periods = angle_periods(states)
+        change_moments, reward_moments = Moments.none(states.size), Moments.none(1)
         for shard in states.learn():
-            for chosen in torch.arange(shard.pairs(self.horizon)).split(_ROWS):
-                batch = shard.take(chosen.to(states.device), self.horizon, with_actions=True)
-                changes = changes_of(batch, turn.to(states.device))
-                of_changes = of_changes.merged(Moments.of(changes.cpu().numpy()))
+            for indices in torch.arange(shard.pairs(self.horizon)).split(_MAX_ROWS):
+                batch = shard.take(indices.to(states.device), self.horizon, with_actions=True)
+                changes = changes_of(batch, periods.to(states.device))
+                change_moments = change_moments.merged(Moments.of(changes.cpu().numpy()))
                 assert batch.rewards is not None
-                of_rewards = of_rewards.merged(
+                reward_moments = reward_moments.merged(
                     Moments.of(batch.rewards.mean(1, True).cpu().numpy())
                 )
-        found = {
-            "change.turn": turn,
-            "change.scale": _inverse_sd(of_changes),
-            "reward.scale": _inverse_sd(of_rewards),
+        constants = {
+            "change.turn": periods,
+            "change.scale": _inverse_sd(change_moments),
+            "reward.scale": _inverse_sd(reward_moments),
         }
-        return {name: value.to(states.device) for name, value in found.items()}
+        return {name: value.to(states.device) for name, value in constants.items()}
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns the latents, in (-1, 1)."""
         return tanh(affine(weights, "encoder", scaled))
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the linear reconstruction, which is learned beside the predictions."""
+        """Returns the linear reconstruction, trained without influence on the latents."""
         return affine(weights, "decoder", latents)
 
     def loss(self, weights: Weights, batch: Batch) -> Tensor:
-        """Returns the mean squared errors of changes, of the reward and of the reconstruction.
-
-        The reconstruction has no influence on the latents.
-        """
+        """Returns the sum of the mean squared errors of changes, reward and reconstruction."""
         assert batch.actions is not None and batch.rewards is not None  # noqa: PT018
         latents = self.encode(weights, batch.now)
         hidden = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
@@ -102,27 +99,27 @@ class ForwardModel(Learned):
         )
 
 
-def changes_of(batch: Batch, turn: Tensor) -> Tensor:
-    """Returns the (rows, size) changes of the scaled features, those of angles the shorter way.
+def changes_of(batch: Batch, periods: Tensor) -> Tensor:
+    """Returns the (rows, size) changes of the scaled features; angles change the shorter way.
 
     Args:
         batch: pairs of states.
-        turn: (size,) as `full_turns` returns it.
+        periods: (size,) from `angle_periods`.
     """
     change = batch.later - batch.now
-    return change - turn * torch.where(turn > 0, change / turn, 0).round()
+    return change - periods * torch.where(periods > 0, change / periods, 0).round()
 
 
-def full_turns(states: "States") -> Tensor:
-    """Returns the (size,) widths of a full turn of the features that are angles, scaled; else 0."""
+def angle_periods(states: "States") -> Tensor:
+    """Returns the (size,) scaled periods of the features: a full turn of an angle, otherwise 0."""
     names = TASK_SPECS[states.task].features
-    angle = [name for name in names for _ in range(FEATURE_SIZES[name])]
-    observed = np.array([2.0 * (RANGES[name][1] == (np.pi,)) for name in angle], np.float32)
-    return torch.from_numpy(observed * states.scaling.gain_and_offset()[0])
+    labels = [name for name in names for _ in range(FEATURE_SIZES[name])]
+    periods = np.array([2.0 * (RANGES[name][1] == (np.pi,)) for name in labels], np.float32)
+    return torch.from_numpy(periods * states.scaling.gain_and_offset()[0])
 
 
 def _inverse_sd(moments: Moments) -> Tensor:
-    """Returns 1 / standard deviation of each column, and 0 for one that does not vary."""
+    """Returns 1 / standard deviation of each column; 0 for a constant column."""
     sd = np.sqrt(moments.variance)
-    inverse = np.divide(1, sd, out=np.zeros_like(sd), where=sd > _CONSTANT)
+    inverse = np.divide(1, sd, out=np.zeros_like(sd), where=sd > _MIN_SD)
     return torch.from_numpy(inverse.astype(np.float32))

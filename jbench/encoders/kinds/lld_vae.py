@@ -2,7 +2,7 @@
 
 "Embed to Control": the latent of the next state is A z + B u + o for the action u, where the matrix
 A = I + v r', the vector B and the offset o depend on z. The next state must be likely under the
-latent foreseen, and that latent's distribution close to the next state's own.
+predicted latent, whose distribution must be close to that of the next state's own latent.
 """
 
 from typing import ClassVar, NamedTuple
@@ -12,9 +12,15 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.kind import Batch, Weights, tanh
-from jbench.encoders.kinds.vae import VariationalAutoencoder, affine, drawn, from_standard, layers
+from jbench.encoders.kinds.vae import (
+    VariationalAutoencoder,
+    affine,
+    kl_to_standard_normal,
+    layers,
+    sample_latents,
+)
 
-_SINGULAR = 1e-6  # keeps the logarithm of det(A) ** 2 finite
+_EPSILON = 1e-6  # keeps the logarithm of det(A) ** 2 finite
 
 
 class Transition(NamedTuple):
@@ -26,73 +32,73 @@ class Transition(NamedTuple):
     o: Tensor
 
     def __call__(self, latents: Tensor, actions: Tensor) -> Tensor:
-        """Returns the latents (rows, latents) one step later, for actions (rows, 1)."""
+        """Returns the latents (rows, latents) one step later for actions (rows, 1)."""
         along = (self.r * latents).sum(1, keepdim=True)
         return latents + self.v * along + self.B * actions + self.o
 
 
 class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
-    """Maximises the bound of pairs of states with the action in between."""
+    """Maximises the evidence lower bound of pairs of states with the action in between."""
 
     uses_actions: ClassVar[bool] = True
 
     contraction: float = Field(
-        default=0.1, ge=0, description="weight of the divergence of the foreseen latent; authors'"
+        default=0.1, ge=0, description="weight of the divergence of the predicted latent; authors'"
     )
 
     @property
     def steps_ahead(self) -> int:
-        """The state after the action."""
+        """One control step, that of the action."""
         return 1
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns Glorot's weights, and biases of 0; the dynamics have a hidden layer too."""
+        """Returns Glorot weights and zero biases."""
         dynamics = {"dynamics": (self.hidden, latents), "transition": (4 * latents, self.hidden)}
         return super().initial(size, latents, random) | layers(dynamics, random)
 
     def transition(self, weights: Weights, latents: Tensor) -> Transition:
-        """Returns the dynamics about latents (rows, latents)."""
+        """Returns the dynamics linearised at latents (rows, latents)."""
         hidden = tanh(affine(weights, "dynamics", latents))
         return Transition(*affine(weights, "transition", hidden).chunk(4, dim=1))
 
     def loss(self, weights: Weights, batch: Batch) -> Tensor:
-        """Returns the paper's equation 12, without constants, in nats for a pair of states."""
+        """Returns equation 12 of the paper without constants, in nats per pair of states."""
         assert batch.actions is not None
         mean, log_variance = self.posterior(weights, batch.now)
-        latents = drawn(mean, log_variance, batch)
+        latents = sample_latents(mean, log_variance, batch)
         dynamics = self.transition(weights, latents)
-        foreseen = dynamics(latents, batch.actions)
-        bound = self.surprise(weights, latents, batch.now)
-        bound = bound + self.surprise(weights, foreseen, batch.later)
-        bound = bound + from_standard(mean, log_variance)
-        apart = divergence(
+        predicted = dynamics(latents, batch.actions)
+        bound = self.reconstruction_nll(weights, latents, batch.now)
+        bound = bound + self.reconstruction_nll(weights, predicted, batch.later)
+        bound = bound + kl_to_standard_normal(mean, log_variance)
+        contraction = divergence(
             dynamics,
             dynamics(mean, batch.actions),
             log_variance,
             *self.posterior(weights, batch.later),
         )
-        return (bound + self.contraction * apart).mean()
+        return (bound + self.contraction * contraction).mean()
 
 
 def divergence(
     dynamics: Transition,
-    foreseen: Tensor,
+    predicted: Tensor,
     log_variance: Tensor,
     mean: Tensor,
     later_log_variance: Tensor,
 ) -> Tensor:
-    """Returns the (rows,) KL divergence of the foreseen latent from the next state's own (nats).
+    """Returns the (rows,) KL divergence of the predicted latent from the next state's (nats).
 
     Args:
-        dynamics: that led there.
-        foreseen: (rows, latents) mean of the foreseen latent, whose covariance is A S A'.
-        log_variance: (rows, latents) of the latent before: log of the diagonal of S.
-        mean: (rows, latents) of the next state's latent.
-        later_log_variance: (rows, latents) of the next state's latent.
+        dynamics: from the state to the next one.
+        predicted: (rows, latents) mean of the predicted latent, whose covariance is A S A'.
+        log_variance: (rows, latents) log diagonal of S, the covariance of the state's latent.
+        mean: (rows, latents) mean of the next state's latent.
+        later_log_variance: (rows, latents) log variance of the next state's latent.
     """
     v, r, variance = dynamics.v, dynamics.r, log_variance.exp()
     around = (r.square() * variance).sum(1, keepdim=True)
     diagonal = variance * (1 + 2 * v * r) + v.square() * around
-    log_determinant = ((1 + (v * r).sum(1)).square() + _SINGULAR).log() + log_variance.sum(1)
-    spread = (diagonal + (foreseen - mean).square()) * (-later_log_variance).exp() - 1
+    log_determinant = ((1 + (v * r).sum(1)).square() + _EPSILON).log() + log_variance.sum(1)
+    spread = (diagonal + (predicted - mean).square()) * (-later_log_variance).exp() - 1
     return (spread.sum(1) + later_log_variance.sum(1) - log_determinant) / 2

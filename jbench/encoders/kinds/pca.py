@@ -1,6 +1,6 @@
 """Principal component analysis, exact and in closed form.
 
-Source: Pearson (1901), Hotelling (1933). The best reconstruction that is linear both ways: the
+Source: Pearson (1901), Hotelling (1933). It is the best linear encoder and decoder: the
 eigenvectors of the covariance with the largest eigenvalues.
 """
 
@@ -16,10 +16,10 @@ class PrincipalComponents(ClosedForm):
     """Projects on the directions of the largest variance; it has no options."""
 
     def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the components (latents, size), by falling variance, and the mean."""
+        """Returns the components (latents, size) in order of decreasing variance, and the mean."""
         _, vectors = np.linalg.eigh(moments.covariance)
         components = vectors[:, ::-1][:, :latents].T
-        # An eigenvector's sign is free: its largest number is made positive.
+        # An eigenvector's sign is arbitrary: its largest component is made positive.
         largest = np.argmax(np.abs(components), axis=1)
         signs = np.sign(components[np.arange(latents), largest])
         return {"components": components * signs[:, None], "mean": moments.mean}
@@ -29,5 +29,5 @@ class PrincipalComponents(ClosedForm):
         return (scaled - weights["mean"]) @ weights["components"].T
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the point of the plane of the components."""
+        """Returns the linear reconstruction."""
         return latents @ weights["components"] + weights["mean"]

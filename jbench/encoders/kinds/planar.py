@@ -1,28 +1,28 @@
-"""The exact reduction by translation and rotation in the plane.
+"""The exact reduction of an observation by translation and rotation in the plane.
 
-No reward changes when robot and target are moved together over the floor or turned about the
-vertical, and neither do the laws of the motion. What is left of an observation without that freedom
-determines the rewards and the changes of the state as the whole observation does, with fewer
-numbers.
+Rewards and dynamics do not change when robot and target are translated on the floor or rotated
+about the vertical together. An observation modulo this symmetry determines the rewards and the
+changes of the state with fewer numbers.
 
-MuJoCo's default friction cone is a pyramid along the axes of the world: the simulated robot is
-symmetric under translations and quarter turns to rounding, under other turns only with an elliptic
-cone. What the pyramid adds by its direction is all that the reduction loses.
+The symmetry is exact except for the friction cone: MuJoCo's default is a pyramid along the world
+axes, so the simulated robot is symmetric under translations and quarter turns to rounding, and
+under other rotations only with an elliptic cone. The reduction loses only the direction of the
+pyramid.
 
-The orientation q is split into a turn about the vertical and a tilt without one (the swing-twist
+The orientation q is split into a rotation about the vertical and a tilt (the swing-twist
 decomposition): q = (cos(h/2), 0, 0, sin(h/2)) * (c, a, b, 0) with c >= 0. The heading frame is the
-world turned by h. In it are expressed, in this order:
+world rotated by h. The latents, in the heading frame and in this order:
 
     height                                          1   m
     tilt: a and b above, sin(angle / 2) of the tilt 2
     velocity of the torso's frame                   3   m/s
     angular velocity                                3   rad/s
     motor angle and speed, as observed              2   rad, rad/s
-    from the robot to its target, horizontally      2   m, if the reward depends on the place
+    from the robot to its target, horizontally      2   m, if the reward depends on the position
     angle to the target, as observed                1   rad, if the task observes it
 
 `move_from_origin` has no target, but its reward depends on the distance from the origin, which
-takes the target's place: of that task only rotations about the origin are symmetries.
+takes the target's place: only rotations about the origin are symmetries of this task.
 """
 
 from typing import TYPE_CHECKING
@@ -52,31 +52,31 @@ from jbench.tasks.features import (
 if TYPE_CHECKING:
     from jbench.encoders.states import States
 
-_OF_THE_ROBOT = 11  # numbers that every task has
-_UPSIDE_DOWN = 1e-12  # square of the cosine of half a tilt; float32 knows it no better
+_ROBOT_SIZE = 11  # numbers that all tasks have
+_UPSIDE_DOWN = 1e-12  # squared cosine of half the tilt, at the precision of float32
 
 
 class PlanarReduction(Fitted):
-    """The observation up to translation and rotation in the plane; it has no options.
+    """The observation modulo translation and rotation in the plane; it has no options.
 
-    Each latent is scaled to [-1, 1] by its extremes over the dataset, as the inputs of every kind
-    are, so that agents on `planar` and on `scaled` differ in the reduction alone.
+    Each latent is scaled to [-1, 1] by its extremes over the dataset, like the inputs of every
+    kind, so agents on `planar` and on `scaled` differ only in the reduction.
     """
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:
-        """Returns the size of the quotient: 12 to 14."""
+        """Returns the only possible size, 12 to 14."""
         size = planar_size(task)
         return range(size, size + 1)
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the scalings of features and latents, and where the robot's weight is."""
+        """Returns the scalings of features and latents, and the torso's centre of mass."""
         gain, offset = physical_scaling(states.task, states.scaling)
         extremes: Scaling | None = None
         for shard in states.all():
             physical = shard.states.cpu().double().numpy() * gain + offset
-            found = Scaling.of(to_planar(states.task, physical))
-            extremes = found if extremes is None else extremes.merged(found)
+            scaling = Scaling.of(to_planar(states.task, physical))
+            extremes = scaling if extremes is None else extremes.merged(scaling)
         assert extremes is not None
         augment = states.dataset.record.settings.get("augment")
         return planar_weights(
@@ -84,17 +84,17 @@ class PlanarReduction(Fitted):
         )
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the numbers that this module lists, scaled."""
+        """Returns the scaled numbers listed in the module's docstring."""
         task = _task(weights)
         physical = scaled * weights[f"{task}.gain"] + weights[f"{task}.offset"]
         planar = to_planar(task, physical) - weights["latent.offset"]
         return _divided(planar, weights["latent.gain"])
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns what a robot of heading 0 at the origin would observe.
+        """Returns the observation of a robot with heading 0 at the origin.
 
-        It differs from the observation that was encoded by a motion in the plane; for
-        `move_from_origin` by a rotation about the origin.
+        It equals the encoded observation up to a motion in the plane (`move_from_origin`: a
+        rotation about the origin).
         """
         task = _task(weights)
         planar = latents * weights["latent.gain"] + weights["latent.offset"]
@@ -103,67 +103,66 @@ class PlanarReduction(Fitted):
 
 
 def planar_size(task: str) -> int:
-    """Returns how many numbers are left of a task's observation."""
+    """Returns the number of latents of a task."""
     angle = "angle_to_target" in TASK_SPECS[task].features
-    return _OF_THE_ROBOT + 2 * _depends_on_place(task) + angle
+    return _ROBOT_SIZE + 2 * _depends_on_position(task) + angle
 
 
 def planar_weights(
     task: str, scaling: Scaling, extremes: Scaling, center_of_mass: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Returns the weights of the kind, which name the task.
+    """Returns the weights of the kind; their names contain the task.
 
     Args:
-        task: one of `TASK_SPECS`.
         scaling: of the observation's features.
-        extremes: (planar_size,) of the planar numbers.
+        extremes: (planar_size,) extremes of the unscaled latents.
         center_of_mass: (3,) of the torso in its own frame (m).
     """
     gain, offset = physical_scaling(task, scaling)
-    of_latents = extremes.half_width_and_center()
+    latent_scaling = extremes.half_width_and_center()
     return {
         f"{task}.gain": gain,
         f"{task}.offset": offset,
-        "latent.gain": of_latents[0],
-        "latent.offset": of_latents[1],
+        "latent.gain": latent_scaling[0],
+        "latent.offset": latent_scaling[1],
         "center_of_mass": center_of_mass,
     }
 
 
 def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArray]:
-    """Returns (dim(O),) numbers such that features in SI units = gain * scaled + offset."""
+    """Returns (dim(O),) gain and offset: features in SI units = gain * scaled + offset."""
     gain, offset = scaling.half_width_and_center()
     center = denormalize(task, offset)
     return denormalize(task, offset + gain) - center, center
 
 
 def to_planar(task: str, physical: Array) -> Array:
-    """Returns the (..., planar_size) numbers of features (..., dim(O)) in SI units."""
+    """Returns unscaled latents (..., planar_size) for features (..., dim(O)) in SI units."""
     xp = array_namespace(physical)
-    found = _split(task, physical)
-    w, x, y, z = (found["position"][..., 3 + i] for i in range(4))
-    # Upside down there is no heading: it is taken as 0.
+    by_name = _split(task, physical)
+    w, x, y, z = (by_name["position"][..., 3 + i] for i in range(4))
+    # The heading is undefined upside down: it is set to 0.
     has_heading = w * w + z * z > _UPSIDE_DOWN
     w, z = xp.where(has_heading, w, 1.0), xp.where(has_heading, z, 0.0)
     square = w * w + z * z
     length = xp.sqrt(square)
     a, b = (w * x + z * y) / length, (w * y - z * x) / length
-    # Of the turn back from the world to the heading frame.
+    # Rotation from the world to the heading frame.
     cosine, sine = (w * w - z * z) / square, -2 * w * z / square
-    velocity = found["velocity"]
-    along, across = _turned(cosine, sine, velocity[..., 0], velocity[..., 1])
+    velocity = by_name["velocity"]
+    along, across = _rotated_in_plane(cosine, sine, velocity[..., 0], velocity[..., 1])
     numbers = [
-        *(found["position"][..., 2], a, b, along, across, velocity[..., 2]),
+        *(by_name["position"][..., 2], a, b, along, across, velocity[..., 2]),
         *_tilted(length, a, b, velocity[..., 3:]),
-        *(found["motor_position"][..., 0], found["motor_velocity"][..., 0]),
+        *(by_name["motor_position"][..., 0], by_name["motor_velocity"][..., 0]),
     ]
-    if "target_in_jitterbug_frame" in found:
-        numbers += _tilted(length, a, b, found["target_in_jitterbug_frame"])[:2]
-    elif _depends_on_place(task):
-        to_origin = -found["position"][..., :2]
-        numbers += _turned(cosine, sine, to_origin[..., 0], to_origin[..., 1])
-    if "angle_to_target" in found:
-        numbers.append(found["angle_to_target"][..., 0])
+    if "target_in_jitterbug_frame" in by_name:
+        numbers += _tilted(length, a, b, by_name["target_in_jitterbug_frame"])[:2]
+    elif _depends_on_position(task):
+        to_origin = -by_name["position"][..., :2]
+        numbers += _rotated_in_plane(cosine, sine, to_origin[..., 0], to_origin[..., 1])
+    if "angle_to_target" in by_name:
+        numbers.append(by_name["angle_to_target"][..., 0])
     return xp.stack(numbers, axis=-1)
 
 
@@ -180,9 +179,9 @@ def from_planar(task: str, planar: Array, center_of_mass: Array) -> Array:
     xp = array_namespace(planar)
     height, a, b = (planar[..., i] for i in range(3))
     zero = xp.zeros_like(height)
-    rest = planar[..., _OF_THE_ROBOT:]
+    rest = planar[..., _ROBOT_SIZE:]
     target = [zero, zero]
-    if _depends_on_place(task):
+    if _depends_on_position(task):
         target = [rest[..., 0], rest[..., 1]]
     place = [zero, zero]
     if not TASK_SPECS[task].draws_position:
@@ -198,20 +197,20 @@ def from_planar(task: str, planar: Array, center_of_mass: Array) -> Array:
         motor_velocity=planar[..., 10],
         torso_velocity=center_of_mass_velocity(position, velocity, center_of_mass),
     )
-    # The last number is the angle to the target, where the task observes it.
+    # The last number is the angle to the target if the task observes it.
     goal = Target(
         xp.stack([*target, zero + TARGET_HEIGHT], axis=-1), planar[..., -1] + heading(state)
     )
     return xp.concat(list(features(task, state, goal).values()), axis=-1)
 
 
-def _depends_on_place(task: str) -> bool:
-    """Returns whether a task's reward depends on where the robot is."""
+def _depends_on_position(task: str) -> bool:
+    """Returns whether a task's reward depends on the robot's position."""
     return bool({"near", "away"} & set(TASK_SPECS[task].rewards))
 
 
 def _task(weights: Weights) -> str:
-    """Returns the task that the weights name."""
+    """Returns the task in the names of the weights."""
     for task in TASK_SPECS:
         if f"{task}.gain" in weights:
             return task
@@ -220,15 +219,15 @@ def _task(weights: Weights) -> str:
 
 def _split(task: str, physical: Array) -> dict[str, Array]:
     """Returns the features of a task by name, each (..., size)."""
-    found, first = {}, 0
+    by_name, first = {}, 0
     for name in TASK_SPECS[task].features:
-        found[name] = physical[..., first : first + FEATURE_SIZES[name]]
+        by_name[name] = physical[..., first : first + FEATURE_SIZES[name]]
         first += FEATURE_SIZES[name]
-    return found
+    return by_name
 
 
-def _turned(cosine: Array, sine: Array, x: Array, y: Array) -> list[Array]:
-    """Returns the components of a horizontal vector turned by an angle."""
+def _rotated_in_plane(cosine: Array, sine: Array, x: Array, y: Array) -> list[Array]:
+    """Returns the components of a horizontal vector rotated by an angle."""
     return [cosine * x - sine * y, sine * x + cosine * y]
 
 
@@ -246,7 +245,7 @@ def _tilted(c: Array, a: Array, b: Array, vector: Array) -> list[Array]:
 
 
 def _divided(values: Array, gain: Array) -> Array:
-    """Returns values / gain, and 0 where the gain is 0: a number that never changed."""
+    """Returns values / gain, or 0 for constant features, whose gain is 0."""
     xp = array_namespace(values)
     changes = gain != 0
     return xp.where(changes, values / xp.where(changes, gain, 1.0), 0.0)

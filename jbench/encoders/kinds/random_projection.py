@@ -1,8 +1,8 @@
 """A fixed random projection: the control that any learned encoder must beat.
 
-Source: Johnson and Lindenstrauss (1984). The projection is drawn without looking at the data: the
-rows of a random orthogonal matrix, uniform among them all (Mezzadri, 2007). The way back is the
-linear one of least squares, so that an error can be told.
+Source: Johnson and Lindenstrauss (1984). The projection does not depend on the data: it consists of
+rows of a uniformly distributed random orthogonal matrix (Mezzadri, 2007). Least squares give a
+linear decoder, so that a reconstruction error can be reported.
 """
 
 import numpy as np
@@ -17,19 +17,22 @@ class RandomProjection(ClosedForm):
     """Projects on random orthogonal directions; it has no options."""
 
     def fit(self, moments: Moments, latents: int, seed: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the projection (latents, size) and the best linear way back."""
+        """Returns the projection (latents, size) and the best linear decoder."""
         size = len(moments.mean)
-        drawn = np.random.default_rng(np.random.SeedSequence(seed)).normal(size=(size, size))
-        rotation, triangle = np.linalg.qr(drawn)
-        # All of one matrix, cut short: more latents keep the directions of fewer.
+        normal = np.random.default_rng(np.random.SeedSequence(seed)).normal(size=(size, size))
+        rotation, triangle = np.linalg.qr(normal)
+        # The first rows of one matrix, so that larger projections contain smaller ones.
         projection = (rotation * np.sign(np.diag(triangle))).T[:latents]
-        seen = projection @ moments.covariance
-        # A feature that never changes may leave directions without any variance.
-        back = np.linalg.pinv(seen @ projection.T, rcond=1e-12, hermitian=True) @ seen
+        cross_covariance = projection @ moments.covariance
+        # Constant features can leave directions without variance.
+        decoder = (
+            np.linalg.pinv(cross_covariance @ projection.T, rcond=1e-12, hermitian=True)
+            @ cross_covariance
+        )
         return {
             "projection": projection,
-            "back": back,
-            "mean": moments.mean - moments.mean @ projection.T @ back,
+            "back": decoder,
+            "mean": moments.mean - moments.mean @ projection.T @ decoder,
         }
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
@@ -37,5 +40,5 @@ class RandomProjection(ClosedForm):
         return scaled @ weights["projection"].T
 
     def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns what least squares make of the projections."""
+        """Returns the linear reconstruction."""
         return latents @ weights["back"] + weights["mean"]

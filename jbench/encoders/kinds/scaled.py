@@ -1,8 +1,7 @@
 """The identity on scaled features: the control for the scaling of the other kinds.
 
-An encoder stretches each feature to [-1, 1] before it reduces them, so an agent that learns on
-latents differs from one that learns on the observation in the scale of its inputs, too. This kind
-has that scaling and no reduction.
+Encoders scale each feature to [-1, 1] before they reduce them, so an agent on latents and an agent
+on observations also differ in the scale of their inputs. This kind scales without reducing.
 """
 
 import numpy as np
@@ -14,7 +13,7 @@ from jbench.tasks.features import TASK_SPECS, Array
 
 
 class Scaled(ClosedForm):
-    """Keeps every scaled feature; it has no options and no weights."""
+    """Returns the scaled features; it has no options and no weights."""
 
     @classmethod
     def latent_sizes(cls, task: str) -> range:

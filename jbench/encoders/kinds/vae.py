@@ -1,7 +1,7 @@
 """The variational autoencoder (Kingma and Welling, arXiv:1312.6114); the mean is the latent.
 
-One hidden tanh layer each way. A state's latent is Gaussian with a mean and a variance for each
-number of its own, and a state is Gaussian around what its latent gives back.
+Encoder and decoder have one hidden tanh layer each. A state's latent is Gaussian with diagonal
+covariance, and a state is Gaussian around the decoded latent.
 """
 
 from typing import Any
@@ -23,7 +23,7 @@ class VariationalAutoencoder(Learned):
     )
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns Glorot's weights, and biases of 0."""
+        """Returns Glorot weights and zero biases."""
         return layers(
             {
                 "hidden": (self.hidden, size),
@@ -36,7 +36,7 @@ class VariationalAutoencoder(Learned):
         )
 
     def prepare(self, batch: Batch, latents: int, random: torch.Generator) -> Batch:
-        """Returns the batch with a standard normal number for each latent."""
+        """Returns the batch with standard normal noise for the latents."""
         return batch._replace(noise=standard_normal((len(batch.now), latents), random, batch.now))
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
@@ -48,43 +48,43 @@ class VariationalAutoencoder(Learned):
         return affine(weights, "state", tanh(affine(weights, "back", latents)))
 
     def loss(self, weights: Weights, batch: Batch) -> Tensor:
-        """Returns the bound's negative, without constants, in nats for a state (equation 10)."""
+        """Returns the negative bound without constants, in nats per state (equation 10)."""
         mean, log_variance = self.posterior(weights, batch.now)
-        latents = drawn(mean, log_variance, batch)
-        surprise = self.surprise(weights, latents, batch.now)
-        return (surprise + from_standard(mean, log_variance)).mean()
+        latents = sample_latents(mean, log_variance, batch)
+        nll = self.reconstruction_nll(weights, latents, batch.now)
+        return (nll + kl_to_standard_normal(mean, log_variance)).mean()
 
     def posterior(self, weights: Weights, scaled: Tensor) -> tuple[Tensor, Tensor]:
         """Returns mean and log variance (rows, latents) of the latents of states."""
         hidden = tanh(affine(weights, "hidden", scaled))
         return affine(weights, "mean", hidden), affine(weights, "log_variance", hidden)
 
-    def surprise(self, weights: Weights, latents: Tensor, states: Tensor) -> Tensor:
-        """Returns the (rows,) negative log likelihood of states, without its constant."""
-        off: Tensor = self.decode(weights, latents) - states
-        return (off / self.observation_sd).square().sum(1) / 2
+    def reconstruction_nll(self, weights: Weights, latents: Tensor, states: Tensor) -> Tensor:
+        """Returns the (rows,) negative log likelihood of states, without the constant (nats)."""
+        errors: Tensor = self.decode(weights, latents) - states
+        return (errors / self.observation_sd).square().sum(1) / 2
 
 
-def drawn(mean: Tensor, log_variance: Tensor, batch: Batch) -> Tensor:
-    """Returns latents of that distribution, by the noise of a prepared batch (section 2.4)."""
+def sample_latents(mean: Tensor, log_variance: Tensor, batch: Batch) -> Tensor:
+    """Samples latents with the noise of a prepared batch (section 2.4)."""
     assert batch.noise is not None
     return mean + (log_variance / 2).exp() * batch.noise
 
 
-def from_standard(mean: Tensor, log_variance: Tensor) -> Tensor:
+def kl_to_standard_normal(mean: Tensor, log_variance: Tensor) -> Tensor:
     """Returns the (rows,) KL divergence of a diagonal Gaussian from the standard one (nats)."""
     return (mean.square() + log_variance.exp() - 1 - log_variance).sum(1) / 2
 
 
 def affine(weights: Weights, name: str, values: Any) -> Any:
-    """Returns what a named layer makes of (..., inputs), before any tanh."""
+    """Applies the affine part of a named layer to (..., inputs)."""
     return values @ weights[f"{name}.weight"].T + weights[f"{name}.bias"]
 
 
 def layers(shapes: dict[str, tuple[int, int]], random: torch.Generator) -> dict[str, Tensor]:
-    """Returns new layers by name from their (outputs, inputs): Glorot's weights, biases of 0."""
-    drawn = {}
+    """Returns layers by name for given (outputs, inputs): Glorot weights, zero biases."""
+    weights = {}
     for name, (outputs, inputs) in shapes.items():
-        drawn[f"{name}.weight"] = glorot(outputs, inputs, random)
-        drawn[f"{name}.bias"] = torch.zeros(outputs)
-    return drawn
+        weights[f"{name}.weight"] = glorot(outputs, inputs, random)
+        weights[f"{name}.bias"] = torch.zeros(outputs)
+    return weights

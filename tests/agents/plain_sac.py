@@ -1,0 +1,61 @@
+"""SAC with autograd and a learned temperature (Haarnoja et al., 2018b, Algorithm 1).
+
+Read this file before `jbench/agents/batched/sac.py`, which has its gradients by hand. The tests
+compare the two.
+"""
+
+import copy
+
+import torch
+
+from tests.agents.plain_ddpg import Network, polyak_update
+from tests.agents.plain_td3 import minimize, values
+
+
+class PlainSAC:
+    """SAC's networks and its update."""
+
+    def __init__(self, settings, observation_size):
+        self.settings = settings
+        hidden = settings.hidden_layers
+        # The actor's outputs are mu(s) and log sigma(s).
+        self.actor = Network((observation_size, *hidden, 2)).double()
+        self.critics = torch.nn.ModuleList(
+            Network((observation_size, *hidden, 1), 0).double() for _ in range(2)
+        )
+        self.critic_targets = copy.deepcopy(self.critics)
+        self.log_temperature = torch.zeros(1, dtype=torch.float64, requires_grad=True)
+        self.actor_adam, self.critic_adam, self.temperature_adam = (
+            torch.optim.Adam(parameters, lr=settings.learning_rate)
+            for parameters in (
+                self.actor.parameters(),
+                self.critics.parameters(),
+                [self.log_temperature],
+            )
+        )
+
+    def update(self, batch):
+        """Makes one update from a minibatch."""
+        temperature = self.log_temperature.exp().detach()
+        with torch.no_grad():
+            actions, log_likelihoods = self.sample(batch.next_observations, batch.noise[:, 1:])
+            next_values = values(self.critic_targets, batch.next_observations, actions).amin(0)
+            soft_values = next_values - temperature * log_likelihoods
+            targets = batch.rewards + batch.discounts * soft_values
+        errors = values(self.critics, batch.observations, batch.actions) - targets
+        minimize(0.5 * errors.square().mean(1).sum(), self.critic_adam)
+        actions, log_likelihoods = self.sample(batch.observations, batch.noise[:, :1])
+        action_values = values(self.critics, batch.observations, actions).amin(0)
+        minimize((temperature * log_likelihoods - action_values).mean(), self.actor_adam)
+        target_entropy = -1.0
+        excess = (log_likelihoods.detach() + target_entropy).mean()
+        minimize(-(self.log_temperature * excess).sum(), self.temperature_adam)
+        polyak_update(self.critic_targets, self.critics, self.settings.tau)
+
+    def sample(self, observations, noise):
+        """Returns actions tanh(mu + sigma noise) and their log likelihoods, each (N, 1)."""
+        mean, log_sigma = self.actor(observations).chunk(2, dim=-1)
+        normal = torch.distributions.Normal(mean, log_sigma.clamp(-20, 2).exp())
+        raw = mean + normal.stddev * noise
+        actions = raw.tanh()
+        return actions, normal.log_prob(raw) - torch.log(1 - actions.square() + 1e-6)

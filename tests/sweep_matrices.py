@@ -9,7 +9,8 @@ from pathlib import Path
 
 from jbench.store import Results, locks, schema
 from jbench.store.merge import TIMES
-from jbench.sweeps.matrix import all_runs, matrix_cells, read_matrix
+from jbench.sweeps.cell import all_runs
+from jbench.sweeps.matrix import matrix_cells, read_matrix
 from tests.command_line import INTERRUPTIBLE
 
 SMALL = """

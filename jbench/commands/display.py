@@ -1,19 +1,15 @@
-"""What the verbs show of their work while it goes on, and when it is done."""
+"""Tables of encoders, of runs, and of the final returns of a report."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
-from jbench.commands.output import Output, duration
+from jbench.commands.output import Output
 from jbench.errors import WorkError
-from jbench.names import CHECKPOINT_EVERY
 from jbench.returns import final_return
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, schema
-
-if TYPE_CHECKING:
-    from jbench.training.status import Plan
 
 
 def described(record: Record, **more: Any) -> dict[str, Any]:
@@ -104,90 +100,6 @@ def _show_encoder(record: Record, output: Output) -> None:
             )
             for row in record.read("encoder_features", schema.ENCODER_FEATURES).to_pylist()
         ],
-    )
-
-
-def show_plan(plan: "Plan", retry_failed: bool, output: Output) -> None:
-    """Prints which runs are there already, with the error of each that failed."""
-    finished, failed = plan.ids("finished"), plan.ids("failed")
-    if finished:
-        rest = "" if plan.to_do(retry_failed) or failed else "; nothing to do"
-        output.say(
-            f"{len(finished)} of {len(plan.runs)} runs are already finished and skipped{rest}."
-        )
-    if partial := plan.ids("partial"):
-        output.say(f"{len(partial)} runs were interrupted, or another process is training them.")
-    for id in failed:
-        output.say(f"The run {id} failed before: {plan.statuses[id].error}")
-    if failed:
-        how = "they are retried" if retry_failed else "--retry-failed retries them"
-        output.say(f"{len(failed)} runs failed before; {how}.")
-
-
-def train_with_progress(
-    runs: Sequence[RunSettings],
-    results: Results,
-    jobs: int,
-    output: Output,
-    device: str = "cpu",
-    checkpoint_every: float = CHECKPOINT_EVERY,
-) -> dict[str, str]:
-    """Trains runs side by side and shows their progress; returns what failed and why.
-
-    Runs that another process is training are left to it, and named.
-    """
-    from jbench.training.memory import memory_sentence
-    from jbench.training.train import batches, resume_sentence, train
-
-    jobs = min(jobs, len(runs))
-    first_ones = [run for batch in batches(runs, jobs, device)[:jobs] for run in batch]
-    at_a_time = len(first_ones)
-    memory = memory_sentence(first_ones)
-    if memory is not None:
-        output.say(memory)
-    first = runs[0]
-    done = dict.fromkeys((run.id for run in runs), 0)
-    elsewhere = set()
-    label = f"{first.algo} {first.task} {first.representation}"
-    with output.progress(label, sum(run.steps for run in runs), "control steps") as progress:
-
-        def on_message(run: RunSettings, message: dict[str, Any]) -> None:
-            if "seconds_per_step" in message:
-                _say_how_long(runs, at_a_time, message["seconds_per_step"], output)
-            if "held" in message:
-                elsewhere.add(run.id)
-                output.say(f"Another process is training the run {run.id}; it is left out here.")
-            if "goes_on_from" in message:
-                done[run.id] = message["goes_on_from"]
-                progress.begin(sum(done.values()))
-                output.say(resume_sentence(run, message))
-            if "control_steps" in message:
-                done[run.id] = min(message["control_steps"], run.steps)
-                note = f"seed {run.seed}: last return {message['episode_return']:.0f}"
-                progress.update(sum(done.values()), note)
-            if "finished" in message:
-                done[run.id] = run.steps
-                progress.update(sum(done.values()), f"seed {run.seed} finished")
-
-        failures = train(runs, results, jobs, on_message, device, checkpoint_every)
-    return {id: reason for id, reason in failures.items() if id not in elsewhere}
-
-
-def _say_how_long(
-    runs: Sequence[RunSettings], at_a_time: int, seconds_per_step: float, output: Output
-) -> None:
-    rounds = -(-len(runs) // at_a_time)
-    seconds = rounds * runs[0].steps * seconds_per_step
-    smaller = {
-        "fewer --steps (such as 300000)": runs[0].steps > 300_000,
-        "fewer --seeds (such as 0-2)": len(runs) > 3,
-    }
-    fewer = ", or ".join(way for way, is_less in smaller.items() if is_less)
-    less = f" For less: {fewer}." if fewer and seconds > 600 else ""
-    output.say(
-        f"{len(runs)} runs of {runs[0].steps:,} control steps at about "
-        f"{1 / seconds_per_step:.0f} steps/s each, evaluations included, {at_a_time} at a time: "
-        f"about {duration(seconds)}.{less}"
     )
 
 

@@ -1,8 +1,8 @@
-"""The runs of a sweep while they go on: a table on a terminal, plain lines elsewhere."""
+"""Training while it goes on: a table of its processes on a terminal, plain lines elsewhere."""
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich import box
@@ -13,15 +13,16 @@ from rich.text import Text
 
 from jbench.commands.output import Output, duration, printable
 from jbench.settings.run import RunSettings
-from jbench.training.processes import Message
-from jbench.training.train import resume_sentence
+from jbench.sweeps.cell_status import CellStatus, seconds_left
+from jbench.sweeps.executors import Message
+from jbench.sweeps.watcher import Watcher
 
 _PLAIN_EVERY = 60.0  # s between plain lines, where there is no terminal
-_MOST_RETURNS = 6  # last returns in a line; of more seeds their mean and extremes
+_MAX_RETURNS = 6  # last returns in a line; of more seeds their mean and extremes
 
 
 class _Batch:
-    """What is known of runs that share a process."""
+    """The progress of runs that share a process."""
 
     def __init__(self, runs: Sequence[RunSettings]) -> None:
         self.runs = runs
@@ -32,28 +33,28 @@ class _Batch:
 
     @property
     def name(self) -> str:
-        """Names the cell and the seeds."""
+        """The cell and the seeds."""
         run, seeds = self.runs[0], ",".join(str(run.seed) for run in self.runs)
         return f"{run.task} {run.algo} {run.representation} seed {seeds}"
 
     @property
     def steps(self) -> int:
-        """Control steps of all its runs."""
+        """Control steps of all runs."""
         return sum(self.done.values())
 
     @property
     def gained(self) -> int:
-        """Those of them that were done since its first word."""
+        """Control steps since the first message."""
         return 0 if self._first is None else self.steps - self._first[1]
 
-    def note(self, run: RunSettings, steps: int, goes_on: bool = False) -> None:
-        """Notes how far a run is; one that goes on has not come there just now."""
+    def update(self, run: RunSettings, steps: int, resumed: bool = False) -> None:
+        """Sets the control steps of a run; the speed is measured from where it was resumed."""
         self.done[run.id] = min(steps, run.steps)
-        if self._first is None or goes_on:
+        if self._first is None or resumed:
             self._first = time.monotonic(), self.steps
 
     def rate(self) -> float | None:
-        """Returns the control steps of all its runs in a second, so far."""
+        """Returns the control steps per second of all runs, so far."""
         if self._first is None or not self.gained:
             return None
         return self.gained / (time.monotonic() - self._first[0])
@@ -71,71 +72,111 @@ class _Batch:
 
     def _last_returns(self) -> str:
         values = list(self.returns.values())
-        if len(values) <= _MOST_RETURNS:
+        if len(values) <= _MAX_RETURNS:
             return " ".join(f"{value:.0f}" for value in values)
         mean = sum(values) / len(values)
         return f"mean {mean:.0f} [{min(values):.0f}, {max(values):.0f}]"
 
 
-class SweepView:
-    """Shows the runs of a sweep: a table that is drawn again on a terminal, else plain lines."""
+class TrainingView(Watcher):
+    """Prints the events of a sweep; while runs are trained, shows their processes."""
 
-    def __init__(self, runs: Sequence[RunSettings], output: Output, live: bool) -> None:
-        """Starts the clock.
+    def __init__(self, output: Output) -> None:
+        """Prints nothing yet."""
+        self._output, self._live = output, sys.stderr.isatty()
+        self._reset([])
 
-        Args:
-            runs: that are to be done.
-            output: for sentences.
-            live: whether a table is drawn.
-        """
-        self._output, self._live = output, live
+    def _reset(self, runs: Sequence[RunSettings]) -> None:
         self._runs, self._ended = len(runs), set[str]()
         self._total = sum(run.steps for run in runs)
         self._done, self._gained = dict.fromkeys((run.id for run in runs), 0), 0
         self._batches: list[_Batch] = []
         self._began = self._printed = time.monotonic()
 
-    def begins(self, runs: Sequence[RunSettings]) -> None:
+    def note(self, sentence: str) -> None:
+        """Prints a sentence."""
+        self._output.say(sentence)
+
+    def warn(self, sentence: str) -> None:
+        """Prints a warning."""
+        self._output.warn(sentence)
+
+    @contextmanager
+    def progress(self, label: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
+        """Shows the progress of a dataset or an encoder."""
+        with self._output.progress(label, total, unit) as progress:
+            yield progress.update
+
+    def forecast(self, statuses: Sequence[CellStatus], jobs: int) -> None:
+        """Prints how long runs will take."""
+        seconds, steps = seconds_left(statuses, jobs), sum(each.steps_left for each in statuses)
+        if not seconds:
+            return
+        runs = [run for each in statuses for run in each.cell.runs]
+        ways = {
+            "fewer --steps (such as 300000)": max(run.steps for run in runs) > 300_000,
+            "fewer --seeds (such as 0-2)": len({run.seed for run in runs}) > 3,
+        }
+        fewer = ", or ".join(way for way, is_less in ways.items() if is_less)
+        less = f" For less: {fewer}." if fewer and seconds > 600 else ""
+        self._output.say(
+            f"{len(runs)} runs with {steps:,} control steps left at about {steps / seconds:,.0f} "
+            f"steps/s, evaluations included, {jobs} processes at a time: about "
+            f"{duration(seconds)}.{less}"
+        )
+
+    @contextmanager
+    def training(self, runs: Sequence[RunSettings]) -> Iterator[None]:
+        """Shows the processes of runs on standard error while the block lasts."""
+        self._reset(runs)
+        if not self._live:
+            yield
+            return
+        with Live(
+            self,
+            console=Console(stderr=True),
+            refresh_per_second=2,
+            # Lines printed meanwhile go above the table; but a pipe gets what is meant for it.
+            redirect_stdout=sys.stdout.isatty(),
+        ):
+            yield
+
+    def started(self, runs: Sequence[RunSettings]) -> None:
         """Adds the line of a process."""
         self._batches.append(_Batch(runs))
 
-    def says(self, run: RunSettings, message: Message) -> None:
-        """Takes in what a process says."""
-        ended = "finished" in message or "failed" in message
-        # Of one that is left to another process, it is not the end.
-        if ended and not message.get("held"):
+    def message(self, run: RunSettings, message: Message) -> None:
+        """Shows how far a run is."""
+        if "finished" in message or "failed" in message:
             self._ended.add(run.id)
-        steps = message.get("control_steps", message.get("goes_on_from"))
+        steps = message.get("control_steps", message.get("resumed_at"))
         if "finished" in message:
             steps = run.steps
         if steps is not None:
             self._done[run.id] = min(steps, run.steps)
         batch = next((each for each in self._batches if run.id in each.done), None)
         if batch is not None and steps is not None:
-            batch.note(run, steps, goes_on="goes_on_from" in message)
+            batch.update(run, steps, resumed="resumed_at" in message)
             if message.get("episode_return") is not None:
                 batch.returns[run.id] = message["episode_return"]
-        if "goes_on_from" in message:
-            self.note(resume_sentence(run, message))
         self._print_now_and_then()
 
-    def ends(self, runs: Sequence[RunSettings]) -> None:
-        """Takes the line of a process away."""
+    def ended(self, runs: Sequence[RunSettings]) -> None:
+        """Removes the line of a process."""
         ids = {run.id for run in runs}
         for batch in [each for each in self._batches if ids & each.done.keys()]:
             self._gained += batch.gained
             self._batches.remove(batch)
             if not self._live:
                 name, steps, _, returns, _ = batch.cells()
-                told = [f"{steps} control steps", *([f"last returns {returns}"] if returns else [])]
-                print(f"{name}: {', '.join(told)}; {self._summary()}", file=sys.stderr, flush=True)
-
-    def note(self, sentence: str) -> None:
-        """Prints a sentence."""
-        self._output.say(sentence)
+                parts = [
+                    f"{steps} control steps",
+                    *([f"last returns {returns}"] if returns else []),
+                ]
+                print(f"{name}: {', '.join(parts)}; {self._summary()}", file=sys.stderr, flush=True)
 
     def __rich__(self) -> Table:
-        """Returns the table of the moment."""
+        """Returns the table of the processes."""
         table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False)
         for name, right in (
             *(("running", False), ("control steps", True), ("steps/s", True)),
@@ -164,26 +205,8 @@ class SweepView:
         self._printed = now
         for batch in self._batches:
             name, steps, rate, returns, left = batch.cells()
-            told = [f"{steps} control steps"]
+            parts = [f"{steps} control steps"]
             if rate:
-                told += [f"{rate} steps/s", f"{left} left", f"last returns {returns}"]
-            print(f"{name}: {', '.join(told)}", file=sys.stderr)
+                parts += [f"{rate} steps/s", f"{left} left", f"last returns {returns}"]
+            print(f"{name}: {', '.join(parts)}", file=sys.stderr)
         print(self._summary(), file=sys.stderr, flush=True)
-
-
-@contextmanager
-def sweep_view(runs: Sequence[RunSettings], output: Output) -> Iterator[SweepView]:
-    """Gives what shows the runs of a sweep while the block lasts, on standard error."""
-    live = sys.stderr.isatty()
-    view = SweepView(runs, output, live)
-    if not live:
-        yield view
-        return
-    with Live(
-        view,
-        console=Console(stderr=True),
-        refresh_per_second=2,
-        # Lines said meanwhile go above the table; but a pipe gets what is meant for it.
-        redirect_stdout=sys.stdout.isatty(),
-    ):
-        yield view

@@ -1,6 +1,8 @@
 """The verb that does a whole matrix of runs: parse, call one function, print."""
 
 import math
+import sys
+from contextlib import nullcontext, redirect_stdout
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -23,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from jbench.store import Results
+    from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Executor
-    from jbench.sweeps.matrix import Cell
 
 _MAX_SEEDS = 30
 
@@ -103,10 +105,14 @@ def sweep(
     json: JsonOption = False,
 ) -> None:
     """Train a matrix of tasks, algorithms, representations and seeds; only what is missing."""
-    from jbench.commands.sweep_view import described, show_matrix, show_missing, sweep_with_view
-    from jbench.sweeps.executors import Local
-    from jbench.sweeps.matrix import all_runs, matrix_cells, read_matrix
-    from jbench.training.status import cell_statuses, failures_among, seconds_left
+    from jbench.commands.live_view import TrainingView
+    from jbench.commands.sweep_view import described, show_matrix, show_missing
+    from jbench.sweeps import scheduler
+    from jbench.sweeps.cell import all_runs
+    from jbench.sweeps.cell_status import cell_statuses, seconds_left
+    from jbench.sweeps.executors import Local, default_jobs
+    from jbench.sweeps.matrix import matrix_cells, read_matrix
+    from jbench.training.status import failures_among
 
     output, place = Output(json), parsing.results_to_write(results)
     if not until_decided and (claims or max_seeds is not None):
@@ -120,8 +126,7 @@ def sweep(
     wanted = read_matrix(matrix, **changes)
     names.known("executor", executor, names.EXECUTORS)
     chosen = _device(executor, address, gpus_per_task, wanted[0].engine, device)
-    cores = parsing.all_cores(jobs)
-    at_a_time = cores if jobs or chosen == "cpu" else 1
+    at_a_time = parsing.all_cores(jobs) if jobs else default_jobs(chosen)
 
     def make() -> "Executor":
         if executor == "local":
@@ -130,19 +135,20 @@ def sweep(
 
         return Ray(place, address, jobs, gpus_per_task, checkpoint_every)
 
+    def train(cells: "Sequence[Cell]") -> dict[str, str]:
+        # Ray prints to standard output, which is only for the JSON document.
+        with redirect_stdout(sys.stderr) if json else nullcontext():
+            return scheduler.sweep(
+                cells, place, make, TrainingView(output), device=device, retry_failed=retry_failed
+            )
+
     cells = matrix_cells(wanted, place)
     if until_decided:
-
-        def train(chosen_cells: "Sequence[Cell]") -> None:
-            sweep_with_view(chosen_cells, place, make, device, retry_failed, output)
-
         most = _MAX_SEEDS if max_seeds is None else max_seeds
         _decide(matrix, cells, claims or [], place, most, None if dry_run else train, output)
         return
     runs = list(all_runs(cells))
-    failures: dict[str, str] = {}
-    if not dry_run:
-        failures |= sweep_with_view(cells, place, make, device, retry_failed, output)
+    failures = {} if dry_run else train(cells)
     statuses = cell_statuses(cells, place, at_a_time, chosen, quick=dry_run)
     show_matrix(f"{matrix}: {len(runs)} runs", statuses, at_a_time, dry_run, output)
     missing = show_missing(cells, place, output)
@@ -169,25 +175,30 @@ def _decide(
     claims: "Sequence[str]",
     results: "Results",
     most: int,
-    train: "Callable[[Sequence[Cell]], None] | None",
+    train: "Callable[[Sequence[Cell]], object] | None",
     output: Output,
 ) -> None:
     """Adds seeds until the claims are decided; without anything that trains, shows what is next."""
-    from jbench.commands.deciding_view import decide_with_view, described_outcomes
-    from jbench.sweeps.deciding import comparisons
-    from jbench.sweeps.matrix import all_runs
+    from jbench.commands.deciding_view import described_outcomes, introduction, show_look
+    from jbench.report.analysis.sequential import BLOCK
+    from jbench.sweeps.cell import all_runs
+    from jbench.sweeps.deciding import comparisons, looks
     from jbench.training.status import failures_among
 
     asked = comparisons(cells, claims)
-    found, wanted = decide_with_view(asked, results, most, train, output)
-    needed = [run.id for run in all_runs(wanted)]
+    if most < BLOCK or most % BLOCK:
+        raise RequestError(f"--max-seeds {most}: type a multiple of {BLOCK}.")
+    output.say(introduction(asked, most))
+    for look in looks(asked, results, most, train):
+        show_look(look, output)
+    needed = [run.id for run in all_runs(look.needed)]
     if needed:
-        output.say(f"Needed next: {len(needed)} runs in {len(wanted)} cells.")
-    failures = failures_among((run for one in found for run in one.needed), results)
+        output.say(f"Needed next: {len(needed)} runs in {len(look.needed)} cells.")
+    failures = failures_among((run for one in look.outcomes for run in one.needed), results)
     output.document(
         {
             "matrix": matrix,
-            "comparisons": described_outcomes(found),
+            "comparisons": described_outcomes(look.outcomes),
             "needed": needed,
             "failures": failures,
         }

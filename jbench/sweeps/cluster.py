@@ -20,7 +20,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks, schema
-from jbench.training.processes import Message, Workers, worker_request
+from jbench.sweeps.executors import Local, Message, worker_request
 from jbench.training.status import run_status
 
 _ANSWERS_WITHIN = 10.0  # s; a cluster that is there
@@ -68,10 +68,10 @@ class Ray:
         self.device = "cuda" if gpus_per_task else "cpu"
         # Ray gives a task whose node died to another one, as often as it takes.
         options = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
-        self._task = self._ray.remote(num_gpus=gpus_per_task, **options)(do_batch)
+        self._task = self._ray.remote(num_gpus=gpus_per_task, **options)(train_batch)
 
-    def do(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
-        """Does the runs in a task; see `Executor`. How far it is, the results tell."""
+    def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
+        """Trains runs in a task; see `Executor`. Their progress is read from the results."""
         request = worker_request(runs, self._results, self.device, self._checkpoint_every)
         task = self._task.remote(request)
         self._tasks.add(task)
@@ -184,8 +184,8 @@ def _reach(address: str | None) -> None:
         socket.create_connection((host, int(port)), _ANSWERS_WITHIN).close()
 
 
-def do_batch(request: str) -> str:
-    """Does runs in a process of the node that Ray calls this on.
+def train_batch(request: str) -> str:
+    """Trains runs in a process of the node that Ray calls this on.
 
     Args:
         request: JSON, as `worker_request` returns it.
@@ -203,8 +203,8 @@ def do_batch(request: str) -> str:
             "there: all nodes must share it, with flock (docs/sweeps.md)"
         )
         return json.dumps([{"run": run.id, "failed": reason} for run in runs])
-    with Workers().run(request) as messages:
-        return json.dumps([m for m in messages if "failed" in m or "finished" in m])
+    messages = Local(Results(path), device=asked["device"]).run(request)
+    return json.dumps([m for m in messages if "failed" in m or "finished" in m])
 
 
 def _imported() -> Any:

@@ -4,7 +4,7 @@ Looks are at 5, 10, 15 ... seeds from seed 0 and depend on nothing but the finis
 else is stored: a command that was interrupted finds again what its earlier looks decided.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from jbench.report.data.curves import FloatArray, final_returns
 from jbench.settings.alike import SEED, alike, with_implied
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, schema
-from jbench.sweeps.matrix import Cell
+from jbench.sweeps.cell import Cell, all_runs
 from jbench.training.status import run_status
 
 
@@ -60,6 +60,20 @@ class Outcome(NamedTuple):
     comparison: Comparison
     decision: sequential.Decision
     needed: list[RunSettings]
+
+
+class Look(NamedTuple):
+    """One look at all comparisons.
+
+    Attributes:
+        outcomes: of each comparison.
+        needed: cells with the runs that undecided comparisons need next.
+        tried: runs that were given to be trained before this look, by id.
+    """
+
+    outcomes: list[Outcome]
+    needed: list[Cell]
+    tried: dict[str, RunSettings]
 
 
 class Numbers:
@@ -209,3 +223,28 @@ def next_cells(found: Sequence[Outcome], tried: Mapping[str, RunSettings]) -> li
                 runs = sorted((before | mine).values(), key=lambda run: run.seed)
                 cells[key] = cell._replace(runs=runs)
     return list(cells.values())
+
+
+def looks(
+    asked: Sequence[Comparison],
+    results: Results,
+    most: int,
+    train: Callable[[Sequence[Cell]], object] | None,
+) -> Iterator[Look]:
+    """Adds seeds in blocks until all comparisons are decided or have all seeds; yields each look.
+
+    Args:
+        asked: comparisons of a matrix.
+        results: that hold the runs.
+        most: seeds of a cell, a multiple of a block.
+        train: trains the runs of cells (`jbench.sweeps.scheduler.sweep`); None to look once.
+    """
+    numbers, tried = Numbers(results), dict[str, RunSettings]()
+    while True:
+        found = outcomes(asked, numbers, results, most)
+        needed = next_cells(found, tried)
+        yield Look(found, needed, tried)
+        if not needed or train is None:
+            return
+        tried = tried | {run.id: run for run in all_runs(needed)}
+        train(needed)

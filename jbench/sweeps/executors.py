@@ -1,65 +1,189 @@
-"""Where the runs of a sweep are trained: on this machine, or on a Ray cluster (`cluster.py`)."""
+"""Where runs are trained: worker processes on this machine, or a Ray cluster (`cluster.py`)."""
 
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
+import numpy as np
+
+from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY
+from jbench.settings.alike import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.training.processes import Message, Workers, worker_request
+from jbench.store.provenance import cores
+
+Message = dict[str, Any]
+"""What a worker reports: see `jbench.training.worker`."""
 
 
 class Executor(Protocol):
-    """What does batches of runs, several at a time, each called from a thread of its own."""
+    """Trains batches of runs, several at a time, each called from its own thread."""
 
     @property
     def jobs(self) -> int:
-        """How many batches go on at a time."""
+        """Number of batches that are trained at a time."""
 
     @property
     def device(self) -> str:
-        """What the batched engine learns on, `cpu` or `cuda`."""
+        """Device of the batched engine, `cpu` or `cuda`."""
 
-    def do(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
-        """Does runs that may share a process, and gives what their worker says.
+    def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
+        """Trains runs that may share a process, and yields the messages of their worker.
 
-        It ends early, with runs of which nothing was said, where their process dies.
+        If their process dies, it ends without a last message for some of the runs.
         """
 
     def stop(self) -> None:
-        """Ends all that is under way; what was committed is kept."""
+        """Ends all processes and starts no more; what they have not committed is lost."""
 
     def close(self) -> None:
-        """Gives back what was taken, when nothing is under way any more."""
+        """Releases what the executor holds; called when no batch is being trained."""
 
 
 class Local:
-    """Processes of one thread each on this machine."""
+    """Worker processes of one thread each on this machine."""
 
     def __init__(
-        self, results: Results, jobs: int, device: str, checkpoint_every: float = CHECKPOINT_EVERY
+        self,
+        results: Results,
+        jobs: int = 0,
+        device: str = "cpu",
+        checkpoint_every: float = CHECKPOINT_EVERY,
     ) -> None:
         """Starts no process yet.
 
         Args:
             results: where the runs are written.
-            jobs: processes at a time.
+            jobs: processes at a time; 0 for `default_jobs`.
             device: `cpu` or `cuda`.
             checkpoint_every: least time between two checkpoints of a run (s).
         """
-        self.jobs, self.device = jobs, device
+        self.jobs, self.device = jobs or default_jobs(device), device
         self._results, self._checkpoint_every = results, checkpoint_every
-        self._workers = Workers()
+        self._lock = threading.Lock()
+        self._processes: set[subprocess.Popen[str]] = set()
+        self._stopped = False
 
-    def do(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
-        """Trains the runs in one process; see `Executor`."""
-        request = worker_request(runs, self._results, self.device, self._checkpoint_every)
-        with self._workers.run(request) as messages:
-            yield from messages
+    def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
+        """Trains runs in one process; see `Executor`."""
+        return self.run(worker_request(runs, self._results, self.device, self._checkpoint_every))
+
+    def run(self, request: str) -> Iterator[Message]:
+        """Starts a worker and yields its messages as they arrive; none after `stop`.
+
+        Args:
+            request: as `worker_request` returns it.
+
+        Raises:
+            WorkError: if the process can't be started.
+        """
+        # `stop` waits for this lock, so that it also finds a process that is being started.
+        with self._lock:
+            if self._stopped:
+                return
+            process = _start()
+            self._processes.add(process)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            with contextlib.suppress(BrokenPipeError):  # it has died: it sends no messages
+                process.stdin.write(f"{request}\n")
+                process.stdin.flush()
+            for line in process.stdout:
+                if line.endswith("\n"):  # else the worker was killed while it wrote
+                    yield json.loads(line)
+            process.wait()
+        finally:
+            process.kill()
+            process.wait()
+            self._processes.discard(process)
+            process.stdout.close()
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.close()
 
     def stop(self) -> None:
-        """Kills the processes."""
-        self._workers.stop()
+        """Kills all workers and starts no more."""
+        with self._lock:
+            self._stopped = True
+            for process in list(self._processes):
+                process.kill()
 
     def close(self) -> None:
         """Does nothing: a process ends with its runs."""
+
+
+def default_jobs(device: str) -> int:
+    """Returns the number of processes at a time: one for each core, or one for a GPU."""
+    return cores() if device == "cpu" else 1
+
+
+def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[RunSettings]]:
+    """Returns the runs of each process: runs that differ only in their seeds may share one.
+
+    On a CPU the seeds are divided among `jobs` processes; on a GPU all share one. A run with
+    stable-baselines3 has its own process.
+
+    Args:
+        runs: to train.
+        jobs: processes at a time.
+        device: `cpu` or `cuda`.
+    """
+    groups: dict[str, list[RunSettings]] = {}
+    for run in runs:
+        alone = run.engine != "batched"
+        key = run.id if alone else alike(run, SEED)
+        groups.setdefault(key, []).append(run)
+    parts = 1 if device == "cuda" else jobs
+    return [
+        [group[i] for i in share]
+        for group in groups.values()
+        for share in np.array_split(np.arange(len(group)), min(parts, len(group)))
+    ]
+
+
+def worker_request(
+    runs: Sequence[RunSettings], results: Results, device: str, checkpoint_every: float
+) -> str:
+    """Returns the request to a worker as one line of JSON.
+
+    It holds the command line of this process, which the worker writes into the records.
+
+    Args:
+        runs: to train.
+        results: where they are written.
+        device: of the batched engine.
+        checkpoint_every: least time between two checkpoints of a run (s).
+    """
+    request = {
+        "results": str(results.path),
+        "device": device,
+        "checkpoint_every": checkpoint_every,
+        "command": sys.argv,
+        "runs": [run.model_dump(mode="json") for run in runs],
+    }
+    return json.dumps(request)
+
+
+def _start() -> subprocess.Popen[str]:
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    # The worker inherits the mask: a Ctrl-C before it ignores them must not print a traceback.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-m", "jbench.training.worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **threads, "MUJOCO_GL": "disable"},
+        )
+    except OSError as error:
+        raise WorkError(f"A process can't be started ({error.strerror}).") from None
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -6,13 +6,13 @@ others there are, so typing a matrix again gives the same runs.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
 
 from jbench.encoders.registry import find_kind, kind_names
-from jbench.encoders.settings import EncoderSettings, encoder_settings
+from jbench.encoders.settings import encoder_settings
 from jbench.errors import RequestError
 from jbench.names import (
     ALGORITHMS,
@@ -32,6 +32,7 @@ from jbench.settings.base import Settings, validated
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
+from jbench.sweeps.cell import Cell
 from jbench.sweeps.matrix_file import PART, parts_of, read_content
 from jbench.training.request import (
     check_options,
@@ -127,26 +128,6 @@ class Matrix(Settings):
         return validated(
             DatasetSettings, "[dataset]", steps=self.dataset.steps, seed=self.dataset.seed
         )
-
-
-class Cell(NamedTuple):
-    """The runs of a matrix that differ in their seeds alone.
-
-    Attributes:
-        task, algo: of the runs.
-        representation: as the file names it: full, dae12, or the id of an encoder.
-        encoder: settings of the encoder that is made if it is missing; None for the full
-            observation, and for an encoder that is named by its id.
-        runs: one for each seed.
-        part: of the file that asks for them.
-    """
-
-    task: str
-    algo: str
-    representation: str
-    encoder: EncoderSettings | None
-    runs: list[RunSettings]
-    part: Matrix
 
 
 def read_matrix(name: str, **changes: Any) -> list[Matrix]:
@@ -292,10 +273,6 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
             seed=matrix.encoder.seed,
         )
         fields |= {"encoder": encoder.id, "representation": encoder.representation}
+    dataset = None if encoder is None else matrix.dataset_settings
     runs = runs_of(matrix.seeds, **fields)
-    return Cell(task, algo, name, encoder, runs, matrix)
-
-
-def all_runs(cells: Sequence[Cell]) -> Iterator[RunSettings]:
-    """Gives the runs of all cells, each once."""
-    yield from {run.id: run for cell in cells for run in cell.runs}.values()
+    return Cell(task, algo, name, runs, matrix.settings, encoder, dataset)

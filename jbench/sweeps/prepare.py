@@ -1,9 +1,7 @@
-"""Makes what the runs of a matrix need: its encoders, and the dataset that they learn from."""
+"""Makes what runs need: their encoders, and the datasets that these are trained on."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from jbench.datasets import collect, find_dataset
 from jbench.encoders.loop import find_device
@@ -12,91 +10,113 @@ from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.settings.dataset import DatasetSettings
+from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.locks import HeldError
-from jbench.sweeps.matrix import Cell
+from jbench.store.provenance import cores
+from jbench.sweeps.cell import Cell
+from jbench.sweeps.watcher import Watcher
 
 _LOOK_EVERY = 2.0  # s between two looks at what another process makes
 
-Show = Callable[[str, int, str], AbstractContextManager[Callable[[int], None]]]
-"""Shows the progress of a piece of work of some name, total and unit; gives what is told of it."""
-
-_Made = TypeVar("_Made")
-
 
 def missing_encoders(cells: Iterable[Cell], results: Results) -> list[EncoderSettings]:
-    """Returns the encoders of some cells that are not finished, each once."""
+    """Returns the encoders of cells that are not finished, each once."""
     wanted = {cell.encoder.id: cell.encoder for cell in cells if cell.encoder is not None}
     return [settings for settings in wanted.values() if not _finished(results, settings.id)]
 
 
-def missing_dataset(dataset: DatasetSettings, results: Results) -> bool:
-    """Returns whether a dataset has to be collected, or finished."""
-    record = results.find("dataset", dataset.id)
-    return record is None or record.status != "finished"
+def missing_datasets(cells: Sequence[Cell], results: Results) -> list[DatasetSettings]:
+    """Returns the datasets of missing encoders that are not finished, each once."""
+    needed = {encoder.dataset for encoder in missing_encoders(cells, results)}
+    return [
+        dataset
+        for dataset in _datasets(cells).values()
+        if dataset.id in needed and _is_missing(dataset, results)
+    ]
+
+
+def clean(cells: Sequence[Cell], results: Results) -> None:
+    """Removes the temporary files of an interrupted sweep from datasets and encoders of cells."""
+    for id in _datasets(cells):
+        results.clean("dataset", id)
+    for cell in cells:
+        if cell.encoder is not None:
+            results.clean("encoder", cell.encoder.id)
 
 
 def prepare(
-    encoders: list[EncoderSettings],
-    dataset: DatasetSettings,
+    cells: Sequence[Cell],
+    runs: Sequence[RunSettings],
     results: Results,
-    threads: int,
     device: str,
-    show: Show,
-    note: Callable[[str], None],
+    watcher: Watcher,
 ) -> dict[str, str]:
-    """Makes encoders, and first the dataset that they learn from.
+    """Makes the missing encoders of runs, and first the datasets that they are trained on.
 
     If another process is making one of them, waits for it.
 
     Args:
-        encoders: that are missing, all of this dataset.
-        dataset: that they learn from.
-        results: where they go.
-        threads: robots that are simulated at a time.
+        cells: of the runs, and maybe of others.
+        runs: that will be trained.
+        results: where datasets and encoders are written.
         device: to train on, one of `jbench.names.DEVICES`.
-        show: shows the progress of each.
-        note: prints a sentence.
+        watcher: receives the progress.
 
     Returns:
-        A sentence for each encoder that can't be made, by its id.
+        A sentence for each run whose encoder can't be made, by the id of the run.
     """
-    if not encoders:
-        return {}
+    needed = {run.encoder for run in runs}
+    encoders = missing_encoders((c for c in cells if c.runs[0].encoder in needed), results)
+    failures: dict[str, str] = {}
+    for dataset in _datasets(cells).values():
+        its = [encoder for encoder in encoders if encoder.dataset == dataset.id]
+        if its:
+            failures |= _make(its, dataset, results, device, watcher)
+    for encoder, reason in failures.items():
+        watcher.warn(f"the runs on {encoder} are left out: {reason}")
+    return {run.id: failures[run.encoder] for run in runs if run.encoder in failures}
+
+
+def _make(
+    encoders: Sequence[EncoderSettings],
+    dataset: DatasetSettings,
+    results: Results,
+    device: str,
+    watcher: Watcher,
+) -> dict[str, str]:
+    """Makes encoders of a dataset; returns a sentence for each that can't be made, by its id."""
     try:
-        if missing_dataset(dataset, results):
-            with show("collect", dataset.steps, "control steps") as progress:
-                _unless_held(lambda: collect(dataset, results, threads, progress), note)
+        if _is_missing(dataset, results):
+            with watcher.progress("collect", dataset.steps, "control steps") as progress:
+                _when_free(lambda: collect(dataset, results, cores(), progress), watcher)
     except (RequestError, WorkError) as error:
         return {settings.id: f"its dataset can't be collected: {error}" for settings in encoders}
     failures = {}
     for settings, states in _with_states(encoders, dataset, results):
         try:
-            _make(settings, states, results, device, show, note)
+            _train(settings, states, results, device, watcher)
         except (RequestError, WorkError) as error:
             failures[settings.id] = f"its encoder can't be trained: {error}"
     return failures
 
 
-def _make(
-    settings: EncoderSettings,
-    states: States,
-    results: Results,
-    device: str,
-    show: Show,
-    note: Callable[[str], None],
+def _train(
+    settings: EncoderSettings, states: States, results: Results, device: str, watcher: Watcher
 ) -> None:
     """Trains an encoder."""
     found = find_device(device)
     label, epochs = f"{settings.representation} {settings.task}", settings.options.get("epochs", 1)
-    with show(label, epochs, "epochs") as progress:
-        _unless_held(lambda: train_encoder(settings, states, results, progress, device=found), note)
+    with watcher.progress(label, epochs, "epochs") as progress:
+        _when_free(
+            lambda: train_encoder(settings, states, results, progress, device=found), watcher
+        )
 
 
 def _with_states(
-    encoders: list[EncoderSettings], dataset: DatasetSettings, results: Results
+    encoders: Sequence[EncoderSettings], dataset: DatasetSettings, results: Results
 ) -> Iterator[tuple[EncoderSettings, States]]:
-    """Gives encoders with the states that they learn from, which are read once for each task."""
+    """Yields encoders with the states that they learn from, which are read once for each task."""
     source = find_dataset(results, dataset.id)
     states: States | None = None
     for settings in sorted(encoders, key=lambda settings: settings.task):
@@ -105,17 +125,29 @@ def _with_states(
         yield settings, states
 
 
-def _unless_held(make: Callable[[], _Made], note: Callable[[str], None]) -> _Made:
-    """Returns what is made, once no other process makes it."""
-    told = False
+def _when_free(make: Callable[[], object], watcher: Watcher) -> None:
+    """Makes a record, once no other process is making it."""
+    noted = False
     while True:
         try:
-            return make()
+            make()
         except HeldError as error:
-            if not told:
-                note(f"{str(error).partition(';')[0]}; it is waited for.")
-                told = True
+            if not noted:
+                watcher.note(f"{str(error).partition(';')[0]}; it is waited for.")
+                noted = True
             time.sleep(_LOOK_EVERY)
+        else:
+            return
+
+
+def _datasets(cells: Iterable[Cell]) -> dict[str, DatasetSettings]:
+    """Returns the datasets that the encoders of cells are trained on, by id."""
+    return {cell.dataset.id: cell.dataset for cell in cells if cell.dataset is not None}
+
+
+def _is_missing(dataset: DatasetSettings, results: Results) -> bool:
+    record = results.find("dataset", dataset.id)
+    return record is None or record.status != "finished"
 
 
 def _finished(results: Results, encoder: str) -> bool:

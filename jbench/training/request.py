@@ -4,7 +4,6 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jbench.commands.parsing import parse_overrides
 from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, OFE, Base, Engine, Precision, known
@@ -25,7 +24,7 @@ def request_runs(
     encoder: str,
     seeds: Sequence[int],
     base: Base,
-    overrides: list[str],
+    overrides: Mapping[str, Any],
     **fields: Any,
 ) -> list[RunSettings]:
     """Returns the settings of one run for each seed.
@@ -38,16 +37,19 @@ def request_runs(
             latents, or an encoder's id.
         seeds: one for each run.
         base: "published", "script" or "sb3"; see `algorithm_settings`.
-        overrides: texts NAME=VALUE that replace single settings, ofe.NAME=VALUE those of ofeN.
+        overrides: values of single settings by name; ofe.NAME names those of ofeN.
         fields: the other fields of `RunSettings`.
 
     Raises:
         RequestError: if there is no such encoder, setting or robot, no episode could end, or the
             robots don't divide the steps into whole episodes.
     """
-    given = parse_overrides(overrides)
-    of_features = {n.removeprefix(_PREFIX): v for n, v in given.items() if n.startswith(_PREFIX)}
-    of_algorithm = {name: v for name, v in given.items() if not name.startswith(_PREFIX)}
+    of_features = {
+        name.removeprefix(_PREFIX): value
+        for name, value in overrides.items()
+        if name.startswith(_PREFIX)
+    }
+    of_algorithm = {n: value for n, value in overrides.items() if not n.startswith(_PREFIX)}
     fields["ofe"] = ofe = requested_ofe(encoder, of_features)
     if ofe is not None:
         fields["representation"] = ofe.representation

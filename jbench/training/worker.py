@@ -5,10 +5,10 @@ it, from standard input, where it has any length, and writes messages, lines of 
 output: multiprocessing would pickle. It ends at once when its standard input is closed. Runs of the
 batched engine differ only in their seeds; with stable-baselines3 there is one run.
 
-Messages: {"seconds_per_step": s} where "measure" asks for it; for a run that was begun before,
-{"run": id, "goes_on_from": n, "because": sentence or ""}; then for each run {"run": id} with
-{"control_steps": n, "episode_return": r}, {"failed": reason}, with {"held": true} if another
-process does it, or {"finished": true}.
+Messages: for a run that was begun before, {"run": id, "resumed_at": control steps, "reason":
+sentence or ""}; then for each run {"run": id} with {"control_steps": n, "episode_return": r}, and
+last {"finished": true} or {"failed": reason}, with {"held": true} if another process is training
+it.
 """
 
 import json
@@ -78,16 +78,12 @@ def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any
 
     results, device = Results(Path(request["results"])), request["device"]
     encoder = load_encoder_of(runs[0], results)
-    if request["measure"]:
-        from jbench.training.speed import seconds_per_step
-
-        send({"seconds_per_step": seconds_per_step(runs, encoder, device)})
 
     def tell(settings: Any, steps: int, episode_return: float | None) -> None:
         send({"run": settings.id, "control_steps": steps, "episode_return": episode_return})
 
     def tell_start(settings: Any, steps: int, sentence: str) -> None:
-        send({"run": settings.id, "goes_on_from": steps, "because": sentence})
+        send({"run": settings.id, "resumed_at": steps, "reason": sentence})
 
     if runs[0].engine == "batched":
         return run_batch(

@@ -102,8 +102,8 @@ def test_a_run_that_another_process_is_doing_is_left_to_it_and_named(tmp_path):
             time.sleep(0.02)
         (record,) = Results(tmp_path).scan("run")[0]
         second = succeed(*arguments, results=tmp_path)
-        told = f"Another process is training the run {record.id}; it is left out here."
-        assert told in second.stdout
+        note = "Another process is training seed 0 of td3 face_direction full; it is left out here."
+        assert note in second.stdout
     finally:
         first.kill()
         first.wait()

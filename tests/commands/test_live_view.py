@@ -1,12 +1,15 @@
-"""What is shown of the runs of a sweep while they go on."""
+"""The table of processes while runs are trained, and the forecast before."""
 
 import io
+from contextlib import contextmanager
 
 import pytest
 from rich.console import Console
 
-from jbench.commands.live_view import SweepView
+from jbench.commands.live_view import TrainingView
 from jbench.commands.output import Output
+from jbench.sweeps.cell import Cell
+from jbench.sweeps.cell_status import CellStatus
 from tests.sweep_matrices import runs_of_matrix, write_matrix
 
 
@@ -26,59 +29,85 @@ def episode(run, steps, episode_return):
     return {"run": run.id, "control_steps": steps, "episode_return": episode_return}
 
 
+@contextmanager
+def trained(runs):
+    """A view while runs are trained; standard error is no terminal."""
+    view = TrainingView(Output())
+    with view.training(runs):
+        yield view
+
+
 def test_a_line_for_each_process_with_its_steps_and_last_returns(runs):
-    view = SweepView(runs, Output(), live=True)
-    view.begins(runs[:2])
-    view.begins(runs[2:3])
-    view.says(runs[0], {"seconds_per_step": 0.01})
-    assert any(line == "face_direction td3 full seed 0,1 0/20,000" for line in shown(view))
-    for run, steps, episode_return in ((0, 1000, 12.4), (1, 1000, 7.0), (0, 2000, 99.6)):
-        view.says(runs[run], episode(runs[run], steps, episode_return))
-    lines = shown(view)
-    (td3,) = (line for line in lines if "td3" in line)
-    assert td3.startswith("face_direction td3 full seed 0,1 3,000/20,000 ")
-    assert " 100 7 " in td3
-    assert any(line == "face_direction ppo full seed 0 0/10,000" for line in lines)
-    assert any(line.startswith("0 of 4 runs ended, ") for line in lines)
+    with trained(runs) as view:
+        view.started(runs[:2])
+        view.started(runs[2:3])
+        assert any(line == "face_direction td3 full seed 0,1 0/20,000" for line in shown(view))
+        for run, steps, episode_return in ((0, 1000, 12.4), (1, 1000, 7.0), (0, 2000, 99.6)):
+            view.message(runs[run], episode(runs[run], steps, episode_return))
+        lines = shown(view)
+        (td3,) = (line for line in lines if "td3" in line)
+        assert td3.startswith("face_direction td3 full seed 0,1 3,000/20,000 ")
+        assert " 100 7 " in td3
+        assert any(line == "face_direction ppo full seed 0 0/10,000" for line in lines)
+        assert any(line.startswith("0 of 4 runs ended, ") for line in lines)
 
 
 def test_a_process_that_ends_leaves_its_runs_counted(runs, capsys):
-    view = SweepView(runs, Output(), live=False)
-    view.begins(runs[:2])
-    view.says(runs[0], episode(runs[0], 10_000, 50.0))
-    view.says(runs[0], {"run": runs[0].id, "finished": True})
-    view.says(runs[1], {"run": runs[1].id, "failed": "no luck"})
-    view.ends(runs[:2])
-    assert not any("td3" in line for line in shown(view))
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert "td3 full seed 0,1: 10,000/20,000 control steps, last returns 50; 2 of 4" in printed.err
+    with trained(runs) as view:
+        view.started(runs[:2])
+        view.message(runs[0], episode(runs[0], 10_000, 50.0))
+        view.message(runs[0], {"run": runs[0].id, "finished": True})
+        view.message(runs[1], {"run": runs[1].id, "failed": "no luck"})
+        view.ended(runs[:2])
+        assert not any("td3" in line for line in shown(view))
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert (
+            "td3 full seed 0,1: 10,000/20,000 control steps, last returns 50; 2 of 4" in printed.err
+        )
 
 
-def test_a_run_of_another_process_has_not_ended(runs):
-    view = SweepView(runs, Output(), live=True)
-    view.begins(runs[:1])
-    view.says(runs[0], {"run": runs[0].id, "failed": "Another process", "held": True})
-    view.ends(runs[:1])
-    assert any(line.startswith("0 of 4 runs ended") for line in shown(view))
-    view.says(runs[0], {"run": runs[0].id, "finished": True})
-    assert any(line.startswith("1 of 4 runs ended") for line in shown(view))
-
-
-def test_where_a_run_goes_on_it_has_not_come_just_now(runs, capsys):
-    view = SweepView(runs, Output(), live=True)
-    view.begins(runs[:1])
-    view.says(runs[0], {"run": runs[0].id, "goes_on_from": 6000, "because": "Torch is newer."})
-    said = "was interrupted or failed; it resumes at control step 6,000. Torch is newer."
-    assert f"{runs[0].id} {said}" in capsys.readouterr().out
-    # Nothing is gained yet, and so there is no speed.
-    assert any(line == "face_direction td3 full seed 0 6,000/10,000" for line in shown(view))
+def test_the_speed_of_a_resumed_run_is_measured_from_where_it_resumed(runs):
+    with trained(runs) as view:
+        view.started(runs[:1])
+        view.message(runs[0], {"run": runs[0].id, "resumed_at": 6000, "reason": ""})
+        # No step was made yet, so there is no speed.
+        assert "face_direction td3 full seed 0 6,000/10,000" in shown(view)
 
 
 def test_of_many_seeds_the_mean_and_the_extremes_are_shown(tmp_path):
     runs = runs_of_matrix(write_matrix(tmp_path, seeds="0-7"), tmp_path)
-    view = SweepView(runs, Output(), live=True)
-    view.begins(runs)
-    for run in runs:
-        view.says(run, episode(run, 1000, 10.0 * run.seed))
-    assert any("mean 35 [0, 70]" in line for line in shown(view))
+    with trained(runs) as view:
+        view.started(runs)
+        for run in runs:
+            view.message(run, episode(run, 1000, 10.0 * run.seed))
+        assert any("mean 35 [0, 70]" in line for line in shown(view))
+
+
+def test_the_forecast_sums_steps_and_time_over_the_cells(runs, capsys):
+    # 20,000 steps in 40 s on each of 2 processes, and the same again: 500 steps/s, 80 s.
+    cells = [Cell("face_direction", run.algo, "full", [run], "published") for run in runs[1:3]]
+    statuses = [CellStatus(cell, 0, 1, 0, 0, 20_000, 80.0, "measured runs") for cell in cells]
+    TrainingView(Output()).forecast(statuses, 2)
+    assert capsys.readouterr().out == (
+        "2 runs with 40,000 control steps left at about 500 steps/s, evaluations included, "
+        "2 processes at a time: about 1 min 20 s.\n"
+    )
+    TrainingView(Output()).forecast([statuses[0]._replace(seconds_left=None)], 2)
+    assert capsys.readouterr().out == ""
+
+
+def test_a_long_forecast_names_what_makes_it_shorter(tmp_path, capsys):
+    runs = runs_of_matrix(write_matrix(tmp_path, seeds="0-3", steps=400_000), tmp_path)
+    status = CellStatus(
+        Cell("face_direction", "td3", "full", runs, "published"),
+        *(0, 0, 0, 4, 1_600_000, 700.0, "measured runs"),
+    )
+    TrainingView(Output()).forecast([status], 2)
+    told = capsys.readouterr().out
+    # Four seeds share the two processes, so the cell's 700 s are those of the whole.
+    assert "about 2,286 steps/s" in told
+    assert told.endswith(
+        "about 11 min 40 s. For less: fewer --steps (such as 300000), or fewer --seeds (such as "
+        "0-2).\n"
+    )

@@ -89,7 +89,7 @@ def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, resu
 
     assert sweep(matrix, results) == 1
     printed = capfd.readouterr()
-    assert f"The run {encoded.id} failed: " in printed.out
+    assert f"Warning: the run {encoded.id} failed: " in printed.err
     assert "1 of 2 runs failed; --retry-failed retries them." in printed.err
     assert states([encoded, full], results) == ["failed", "finished"]
     assert "is damaged" in Results(results).find("run", encoded.id).manifest.summary["error"]
@@ -108,7 +108,8 @@ def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results
     matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0")
     # This torch may have no CUDA: computing there would fail.
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
-    monkeypatch.setattr("jbench.commands.sweep_view.sweep", lambda *_: {})
+    monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
+    monkeypatch.setattr("jbench.sweeps.scheduler._Scheduler.train", lambda *_: {})
     assert sweep(matrix, results, "--device", "cpu") == 0
     (encoder,) = Results(results).scan("encoder")[0]
     assert (encoder.status, encoder.manifest.summary["device"]) == ("finished", "cpu")
@@ -173,7 +174,7 @@ def test_two_sweeps_share_the_runs_and_one_takes_over_what_the_other_leaves(tmp_
     first.communicate()
     printed = ended(second)
     assert second.returncode == 0
-    assert "seed 0 of td3 face_direction full: another process does it" in printed
+    assert "Another process is training seed 0 of td3 face_direction full; it is wai" in printed
     assert states(runs, results) == ["finished"] * 2
     # What came out is what one sweep alone finds.
     alone = tmp_path / "alone"

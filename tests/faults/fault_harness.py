@@ -44,7 +44,8 @@ from jbench.errors import WorkError
 from jbench.store import Results
 from jbench.store.manifest import KINDS
 from jbench.store.merge import TIMES
-from jbench.training import processes, speed, worker
+from jbench.sweeps import executors
+from jbench.training import speed, worker
 
 LASTING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """Errors that stay: each is tried once alone, and once with all later calls failing as well."""
@@ -380,7 +381,7 @@ def run(request):
         [torch.zeros(1, requires_grad=True)]
     )  # it imports the compiler when first used
     speed.seconds_per_step = lambda *_: 1e-3
-    processes.subprocess = type("Forking", (), {"Popen": ForkedWorker, "PIPE": -1})
+    executors.subprocess = type("Forking", (), {"Popen": ForkedWorker, "PIPE": -1})
     collecting = importlib.import_module("jbench.datasets.collect")
     collecting._PART_EPISODES = 4
     calls, every_error = request.get("calls", CALLS), request.get("every_error", False)

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from jbench.cli import train
+from jbench.commands.parsing import parse_overrides
+from jbench.commands.train import train
 from jbench.errors import RequestError
 from jbench.names import ALGORITHMS, SWEEPS, TASKS
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.shipped import shipped
-from jbench.sweeps.matrix import Matrix, all_runs, matrix_cells, read_matrix
+from jbench.sweeps.cell import all_runs
+from jbench.sweeps.matrix import Matrix, matrix_cells, read_matrix
 from jbench.training.request import request_runs
 from tests.sweep_matrices import write_matrix
 
@@ -74,7 +76,7 @@ def test_the_question_begins_with_the_runs_that_are_shipped(tmp_path):
 
 def test_the_question_asks_of_ppo_with_both_settings(tmp_path):
     ppo = [cell for cell in cells_of("question", tmp_path) if cell.algo == "ppo"]
-    assert [(cell.part.settings, cell.part.steps) for cell in ppo] == [
+    assert [(cell.settings, cell.runs[0].steps) for cell in ppo] == [
         ("published", 1_000_000),
         ("script", 1_000_000),
     ]
@@ -172,7 +174,7 @@ def test_its_runs_are_those_of_jbench_train(tmp_path):
         typed = request_runs(
             Results(tmp_path),
             algo=cell.algo,
-            overrides=["hidden_layers=[8]", *overrides],
+            overrides=parse_overrides(["hidden_layers=[8]", *overrides]),
             **asked,
         )
         assert cell.runs == typed
@@ -186,14 +188,14 @@ KEYS = {
     "time_limit": ('time_limit = "terminal"', {"time_limit": "terminal"}),
     "evaluate_every": ("[evaluation]\nevery = 7", {"evaluate_every": 7}),
     "evaluate_episodes": ("[evaluation]\nepisodes = 3", {"evaluate_episodes": 3}),
-    "hyperparameters": ("[hyperparameters.td3]\ntau = 0.5", {"overrides": ["tau=0.5"]}),
+    "hyperparameters": ("[hyperparameters.td3]\ntau = 0.5", {"overrides": {"tau": 0.5}}),
     "augment": ("augment = 3", {"augment": 3}),
     "robots": ("robots = 2", {"robots": 2}),
     "precision": ('precision = "bfloat16"', {"precision": "bfloat16"}),
     "parallel": ("environments = 2", {"parallel": 2}),
     "ofe": (
         'representations = ["ofe12"]\n[ofe]\nlayers = 3',
-        {"encoder": "ofe12", "overrides": ["ofe.layers=3"]},
+        {"encoder": "ofe12", "overrides": {"ofe.layers": 3}},
     ),
 }
 
@@ -210,7 +212,7 @@ def test_a_sweep_can_do_what_train_can(field, tmp_path):
     )
     (run,) = all_runs(cells_of(str(file), tmp_path))
     shared = {"task": "face_direction", "algo": "td3", "encoder": "none", "seeds": [0]}
-    shared |= {"base": "published", "overrides": [], "evaluate_every": 50_000}
+    shared |= {"base": "published", "overrides": {}, "evaluate_every": 50_000}
     shared |= {"steps": 2000, "evaluate_episodes": 10}
     assert [run] == request_runs(Results(tmp_path), **{**shared, **typed})
     (plain,) = request_runs(Results(tmp_path), **shared)
@@ -268,7 +270,7 @@ def test_the_documented_file_says_what_is_so_without_it(tmp_path):
     short = tmp_path / "short.toml"
     short.write_text('tasks = ["face_direction"]\nalgos = ["ddpg", "td3"]\nenvironments = 1\n')
     written, defaults = cells_of(str(file), tmp_path), cells_of(str(short), tmp_path)
-    assert [cell[:-1] for cell in written] == [cell[:-1] for cell in defaults]
+    assert written == defaults
     assert [f"`{name}`" in documented for name in SWEEPS] == [True] * len(SWEEPS)
 
 

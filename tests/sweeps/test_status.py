@@ -4,14 +4,13 @@ import pyarrow as pa
 import pytest
 
 from jbench.store import Results, schema
+from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.training.status import (
-    cell_statuses,
     failures_among,
     is_elsewhere,
     record_failure,
     run_status,
-    seconds_left,
 )
 from tests.sweep_matrices import write_matrix
 

@@ -7,13 +7,13 @@ from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store import Results, schema
+from jbench.sweeps.executors import batches
 from jbench.training import batched_run, evaluation
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import robot_model
 from jbench.training.request import find_device
 from jbench.training.speed import _short_schedule, seconds_per_step
 from jbench.training.status import plan
-from jbench.training.train import batches
 from tests.training.small_runs import rows, small_run
 
 SMALL = {

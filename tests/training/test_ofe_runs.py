@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from jbench.commands.parsing import parse_overrides
 from jbench.errors import RequestError
 from jbench.policies.find import find_policy
 from jbench.policies.saved import DESCRIPTION, Policy, load_agent
@@ -38,7 +39,7 @@ def requested(results, encoder, *overrides, algo="td3"):
         seeds=[0],
         steps=2000,
         base="published",
-        overrides=list(overrides),
+        overrides=parse_overrides(list(overrides)),
         time_limit="bootstrap",
         evaluate_every=1000,
         evaluate_episodes=1,

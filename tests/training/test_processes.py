@@ -12,6 +12,7 @@ from jbench.commands import sweep
 from jbench.store import Results
 from jbench.sweeps.executors import Local
 from jbench.training.status import plan
+from tests.sweep_matrices import write_matrix
 from tests.training.small_runs import small_run
 
 TD3 = {"batch_size": 8, "learning_starts": 500, "train_freq": 100, "gradient_steps": 2}
@@ -49,14 +50,28 @@ def test_any_number_of_seeds_fit_into_the_request_of_a_process(tmp_path):
     assert sum(len(run.model_dump_json()) for run in runs) > 2**17
     for run in runs:
         results.create("run", run.id, run.model_dump(mode="json")).finish({})
-    messages = list(Local(results, 1, "cpu").do(runs))
+    messages = list(Local(results, 1).train(runs))
     assert messages == [{"run": run.id, "finished": True} for run in runs]
 
 
-@pytest.mark.parametrize("verb", [("train", "--algo", "td3"), ("sweep", "fig9", "--jobs", "1")])
+@pytest.mark.parametrize("verb", ["train", "sweep"])
 def test_ctrl_c_while_a_process_is_being_started_ends_it_too(verb, tmp_path):
+    arguments = {
+        "train": ("--algo", "td3", "--set", "hidden_layers=[8]"),
+        "sweep": (write_matrix(tmp_path), "--steps", "5e6"),
+    }[verb]
     process = subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTED, *verb, "--seeds", "0", "--results", str(tmp_path)],
+        [
+            sys.executable,
+            "-c",
+            INTERRUPTED,
+            verb,
+            *arguments,
+            "--seeds",
+            "0",
+            "--results",
+            tmp_path,
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -73,8 +88,9 @@ def test_ctrl_c_while_a_process_is_being_started_ends_it_too(verb, tmp_path):
 
 def test_failed_runs_are_retried_only_when_asked(tmp_path, capsys, monkeypatch):
     results, asked = Results(tmp_path), []
+    monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
     monkeypatch.setattr(
-        "jbench.commands.display.train_with_progress", lambda runs, *_: asked.append(runs) or {}
+        "jbench.sweeps.scheduler._Scheduler.train", lambda _, runs: asked.append(runs) or {}
     )
     arguments = ["train", "--seeds", "0-3", "--results", str(tmp_path)]
     assert main(arguments) == 0
@@ -94,6 +110,7 @@ def test_failed_runs_are_retried_only_when_asked(tmp_path, capsys, monkeypatch):
     # It still is failed, as nothing was trained here.
     assert main([*arguments, "--retry-failed"]) == 1
     assert asked[2:] == [[interrupted, failed, new]]
+    assert "1 runs failed before; they are retried." in capsys.readouterr().out
 
 
 def test_train_and_sweep_write_checkpoints_equally_often():

@@ -281,8 +281,9 @@ def test_what_cannot_be_trained_is_refused_in_a_sentence(arguments, said, tmp_pa
 
 def test_the_command_line_asks_for_the_robots_that_were_typed(tmp_path, monkeypatch):
     asked = []
+    monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
     monkeypatch.setattr(
-        "jbench.commands.display.train_with_progress", lambda runs, *_: asked.extend(runs) or {}
+        "jbench.sweeps.scheduler._Scheduler.train", lambda _, runs: asked.extend(runs) or {}
     )
     command = ["train", "--algo", "sac", "--task", "move_in_direction", "--results", str(tmp_path)]
     assert cli.main([*command, "--robots", "10", "--steps", "10e6", "--seeds", "0"]) == 0

@@ -1,0 +1,277 @@
+"""Trains the runs of cells: `jbench train` has one cell, `jbench sweep` those of a matrix.
+
+In Python, a sweep is:
+
+    from pathlib import Path
+    from jbench.sweeps.matrix import matrix_cells, read_matrix
+    from jbench.sweeps.scheduler import sweep
+    from jbench.store import Results
+
+    results = Results(Path("results"))
+    failures = sweep(matrix_cells(read_matrix("smoke"), results), results)
+
+It reports to a `Watcher` (`jbench.sweeps.watcher`), which does nothing by default.
+
+Processes share the results alone: a run belongs to the process that holds its lock, and its
+manifest has its status. Two sweeps of the same matrix, on one machine or on several, share the
+work in this way.
+"""
+
+import queue
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, suppress
+
+from jbench.settings.run import RunSettings
+from jbench.store import Results
+from jbench.sweeps.cell import Cell, all_runs
+from jbench.sweeps.cell_status import cell_statuses
+from jbench.sweeps.executors import Executor, Local, Message, batches
+from jbench.sweeps.prepare import clean, prepare
+from jbench.sweeps.watcher import Watcher
+from jbench.training.memory import memory_sentence
+from jbench.training.status import is_elsewhere, plan, record_failure, run_status
+
+_LOOK_EVERY = 2.0  # s between two looks at the runs that another process is training
+_MAX_DEATHS = 3  # of the processes of a run, before it counts as failed
+
+
+def sweep(
+    cells: Sequence[Cell],
+    results: Results,
+    make_executor: Callable[[], Executor] | None = None,
+    watcher: Watcher | None = None,
+    *,
+    device: str = "auto",
+    retry_failed: bool = False,
+    wait: bool = True,
+) -> dict[str, str]:
+    """Trains the runs of cells until each is finished or failed; only what is missing.
+
+    Missing datasets and encoders are made first. A failed run does not stop the others. A run
+    whose process dies is resumed, and counts as failed when its third process dies.
+
+    Args:
+        cells: of a matrix, or a single one.
+        results: where datasets, encoders and runs are written.
+        make_executor: called if there are runs to train; None for `Local`, a process per core.
+        watcher: receives the events.
+        device: to train encoders on, one of `jbench.names.DEVICES`.
+        retry_failed: whether runs that failed before are retried.
+        wait: whether runs that another process is training are waited for, and resumed if that
+            process dies.
+
+    Returns:
+        A sentence for each run that failed now, by its id.
+
+    Raises:
+        RequestError: if the executor can't be made.
+        WorkError: if a process can't be started.
+    """
+    watcher = watcher or Watcher()
+    clean(cells, results)
+    planned = plan(list(all_runs(cells)), results)
+    for sentence in planned.sentences(retry_failed):
+        watcher.note(sentence)
+    to_do = planned.to_do(retry_failed)
+    if not to_do:
+        return {}
+    with closing(make_executor() if make_executor else Local(results)) as executor:
+        failures = prepare(cells, to_do, results, device, watcher)
+        runs = [run for run in to_do if run.id not in failures]
+        if not runs:
+            return failures
+        if isinstance(executor, Local):
+            _forecast(cells, runs, results, executor, watcher)
+        scheduler = _Scheduler(results, executor, watcher, planned.ids("failed"), wait)
+        with watcher.training(runs):
+            return failures | scheduler.train(runs)
+
+
+def _forecast(
+    cells: Sequence[Cell],
+    runs: Sequence[RunSettings],
+    results: Results,
+    executor: Local,
+    watcher: Watcher,
+) -> None:
+    """Reports how much memory and time runs will take on this machine."""
+    waiting = batches(runs, executor.jobs, executor.device)
+    jobs = min(executor.jobs, len(waiting))
+    memory = memory_sentence([run for batch in waiting[:jobs] for run in batch])
+    if memory is not None:
+        watcher.note(memory)
+    ids = {run.id for run in runs}
+    left = [cell._replace(runs=[run for run in cell.runs if run.id in ids]) for cell in cells]
+    left = [cell for cell in left if cell.runs]
+    watcher.forecast(cell_statuses(left, results, jobs, executor.device), jobs)
+
+
+class _Scheduler:
+    """Gives batches of runs to an executor.
+
+    Each batch has a thread, which only passes the messages of its worker on. All decisions are
+    taken in the thread that called `train`.
+    """
+
+    def __init__(
+        self,
+        results: Results,
+        executor: Executor,
+        watcher: Watcher,
+        retry: Collection[str],
+        wait: bool,
+    ) -> None:
+        self._results, self._executor, self._watcher = results, executor, watcher
+        self._retry, self._wait = set(retry), wait
+        self._waiting: deque[list[RunSettings]] = deque()
+        self._workers = 0
+        self._open: dict[
+            str, RunSettings
+        ] = {}  # given to a worker, and neither finished nor failed
+        self._elsewhere: dict[str, RunSettings] = {}
+        self._events: queue.SimpleQueue[tuple[list[RunSettings], Message | Future[None]]] = (
+            queue.SimpleQueue()
+        )
+        self._looked = time.monotonic()
+        self._deaths: Counter[str] = Counter()
+        self._failures: dict[str, str] = {}
+
+    def train(self, runs: Sequence[RunSettings]) -> dict[str, str]:
+        """Trains runs; returns a sentence for each that failed, by its id."""
+        jobs = max(1, min(self._executor.jobs, len(runs)))
+        self._add(runs)
+        pool = ThreadPoolExecutor(jobs)
+        try:
+            while self._waiting or self._workers or self._elsewhere:
+                while self._waiting and self._workers < jobs:
+                    self._start(self._waiting.popleft(), pool)
+                if self._workers or self._elsewhere:
+                    self._handle_event()
+                if time.monotonic() - self._looked >= _LOOK_EVERY:
+                    self._take_back()
+        finally:
+            # After Ctrl-C or an error, runs are still being trained.
+            self._executor.stop()
+            pool.shutdown(cancel_futures=True)
+        return self._failures
+
+    def _add(self, runs: Sequence[RunSettings]) -> None:
+        self._waiting.extend(batches(runs, self._executor.jobs, self._executor.device))
+
+    def _start(self, batch: Sequence[RunSettings], pool: ThreadPoolExecutor) -> None:
+        """Gives the runs of a batch that are still to be trained to a worker."""
+        runs = self._to_do(batch)
+        if not runs:
+            return
+        self._workers += 1
+        self._open |= {run.id: run for run in runs}
+        self._watcher.started(runs)
+        ended = pool.submit(self._pass_on, runs)
+        ended.add_done_callback(lambda future: self._events.put((runs, future)))
+
+    def _pass_on(self, runs: list[RunSettings]) -> None:
+        for message in self._executor.train(runs):
+            self._events.put((runs, message))
+
+    def _to_do(self, batch: Sequence[RunSettings]) -> list[RunSettings]:
+        """Returns the runs that no process has finished or is training."""
+        mine, others = [], []
+        for run in batch:
+            found = run_status(run, self._results)
+            if found.state == "failed" and run.id not in self._retry:
+                self._fail(run, found.error)
+            elif found.state == "finished":
+                self._watcher.message(run, {"run": run.id, "finished": True})
+            elif is_elsewhere(run, self._results):
+                others.append(run)
+            else:
+                mine.append(run)
+        self._leave(others)
+        # A run is retried once.
+        self._retry -= {run.id for run in mine}
+        return mine
+
+    def _handle_event(self) -> None:
+        """Handles the next message, or the end of a worker; returns after a while without one."""
+        with suppress(queue.Empty):
+            runs, event = self._events.get(timeout=_LOOK_EVERY)
+            if isinstance(event, Future):
+                self._end(runs, event)
+            else:
+                self._report(next(run for run in runs if run.id == event["run"]), event)
+
+    def _report(self, run: RunSettings, message: Message) -> None:
+        """Handles a message on a run."""
+        if "finished" in message or "failed" in message:
+            self._open.pop(run.id, None)
+        if message.get("held"):
+            self._leave([run])
+        elif "failed" in message:
+            self._fail(run, message["failed"])
+        else:
+            self._watcher.message(run, message)
+        if "resumed_at" in message:
+            self._watcher.note(_resume_sentence(run, message))
+
+    def _end(self, runs: Sequence[RunSettings], worker: Future[None]) -> None:
+        """Handles the end of a worker; runs without an outcome are trained again."""
+        self._workers -= 1
+        self._watcher.ended(runs)
+        worker.result()
+        again = []
+        for run in (run for run in runs if self._open.pop(run.id, None)):
+            self._deaths[run.id] += 1
+            if self._deaths[run.id] < _MAX_DEATHS:
+                again.append(run)
+            else:
+                reason = f"its process died without a message, {_MAX_DEATHS} times"
+                record_failure(run, self._results, reason)
+                self._fail(run, reason)
+        if again:
+            # A run that failed before may have died before it was started again.
+            self._retry |= {run.id for run in again}
+            self._waiting.append(again)
+            self._watcher.note(f"The process of {_named(again)} died; they are tried again.")
+
+    def _leave(self, runs: Sequence[RunSettings]) -> None:
+        """Leaves runs to the process that is training them."""
+        if not runs:
+            return
+        if self._wait:
+            self._elsewhere |= {run.id: run for run in runs}
+        then = "waited for at the end" if self._wait else "left out here"
+        verb = "it is" if len(runs) == 1 else "they are"
+        self._watcher.note(f"Another process is training {_named(runs)}; {verb} {then}.")
+
+    def _take_back(self) -> None:
+        """Takes runs back that another process has finished, failed or left."""
+        self._looked = time.monotonic()
+        free = [run for run in self._elsewhere.values() if self._is_free(run)]
+        for run in free:
+            del self._elsewhere[run.id]
+        self._add(free)
+
+    def _is_free(self, run: RunSettings) -> bool:
+        ended = run_status(run, self._results).state in ("finished", "failed")
+        return ended or not is_elsewhere(run, self._results)
+
+    def _fail(self, run: RunSettings, reason: str) -> None:
+        self._failures[run.id] = reason
+        self._watcher.message(run, {"run": run.id, "failed": reason})
+        self._watcher.warn(f"the run {run.id} failed: {reason}")
+
+
+def _resume_sentence(run: RunSettings, message: Message) -> str:
+    steps = message["resumed_at"]
+    how = f"resumes at control step {steps:,}" if steps else "starts again from the beginning"
+    return f"The run {run.id} was interrupted or failed; it {how}. {message['reason']}".rstrip()
+
+
+def _named(runs: Sequence[RunSettings]) -> str:
+    """Returns the name of runs of one cell: `seeds 0, 1, 4 of td3 face_direction full`."""
+    seeds = ", ".join(str(run.seed) for run in runs)
+    cell = f"{runs[0].algo} {runs[0].task} {runs[0].representation}"
+    return f"{'seed' if len(runs) == 1 else 'seeds'} {seeds} of {cell}"

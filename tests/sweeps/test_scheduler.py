@@ -1,0 +1,99 @@
+"""Sweeps from Python, without the command line."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from jbench.store import Results
+from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.sweeps.scheduler import sweep
+from jbench.sweeps.watcher import Watcher
+from tests.sweep_matrices import runs_of_matrix, states, write_matrix
+
+# A sweep that is watched, and one of a single line.
+PROGRAM = """
+import json, sys, threading
+from contextlib import contextmanager
+from pathlib import Path
+from jbench.sweeps.executors import Local
+from jbench.sweeps.matrix import matrix_cells, read_matrix
+from jbench.sweeps.scheduler import sweep
+from jbench.sweeps.watcher import Watcher
+from jbench.store import Results
+
+matrix, results = sys.argv[1], Results(Path(sys.argv[2]))
+events = []
+
+def event(name):
+    assert threading.current_thread() is threading.main_thread()
+    if events[-1:] != [name]:
+        events.append(name)
+
+class Recorder(Watcher):
+    @contextmanager
+    def progress(self, label, total, unit):
+        event(label)
+        yield lambda done: event(label)
+
+    @contextmanager
+    def training(self, runs):
+        event(f"training {len(runs)}")
+        yield
+        event("done")
+
+    def forecast(self, statuses, jobs):
+        event(f"{sum(each.steps_left for each in statuses)} steps in {jobs} process")
+
+    def started(self, runs):
+        event("started")
+
+    def message(self, run, message):
+        event("finished" if "finished" in message else message["control_steps"])
+
+    def ended(self, runs):
+        event("ended")
+
+first = matrix_cells(read_matrix(matrix, seeds=[0]), results)
+assert sweep(first, results, lambda: Local(results, jobs=1), Recorder()) == {}
+assert sweep(matrix_cells(read_matrix(matrix), results), results) == {}
+commands = ("jbench.cli", "jbench.commands.display", "jbench.commands.output")
+of_the_command_line = [name for name in sys.modules if name.startswith(commands)]
+print(json.dumps([events, of_the_command_line]))
+"""
+
+
+def test_a_program_sweeps_without_the_command_line_and_receives_the_events(tmp_path):
+    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0-1")
+    results = tmp_path / "results"
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, matrix, str(results)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    events, of_the_command_line = json.loads(done.stdout)
+    assert of_the_command_line == []
+    assert events == [
+        *("collect", "pca3 face_direction"),
+        *("2000 steps in 1 process", "training 1", "started", 1000, 2000, "finished", "ended"),
+        "done",
+    ]
+    assert states(runs_of_matrix(matrix, results), results) == ["finished"] * 2
+
+
+def test_runs_whose_dataset_can_not_be_collected_fail_and_no_process_starts(tmp_path, monkeypatch):
+    cells = matrix_cells(
+        read_matrix(write_matrix(tmp_path, representations='"pca3"')), Results(tmp_path)
+    )
+    (tmp_path / "datasets").mkdir()
+    (tmp_path / "datasets" / "random").write_text("a file where a directory belongs")
+    warnings = []
+    monkeypatch.setattr(Watcher, "warn", lambda _, sentence: warnings.append(sentence))
+    monkeypatch.setattr("jbench.sweeps.executors._start", lambda: pytest.fail("it started"))
+    failures = sweep(cells, Results(tmp_path))
+    assert list(failures) == [run.id for run in cells[0].runs]
+    assert {reason.partition(":")[0] for reason in failures.values()} == {
+        "its dataset can't be collected"
+    }
+    assert len(warnings) == 1
+    assert warnings[0].startswith(f"the runs on {cells[0].encoder.id} are left out: its dataset")

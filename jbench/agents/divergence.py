@@ -11,24 +11,25 @@ class Divergence(NamedTuple):
     """The first sign that an agent diverged.
 
     Attributes:
-        update: number of updates made (PPO: epochs).
+        update: number of updates made (PPO: epochs); None if unknown.
         control_steps: number of control steps made, over all environments.
         what: what is not finite: "actions", "weights", "episode_return", or the name of a loss.
     """
 
-    update: int
+    update: int | None
     control_steps: int
     what: str
 
     def __str__(self) -> str:
         """Returns a sentence for the user."""
         verb = "are" if self.what in ("actions", "weights") else "is"
+        after = "" if self.update is None else f" after update {self.update:,},"
         return (
-            f"The agent diverged: its {self.what} {verb} not finite after update {self.update:,}, "
+            f"The agent diverged: its {self.what} {verb} not finite{after} "
             f"at control step {self.control_steps:,}."
         )
 
-    def to_summary(self) -> dict[str, dict[str, int | str]]:
+    def to_summary(self) -> dict[str, dict[str, int | str | None]]:
         """Returns the summary in the manifest of a diverged run."""
         return {"diverged": self._asdict()}
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from jbench.encoders import Encoder, load_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.policies.feature_map import FeatureMap
+from jbench.policies.network import Network
 from jbench.store import Record, Results
 
 WEIGHTS = "policy.safetensors"
@@ -85,12 +86,31 @@ class Policy:
         return policy
 
 
+def read_policy(weights: bytes, description: bytes) -> Policy | Network:
+    """Reads a policy of a run: of our algorithms, or of a recorded training loop.
+
+    Raises:
+        ValueError: if the files are invalid.
+    """
+    if b'"network"' in description:
+        return Network.from_files(weights, description)
+    return Policy.from_files(weights, description)
+
+
+def network_files(network: Network) -> dict[str, bytes]:
+    """Returns a network as files by name, as `Policy.to_files` does."""
+    return {
+        WEIGHTS: safetensors.numpy.save(network.tensors()),
+        DESCRIPTION: json.dumps(network.description(), indent=1).encode(),
+    }
+
+
 @dataclass(frozen=True)
 class TrainedAgent:
     """The policy of a finished run together with its encoder."""
 
     task: str
-    policy: Policy
+    policy: Policy | Network
     encoder: Encoder | None
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -119,7 +139,7 @@ def load_agent(results: Results, run: str) -> TrainedAgent:
     if not has_policy(record):
         raise RequestError(f"The run {run} in {results.path} was saved without its policy.")
     try:
-        policy = Policy.from_files(record.read_file(WEIGHTS), record.read_file(DESCRIPTION))
+        policy = read_policy(record.read_file(WEIGHTS), record.read_file(DESCRIPTION))
     except ValueError as error:
         raise WorkError(f"The policy of {run} can't be read ({error}).") from None
     encoder = record.settings["encoder"]

@@ -6,6 +6,7 @@ from typing import Any
 
 from jbench.settings.algorithms import SETTINGS
 from jbench.settings.base import canonical_json, settings_hash
+from jbench.settings.external import EXTERNAL
 from jbench.settings.run import Run, RunSettings
 
 Flat = dict[tuple[str, ...], Any]
@@ -74,8 +75,11 @@ def flatten(settings: Run | Mapping[str, Any]) -> Flat:
     if isinstance(settings, Mapping):
         return _flat(_sorted(settings), ())
     values = _sorted(settings.values)
-    if settings.algo in SETTINGS and isinstance(values.get("hyperparameters"), dict):
-        values["hyperparameters"] = SETTINGS[settings.algo].omitted() | values["hyperparameters"]
+    ours = settings.engine != EXTERNAL and settings.algo in SETTINGS
+    if ours and isinstance(values.get("hyperparameters"), dict):
+        values["hyperparameters"] = (
+            SETTINGS[str(settings.algo)].omitted() | values["hyperparameters"]
+        )
     return _flat(RunSettings.omitted() | values, ())
 
 

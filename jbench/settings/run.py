@@ -26,6 +26,7 @@ from jbench.names import (
 )
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.base import Settings, omissible, validated
+from jbench.settings.external import EXTERNAL, ExternalSettings
 from jbench.settings.ofe import OFESettings
 
 
@@ -218,14 +219,15 @@ class Unreadable(BaseModel):
             return cls.model_fields[str(info.field_name)].default
 
 
-Run = RunSettings | Unreadable
+Run = RunSettings | ExternalSettings | Unreadable
 """The settings of any run that the database holds."""
 
 
 def read_run(values: Mapping[str, Any]) -> Run:
     """Returns the settings of a run from what its manifest records."""
+    kind = ExternalSettings if values.get("engine") == EXTERNAL else RunSettings
     try:
-        return RunSettings.model_validate(values)
+        return kind.model_validate(values)
     except ValidationError:
         named = {name: values[name] for name in Unreadable.model_fields if name in values}
         return Unreadable(**{**named, "values": dict(values)})

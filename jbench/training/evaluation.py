@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.engine import Engine
+from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout
 from jbench.tasks import model as robot
 from jbench.tasks import resets
 
 
-def robot_model(settings: RunSettings, which: int) -> mujoco.MjModel:
+def robot_model(settings: RunSettings | ExternalSettings, which: int) -> mujoco.MjModel:
     """Returns the robot of a run, or one of several, the last for what lies beyond.
 
     Args:
@@ -37,14 +38,13 @@ class Schedule:
         last_steps: control steps at the last evaluation.
     """
 
-    def __init__(self, settings: RunSettings) -> None:
+    def __init__(self, settings: RunSettings | ExternalSettings) -> None:
         """Counts from the beginning."""
-        self._settings, self.last_steps = settings, 0
+        self._every, self.last_steps = settings.evaluate_every, 0
 
     def due(self, control_steps: int) -> bool:
         """Returns whether `evaluate_every` control steps have passed, and restarts the count."""
-        every = self._settings.evaluate_every
-        if control_steps // every == self.last_steps // every:
+        if control_steps // self._every == self.last_steps // self._every:
             return False
         self.last_steps = control_steps
         return True
@@ -66,7 +66,7 @@ class Evaluator(Schedule):
             seeds: of their evaluations.
         """
         super().__init__(settings)
-        self._seeds, self._done = seeds, 0
+        self._settings, self._seeds, self._done = settings, seeds, 0
 
     def restore(self, done: int, last_steps: int) -> None:
         """Goes on after so many evaluations, the last one at some control step."""

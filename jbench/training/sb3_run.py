@@ -13,11 +13,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from jbench.agents import sb3
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.encoders import Encoder, load_encoder
-from jbench.encoders.wrapper import EncodedObservation
 from jbench.errors import WorkError
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
-from jbench.tasks.gym import environment_id
+from jbench.training.environment import make_env
 from jbench.training.evaluation import Schedule
 from jbench.training.log import Pace, ProcessorClock, RunLog
 
@@ -94,29 +93,6 @@ def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
     return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
 
 
-def make_env(
-    settings: RunSettings, encoder: Encoder | None, robot: int = 0
-) -> gymnasium.Env[Any, Any]:
-    """Returns one environment as the agent of a run sees it, with one robot.
-
-    Args:
-        settings: of the run.
-        encoder: of its observations.
-        robot: which of the run's robots, counted from 0.
-    """
-    augment = settings.augment
-    kwargs = {} if augment is None else {"augment": augment + robot}
-    env: gymnasium.Env[Any, Any] = gymnasium.make(
-        environment_id(settings.task, augmented=augment is not None),
-        disable_env_checker=True,
-        **kwargs,
-    )
-    env = gymnasium.wrappers.RecordEpisodeStatistics(env, buffer_length=1)
-    if settings.time_limit == "terminal":
-        env = TerminalTimeLimit(env)
-    return env if encoder is None else EncodedObservation(env, encoder)
-
-
 def make_training_env(settings: RunSettings, encoder: Encoder | None) -> gymnasium.Env[Any, Any]:
     """Returns one environment to learn in, which goes through all robots of the run."""
     if settings.robots == 1:
@@ -171,18 +147,6 @@ def exchanged(
     return other
 
 
-class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Calls an episode's last step terminal, so that no value is bootstrapped from it.
-
-    So did stable-baselines 2, and with it the paper's agents.
-    """
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Steps the environment; a truncation becomes a termination."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        return observation, reward, terminated or truncated, False, info
-
-
 class Evaluator(Schedule):
     """Episodes of a deterministic policy in a seeded environment of its own.
 
@@ -192,7 +156,7 @@ class Evaluator(Schedule):
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         """Makes the environment; every evaluation goes through episodes of its own."""
         super().__init__(settings)
-        self._encoder, self._robot = encoder, 0
+        self._settings, self._encoder, self._robot = settings, encoder, 0
         self._episodes = settings.evaluate_episodes
         self._env = make_env(settings, encoder)
         self._env.reset(seed=seed)

@@ -14,7 +14,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
 from jbench.training.batched_run import engine_of
-from jbench.training.sb3_run import make_env
+from jbench.training.environment import make_env
 
 _STEPS, _UPDATES = 300, 20
 

@@ -22,7 +22,8 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results, query, schema
 from jbench.tasks import model
 from jbench.training import sb3_run as running
-from jbench.training.sb3_run import make_env, make_training_env, run
+from jbench.training.environment import make_env
+from jbench.training.sb3_run import make_training_env, run
 from tests.training.small_runs import small_run
 
 # Rollouts of 700 steps do not end where a robot's share does; after each there is an update.

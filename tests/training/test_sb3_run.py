@@ -10,7 +10,8 @@ from jbench.policies.saved import load_agent
 from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.store.merge import TIMES
-from jbench.training.sb3_run import make_env, run
+from jbench.training.environment import make_env
+from jbench.training.sb3_run import run
 from jbench.training.speed import seconds_per_step
 from jbench.training.status import plan
 from tests.training.small_runs import small_run

@@ -1,0 +1,79 @@
+"""Actions of whatever a caller trains: a torch module, a stable-baselines3 model, a function."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from jbench.errors import RequestError
+from jbench.simulation.rollout import Act
+
+Actor = Any
+"""A torch module, a model with `predict`, or a function: actions (n, 1) for observations (n, size)
+as float32 arrays (as tensors for a module). It must be deterministic."""
+
+
+@contextlib.contextmanager
+def acting(actor: Actor) -> Iterator[Act]:
+    """Yields the function that acts, with modules in evaluation mode and without gradients.
+
+    The caller's modules and torch's generator are as before afterwards.
+
+    Raises:
+        RequestError: if it can't be called, or its actions have the wrong shape or are not finite.
+    """
+    modules = list(actor.modules()) if isinstance(actor, nn.Module) else []
+    modes = [module.training for module in modules]
+    with torch.no_grad(), torch.random.fork_rng(devices=[]):
+        try:
+            if isinstance(actor, nn.Module):
+                actor.eval()
+            yield _checked(_function(actor))
+        finally:
+            for module, mode in zip(modules, modes, strict=True):
+                module.training = mode
+
+
+def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
+    if isinstance(actor, nn.Module):
+        parameter = next(actor.parameters(), torch.empty(0))
+        return lambda observations: actor(
+            torch.as_tensor(observations, dtype=parameter.dtype, device=parameter.device)
+        )
+    if hasattr(actor, "predict"):
+        from jbench.recording.sb3 import acting_function
+
+        return acting_function(actor)
+    if callable(actor):
+        function: Callable[[NDArray[np.float32]], Any] = actor
+        return function
+    raise RequestError(
+        f"A {type(actor).__name__} can't act: pass a torch module, a stable-baselines3 model, or a "
+        "function of observations."
+    )
+
+
+def _checked(function: Callable[[NDArray[np.float32]], Any]) -> Act:
+    """Returns the function with its actions as an array of the right shape."""
+
+    def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        answer = function(observations)
+        if isinstance(answer, torch.Tensor):
+            answer = answer.detach().to("cpu", torch.float32).numpy()
+        wanted = (len(observations), 1)
+        if isinstance(answer, tuple) or np.shape(answer) != wanted:
+            found = "a tuple" if isinstance(answer, tuple) else f"the shape {np.shape(answer)}"
+            raise RequestError(
+                f"The actor returned {found} for observations {observations.shape}; it must "
+                f"return actions {wanted}."
+            )
+        actions = np.asarray(answer, np.float64)
+        if not np.isfinite(actions).all():
+            raise RequestError("The actor returned actions that are not finite.")
+        return actions
+
+    return act

@@ -1,0 +1,298 @@
+"""`jbench.record`: a run whose training loop is the caller's."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from torch import nn
+
+from jbench.agents.divergence import DivergedError, Divergence
+from jbench.encoders import Encoder, load_encoder
+from jbench.errors import RequestError, WorkError
+from jbench.names import TimeLimit
+from jbench.policies.network import Network
+from jbench.recording.actors import Actor, acting
+from jbench.recording.environments import RecordedEnvironment, is_finite
+from jbench.recording.networks import UnsupportedPolicyError, network_of
+from jbench.recording.request import external_settings, made_with
+from jbench.recording.writer import RunWriter
+from jbench.settings.external import ExternalSettings
+from jbench.store import Results, schema
+from jbench.tasks import features
+from jbench.training.environment import make_env
+
+if TYPE_CHECKING:
+    from jbench.recording.sb3 import RecordingCallback
+
+
+class AlreadyFinishedError(WorkError):
+    """The run is in the results already: `with jbench.record(...)` skips the rest of its block."""
+
+
+def record(
+    task: str,
+    *,
+    algo: str,
+    seed: int,
+    steps: int,
+    hyperparameters: Mapping[str, Any],
+    results: Path | str = "results",
+    encoder: str = "none",
+    time_limit: TimeLimit = "bootstrap",
+    augment: int | None = None,
+    evaluate_every: int = 50_000,
+    evaluate_episodes: int = 10,
+    package: str | None = None,
+) -> "Recording":
+    """Records a training loop as a run of a results directory.
+
+    Args:
+        task: one of `jbench.names.TASKS`.
+        algo: label of the algorithm, such as cleanrl-td3.
+        seed: of the run; its environments and evaluations are seeded by it.
+        steps: control steps over all environments that the loop will make.
+        hyperparameters: JSON values by name; part of the run's id. Runs that differ in them are
+            drawn as separate curves. "seed" and "total_timesteps" are left out of them.
+        results: results directory.
+        encoder: as `jbench train --encoder`: "none", a number of latents, KIND:LATENTS or an id.
+        time_limit: "bootstrap" truncates an episode at its time limit, "terminal" terminates it.
+        augment: seed of the augmented robot, or None for the plain robot.
+        evaluate_every: control steps between evaluations.
+        evaluate_episodes: episodes in an evaluation.
+        package: distribution of the agent, whose version is recorded in the provenance.
+
+    Raises:
+        RequestError: if a value is invalid, or there is no such encoder.
+    """
+    place = Results(Path(results))
+    settings = external_settings(
+        place,
+        task=task,
+        algo=algo,
+        seed=seed,
+        steps=steps,
+        hyperparameters=hyperparameters,
+        encoder=encoder,
+        time_limit=time_limit,
+        augment=augment,
+        evaluate_every=evaluate_every,
+        evaluate_episodes=evaluate_episodes,
+    )
+    return Recording(settings, place, made_with(package))
+
+
+class Recording:
+    """A run that is being recorded; `with` begins and ends it.
+
+    The block of a finished run is left at the first use of the recording, without an error. A
+    block that raises leaves a failed run. A run that was killed, interrupted or failed starts over.
+
+    Attributes:
+        id: of the run.
+        finished: whether the run is finished; then the block can be left out.
+    """
+
+    def __init__(
+        self, settings: ExternalSettings, results: Results, made_on: Mapping[str, str | None]
+    ) -> None:
+        """Prepares the recording; nothing is written before the `with` block begins."""
+        self.id, self.finished = settings.id, False
+        self._settings, self._results, self._made_on = settings, results, made_on
+        self._encoder: Encoder | None = None
+        if settings.encoder is not None:
+            self._encoder = load_encoder(results, settings.encoder)[0]
+        self._lock = contextlib.ExitStack()
+        self._process = os.getpid()
+        self._writer: RunWriter | None = None
+        self._environments = 0
+        self._losses: dict[str, Any] = {}
+        self._kept: tuple[Network, int] | None = None
+
+    @property
+    def control_steps(self) -> int:
+        """Control steps made so far in this block, over all environments."""
+        return 0 if self._writer is None else self._writer.control_steps
+
+    def __enter__(self) -> "Recording":
+        """Locks the run and creates its record.
+
+        Raises:
+            WorkError: if another process writes the run, or nothing can be written.
+        """
+        with contextlib.ExitStack() as stack:
+            found = stack.enter_context(self._results.locked("run", self.id))
+            if found is not None and found.status == "finished":
+                self.finished = True
+                return self
+            if found is not None:
+                _note(f"The run {self.id} is {found.status}; it starts over.")
+            record = self._results.create("run", self.id, self._settings.values, self._made_on)
+            self._writer = RunWriter(record, self._settings, self._encoder)
+            self._lock = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> bool:
+        """Finishes the run, or marks it as failed.
+
+        Raises:
+            WorkError: if the block has made too few control steps, or nothing can be written.
+        """
+        writer, self._writer = self._writer, None
+        if writer is None:
+            skipped = isinstance(error, AlreadyFinishedError)
+            if skipped:
+                _note(str(error))
+            return skipped
+        with self._lock:
+            # A policy that can't be kept does not spoil a training that is complete.
+            if error is None or (isinstance(error, UnsupportedPolicyError) and writer.is_complete):
+                try:
+                    writer.finish(self._kept)
+                    self.finished = True
+                except Exception as failure:
+                    writer.stop(failure)
+                    raise
+            else:
+                writer.stop(error)
+        return False
+
+    def env(self) -> gymnasium.Env[Any, Any]:
+        """Returns an environment whose episodes are recorded; each call makes one.
+
+        The first `reset` is seeded by the run, unless the caller gives a seed.
+
+        Raises:
+            RequestError: in another process than that of the recording.
+        """
+        self._running()
+        env = make_env(self._settings, self._encoder)
+        seed = np.random.SeedSequence(self._settings.seed, spawn_key=(self._environments,))
+        self._environments += 1
+        return RecordedEnvironment(env, int(seed.generate_state(1)[0]), self)
+
+    def losses(self, **values: Any) -> None:
+        """Sets the losses that are recorded with the next episodes.
+
+        Args:
+            values: numbers, or tensors of one element, which are read when an episode ends; by the
+                names of the columns of the table `episodes`, such as critic_loss and actor_loss.
+
+        Raises:
+            RequestError: if there is no column of such a name.
+        """
+        self._running()
+        if unknown := sorted(values.keys() - schema.LOSSES):
+            raise RequestError(
+                f"There is no loss {', '.join(unknown)}; there are {', '.join(schema.LOSSES)}."
+            )
+        self._losses |= {
+            name: value.detach() if hasattr(value, "detach") else value
+            for name, value in values.items()
+        }
+
+    def evaluate(self, actor: Actor) -> NDArray[np.float64] | None:
+        """Evaluates a policy if `evaluate_every` control steps have passed.
+
+        Args:
+            actor: deterministic: a torch module, a stable-baselines3 model, or a function that
+                returns actions (n, 1) for (encoded) observations (n, size).
+
+        Returns:
+            The returns (evaluate_episodes,), or None if no evaluation was due.
+
+        Raises:
+            RequestError: if its actions have the wrong shape or are not finite.
+        """
+        writer = self._running()
+        if not writer.evaluation_due():
+            return None
+        with acting(actor) as act:
+            return writer.evaluate(act, self.control_steps)
+
+    def keep_policy(self, actor: Actor) -> None:
+        """Keeps a copy of a policy, which `jbench evaluate --policy` can run; replaces the last.
+
+        Args:
+            actor: a torch module that applies its layers one after another, or a
+                stable-baselines3 model.
+
+        Raises:
+            UnsupportedPolicyError: if it is anything else; a RequestError.
+        """
+        self._running()
+        size = features.TASK_SPECS[self._settings.task].observation_size
+        inputs = size if self._encoder is None else self._encoder.latent_size
+        self._kept = _network(actor, inputs), self.control_steps
+
+    def sb3_callback(self) -> "RecordingCallback":
+        """Returns a callback for `learn` of a stable-baselines3 model.
+
+        It records the losses, evaluates the model when that is due, and keeps its policy.
+        """
+        from jbench.recording.sb3 import RecordingCallback
+
+        self._running()
+        return RecordingCallback(self)
+
+    def on_action(self, action: Any) -> None:
+        """Called by the environments before a control step; see `env`."""
+        writer = self._running()
+        if not is_finite(action):
+            raise DivergedError(Divergence(None, writer.control_steps, "actions"))
+
+    def on_step(self) -> None:
+        """Called by the environments after a control step."""
+        self._running().control_steps += 1
+
+    def on_episode(self, episode_return: float, length: int) -> None:
+        """Called by the environments at the end of an episode."""
+        self._running().episode(episode_return, length, self._losses)
+
+    def __getstate__(self) -> NoReturn:
+        """Refuses to be copied into another process."""
+        raise TypeError(_ONE_PROCESS)
+
+    def _running(self) -> RunWriter:
+        if self.finished:
+            raise AlreadyFinishedError(f"The run {self.id} is already finished; it is skipped.")
+        if os.getpid() != self._process:
+            raise RequestError(_ONE_PROCESS)
+        if self._writer is None:
+            raise RequestError("A recording is used within its block: with jbench.record(...).")
+        return self._writer
+
+
+_ONE_PROCESS = (
+    "The environments of a recording run in its own process: use SyncVectorEnv or DummyVecEnv."
+)
+
+
+def _network(actor: Actor, inputs: int) -> Network:
+    """Returns a copy of a policy.
+
+    Raises:
+        UnsupportedPolicyError: if it is not a sequence of supported layers.
+    """
+    if isinstance(actor, nn.Module):
+        return network_of(actor, inputs)
+    if hasattr(actor, "predict") and hasattr(actor, "policy"):
+        from jbench.recording.sb3 import network_of_model
+
+        return network_of_model(actor, inputs)
+    raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")
+
+
+def _note(sentence: str) -> None:
+    print(sentence, file=sys.stderr, flush=True)

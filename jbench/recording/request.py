@@ -1,0 +1,130 @@
+"""From the arguments of `jbench.record` to the settings of the run."""
+
+import hashlib
+import importlib.metadata
+import math
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jbench.encoders import find_encoder
+from jbench.errors import RequestError
+from jbench.names import EPISODE_STEPS, OFE, kind_of
+from jbench.settings.base import validated
+from jbench.settings.external import ExternalSettings
+from jbench.store import Results
+from jbench.training.request import representation_of
+
+_SEED = ("seed",)
+_STEPS = ("steps", "total_timesteps", "total_steps", "timesteps", "n_timesteps")
+
+
+def external_settings(
+    results: Results, *, encoder: str, hyperparameters: Mapping[str, Any], **fields: Any
+) -> ExternalSettings:
+    """Returns the settings of a recorded run.
+
+    Args:
+        results: where the encoder is.
+        encoder: "none", a number of latents, KIND:LATENTS, KIND, or an encoder's id.
+        hyperparameters: of the caller; see `plain_hyperparameters`.
+        fields: the other fields of `ExternalSettings`.
+
+    Raises:
+        RequestError: if a value is invalid, or there is no such encoder.
+    """
+    # A task or label that does not exist is reported before an encoder that does not.
+    validated(ExternalSettings, "the run", hyperparameters={}, **fields)
+    if fields["steps"] < EPISODE_STEPS:
+        raise RequestError(
+            f"No episode would end in {fields['steps']} control steps: steps must be "
+            f"{EPISODE_STEPS} or more."
+        )
+    if encoder != "none":
+        if kind_of(encoder).rstrip(":") == OFE:
+            raise RequestError(
+                f"encoder={encoder!r} is learned together with jbench's own agents; choose none "
+                "or an encoder of these results."
+            )
+        fields["encoder"] = found = find_encoder(results, encoder, fields["task"])
+        fields["representation"] = representation_of(results, found)
+    hyperparameters = plain_hyperparameters(hyperparameters, fields["seed"], fields["steps"])
+    return validated(ExternalSettings, "the run", hyperparameters=hyperparameters, **fields)
+
+
+def plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> dict[str, Any]:
+    """Returns hyperparameters as JSON values.
+
+    The seed and the number of steps are settings of the run already. They are left out here, since
+    runs whose hyperparameters differ are not drawn as one curve.
+
+    Args:
+        values: by name; "seed", "total_timesteps" and the like must agree with the run.
+        seed: of the run.
+        steps: of the run.
+
+    Raises:
+        RequestError: if a value is not a JSON value, or the seed or the steps do not agree.
+    """
+    plain = {}
+    for name, value in values.items():
+        plain[name] = _plain(value, f"hyperparameters[{name!r}]")
+        for names, own, field in ((_SEED, seed, "seed"), (_STEPS, steps, "steps")):
+            if name not in names:
+                continue
+            if plain.pop(name) != own:
+                raise RequestError(
+                    f"hyperparameters[{name!r}] is {value!r}, but {field}={own}: type the same "
+                    "number in both, or leave it out of the hyperparameters."
+                )
+    return plain
+
+
+def _plain(value: Any, where: str) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
+        return {name: _plain(one, f"{where}[{name!r}]") for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one, f"{where}[{i}]") for i, one in enumerate(value)]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float) and math.isfinite(value):
+        return value
+    raise RequestError(
+        f"{where} is {value!r}, which can't be recorded: type finite numbers, texts, None, lists "
+        "and dictionaries."
+    )
+
+
+def made_with(package: str | None) -> dict[str, str | None]:
+    """Returns provenance of the training loop: the checksum of its script, and its package.
+
+    Args:
+        package: installed distribution that the agent is from, or None.
+
+    Raises:
+        RequestError: if it is not installed.
+    """
+    found: dict[str, str | None] = {"script_sha256": _script_hash()}
+    if package is not None:
+        try:
+            found["package"] = f"{package} {importlib.metadata.version(package)}"
+        except importlib.metadata.PackageNotFoundError:
+            raise RequestError(f"package={package!r} is not an installed distribution.") from None
+    return found
+
+
+def _script_hash() -> str | None:
+    """Returns the SHA-256 of the running script; None in a notebook or an interactive session."""
+    path = getattr(sys.modules.get("__main__"), "__file__", None)
+    try:
+        return None if path is None else hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    except OSError:
+        return None

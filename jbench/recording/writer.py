@@ -1,0 +1,137 @@
+"""The rows and the end of a recorded run."""
+
+import contextlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
+from jbench.encoders import Encoder
+from jbench.errors import RequestError, WorkError
+from jbench.policies.network import Network
+from jbench.policies.saved import network_files
+from jbench.settings.external import ExternalSettings
+from jbench.simulation import Robots, rollout
+from jbench.simulation.rollout import Act
+from jbench.store import Record
+from jbench.store.provenance import cores
+from jbench.tasks import resets
+from jbench.training.evaluation import Schedule, robot_model
+from jbench.training.log import Pace, ProcessorClock, RunLog
+
+_COMMIT_EVERY = 15.0  # s
+
+_COMPLETE = 0.99
+"""Share of its control steps after which a run is complete. Gymnasium's vector environments spend
+a step on each reset by default, so a loop of N steps makes up to N / 1001 control steps less."""
+
+
+class RunWriter:
+    """Writes a recorded run; the caller holds the lock of its record.
+
+    Attributes:
+        control_steps: made so far, over all environments.
+    """
+
+    def __init__(self, record: Record, settings: ExternalSettings, encoder: Encoder | None) -> None:
+        """Starts the clocks of a run without rows."""
+        self.control_steps = 0
+        self._record, self._settings, self._encoder = record, settings, encoder
+        self._log, self._clock = RunLog(record), ProcessorClock()
+        self._pace, self._schedule = Pace(_COMMIT_EVERY), Schedule(settings)
+        # As for jbench's own agents: the same seed has the same evaluation episodes.
+        self._seed = int(np.random.SeedSequence(settings.seed).generate_state(2)[1])
+        self._evaluations = 0
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the run has made its control steps."""
+        return self.control_steps >= _COMPLETE * self._settings.steps
+
+    def episode(self, episode_return: float, length: int, losses: Mapping[str, Any]) -> None:
+        """Adds a training episode that has just ended.
+
+        Raises:
+            DivergedError: if a loss is not finite.
+        """
+        numbers = {name: float(value) for name, value in losses.items()}
+        if (name := divergent_loss(numbers)) is not None:
+            raise DivergedError(Divergence(None, self.control_steps, name))
+        self._clock.share([self._log])
+        self._log.episode(self.control_steps, episode_return, length, numbers)
+        if self._pace.due():
+            self._pace.spent(self._log.commit())
+
+    def evaluation_due(self) -> bool:
+        """Returns whether `evaluate_every` control steps have passed, and restarts the count."""
+        return bool(self._settings.evaluate_episodes) and self._schedule.due(self.control_steps)
+
+    def evaluate(self, act: Act, control_steps: int) -> NDArray[np.float64]:
+        """Runs the episodes of an evaluation side by side.
+
+        Args:
+            act: returns actions (n, 1) for (encoded) observations (n, size).
+            control_steps: after which the policy was copied.
+
+        Returns:
+            The returns (evaluate_episodes,).
+        """
+        task, episodes, encoder = (
+            self._settings.task,
+            self._settings.evaluate_episodes,
+            self._encoder,
+        )
+        generator = resets.episode_generator(self._seed, self._evaluations)
+        starts = resets.draw_starts(task, [generator] * episodes)
+        returns, length = np.zeros(episodes), 0
+
+        def encoded(observations: NDArray[np.float32]) -> NDArray[np.floating]:
+            return act(observations if encoder is None else encoder.encode(observations))
+
+        with Robots(robot_model(self._settings, 0), episodes, cores()) as robots:
+            for transition in rollout(task, robots, starts, encoded):
+                returns += transition.rewards
+                length += 1
+        self._evaluations += 1
+        self._clock.share([self._log])
+        self._log.evaluation(control_steps, [(float(total), length) for total in returns])
+        return returns
+
+    def finish(self, kept: tuple[Network, int] | None) -> None:
+        """Evaluates the kept policy if it is newer than the last evaluation; finishes the run.
+
+        Args:
+            kept: a policy, and the control steps after which it was copied.
+
+        Raises:
+            WorkError: if the run is not complete, or nothing can be written.
+        """
+        done, steps = self.control_steps, self._settings.steps
+        if not self.is_complete:
+            raise WorkError(
+                f"The block has made {done:,} of {steps:,} control steps, so the run "
+                f"{self._record.id} has failed; let it make all of them, or pass fewer steps."
+            )
+        if kept is not None and self._settings.evaluate_episodes:
+            network, at = kept
+            if self._schedule.last_steps < at:
+                self.evaluate(network.act, at)
+        self._clock.share([self._log])
+        self._log.commit()
+        files = {} if kept is None else network_files(kept[0])
+        self._record.finish(self._log.summary(done), files)
+
+    def stop(self, error: BaseException) -> None:
+        """Commits the rows so far; marks the run as failed, unless Ctrl-C or an exit stopped it."""
+        with contextlib.suppress(WorkError):
+            self._clock.share([self._log])
+            self._log.commit()
+        if not isinstance(error, Exception):
+            return
+        named = isinstance(error, RequestError | WorkError)
+        text = str(error) if named else f"{type(error).__name__}: {error}"
+        details = error.divergence.to_summary() if isinstance(error, DivergedError) else {}
+        with contextlib.suppress(WorkError):
+            self._record.fail(text, details)

@@ -1,0 +1,46 @@
+"""The environment of a run, as its agent sees it."""
+
+from typing import Any
+
+import gymnasium
+
+from jbench.encoders import Encoder
+from jbench.encoders.wrapper import EncodedObservation
+from jbench.settings.external import ExternalSettings
+from jbench.settings.run import RunSettings
+from jbench.tasks.gym import environment_id
+
+
+def make_env(
+    settings: RunSettings | ExternalSettings, encoder: Encoder | None, robot: int = 0
+) -> gymnasium.Env[Any, Any]:
+    """Returns one environment as the agent of a run sees it, with one robot.
+
+    Args:
+        settings: of the run.
+        encoder: of its observations.
+        robot: which of the run's robots, counted from 0.
+    """
+    augment = settings.augment
+    kwargs = {} if augment is None else {"augment": augment + robot}
+    env: gymnasium.Env[Any, Any] = gymnasium.make(
+        environment_id(settings.task, augmented=augment is not None),
+        disable_env_checker=True,
+        **kwargs,
+    )
+    env = gymnasium.wrappers.RecordEpisodeStatistics(env, buffer_length=1)
+    if settings.time_limit == "terminal":
+        env = TerminalTimeLimit(env)
+    return env if encoder is None else EncodedObservation(env, encoder)
+
+
+class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Calls an episode's last step terminal, so that no value is bootstrapped from it.
+
+    So did stable-baselines 2, and with it the paper's agents.
+    """
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Steps the environment; a truncation becomes a termination."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, terminated or truncated, False, info

@@ -1,0 +1,462 @@
+"""Training loops of others, recorded as runs: real physics, tiny networks, few steps."""
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+import jbench
+from jbench.cli import main
+from jbench.policies.saved import load_agent
+from jbench.recording.networks import network_of
+from jbench.recording.request import plain_hyperparameters
+from jbench.settings.external import ExternalSettings
+from jbench.settings.run import read_run
+from jbench.store import Results, schema
+from tests.documentation import ROOT
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+STEPS = 2000
+RUN = {"algo": "mine", "seed": 3, "steps": STEPS, "evaluate_every": 1000, "evaluate_episodes": 2}
+
+
+def recorded(results, **changes):
+    hyperparameters = {"rate": 0.5, "seed": 3, "total_timesteps": STEPS, "layers": (8, 8)}
+    arguments = {**RUN, "hyperparameters": hyperparameters, "results": results, **changes}
+    return jbench.record("face_direction", **arguments)
+
+
+class Actor(nn.Module):
+    """In the style of CleanRL: the activations are functions, the range of actions a buffer."""
+
+    def __init__(self, inputs=16):
+        super().__init__()
+        self.fc1, self.norm, self.fc_mu = nn.Linear(inputs, 8), nn.LayerNorm(8), nn.Linear(8, 1)
+        self.log_std = nn.Linear(8, 1)  # not used by forward's result
+        self.register_buffer("action_scale", torch.tensor([0.5]))
+
+    def forward(self, x):
+        x = nn.functional.relu(self.norm(self.fc1(x)))
+        self.log_std(x)
+        return torch.tanh(self.fc_mu(x)) * self.action_scale
+
+
+def loop(recording, actor, episodes=2):
+    """Acts by a sine for some episodes; returns the sums of rewards that it saw."""
+    env, returns = recording.env(), []
+    for _ in range(episodes):
+        env.reset()
+        total, ended, step = 0.0, False, 0
+        while not ended:
+            action = np.array([np.sin(step / 5)], np.float32)
+            _, reward, terminated, ended, _ = env.step(action)
+            assert not terminated
+            total, step = total + reward, step + 1
+            recording.losses(critic_loss=torch.tensor(float(step)), actor_loss=-1.0)
+            recording.evaluate(actor)
+        returns.append(total)
+    return returns
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A finished run, and what its loop saw."""
+    place = tmp_path_factory.mktemp("recorded") / "results"
+    torch.manual_seed(0)
+    actor = Actor()
+    with recorded(place) as recording:
+        returns = loop(recording, actor)
+        recording.keep_policy(actor)
+    assert recording.finished
+    return place, recording.id, actor, returns
+
+
+@pytest.fixture
+def copy(finished, tmp_path):
+    """A copy of the results of the finished run."""
+    shutil.copytree(finished[0], tmp_path / "results")
+    return tmp_path / "results"
+
+
+def record_of(place, id):
+    return Results(place).find("run", id)
+
+
+def test_rows_are_what_the_environment_returned(finished):
+    place, id, _, returns = finished
+    rows = record_of(place, id).read("episodes", schema.EPISODES).to_pylist()
+    assert [row["episode_return"] for row in rows] == pytest.approx(returns, rel=1e-6)
+    assert [(row["control_steps"], row["length"]) for row in rows] == [(1000, 1000), (2000, 1000)]
+    # The losses of the step before the last: that of the last one comes after the episode's end.
+    assert [(row["critic_loss"], row["actor_loss"]) for row in rows] == [(999, -1), (999, -1)]
+    assert rows[0]["policy_loss"] is None
+
+
+def test_the_first_episode_is_that_of_the_seed(finished, tmp_path):
+    place, id, actor, returns = finished
+    with recorded(tmp_path / "again") as recording:
+        assert loop(recording, actor) == returns
+    assert recording.id == id
+    first, second = (
+        record_of(where, id).read("evaluations", schema.EVALUATIONS)["episode_return"].to_pylist()
+        for where in (place, tmp_path / "again")
+    )
+    assert first == second
+
+
+def test_id_and_settings_are_those_that_were_passed(finished):
+    place, id, _, _ = finished
+    record = record_of(place, id)
+    wanted = {
+        **{"task": "face_direction", "algo": "mine", "representation": "full", "encoder": None},
+        **{"seed": 3, "steps": STEPS, "engine": "external", "time_limit": "bootstrap"},
+        **{"evaluate_every": 1000, "evaluate_episodes": 2},
+        # The seed and the steps are not part of what two runs have to share.
+        "hyperparameters": {"rate": 0.5, "layers": [8, 8]},
+    }
+    assert record.settings == wanted
+    text = json.dumps(wanted, sort_keys=True, separators=(",", ":"))
+    digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+    assert id == f"face_direction/mine/full/s03-{digest}"
+    assert isinstance(read_run(record.settings), ExternalSettings)
+    assert record.manifest.summary["steps_done"] == STEPS
+    assert {"jbench", "processor", "command", "script_sha256"} <= set(record.manifest.provenance)
+
+
+def test_evaluations_come_when_they_are_due(finished):
+    place, id, _, _ = finished
+    rows = record_of(place, id).read("evaluations", schema.EVALUATIONS).to_pylist()
+    places = [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows]
+    assert places == [(0, 1000, 0), (0, 1000, 1), (1, 2000, 0), (1, 2000, 1)]
+
+
+def test_the_kept_policy_acts_as_the_actor(finished, copy, capsys):
+    place, id, actor, _ = finished
+    observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
+    with torch.no_grad():
+        wanted = actor(torch.from_numpy(observations)).numpy()
+    kept = load_agent(Results(place), id)
+    np.testing.assert_allclose(kept.act(observations), wanted, atol=1e-6)
+    arguments = ("--episodes", "2", "--seed", "5", "--results", str(copy), "--json")
+    assert main(["evaluate", "--policy", id, *arguments]) == 0
+    episodes = jbench.open(copy).query("FROM policy_episodes ORDER BY episode")
+    # The oracle: the torch actor in Gymnasium's environment, from the same initial states.
+    from jbench.simulation import Robots, rollout
+    from jbench.tasks import model, resets
+
+    starts = resets.draw_starts("face_direction", [resets.episode_generator(5, i) for i in (0, 1)])
+    total = np.zeros(2)
+    with Robots(model.load(None), 2, 1) as robots, torch.no_grad():
+        act = lambda o: actor(torch.from_numpy(o)).numpy()  # noqa: E731
+        for transition in rollout("face_direction", robots, starts, act):
+            total += transition.rewards
+    np.testing.assert_allclose(episodes["episode_return"], total, rtol=1e-2)
+
+
+def test_a_finished_run_is_skipped_and_the_script_continues(finished, copy, capfd):
+    _, id, _, _ = finished
+    manifest = (copy / "runs" / id / "manifest.json").read_bytes()
+    after = []
+    with recorded(copy) as recording:
+        assert recording.finished
+        after.append("before the first use")
+        gymnasium.vector.SyncVectorEnv([recording.env])
+        after.append("never")
+    after.append("after the block")
+    assert after == ["before the first use", "after the block"]
+    assert capfd.readouterr().err == f"The run {id} is already finished; it is skipped.\n"
+    assert (copy / "runs" / id / "manifest.json").read_bytes() == manifest
+
+
+def test_other_errors_in_the_block_of_a_finished_run_are_raised(copy):
+    with pytest.raises(KeyError), recorded(copy):
+        raise KeyError("other")
+
+
+def test_a_block_that_raises_leaves_a_failed_run_which_can_be_repeated(tmp_path, capfd):
+    with pytest.raises(ZeroDivisionError), recorded(tmp_path, evaluate_episodes=0) as recording:
+        loop(recording, None, episodes=1)
+        1 / 0  # noqa: B018
+    record = record_of(tmp_path, recording.id)
+    assert (record.status, record.manifest.summary) == (
+        "failed",
+        {"error": "ZeroDivisionError: division by zero"},
+    )
+    assert record.rows("episodes") == 1
+    with recorded(tmp_path, evaluate_episodes=0) as recording:
+        loop(recording, None)
+    record = record_of(tmp_path, recording.id)
+    assert (record.status, record.rows("episodes")) == ("finished", 2)
+    assert f"The run {record.id} is failed; it starts over." in capfd.readouterr().err
+
+
+def test_a_block_that_ends_early_leaves_a_failed_run(tmp_path):
+    with (
+        pytest.raises(jbench.WorkError, match="1,000 of 2,000 control steps"),
+        recorded(tmp_path, evaluate_episodes=0) as recording,
+    ):
+        loop(recording, None, episodes=1)
+    assert record_of(tmp_path, recording.id).status == "failed"
+
+
+def test_an_action_that_is_not_finite_is_a_divergence(tmp_path):
+    with pytest.raises(jbench.WorkError, match="actions are not finite"), recorded(tmp_path) as it:
+        env = it.env()
+        env.reset()
+        env.step(np.zeros(1))
+        env.step(np.array([np.nan]))
+    diverged = record_of(tmp_path, it.id).manifest.summary["diverged"]
+    assert diverged == {"update": None, "control_steps": 1, "what": "actions"}
+
+
+KILLED = """
+import os, signal, sys
+import numpy as np
+import jbench
+import jbench.recording.writer as writer
+writer._COMMIT_EVERY = 0.0
+with jbench.record("face_direction", algo="mine", seed=0, steps=2000, hyperparameters={},
+                   results=sys.argv[1], evaluate_episodes=0) as recording:
+    env = recording.env()
+    for episode in range(2):
+        env.reset()
+        for step in range(1000):
+            env.step(np.zeros(1))
+            if sys.argv[2] == "kill" and episode == 1:
+                os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_killed_run_is_unfinished_and_starts_over(tmp_path):
+    def script(what):
+        return subprocess.run(
+            [sys.executable, "-c", KILLED, str(tmp_path), what], capture_output=True, text=True
+        )
+
+    assert script("kill").returncode == -signal.SIGKILL
+    (record,) = Results(tmp_path).scan("run")[0]
+    assert (record.status, record.rows("episodes")) == ("unfinished", 1)
+    again = script("end")
+    assert again.returncode == 0, again.stderr
+    assert again.stderr == f"The run {record.id} is unfinished; it starts over.\n"
+    (record,) = Results(tmp_path).scan("run")[0]
+    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    assert (record.status, [row["episode"] for row in rows]) == ("finished", [0, 1])
+
+
+def test_a_model_of_stable_baselines3_is_recorded_by_its_callback(tmp_path):
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    with recorded(tmp_path, algo="sb3-ppo", evaluate_episodes=1, evaluate_every=2000) as recording:
+        env = VecNormalize(DummyVecEnv([recording.env] * 2))
+        policy = {"net_arch": [8], "activation_fn": nn.Tanh}
+        model = PPO("MlpPolicy", env, n_steps=500, n_epochs=1, policy_kwargs=policy, seed=0)
+        model.learn(STEPS, recording.sb3_callback())
+    record = record_of(tmp_path, recording.id)
+    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    # Two environments in turn: the first one's episode ends a control step before the second's.
+    assert [row["control_steps"] for row in rows] == [1999, 2000]
+    assert all(0 < row["episode_return"] < 1000 for row in rows)  # not the normalised rewards
+    # The second rollout ends after the first update.
+    assert all(np.isfinite(row["value_loss"]) for row in rows)
+    evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    assert [row["control_steps"] for row in evaluations] == [2000]
+    observations = np.random.default_rng(0).normal(size=(20, 16)).astype(np.float32)
+    wanted, _ = model.predict(env.normalize_obs(observations), deterministic=True)
+    acted = load_agent(Results(tmp_path), recording.id).act(observations)
+    np.testing.assert_allclose(acted, wanted, atol=1e-5)
+
+
+def test_environments_are_encoded(demo_results, tmp_path):
+    shutil.copytree(demo_results.path, tmp_path / "results")
+    with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "results", encoder="12") as it:
+        env = it.env()
+        assert env.observation_space.shape == env.reset()[0].shape == (12,)
+        raise KeyboardInterrupt
+    record = record_of(tmp_path / "results", it.id)
+    assert record.status == "unfinished"
+    assert record.settings["representation"] == "dae12"
+    assert record.settings["encoder"].startswith("face_direction/dae12/")
+
+
+class Residual(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.first, self.second = nn.Linear(16, 16), nn.Linear(16, 1)
+
+    def forward(self, x):
+        return self.second(x + self.first(x))
+
+
+class Gaussian(Residual):
+    def forward(self, x):
+        return self.second(self.first(x)), self.first(x)
+
+
+@pytest.mark.parametrize(
+    ("policy", "reason"),
+    [
+        (Residual(), "add takes 2 results, not one"),
+        (Gaussian(), "it returns something else than one tensor, the action"),
+        (nn.Sequential(nn.Linear(16, 4), nn.GELU(), nn.Linear(4, 1)), "the layer GELU is not"),
+        (nn.Linear(14, 1), "it has 14 inputs and 1 outputs, not 16 and 1"),
+        (lambda observations: observations, "a function is not a torch module"),
+    ],
+)
+def test_a_policy_that_is_no_sequence_of_layers_is_refused(policy, reason, tmp_path):
+    with pytest.raises(jbench.UnsupportedPolicyError) as refused, recorded(tmp_path) as recording:
+        recording.keep_policy(policy)
+    message = str(refused.value)
+    assert message.startswith(f"This policy can't be kept: {reason}")
+    assert message.count(". ") == 0
+    assert message.endswith(".")
+
+
+def test_a_complete_run_is_finished_though_its_policy_is_refused(tmp_path):
+    with (
+        pytest.raises(jbench.UnsupportedPolicyError),
+        recorded(tmp_path, evaluate_episodes=0) as it,
+    ):
+        loop(it, None)
+        it.keep_policy(Residual())
+    record = record_of(tmp_path, it.id)
+    assert (record.status, record.rows("episodes")) == ("finished", 2)
+
+
+def test_layers_are_those_of_torch():
+    torch.manual_seed(1)
+    layers = [nn.Linear(16, 8), nn.ELU(), nn.LayerNorm(8), nn.Linear(8, 8), nn.SiLU(), nn.Dropout()]
+    layers += [nn.Linear(8, 4), nn.LeakyReLU(0.2), nn.Linear(4, 1), nn.Hardtanh(-0.3, 0.4)]
+    module = nn.Sequential(*layers).eval()
+    observations = 3 * np.random.default_rng(1).normal(size=(40, 16)).astype(np.float32)
+    with torch.no_grad():
+        wanted = module(torch.from_numpy(observations)).numpy()
+    np.testing.assert_allclose(network_of(module, 16).act(observations), wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"algo": "a/b"}, "algo of the run can't be 'a/b'"),
+        ({"steps": 500}, "No episode would end in 500 control steps"),
+        ({"encoder": "ofe12"}, "learned together with jbench's own agents"),
+        ({"hyperparameters": {"seed": 4}}, "hyperparameters['seed'] is 4, but seed=3"),
+        ({"hyperparameters": {"f": print}}, "hyperparameters['f'] is <built-in function print>"),
+        ({"package": "no-such-package"}, "package='no-such-package' is not an installed"),
+    ],
+)
+def test_invalid_arguments_are_refused_in_one_sentence(changes, says, tmp_path):
+    with pytest.raises(jbench.RequestError, match=re.escape(says)):
+        recorded(tmp_path / "results", **changes)
+    assert not (tmp_path / "results").exists()
+
+
+def test_hyperparameters_become_json_values():
+    values = {"a": np.float32(0.5), "b": (1, None), "c": Path("x/y"), "d": {"e": True}}
+    plain = plain_hyperparameters(values, 0, 1000)
+    assert plain == {"a": 0.5, "b": [1, None], "c": "x/y", "d": {"e": True}}
+
+
+def test_wrong_uses_of_a_recording_are_refused(tmp_path):
+    recording = recorded(tmp_path)
+    with pytest.raises(jbench.RequestError, match="within its block"):
+        recording.env()
+    with pytest.raises(jbench.RequestError, match="no loss qf1_loss; there are act"), recording:
+        recording.losses(qf1_loss=1.0)
+    recording = recorded(tmp_path, steps=1000, evaluate_every=1)
+    with pytest.raises(jbench.RequestError, match=r"returned the shape \(2,\)"), recording:
+        env = recording.env()
+        env.reset()
+        env.step(np.zeros(1))
+        recording.evaluate(lambda observations: np.zeros(len(observations)))
+
+
+def test_environments_in_other_processes_are_refused(tmp_path):
+    with pytest.raises(Exception, match="use SyncVectorEnv"), recorded(tmp_path) as recording:
+        env = gymnasium.vector.AsyncVectorEnv([recording.env] * 2, context="spawn")
+        env.close()
+
+
+def test_commands_show_external_runs(finished, copy, capsys):
+    _, id, _, returns = finished
+    where = ("--results", str(copy), "--json")
+    assert main(["runs", *where]) == 0
+    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    assert (run["run"], run["algo"], run["status"]) == (id, "mine", "finished")
+    assert main(["verify", *where]) == 0
+    assert json.loads(capsys.readouterr().out)["findings"] == []
+    assert main(["report", *where]) == 0
+    page = (copy / "report" / "index.html").read_text()
+    assert "mine" in page
+    opened = jbench.open(copy)
+    rows = opened.query("SELECT algo, engine, settings->>'engine' AS said FROM runs")
+    assert rows.to_dict("records") == [{"algo": "mine", "engine": "external", "said": "external"}]
+    curves = opened.curves(task="face_direction", returns="training")
+    assert set(curves["algo"]) == {"mine"}
+    assert curves["q50"].iloc[0] == pytest.approx(returns[0])
+
+
+def test_open_refuses_a_directory_that_does_not_exist(tmp_path):
+    with pytest.raises(jbench.RequestError, match="does not exist"):
+        jbench.open(tmp_path / "none")
+
+
+def test_a_label_of_ours_gets_no_settings_of_ours():
+    from jbench.settings.alike import flatten
+
+    common = {"task": "face_direction", "algo": "td3", "seed": 0, "steps": 1000}
+    settings = ExternalSettings(
+        **common, evaluate_every=1000, evaluate_episodes=1, hyperparameters={"tau": 0.1}
+    )
+    named = {path for path in flatten(settings) if path[0] == "hyperparameters"}
+    assert named == {("hyperparameters", "tau")}
+
+
+EXAMPLES = {
+    "cleanrl_td3": ("--learning-starts", "1990", "--hidden", "8", "--batch-size", "8"),
+    "sb3_contrib_tqc": ("--learning-starts", "1990", "--hidden", "8"),
+}
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_examples_train_and_differ_from_a_plain_script_in_five_lines(example, tmp_path):
+    if "contrib" in example:
+        pytest.importorskip("sb3_contrib")
+    script = ROOT / "examples" / f"{example}.py"
+    assert script.read_text().count("  # jbench\n") <= 5
+    done = subprocess.run(
+        [sys.executable, script, "--total-timesteps", "2000", *EXAMPLES[example]],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, done.stderr
+    (record,) = Results(tmp_path / "results").scan("run")[0]
+    assert (record.status, record.rows("episodes")) == ("finished", 2)
+    # The kept policy is evaluated at the end.
+    assert record.rows("evaluations") == 10
+    assert load_agent(Results(tmp_path / "results"), record.id).policy.outputs == 1
+
+
+def test_import_jbench_imports_no_library():
+    program = (
+        "import sys; before = set(sys.modules); import jbench; "
+        "print(sorted({m.split('.')[0] for m in set(sys.modules) - before}))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert not {"torch", "gymnasium", "numpy", "pandas"} & set(re.findall(r"\w+", done.stdout))
+    assert "jbench" in done.stdout

@@ -80,7 +80,7 @@ def environment(count: int = 1) -> Any:
     import gymnasium
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    from jbench.tasks.gym import environment_id
+    from jbench.registration import environment_id
 
     made = environment_id(TASK)
     return DummyVecEnv([lambda: gymnasium.make(made, disable_env_checker=True)] * count)

@@ -3,10 +3,12 @@
     record      records a training loop of your own as a run
     open        opens a results directory: SQL and learning curves as pandas data frames
 
-These names are imported at their first use, so that `import jbench` is instant.
+These names are imported at their first use, so that `import jbench` is instant. After
+`import gymnasium`, `import jbench` registers the environments, such as Jitterbug/FaceDirection-v0.
 """
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -46,6 +48,11 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'jbench' has no attribute {name!r}")
     module, _, attribute = _EXPORTS[name].partition(":")
     return getattr(importlib.import_module(module), attribute)
+
+
+# Only the ids: the environments are imported when they are made.
+if "gymnasium" in sys.modules:
+    importlib.import_module("jbench.registration").register_environments()
 
 
 def __dir__() -> list[str]:

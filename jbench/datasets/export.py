@@ -17,11 +17,11 @@ import numpy as np
 from jbench.datasets.reader import Block, Dataset
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
+from jbench.registration import environment_id
 from jbench.settings.base import validated
 from jbench.settings.dataset import DatasetSettings
 from jbench.store.files import make_directory
 from jbench.tasks import features
-from jbench.tasks.gym import environment_id
 
 _STORAGE = "hdf5"  # Minari's default
 _OVERHEAD = 1.5  # upper bound of file size over the size of the arrays; 1.2 is measured

@@ -6,7 +6,8 @@ suite, and five environments each of `Jitterbug/…-v0` and `AugmentedJitterbug/
 
 from dm_control import suite
 
-from jbench.tasks import augmented, gym, jitterbug
+from jbench.registration import register_environments
+from jbench.tasks import augmented, jitterbug
 
 
 def _register_domains() -> None:
@@ -23,4 +24,4 @@ def _register_domains() -> None:
 
 
 _register_domains()
-gym.register_environments()
+register_environments()

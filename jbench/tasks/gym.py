@@ -10,34 +10,10 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
-from gymnasium.envs.registration import register, registry
 from numpy.typing import NDArray
 
-from jbench.names import CAMERAS, CONTROL_TIMESTEP, EPISODE_STEPS, PHYSICS_STEPS, TASKS
+from jbench.names import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASKS
 from jbench.tasks import features, model, resets
-
-
-def environment_id(task: str, augmented: bool = False) -> str:
-    """Returns the Gymnasium id of a task: `Jitterbug/FaceDirection-v0` for `face_direction`.
-
-    Args:
-        augmented: whether the robot is augmented: `AugmentedJitterbug/FaceDirection-v0`.
-    """
-    domain = "AugmentedJitterbug" if augmented else "Jitterbug"
-    return f"{domain}/{task.title().replace('_', '')}-v0"
-
-
-def register_environments() -> None:
-    """Registers the five tasks with Gymnasium, with plain and augmented robots."""
-    for task in TASKS:
-        for augmented, robot in ((False, {}), (True, {"augment": 0})):
-            if environment_id(task, augmented) not in registry:
-                register(
-                    environment_id(task, augmented),
-                    entry_point="jbench.tasks.gym:JitterbugEnv",
-                    kwargs={"task": task, **robot},
-                    max_episode_steps=EPISODE_STEPS,
-                )
 
 
 class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):

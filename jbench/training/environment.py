@@ -6,9 +6,9 @@ import gymnasium
 
 from jbench.encoders import Encoder
 from jbench.encoders.wrapper import EncodedObservation
+from jbench.registration import environment_id
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
-from jbench.tasks.gym import environment_id
 
 
 def make_env(

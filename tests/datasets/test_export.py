@@ -13,9 +13,9 @@ from jbench.datasets import Dataset, collect, find_dataset
 from jbench.datasets.export import export_minari, minari_id
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS
+from jbench.registration import environment_id
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
-from jbench.tasks.gym import environment_id
 
 # In a process of its own: with a limit of file sizes, or with modules that are not there.
 EXPORT = """

@@ -19,9 +19,9 @@ from jbench.encoders.settings import encoder_settings
 from jbench.encoders.training import train_encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.errors import RequestError, WorkError
+from jbench.registration import environment_id
 from jbench.store import Results
 from jbench.store.files import sha256
-from jbench.tasks.gym import environment_id
 from tests.encoders.encoder_data import alter_manifest
 
 

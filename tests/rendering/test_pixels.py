@@ -9,7 +9,8 @@ from dm_control.suite.wrappers import pixels
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import AddRenderObservation
 
-from jbench.tasks.gym import JitterbugEnv, environment_id
+from jbench.registration import environment_id
+from jbench.tasks.gym import JitterbugEnv
 
 pytestmark = pytest.mark.usefixtures("rendering")
 

@@ -9,8 +9,9 @@ from gymnasium.utils.env_checker import check_env
 
 from jbench.errors import RequestError
 from jbench.names import TASKS
+from jbench.registration import environment_id
 from jbench.tasks import augmented, model
-from jbench.tasks.gym import JitterbugEnv, environment_id
+from jbench.tasks.gym import JitterbugEnv
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,8 @@ from dm_control import suite
 from gymnasium.utils.env_checker import check_env
 
 from jbench.names import CAMERAS, TASKS
-from jbench.tasks.gym import JitterbugEnv, environment_id
+from jbench.registration import environment_id
+from jbench.tasks.gym import JitterbugEnv
 
 IDS = {
     "move_from_origin": "Jitterbug/MoveFromOrigin-v0",
@@ -29,6 +30,16 @@ import sys, gymnasium
 assert "jbench" not in sys.modules
 env = gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0")
 print(env.unwrapped.task, env.spec.max_episode_steps, env.reset(seed=0)[0].shape)
+"""
+
+PLAIN_IDS = """
+import sys, gymnasium, jbench
+assert "dm_control" not in sys.modules
+assert gymnasium.spec("AugmentedJitterbug/MoveToPose-v0").kwargs["augment"] == 0
+env = gymnasium.make("Jitterbug/FaceDirection-v0")
+print(env.unwrapped.task, env.spec.reward_threshold)
+env = gymnasium.make("jbench:Jitterbug/MoveToPose-v0")
+print(env.unwrapped.task)
 """
 
 
@@ -72,6 +83,11 @@ def test_make_imports_the_package_by_itself():
     command = [sys.executable, "-c", FRESH_INTERPRETER]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.split(maxsplit=2) == ["face_direction", "1000", "(16,)\n"]
+
+
+def test_import_jbench_registers_the_ids_and_imports_no_environment():
+    done = subprocess.run([sys.executable, "-c", PLAIN_IDS], capture_output=True, text=True)
+    assert done.stdout == "face_direction 900\nmove_to_pose\n", done.stderr
 
 
 @EVERY_TASK

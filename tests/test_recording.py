@@ -374,7 +374,7 @@ def test_wrong_uses_of_a_recording_are_refused(tmp_path):
         recording.env()
     with pytest.raises(jbench.RequestError, match="no loss qf1_loss; there are act"), recording:
         recording.losses(qf1_loss=1.0)
-    recording = recorded(tmp_path, steps=1000, evaluate_every=1)
+    recording = recorded(tmp_path, steps=1000, evaluate_every=1, hyperparameters={})
     with pytest.raises(jbench.RequestError, match=r"returned the shape \(2,\)"), recording:
         env = recording.env()
         env.reset()

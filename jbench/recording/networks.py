@@ -58,7 +58,8 @@ def network_of(module: nn.Module, inputs: int) -> Network:
     Raises:
         UnsupportedPolicyError: if it is not a sequence of supported layers.
     """
-    module = getattr(module, "_orig_mod", module)  # of torch.compile
+    # The module that torch.compile wraps, and a Sequential since a root module is traced into.
+    module = nn.Sequential(getattr(module, "_orig_mod", module))
     try:
         graph = fx.Tracer().trace(module)
     except Exception as error:

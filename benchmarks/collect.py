@@ -35,6 +35,7 @@ from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import Robots
 from jbench.store import Results
 from jbench.tasks import features, model, resets
+from jbench.tasks.robots import load_model
 
 TASK = "move_from_origin"
 BARE_EPISODES = 8  # on each thread, in one measurement
@@ -45,7 +46,7 @@ DM_CONTROL_STEPS = 2_000
 
 def bare(threads: int, seed: int) -> Callable[[], int]:
     """Returns the bare loop, drawn beforehand; called, it returns its control steps."""
-    robot = model.load()
+    robot = load_model()
     random = np.random.default_rng(seed)
     actions = random.uniform(-1, 1, (threads, BARE_EPISODES, EPISODE_STEPS)).tolist()
     quaternions = [[resets.draw_quaternion(random) for _ in each] for each in actions]
@@ -83,7 +84,7 @@ class ClosedLoop:
     def __init__(self, count: int, threads: int) -> None:
         """Makes the robots and lets them fall into place."""
         random = np.random.default_rng(count)
-        self.robots = Robots(model.load(), count, threads)
+        self.robots = Robots(load_model(), count, threads)
         self.target = features.Target(np.zeros((count, 3)), np.zeros(count))
         self.weights = 1e3 * random.standard_normal(features.TASK_SPECS[TASK].observation_size)
         self.state = self.robots.reset(

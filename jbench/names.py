@@ -75,6 +75,9 @@ answer whether learning on a reduced order helps."""
 EXECUTORS = ("local", "ray")
 """Where the runs of a sweep go on: on this machine, or on a Ray cluster."""
 
+FIGURE_FORMATS = ("png", "svg", "pdf")
+"""Endings of the files of figures."""
+
 REFERENCE = "reference"
 """What `--results` calls the results shipped with jbench."""
 

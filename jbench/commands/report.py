@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from jbench.report import Report, Request
     from jbench.store import Results
 
-FORMATS = ("svg", "png", "pdf")
-
 
 def report(
     task: OneTaskOption = None,
@@ -72,8 +70,9 @@ def report(
         list[str] | None,
         typer.Option(
             "--format",
-            help=f"Format of the figures: {', '.join(FORMATS)}; repeatable (default: png, svg).",
-            autocompletion=complete(*FORMATS),
+            help=f"Format of the figures: {', '.join(names.FIGURE_FORMATS)}; repeatable (default: "
+            "png, svg).",
+            autocompletion=complete(*names.FIGURE_FORMATS),
         ),
     ] = None,
     columns: Annotated[

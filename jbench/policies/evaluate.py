@@ -11,8 +11,8 @@ from jbench.settings.evaluation import EvaluationSettings
 from jbench.simulation import Act, Robots, Transition, rollout
 from jbench.store import Record, Results, schema
 from jbench.tasks import features, resets
-from jbench.tasks import model as robot
 from jbench.tasks.resets import Starts
+from jbench.tasks.robots import load_model
 
 # Robots stepped together: enough for the threads, and 100 episodes keep little in memory.
 _TOGETHER = 50
@@ -44,7 +44,7 @@ def evaluate(
         if found is not None and found.status == "finished":
             return found
         record = results.create("evaluation", settings.id, settings.model_dump())
-        model = robot.load(settings.augment)
+        model = load_model(settings.augment)
         for first in range(0, settings.episodes, _TOGETHER):
             episodes = range(first, min(first + _TOGETHER, settings.episodes))
             with Robots(model, len(episodes), threads) as robots:

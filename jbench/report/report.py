@@ -28,6 +28,7 @@ from jbench.report.data.published import PublishedCurve, read_published, read_se
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import Document, FigureItem
 from jbench.report.figures import behaviour, encoders, plotting, processor
+from jbench.report.figures.layout import SHEETS
 from jbench.report.request import Request
 from jbench.report.sources import Source
 from jbench.report.tables import files
@@ -84,7 +85,7 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     document = contents.document(made_of)
     files = {**_data_files(made_of), **_table_files(document), **_figure_files(document, request)}
     drawn = {f"{item.name}.{ending}" for item in _figures(document) for ending in request.formats}
-    made = page.render_document(document, sheet=request.sheet, reloads=request.watched)
+    made = page.render_document(document, sheet=SHEETS[request.columns], reloads=request.watched)
     files["index.html"] = made.encode()
     paths, left = output_directory.write(out, files)
     return Report(
@@ -242,7 +243,7 @@ def _table_files(document: Document) -> dict[str, bytes]:
 def _figure_files(document: Document, request: Request) -> dict[str, bytes]:
     files = {}
     for item in _figures(document):
-        drawn = plotting.draw(item.figure, request.sheet)
+        drawn = plotting.draw(item.figure, SHEETS[request.columns])
         for ending in request.formats:
             files[f"{item.name}.{ending}"] = plotting.FORMATS[ending](drawn)
     return files

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from jbench.errors import RequestError
-from jbench.names import ORDERS, RETURNS, Order, ReturnsName
+from jbench.names import FIGURE_FORMATS, ORDERS, RETURNS, Order, ReturnsName
 from jbench.report.data.curves import WINDOW
-from jbench.report.figures.layout import SHEETS, Sheet
-from jbench.report.figures.plotting import FORMATS
 
 
 @dataclass(frozen=True)
@@ -23,7 +21,7 @@ class Request:
         returns: the kind of return that figures and statistics lead with; the other follows.
         claims: whether to give verdicts on the paper's claims.
         each_seed: whether to draw every seed as a thin line, too.
-        formats: of the figures' files, of `plotting.FORMATS`.
+        formats: of the figures' files, of `names.FIGURE_FORMATS`.
         columns: of a paper that the figures are made for, 1 or 2; None for a screen.
         reference: whether to show the runs that are shipped with jbench, too.
         compare: two results directories, or two choices of settings, see `sources.side`.
@@ -59,13 +57,14 @@ class Request:
             )
         if self.window < 1:
             raise RequestError(f"A window of {self.window} episodes is none; choose 1 or more.")
-        if self.columns not in SHEETS:
+        if self.columns not in (None, 1, 2):
             raise RequestError(f"--columns {self.columns}: type 1 or 2, those of a paper.")
+        offered = ", ".join(FIGURE_FORMATS)
         for name in self.formats:
-            if name not in FORMATS:
-                raise RequestError(f"There is no format {name!r}; choose {', '.join(FORMATS)}.")
+            if name not in FIGURE_FORMATS:
+                raise RequestError(f"There is no format {name!r}; choose {offered}.")
         if not self.formats:
-            raise RequestError(f"Figures need a format; choose {', '.join(FORMATS)}.")
+            raise RequestError(f"Figures need a format; choose {offered}.")
         if self.compare is not None and self.compare[0] == self.compare[1]:
             raise RequestError(f"--compare {' '.join(self.compare)}: type two that differ.")
         self.begun_since()
@@ -82,8 +81,3 @@ class Request:
                 "2026-11-21T18:30."
             ) from None
         return time if time.tzinfo else time.replace(tzinfo=UTC)
-
-    @property
-    def sheet(self) -> Sheet:
-        """What the figures are made for."""
-        return SHEETS[self.columns]

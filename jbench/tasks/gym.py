@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from jbench.names import CAMERAS, CONTROL_TIMESTEP, EPISODE_STEPS, PHYSICS_STEPS, TASKS
 from jbench.tasks import features, model, resets
+from jbench.tasks.robots import load_model
 
 
 def environment_id(task: str, augmented: bool = False) -> str:
@@ -91,7 +92,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
         self._picture: dict[str, Any] = {"camera_name": camera, "width": width, "height": height}
         self._renderer: Any = None
-        self._model = model.load(augment, vary_masses=vary_masses)
+        self._model = load_model(augment, vary_masses=vary_masses)
         # Pixels outside the offscreen buffer would be black.
         buffer = self._model.vis.global_
         buffer.offwidth, buffer.offheight = (

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from jbench.agents.batched.engine import Engine
 from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout
-from jbench.tasks import model as robot
 from jbench.tasks import resets
+from jbench.tasks.robots import load_model
 
 
 def robot_model(settings: RunSettings, which: int) -> mujoco.MjModel:
@@ -27,7 +27,7 @@ def robot_model(settings: RunSettings, which: int) -> mujoco.MjModel:
 
 @lru_cache(maxsize=2)
 def _model(augment: int | None) -> mujoco.MjModel:
-    return robot.load(augment)
+    return load_model(augment)
 
 
 class Schedule:

@@ -11,7 +11,7 @@ from jbench.commands.display import show_encoders
 from jbench.commands.output import Output
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
-from jbench.encoders.kind import Batch
+from jbench.encoders.batch import Batch
 from jbench.encoders.kinds.contrastive import Contrastive
 from jbench.encoders.kinds.dmd import DynamicModes
 from jbench.encoders.kinds.forward import ForwardModel, angle_periods, changes_of

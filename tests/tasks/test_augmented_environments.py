@@ -11,11 +11,12 @@ from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.tasks import augmented, model
 from jbench.tasks.gym import JitterbugEnv, environment_id
+from jbench.tasks.robots import load_model
 
 
 @pytest.fixture(scope="module")
 def plain():
-    return model.load()
+    return load_model()
 
 
 def bits(robot):
@@ -53,13 +54,13 @@ def test_negative_seed_is_refused_in_one_sentence(make):
 
 def test_plain_robots_masses_do_not_vary():
     with pytest.raises(ValueError, match="give its seed"):
-        model.load(vary_masses=True)
+        load_model(vary_masses=True)
 
 
 def test_loaded_model_is_that_of_the_seed(plain):
-    assert bits(model.load(2)) == bits(augmented.augmented_model(2))
-    assert np.abs(model.load(2).geom_pos - plain.geom_pos).max() > 1e-3
-    assert bits(model.load()) == bits(plain)
+    assert bits(load_model(2)) == bits(augmented.augmented_model(2))
+    assert np.abs(load_model(2).geom_pos - plain.geom_pos).max() > 1e-3
+    assert bits(load_model()) == bits(plain)
 
 
 def test_suite_lists_the_domains_tasks_beside_the_plain_ones():

@@ -34,7 +34,7 @@ from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import Robots
 from jbench.store import Results
-from jbench.tasks import features, model, resets
+from jbench.tasks import features, model, resets, rewards
 from jbench.tasks.robots import load_model
 
 TASK = "move_from_origin"
@@ -97,7 +97,7 @@ class ClosedLoop:
         for _ in range(steps):
             observed = features.observation(TASK, self.state, self.target)
             self.state = self.robots.step(2 * (observed @ self.weights % 1) - 1)
-            features.reward(TASK, self.state, self.target)
+            rewards.reward(TASK, self.state, self.target)
 
     def __call__(self) -> int:
         """Returns the control steps that it took, over all robots."""

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS, TASKS
-from jbench.tasks import features, heuristics, model, resets
+from jbench.tasks import features, heuristics, model, resets, rewards
 from jbench.tasks.robots import load_model
 
 Array = NDArray[np.float64]
@@ -106,7 +106,7 @@ def returns(
     for _ in range(steps):
         observed = features.observation(policy.task, robots.state(), robots.target)
         robots.step(policy.act(observed)[:, 0])
-        total += features.reward(policy.task, robots.state(), robots.target)
+        total += rewards.reward(policy.task, robots.state(), robots.target)
     return total * (EPISODE_STEPS / steps)
 
 

@@ -9,7 +9,7 @@ from jbench.commands.output import Output
 from jbench.errors import WorkError
 from jbench.returns import final_return
 from jbench.settings.run import RunSettings
-from jbench.store import Record, Results, schema
+from jbench.store import Record, Results, encoder_schema, schema
 
 
 def described(record: Record, **more: Any) -> dict[str, Any]:
@@ -29,7 +29,7 @@ def show_encoders(records: Sequence[Record], output: Output) -> None:
         _show_encoder(records[0], output)
     rows = []
     for record in records:
-        (errors,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()
+        (errors,) = record.read("encoder_errors", encoder_schema.ENCODER_ERRORS).to_pylist()
         explained = ("test", "pca", "random", "heuristic", "pca_heuristic")
         rows.append(
             (
@@ -49,7 +49,7 @@ def _show_predictions(records: Sequence[Record], output: Output) -> None:
     """Prints how well the next control step is predicted from the latents of encoders."""
     rows, targets = [], []
     for record in records:
-        found = record.read("encoder_predictions", schema.ENCODER_PREDICTIONS).to_pylist()
+        found = record.read("encoder_predictions", encoder_schema.ENCODER_PREDICTIONS).to_pylist()
         # Encoders that were trained before there was this table have no rows.
         if found:
             targets = [row["target"].replace("_", " ") for row in found]
@@ -73,7 +73,7 @@ def _show_singular_values(record: Record, output: Output) -> None:
 
 def _show_encoder(record: Record, output: Output) -> None:
     """Prints the errors of a trained encoder: by epoch, and by feature at the end."""
-    epochs = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
+    epochs = record.read("encoder_epochs", encoder_schema.ENCODER_EPOCHS).to_pylist()
     told = ("train_loss", "test_mse", "test_denoising_mse")
     shown = sorted({*range(0, len(epochs), max(1, len(epochs) // 8)), len(epochs) - 1})
     if epochs:
@@ -98,7 +98,7 @@ def _show_encoder(record: Record, output: Output) -> None:
                 f"{row['heuristic_mse']:.5f}",
                 f"{row['pca_heuristic_mse']:.5f}",
             )
-            for row in record.read("encoder_features", schema.ENCODER_FEATURES).to_pylist()
+            for row in record.read("encoder_features", encoder_schema.ENCODER_FEATURES).to_pylist()
         ],
     )
 

@@ -10,7 +10,7 @@ from jbench.policies.find import find_policy
 from jbench.settings.evaluation import EvaluationSettings
 from jbench.simulation import Act, Robots, Transition, rollout
 from jbench.store import Record, Results, schema
-from jbench.tasks import features, resets
+from jbench.tasks import features, resets, rewards
 from jbench.tasks.resets import Starts
 from jbench.tasks.robots import load_model
 
@@ -114,7 +114,7 @@ def _states_table(episodes: range, kept: list[tuple[int, Transition]]) -> pa.Tab
                     "y": y,
                     "z": z,
                     "heading": features.heading(state).astype(np.float32),
-                    "upright": features.upright_reward(state).astype(np.float32),
+                    "upright": rewards.upright_reward(state).astype(np.float32),
                     "motor_position": state.motor_position.astype(np.float32),
                     "motor_velocity": state.motor_velocity.astype(np.float32),
                     "action": action.astype(np.float32),

@@ -14,7 +14,7 @@ from gymnasium.envs.registration import register, registry
 from numpy.typing import NDArray
 
 from jbench.names import CAMERAS, CONTROL_TIMESTEP, EPISODE_STEPS, PHYSICS_STEPS, TASKS
-from jbench.tasks import features, model, resets
+from jbench.tasks import features, model, resets, rewards
 from jbench.tasks.robots import load_model
 
 
@@ -131,7 +131,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._data.ctrl[:] = np.clip(action, -1, 1)
         mujoco.mj_step(self._model, self._data, nstep=PHYSICS_STEPS)
         state = self._state()
-        reward = float(features.reward(self.task, state, self._target))
+        reward = float(rewards.reward(self.task, state, self._target))
         self._render_human()
         return self._observation(state), reward, False, False, {}
 

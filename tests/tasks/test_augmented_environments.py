@@ -39,7 +39,7 @@ def final_positions(env, steps=50):
     [
         augmented.draw,
         augmented.augmented_model,
-        model.load,
+        load_model,
         lambda seed: JitterbugEnv("face_direction", augment=seed),
         lambda seed: gymnasium.make("AugmentedJitterbug/MoveToPose-v0", augment=seed),
         lambda seed: suite.load("augmented_jitterbug", "move_to_pose", {"augment": seed}),

@@ -15,7 +15,8 @@ from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import Robots
 from jbench.tasks import resets
-from jbench.tasks.features import TASK_SPECS, State, observation, reward
+from jbench.tasks.features import TASK_SPECS, State, observation
+from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
 
 Models = Callable[[int], mujoco.MjModel]

@@ -10,7 +10,7 @@ from jbench import names
 
 
 def complete(*known: str) -> Callable[[str], list[str]]:
-    """Returns a completion of the beginnings of known names."""
+    """Returns a shell completion that offers the names with the typed prefix."""
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
 

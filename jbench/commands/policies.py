@@ -49,7 +49,7 @@ def evaluate(
     from jbench.settings.evaluation import EvaluationSettings
     from jbench.store import schema
 
-    output, (place, policy) = Output(json), _place_and_policy(results, policy)
+    output, (database, policy) = Output(json), _database_and_policy(results, policy)
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     policy = full_name(policy)
@@ -64,13 +64,13 @@ def evaluate(
         target_yaw=None if target_yaw is None else math.radians(target_yaw),
         augment=parsing.augmented(augment),
     )
-    before = place.find("evaluation", settings.id)
+    before = database.find("evaluation", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
-    _say_other_robot(output, place, policy, augment)
+    _say_other_robot(output, database, policy, augment)
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
-        record = run_episodes(settings, place, parsing.all_cores(threads), progress.update)
+        record = run_episodes(settings, database, parsing.all_cores(threads), progress.update)
     returns = record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"].to_numpy()
     summary = record.manifest.summary
     output.say(
@@ -109,14 +109,16 @@ def render(
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import check_output, default_size, render_to_file
 
-    output, (place, policy) = Output(json), _place_and_policy(results, policy)
+    output, (database, policy) = Output(json), _database_and_policy(results, policy)
     check_output(out)
     width, height = default_size(out)
     scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
-    found = find_policy(place, policy, task, seed)
-    _say_other_robot(output, place, policy, augment)
+    runner = find_policy(database, policy, task, seed)
+    _say_other_robot(output, database, policy, augment)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
-        done = render_to_file(found, scene, out, name=policy, steps=steps, progress=progress.update)
+        done = render_to_file(
+            runner, scene, out, name=policy, steps=steps, progress=progress.update
+        )
     output.say(f"{done.path}: {done.seconds:.1f} s, return {done.episode_return:.0f}")
     output.document({"path": str(done.path), "episode_return": done.episode_return})
 
@@ -133,19 +135,19 @@ def view(
     from jbench.rendering.episode import Scene
     from jbench.rendering.viewer import view as open_viewer
 
-    place, policy = _place_and_policy(results, policy)
+    database, policy = _database_and_policy(results, policy)
     names.known("task", task, names.TASKS)
     parsing.augmented(augment)
-    found = find_policy(place, policy, task, parsing.seed(seed))
-    _say_other_robot(Output(), place, policy, augment)
-    steps = open_viewer(found, Scene(task, seed, augment=augment))
+    runner = find_policy(database, policy, task, parsing.seed(seed))
+    _say_other_robot(Output(), database, policy, augment)
+    steps = open_viewer(runner, Scene(task, seed, augment=augment))
     Output().say(f"Watched {steps} control steps.")
 
 
-def _place_and_policy(results: Path, policy: str) -> tuple["Results", str]:
-    """Returns results that can be written, and the policy's name there.
+def _database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
+    """Returns writable results, and the policy's name in them.
 
-    With `--results reference` the id of a run is that of a shipped one, as `reference/ID` is.
+    With `--results reference`, the id of a run is read as `reference/ID`.
     """
     from jbench.policies.find import SHIPPED
 
@@ -155,15 +157,15 @@ def _place_and_policy(results: Path, policy: str) -> tuple["Results", str]:
     return parsing.results_to_write(RESULTS), f"{SHIPPED}{policy}" if is_run else policy
 
 
-def _say_other_robot(output: Output, place: "Results", policy: str, augment: int | None) -> None:
-    """Says that an agent is about to move another robot than those that it learned on."""
+def _say_other_robot(output: Output, database: "Results", policy: str, augment: int | None) -> None:
+    """Prints a note if the robot is not one that the agent was trained on."""
     from jbench.policies.find import training_robots
 
-    seeds = training_robots(place, policy)
+    seeds = training_robots(database, policy)
     if seeds and augment not in seeds:
         there = "the plain robot" if augment is None else f"the augmented robot {augment}"
-        learned = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
+        trained = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
         output.say(
-            f"Note: {policy} learned on augmented robot {learned}, and this is {there}; "
-            f"--augment {seeds[-1]} is {'its own' if len(seeds) == 1 else 'its last'}."
+            f"Note: {policy} was trained on augmented robot {trained}, but this is {there}; "
+            f"type --augment {seeds[-1]} for its {'' if len(seeds) == 1 else 'last '}robot."
         )

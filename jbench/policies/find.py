@@ -64,7 +64,7 @@ class _Trained:
         agent = load_agent(results, run)
         if agent.task != task:
             raise RequestError(
-                f"The run {run} learned {agent.task}, not {task}; type --task {agent.task}."
+                f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
             )
         self.act = agent.act
 

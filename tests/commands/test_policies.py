@@ -27,9 +27,11 @@ def test_a_policy_on_another_robot_than_its_own_is_said(augmented):
     results, run = augmented
     task = ("--task", "face_direction", "--policy", run, "--episodes", "2")
     other = succeed("evaluate", *task, results=results).stdout
-    assert f"{run} learned on augmented robot 7, and this is the plain robot" in other
+    assert f"{run} was trained on augmented robot 7, but this is the plain robot" in other
     assert "--augment 7 is its own" in other
-    assert "learned on" not in succeed("evaluate", *task, "--augment", "7", results=results).stdout
+    assert (
+        "was trained on" not in succeed("evaluate", *task, "--augment", "7", results=results).stdout
+    )
 
 
 def test_the_rows_are_the_episodes_that_were_printed(tmp_path):
@@ -91,7 +93,10 @@ def test_a_run_of_another_task_is_refused(augmented):
     for verb in ("evaluate", "render"):
         done = jbench(verb, "--task", "move_to_pose", "--policy", run, results=results)
         assert done.returncode == 2
-        assert "learned face_direction, not move_to_pose; type --task face_direction" in done.stderr
+        assert (
+            "was trained on face_direction, not move_to_pose; type --task face_direction"
+            in done.stderr
+        )
 
 
 def test_no_rendering_backend_names_the_package(tmp_path):

@@ -1,4 +1,4 @@
-"""Figures 4 and 5 show the states that were kept, and only those."""
+"""Figures 4 and 5 show the saved states, and only those."""
 
 import math
 

@@ -173,6 +173,6 @@ def test_predictions_are_drawn_beside_the_errors_where_they_were_measured(result
     np.testing.assert_allclose(heights, [0.4, 0, 0.5, np.nan])
     write_report(results, tmp_path / "report")
     page = (tmp_path / "report" / "index.html").read_text()
-    assert "What latents tell of the next control step" in page
+    assert "Prediction of the next control step from latents" in page
     assert "R² of yaw rate" in page
     assert ">nan<" not in page

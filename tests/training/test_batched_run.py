@@ -1,4 +1,4 @@
-"""Runs side by side on the batched engine give the rows that each would give alone."""
+"""Runs that share the batched engine give the same rows as separate runs."""
 
 import pytest
 import torch

@@ -167,7 +167,7 @@ def test_episodes_and_evaluations_count_through_both_robots(two):
     assert two.record.settings["robots"] == 2
 
 
-def test_the_robot_is_exchanged_when_it_has_had_its_share(two):
+def test_the_robot_is_switched_after_its_share_of_the_episodes(two):
     first, second = shape(load_model(5)), shape(load_model(6))
     assert not np.array_equal(first, second)
     assert len(two.shapes) == 4200 - 4
@@ -328,7 +328,7 @@ def test_the_authors_sequence_is_reported_beside_ours_and_beside_no_other(tmp_pa
     assert row["training_return_steps"] == 9_950_500
     assert row["published_median"] == pytest.approx(807.57, abs=0.01)
     assert row["published_figure"] == "augmented-sac"
-    assert "learned on 10 augmented robots in turn" in row["notes"]
+    assert "trained on 10 augmented robots in sequence" in row["notes"]
     # Figure 9 ends at 5e6 steps: beside the plain robot there is nothing.
     row = reported(tmp_path / "plain")
     assert np.isnan(row["published_median"])

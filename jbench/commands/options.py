@@ -32,6 +32,12 @@ TaskOption = Annotated[
     str,
     typer.Option(help=f"Task: {', '.join(names.TASKS)}.", autocompletion=complete(*names.TASKS)),
 ]
+PolicyTaskOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Task (default: the task of a trained policy).", autocompletion=complete(*names.TASKS)
+    ),
+]
 OneTaskOption = Annotated[
     str | None, typer.Option(help="Only this task.", autocompletion=complete(*names.TASKS))
 ]

@@ -14,8 +14,8 @@ from jbench.commands.options import (
     CameraOption,
     JsonOption,
     PolicyOption,
+    PolicyTaskOption,
     ReadResultsOption,
-    TaskOption,
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def evaluate(
     policy: PolicyOption = "heuristic",
-    task: TaskOption = "face_direction",
+    task: PolicyTaskOption = None,
     episodes: Annotated[int, typer.Option(help="Number of episodes.")] = 100,
     seed: Annotated[int, typer.Option(help="Random seed of poses, targets and actions.")] = 0,
     states: Annotated[
@@ -53,10 +53,11 @@ def evaluate(
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     policy = full_name(policy)
+    task = _task(database, policy, task, "face_direction")
     settings = validated(
         EvaluationSettings,
         "the evaluation",
-        task=names.known("task", task, names.TASKS),
+        task=task,
         policy=policy,
         episodes=episodes,
         seed=parsing.seed(seed),
@@ -86,7 +87,7 @@ def render(
         Path, typer.Option(help="Output file: FILE.mp4, FILE.gif, or FILE.png (a strip of frames).")
     ] = Path("jitterbug.mp4"),
     policy: PolicyOption = "heuristic",
-    task: TaskOption = "move_to_pose",
+    task: PolicyTaskOption = None,
     camera: CameraOption = "tracking",
     seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
     steps: Annotated[
@@ -99,7 +100,8 @@ def render(
     """Render an episode of any policy as a video, an animation or a picture."""
     from jbench.opengl import choose_backend
 
-    names.known("task", task, names.TASKS)
+    if task is not None:
+        names.known("task", task, names.TASKS)
     names.known("camera", camera, names.CAMERAS)
     if not 1 <= steps <= names.EPISODE_STEPS:
         raise RequestError(f"--steps {steps}: type 1 to {names.EPISODE_STEPS}.")
@@ -112,6 +114,7 @@ def render(
     output, (database, policy) = Output(json), _database_and_policy(results, policy)
     check_output(out)
     width, height = default_size(out)
+    task = _task(database, policy, task, "move_to_pose")
     scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
     runner = find_policy(database, policy, task, seed)
     _say_other_robot(output, database, policy, augment)
@@ -125,7 +128,7 @@ def render(
 
 def view(
     policy: PolicyOption = "heuristic",
-    task: TaskOption = "move_to_pose",
+    task: PolicyTaskOption = None,
     seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
     augment: AugmentOption = None,
     results: ReadResultsOption = RESULTS,
@@ -136,7 +139,7 @@ def view(
     from jbench.rendering.viewer import view as open_viewer
 
     database, policy = _database_and_policy(results, policy)
-    names.known("task", task, names.TASKS)
+    task = _task(database, policy, task, "move_to_pose")
     parsing.augmented(augment)
     runner = find_policy(database, policy, task, parsing.seed(seed))
     _say_other_robot(Output(), database, policy, augment)
@@ -155,6 +158,15 @@ def _database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
         return parsing.results_to_write(results), policy
     is_run = "/" in policy and not policy.startswith(SHIPPED)
     return parsing.results_to_write(RESULTS), f"{SHIPPED}{policy}" if is_run else policy
+
+
+def _task(database: "Results", policy: str, task: str | None, default: str) -> str:
+    """Returns the task that was typed, that of a trained policy, or the default."""
+    from jbench.policies.find import learned_task
+
+    if task is not None:
+        return names.known("task", task, names.TASKS)
+    return learned_task(database, policy) or default
 
 
 def _say_other_robot(output: Output, database: "Results", policy: str, augment: int | None) -> None:

@@ -131,6 +131,17 @@ def training_robots(results: Results, name: str) -> range:
     return range(run.augment, run.augment + run.robots)
 
 
+def learned_task(results: Results, name: str) -> str | None:
+    """Returns the task of a trained policy; None for other policies.
+
+    Raises:
+        RequestError: if the name is not a valid run id or shipped policy.
+        WorkError: if the run's manifest can't be read.
+    """
+    record = _find_run(results, name)
+    return None if record is None else read_run(record.settings).task
+
+
 def _find_run(results: Results, name: str) -> Record | None:
     """Returns the run of a trained policy; None if there is none or the policy is not trained."""
     if "/" not in name:

@@ -28,7 +28,7 @@ def test_a_policy_on_another_robot_than_its_own_is_said(augmented):
     task = ("--task", "face_direction", "--policy", run, "--episodes", "2")
     other = succeed("evaluate", *task, results=results).stdout
     assert f"{run} was trained on augmented robot 7, but this is the plain robot" in other
-    assert "--augment 7 is its own" in other
+    assert "type --augment 7 for its robot" in other
     assert (
         "was trained on" not in succeed("evaluate", *task, "--augment", "7", results=results).stdout
     )
@@ -86,6 +86,14 @@ def test_a_wrong_request_gets_one_sentence_and_exit_code_2(arguments, says, tmp_
     assert printed.err.startswith("Error: ")
     assert printed.err.count("\n") == 1
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.usefixtures("rendering")
+def test_a_trained_policy_is_rendered_in_its_own_task(augmented, tmp_path):
+    results, run = augmented  # of face_direction; move_to_pose is the default of render
+    out = ("--steps", "20", "--out", str(tmp_path / "strip.png"))
+    done = succeed("render", "--policy", run, *out, results=results)
+    assert f"render {run} face_direction" in done.stderr
 
 
 def test_a_run_of_another_task_is_refused(augmented):

@@ -163,8 +163,8 @@ def test_the_defaults_say_within_seconds_how_long_they_take(tmp_path):
     process.kill()
     process.wait()
     assert re.match(
-        r"10 runs of 5,000,000 control steps at about \d+ steps/s each, .* at a time: about \d+ d "
-        r"\d+ h\. For less: fewer --steps .*--seeds",
+        r"10 runs with 50,000,000 control steps left at about \d+ steps/s, evaluations included, "
+        r"\d+ processes at a time: about \d+ d \d+ h\. For less: fewer --steps .*--seeds",
         line,
     )
     # What it had begun is the paper's experiment on one task.

@@ -130,7 +130,9 @@ def test_settings_and_devices_that_do_not_go_together_are_refused():
 
 def test_ppo_is_refused_in_bfloat16():
     assert settings("sac", precision="bfloat16").precision == "bfloat16"
-    with pytest.raises(ValueError, match="PPO does not learn in bfloat16: precision must be float32"):
+    with pytest.raises(
+        ValueError, match="PPO does not learn in bfloat16: precision must be float32"
+    ):
         settings("ppo", precision="bfloat16")
 
 

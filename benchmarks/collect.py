@@ -34,7 +34,8 @@ from jbench.names import EPISODE_STEPS, PHYSICS_STEPS
 from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import Robots
 from jbench.store import Results
-from jbench.tasks import features, model, resets
+from jbench.tasks import features, model, resets, rewards
+from jbench.tasks.robots import load_model
 
 TASK = "move_from_origin"
 BARE_EPISODES = 8  # on each thread, in one measurement
@@ -45,7 +46,7 @@ DM_CONTROL_STEPS = 2_000
 
 def bare(threads: int, seed: int) -> Callable[[], int]:
     """Returns the bare loop, drawn beforehand; called, it returns its control steps."""
-    robot = model.load()
+    robot = load_model()
     random = np.random.default_rng(seed)
     actions = random.uniform(-1, 1, (threads, BARE_EPISODES, EPISODE_STEPS)).tolist()
     quaternions = [[resets.draw_quaternion(random) for _ in each] for each in actions]
@@ -83,7 +84,7 @@ class ClosedLoop:
     def __init__(self, count: int, threads: int) -> None:
         """Makes the robots and lets them fall into place."""
         random = np.random.default_rng(count)
-        self.robots = Robots(model.load(), count, threads)
+        self.robots = Robots(load_model(), count, threads)
         self.target = features.Target(np.zeros((count, 3)), np.zeros(count))
         self.weights = 1e3 * random.standard_normal(features.TASK_SPECS[TASK].observation_size)
         self.state = self.robots.reset(
@@ -96,7 +97,7 @@ class ClosedLoop:
         for _ in range(steps):
             observed = features.observation(TASK, self.state, self.target)
             self.state = self.robots.step(2 * (observed @ self.weights % 1) - 1)
-            features.reward(TASK, self.state, self.target)
+            rewards.reward(TASK, self.state, self.target)
 
     def __call__(self) -> int:
         """Returns the control steps that it took, over all robots."""

@@ -37,7 +37,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS, TASKS
-from jbench.tasks import features, heuristics, model, resets
+from jbench.tasks import features, heuristics, model, resets, rewards
+from jbench.tasks.robots import load_model
 
 Array = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ class Robots:
             coarse: physics steps to make into one.
         """
         self.task = task
-        self._model = model.load()
+        self._model = load_model()
         self._model.opt.timestep *= coarse
         self._steps = PHYSICS_STEPS // coarse
         self._offset = model.torso_offset(self._model)
@@ -105,7 +106,7 @@ def returns(
     for _ in range(steps):
         observed = features.observation(policy.task, robots.state(), robots.target)
         robots.step(policy.act(observed)[:, 0])
-        total += features.reward(policy.task, robots.state(), robots.target)
+        total += rewards.reward(policy.task, robots.state(), robots.target)
     return total * (EPISODE_STEPS / steps)
 
 

@@ -40,34 +40,30 @@ def _root(
         ),
     ] = False,
 ) -> None:
-    """Options before the verb."""
+    """Global options."""
 
 
-verb: Callable[..., None]
-for verb in (data.collect, data.datasets, data.export):
-    app.command()(verb)
+command: Callable[..., None]
+for command in (data.collect, data.datasets, data.export):
+    app.command()(command)
 app.command("train-dae")(encoders.train_dae)
 app.command("train-encoder")(encoders.train_encoder)
-
-
 app.command("train")(train.train)
 app.command("train-agent", help="The same as train.")(train.train)
-for verb in (sweep.sweep, policies.evaluate, policies.render, policies.view):
-    app.command()(verb)
-
-
+for command in (sweep.sweep, policies.evaluate, policies.render, policies.view):
+    app.command()(command)
 app.command()(report.report)
-for verb in results.VERBS:
-    app.command()(verb)
+for command in results.COMMANDS:
+    app.command()(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line; returns the exit code: 0 done, 1 work failed, 2 wrong request."""
-    # Nothing is drawn by these verbs; without this, a machine without a display gets a warning.
+    # Most commands render nothing; without this, a machine without a display gets a warning.
     os.environ.setdefault("MUJOCO_GL", "disable")
     try:
         answer = app(arguments, prog_name="jbench", standalone_mode=False)
-        # What typer makes of Ctrl-C.
+        # typer returns this on Ctrl-C.
         if answer == 128 + signal.SIGINT:
             raise KeyboardInterrupt
         sys.stdout.flush()
@@ -82,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 0
     except SystemExit as end:
-        # typer and rich exit with 1 when the reader of our output has left, as `head` does.
+        # typer and rich exit with 1 when the reader closes the pipe, as `head` does.
         if not isinstance(end.__context__, BrokenPipeError):
             raise
         return 0
@@ -94,14 +90,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _ended(sentence: str, exit_code: int) -> int:
-    """Prints the last sentence, if standard error takes it; returns the exit code."""
+    """Prints the last sentence, if stderr is writable; returns the exit code."""
     with contextlib.suppress(OSError):
         print(printable(sentence), file=sys.stderr, flush=True)
     return exit_code
 
 
 def _discard_unwritten() -> None:
-    """Discards output that can't be written: else Python fails when it exits."""
+    """Discards output that can't be written; otherwise Python fails when it exits."""
     for stream in filter(None, (sys.__stdout__, sys.__stderr__)):
         try:
             stream.flush()

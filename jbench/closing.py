@@ -1,26 +1,18 @@
-"""What holds threads or processes until it is closed."""
+"""Base class of objects that hold threads or processes."""
 
 from abc import ABC, abstractmethod
-from types import TracebackType
 from typing import Self
 
 
 class Closing(ABC):
-    """A context manager whose end is `close`, whatever happened."""
+    """A context manager that calls `close` on exit."""
 
     def __enter__(self) -> Self:
-        """Returns itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Closes it."""
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @abstractmethod
     def close(self) -> None:
-        """Ends what it holds."""
+        """Releases the threads or processes."""

@@ -2,12 +2,12 @@
 
 
 class RequestError(ValueError):
-    """The request was wrong: one sentence saying what is wrong and what to type instead."""
+    """A wrong request: one sentence that says what is wrong and what to type instead."""
 
     exit_code = 2
 
 
 class WorkError(RuntimeError):
-    """The request was right, but the work failed: one sentence saying what failed."""
+    """Work that failed although the request was right: one sentence that says what failed."""
 
     exit_code = 1

@@ -1,4 +1,4 @@
-"""The names that users type, without heavy imports, so that help and completion stay instant."""
+"""Names that users type. There are no heavy imports here, so help and completion are fast."""
 
 import difflib
 from collections.abc import Iterable, Sequence
@@ -15,7 +15,7 @@ TASKS = (
     "move_to_position",
     "move_to_pose",
 )
-"""The five tasks in the paper's order of rising difficulty (paper, section 4.2)."""
+"""The five tasks, in the paper's order of increasing difficulty (section 4.2)."""
 
 ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
 """The four algorithms of the paper (section 5.1 and Figure 9)."""
@@ -35,30 +35,30 @@ ENCODER_KINDS = {
     "contrastive": "jbench.encoders.kinds.contrastive:Contrastive",
     "random-features": "jbench.encoders.kinds.random_features:RandomFeatures",
 }
-"""Our kinds of encoders, and where their classes are; other packages may offer more."""
+"""Built-in kinds of encoders and their classes; other packages may add kinds."""
 
 DEVICES = ("auto", "cpu", "cuda")
-"""Where to compute; auto is cuda where there is one."""
+"""Devices; auto is cuda if there is a GPU."""
 
 CAMERAS = ("overhead", "tracking", "ego", "spectator")
 """The cameras of the model: the paper's three (section 4.1) and a fixed view from the side."""
 
 TimeLimit = Literal["bootstrap", "terminal"]
 TIME_LIMITS: tuple[TimeLimit, ...] = get_args(TimeLimit)
-"""Whether the value of an episode's last state is bootstrapped, or nothing as after an end."""
+"""Whether the value of an episode's last state is bootstrapped (truncation) or 0 (terminal)."""
 
 Engine = Literal["batched", "sb3"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
-"""What trains agents: ours, many seeds at a time, or stable-baselines3, one by one."""
+"""Training engines: jbench's (many seeds at a time) or stable-baselines3 (one seed at a time)."""
 
 Precision = Literal["float32", "tf32", "bfloat16"]
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)
-"""Of the batched engine's products; what is kept is float32 in any case."""
+"""Precision of the batched engine's matrix products; parameters are float32 in any case."""
 
 Base = Literal["published", "script", "sb3"]
 BASES: tuple[Base, ...] = get_args(Base)
-"""Whose settings apply: Table 1 with the paper's library or with stable-baselines3 where the table
-is silent, or those of the authors' script, which differs from Table 1."""
+"""Sources of hyperparameters: Table 1, completed by the paper's library (published) or by
+stable-baselines3 (sb3), or the authors' script, which differs from Table 1."""
 
 Order = Literal["quantile-first", "smooth-first"]
 ORDERS: tuple[Order, ...] = get_args(Order)
@@ -66,35 +66,38 @@ ORDERS: tuple[Order, ...] = get_args(Order)
 
 ReturnsName = Literal["evaluation", "training"]
 RETURNS: tuple[ReturnsName, ...] = get_args(ReturnsName)
-"""The returns that a run records: of its deterministic policy, and of its training episodes."""
+"""The returns that a run records: deterministic evaluations, and training episodes."""
 
 SWEEPS = ("smoke", "fig7", "fig8", "fig9", "question")
-"""The matrices of runs that are shipped: a small one, those of the paper's figures, and those that
-answer whether learning on a reduced order helps."""
+"""The shipped matrices: a small one, the paper's figures, and the comparisons that answer whether
+learning on a reduced-order observation helps."""
 
 EXECUTORS = ("local", "ray")
-"""Where the runs of a sweep go on: on this machine, or on a Ray cluster."""
+"""Where a sweep trains: on this machine, or on a Ray cluster."""
+
+FIGURE_FORMATS = ("png", "svg", "pdf")
+"""Endings of the files of figures."""
 
 REFERENCE = "reference"
-"""What `--results` calls the results shipped with jbench."""
+"""Value of `--results` for the results shipped with jbench."""
 
 FULL = "full"
-"""The representation of an agent that sees the whole observation, without an encoder."""
+"""Representation of an agent that observes the full state, without an encoder."""
 
 OFE = "ofe"
-"""The representation of an agent with features that are learned with it, a number behind it."""
+"""Prefix of the representation of an agent whose features are learned online, such as ofe12."""
 
 
 def kind_of(representation: str) -> str:
-    """Returns the kind of a representation: `scaled` of scaled16, `full` of full."""
+    """Returns the kind of a representation, such as `scaled` for scaled16."""
     return representation.rstrip("0123456789")
 
 
-LARGEST_SEED = 2**63 - 1
-"""Seeds are kept in the database as signed numbers of 64 bits."""
+MAX_SEED = 2**63 - 1
+"""The database stores seeds as signed 64-bit integers."""
 
 CHECKPOINT_EVERY = 60.0
-"""Least time between two checkpoints of a run (s); a kill loses this, and up to an episode more."""
+"""Minimum seconds between two checkpoints of a run; a kill loses at most this and one episode."""
 
 EPISODE_STEPS = 1000
 """Control steps in an episode, in every environment (paper, section 4.1)."""
@@ -103,14 +106,14 @@ CONTROL_TIMESTEP = 0.01
 """Seconds of simulated time in a control step (paper, section 4.1)."""
 
 PHYSICS_STEPS = 50
-"""Physics steps of 0.2 ms in a control step, the action held (paper, section 4.1)."""
+"""Physics steps of 0.2 ms in a control step; the action is held constant (paper, section 4.1)."""
 
 
 def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
     """Returns the value if it is one of the names.
 
     Raises:
-        RequestError: if it is none; it says which there are.
+        RequestError: if it is not; the message lists the names.
     """
     for name in names:
         if name == value:
@@ -121,6 +124,6 @@ def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
 
 
 def one_of(names: Iterable[str]) -> str:
-    """Returns names as a sentence offers them: `a, b or c`."""
+    """Returns names as a list in prose: `a, b or c`."""
     *others, last = names
     return f"{', '.join(others)} or {last}" if others else last

@@ -1,32 +1,34 @@
-"""The final training return of a run: the one definition that all verbs and the report use."""
+"""Final training return of a run, as every command and the report define it."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 FINAL_EPISODES = 100
-"""Most episodes in a final return: the paper's moving average (Figures 8 and 9)."""
+"""Maximum number of episodes in a final return: the paper's moving average (Figures 8 and 9)."""
 
 
-def final_episodes(episodes: NDArray[np.int64], most: int = FINAL_EPISODES) -> NDArray[np.int64]:
-    """Returns how many of a run's last episodes its final return is the mean of.
+def final_episodes(
+    episodes: NDArray[np.int64], max_episodes: int = FINAL_EPISODES
+) -> NDArray[np.int64]:
+    """Returns the number of last episodes over which the final return is averaged.
 
-    That is the last quarter of the run, but at least one episode.
+    This is a quarter of the run's episodes, limited to 1 to `max_episodes`.
 
     Args:
         episodes: (runs,) number of episodes of each run.
-        most: episodes in a final return.
+        max_episodes: upper limit.
     """
-    return np.clip(episodes // 4, 1, most)
+    return np.clip(episodes // 4, 1, max_episodes)
 
 
 def final_return(returns: NDArray[np.float64]) -> float | None:
     """Returns the final return of a run.
 
     Args:
-        returns: (episodes,) of the run, in order; those that are not finite are left out.
+        returns: (episodes,) episode returns in order; non-finite returns are ignored.
 
     Returns:
-        The mean return over `final_episodes`; None if there is no finite return among them.
+        The mean return over the last `final_episodes`; None if none of them is finite.
     """
     last = returns[-int(final_episodes(np.array(len(returns)))) :]
     finite = last[np.isfinite(last)]

@@ -17,7 +17,7 @@ from jbench.policies.saved import Policy
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
-from jbench.store import schema
+from jbench.store import encoder_schema, schema
 
 TASK = "face_direction"
 DATASET = "random/s00-5de9f54f"
@@ -55,10 +55,10 @@ def _add_encoder(results):
         "maximum": [1.0] * 16,
     }
     record = results.create("encoder", settings.id, settings.model_dump())
-    errors = dict.fromkeys(schema.ENCODER_ERRORS.names, 0.5) | {"encoder": settings.id}
+    errors = dict.fromkeys(encoder_schema.ENCODER_ERRORS.names, 0.5) | {"encoder": settings.id}
     errors |= {"test_states": 1000, "heuristic_states": 1000}
     errors |= {"test_explained": 0.927, "pca_explained": 0.937, "heuristic_explained": 0.919}
-    record.append({"encoder_errors": pa.Table.from_pylist([errors], schema.ENCODER_ERRORS)})
+    record.append({"encoder_errors": pa.Table.from_pylist([errors], encoder_schema.ENCODER_ERRORS)})
     record.finish(
         {"test_mse": 0.00939, "test_explained": 0.927, "wall_time": 1.0},
         {

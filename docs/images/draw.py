@@ -19,8 +19,9 @@ def portrait() -> None:
     from PIL import Image
 
     from jbench.tasks import model
+    from jbench.tasks.robots import load_model
 
-    robot = model.load()
+    robot = load_model()
     robot.vis.global_.offwidth, robot.vis.global_.offheight = FINER * WIDTH, FINER * HEIGHT
     robot.vis.global_.fovy = 26
     robot.body("target").pos = [0, 0, -1]  # below the floor: out of sight

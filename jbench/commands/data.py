@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from jbench.datasets.listing import Listed
 
 FORMATS = ("minari",)
-"""What a dataset can be exported to."""
+"""Export formats."""
 
 
 def collect(
@@ -42,7 +42,7 @@ def collect(
     from jbench.settings.base import validated
     from jbench.settings.dataset import DatasetSettings
 
-    output, place = Output(json), parsing.results_to_write(results)
+    output, database = Output(json), parsing.results_to_write(results)
     settings = validated(
         DatasetSettings,
         "the dataset",
@@ -50,11 +50,11 @@ def collect(
         seed=parsing.seed(seed),
         augment=parsing.augmented(augment),
     )
-    before = place.find("dataset", settings.id)
+    before = database.find("dataset", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
     with output.progress("collect", settings.steps, "control steps") as progress:
-        record = collect_dataset(settings, place, parsing.all_cores(threads), progress.update)
+        record = collect_dataset(settings, database, parsing.all_cores(threads), progress.update)
     size = sum(entry.bytes for entry in record.manifest.files)
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {size / 1e6:.1f} MB, in "
@@ -69,17 +69,19 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
     from jbench.datasets.listing import list_datasets
 
     output = Output(json)
-    found, problems = list_datasets(parsing.existing_results(results))
-    if found or problems:
+    listed, problems = list_datasets(parsing.existing_results(results))
+    if listed or problems:
         header = ("dataset", "status", "control steps", "of", "robot", "MB", "last written (UTC)")
-        output.table(f"{len(found)} datasets in {results}", header, [_row(each) for each in found])
+        output.table(
+            f"{len(listed)} datasets in {results}", header, [_row(each) for each in listed]
+        )
     else:
         output.say(f"No datasets in {results}; jbench collect --steps 100000 makes a small one.")
     described = [
         display.described(
             each.record, status=each.record.status, steps=each.steps, bytes=each.bytes
         )
-        for each in found
+        for each in listed
     ]
     output.document({"datasets": described, "problems": problems})
     for problem in problems:

@@ -1,4 +1,4 @@
-"""The looks of `jbench sweep --until-decided` as tables."""
+"""Tables of the interim analyses of `jbench sweep --until-decided`."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,21 +18,21 @@ _VERDICTS = {
 }
 
 
-def introduction(asked: Sequence[Comparison], most: int) -> str:
-    """Returns the sentence printed before the first look: what is compared, and the error rate."""
+def introduction(asked: Sequence[Comparison], max_seeds: int) -> str:
+    """Returns the sentence printed before the first look: the comparisons and the error rate."""
     return (
-        f"Final returns are compared after each {sequential.BLOCK} seeds, up to {most}. Of all "
-        f"{len(asked)} decisions together one or more are wrong with a probability of at most "
+        f"Final returns are compared after each {sequential.BLOCK} seeds, up to {max_seeds}. Of "
+        f"all {len(asked)} decisions together one or more are wrong with a probability of at most "
         f"{sequential.ERROR_RATE:.0%}: {rate_of_each(asked):.2%} for each comparison."
     )
 
 
 def show_look(look: Look, output: Output) -> None:
-    """Prints what is decided, from how many seeds, and the error rate spent."""
-    found = look.outcomes
-    decided = sum(one.decision.verdict != "undecided" for one in found)
+    """Prints each comparison's decision, its number of seeds, and the error rate spent."""
+    outcomes = look.outcomes
+    decided = sum(one.decision.verdict != "undecided" for one in outcomes)
     rows = []
-    for one in found:
+    for one in outcomes:
         decision = one.decision
         verdict = _VERDICTS[decision.verdict]
         left = [run.id for run in one.needed if run.id in look.tried]
@@ -50,11 +50,11 @@ def show_look(look: Look, output: Output) -> None:
             ]
         )
     header = ["comparison", "final return is", "seeds", "difference", "interval", "error spent"]
-    output.table(f"{decided} of {len(found)} comparisons are decided", header, rows)
+    output.table(f"{decided} of {len(outcomes)} comparisons are decided", header, rows)
 
 
-def described_outcomes(found: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """Returns the entries of comparisons in the JSON document; numbers not finite are null."""
+def described_outcomes(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+    """Returns the entries of comparisons in the JSON document; non-finite numbers are null."""
     return [
         {
             "comparison": one.comparison.name,
@@ -68,5 +68,5 @@ def described_outcomes(found: Sequence[Outcome]) -> list[dict[str, Any]]:
             },
             "needed": [run.id for run in one.needed],
         }
-        for one in found
+        for one in outcomes
     ]

@@ -9,11 +9,11 @@ from jbench.commands.output import Output
 from jbench.errors import WorkError
 from jbench.returns import final_return
 from jbench.settings.run import RunSettings
-from jbench.store import Record, Results, schema
+from jbench.store import Record, Results, encoder_schema, schema
 
 
 def described(record: Record, **more: Any) -> dict[str, Any]:
-    """Returns what the JSON document of a verb says of a record."""
+    """Returns the entry of a record in a command's JSON document."""
     return {
         "id": record.id,
         "path": str(record.path),
@@ -24,12 +24,12 @@ def described(record: Record, **more: Any) -> dict[str, Any]:
 
 
 def show_encoders(records: Sequence[Record], output: Output) -> None:
-    """Prints the errors of trained encoders: of a lone one in detail."""
+    """Prints the errors of trained encoders; a single encoder is shown in detail."""
     if len(records) == 1:
         _show_encoder(records[0], output)
     rows = []
     for record in records:
-        (errors,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()
+        (errors,) = record.read("encoder_errors", encoder_schema.ENCODER_ERRORS).to_pylist()
         explained = ("test", "pca", "random", "heuristic", "pca_heuristic")
         rows.append(
             (
@@ -46,22 +46,24 @@ def show_encoders(records: Sequence[Record], output: Output) -> None:
 
 
 def _show_predictions(records: Sequence[Record], output: Output) -> None:
-    """Prints how well the next control step is predicted from the latents of encoders."""
+    """Prints how well the latents predict the next control step."""
     rows, targets = [], []
     for record in records:
-        found = record.read("encoder_predictions", schema.ENCODER_PREDICTIONS).to_pylist()
-        # Encoders that were trained before there was this table have no rows.
-        if found:
-            targets = [row["target"].replace("_", " ") for row in found]
-            r2 = ("" if row["r2"] is None else f"{row['r2']:.3f}" for row in found)
-            rows.append((record.id, *r2, f"{found[0]['effective_rank']:.1f}"))
+        predictions = record.read(
+            "encoder_predictions", encoder_schema.ENCODER_PREDICTIONS
+        ).to_pylist()
+        # Encoders trained before this table existed have no rows.
+        if predictions:
+            targets = [row["target"].replace("_", " ") for row in predictions]
+            r2 = ("" if row["r2"] is None else f"{row['r2']:.3f}" for row in predictions)
+            rows.append((record.id, *r2, f"{predictions[0]['effective_rank']:.1f}"))
     if rows:
         title = "R² of the next control step from latents and action, on held-out episodes"
         output.table(title, ("encoder", *targets, "effective rank"), rows)
 
 
 def _show_singular_values(record: Record, output: Output) -> None:
-    """Prints the singular values of the dynamics of an encoder that has them."""
+    """Prints the singular values of an encoder's dynamics, if it has any."""
     values = record.manifest.summary.get("singular_values")
     if values is not None:
         above = ", ".join(f"{sum(v > least for v in values)} above {least}" for least in (0.9, 0.5))
@@ -72,16 +74,16 @@ def _show_singular_values(record: Record, output: Output) -> None:
 
 
 def _show_encoder(record: Record, output: Output) -> None:
-    """Prints the errors of a trained encoder: by epoch, and by feature at the end."""
-    epochs = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
-    told = ("train_loss", "test_mse", "test_denoising_mse")
+    """Prints the errors of a trained encoder by epoch, and the final errors by feature."""
+    epochs = record.read("encoder_epochs", encoder_schema.ENCODER_EPOCHS).to_pylist()
+    losses = ("train_loss", "test_mse", "test_denoising_mse")
     shown = sorted({*range(0, len(epochs), max(1, len(epochs) // 8)), len(epochs) - 1})
     if epochs:
         output.table(
             f"{record.id}: mean squared error by epoch (scaled features)",
             ("epoch", "training loss", "test, clean", "test, corrupted"),
             [
-                (e["epoch"], *("" if e[name] is None else f"{e[name]:.5f}" for name in told))
+                (e["epoch"], *("" if e[name] is None else f"{e[name]:.5f}" for name in losses))
                 for e in (epochs[i] for i in shown)
             ],
         )
@@ -98,13 +100,13 @@ def _show_encoder(record: Record, output: Output) -> None:
                 f"{row['heuristic_mse']:.5f}",
                 f"{row['pca_heuristic_mse']:.5f}",
             )
-            for row in record.read("encoder_features", schema.ENCODER_FEATURES).to_pylist()
+            for row in record.read("encoder_features", encoder_schema.ENCODER_FEATURES).to_pylist()
         ],
     )
 
 
 def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> None:
-    """Prints what came out of each run that the results hold."""
+    """Prints the final return and the last evaluation of each run in the results."""
     rows = []
     for run in runs:
         try:
@@ -118,7 +120,7 @@ def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> 
 
 
 def show_final_returns(table: pd.DataFrame, output: Output) -> None:
-    """Prints the report's table, a row for each cell; the files hold all its columns."""
+    """Prints the main columns of the report's table, one row per cell."""
     if table.empty:
         return
     from jbench.report.formatting import steps

@@ -71,7 +71,7 @@ def train_dae(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Train the paper's denoising autoencoder on a dataset; a killed training resumes."""
+    """Train the paper's denoising autoencoder on a dataset; an interrupted training resumes."""
     options = {"noise": noise, "epochs": epochs, "batch": batch, "learning_rate": learning_rate}
     _train(["dae"], options, task, latent, dataset, seed, device, results, Output(json))
 
@@ -128,7 +128,7 @@ def _train(
     results: Path,
     output: Output,
 ) -> None:
-    """Trains an encoder for each task, kind and number of latents; a dataset is read once."""
+    """Trains an encoder for each task, kind and number of latents; reads the dataset once."""
     from jbench.commands import display
     from jbench.datasets import find_dataset
     from jbench.encoders.loop import find_device
@@ -136,13 +136,13 @@ def _train(
     from jbench.encoders.states import States
     from jbench.encoders.training import CHECKPOINT, train_encoder
 
-    place = parsing.results_to_write(results)
+    database = parsing.results_to_write(results)
     tasks = names.TASKS if task == "all" else (names.known("task", task, (*names.TASKS, "all")),)
-    chosen = find_device(names.known("value of --device", device, names.DEVICES))
+    train_on = find_device(names.known("value of --device", device, names.DEVICES))
     given = {name: value for name, value in options.items() if value is not None}
-    source = find_dataset(place, dataset)
+    source = find_dataset(database, dataset)
     shared = {"dataset": source.id, "seed": parsing.seed(seed)}
-    wanted = {
+    planned = {
         name: [
             encoder_settings(kind, given, task=name, latents=number, **shared)
             for kind, number in _sizes(kinds, name, latent)
@@ -150,23 +150,22 @@ def _train(
         for name in tasks
     }
     records = []
-    for name, all_settings in wanted.items():
+    for name, all_settings in planned.items():
         states = States(source, name, seed)
         for settings in all_settings:
-            before = place.find("encoder", settings.id)
+            before = database.find("encoder", settings.id)
             if before is not None and before.status == "finished":
                 output.say(f"The encoder {settings.id} is already finished; nothing to do.")
             elif before is not None:
-                resumes = before.has_checkpoint(CHECKPOINT)
-                how = "resumes" if resumes else "starts over"
+                how = "resumes" if before.has_checkpoint(CHECKPOINT) else "starts over"
                 output.say(f"The encoder {settings.id} was interrupted; it {how}.")
             label, epochs = f"{settings.representation} {name}", settings.options.get("epochs", 1)
             with output.progress(label, epochs, "epochs") as progress:
                 records.append(
-                    train_encoder(settings, states, place, progress.update, device=chosen)
+                    train_encoder(settings, states, database, progress.update, device=train_on)
                 )
     display.show_encoders(records, output)
-    first = wanted[tasks[0]][0]
+    first = planned[tasks[0]][0]
     output.say(f"Next: jbench train --task {first.task} --encoder {first.kind}:{first.latents}")
     output.document({"encoders": [display.described(record) for record in records]})
 
@@ -174,7 +173,7 @@ def _train(
 def _sizes(kinds: list[str], task: str, latent: str | None) -> list[tuple[str, int]]:
     """Returns the kinds with their numbers of latents for a task.
 
-    Beside kinds of several sizes, --latent does not apply to a kind of one size.
+    If any kind has several sizes, --latent is ignored for kinds that have only one.
     """
     from jbench.encoders.registry import find_kind
 

@@ -1,4 +1,4 @@
-"""Training while it goes on: a table of its processes on a terminal, plain lines elsewhere."""
+"""Live progress of training: a table of processes on a terminal, plain lines elsewhere."""
 
 import sys
 import time
@@ -17,8 +17,8 @@ from jbench.sweeps.cell_status import CellStatus, seconds_left
 from jbench.sweeps.executors import Message
 from jbench.sweeps.watcher import Watcher
 
-_PLAIN_EVERY = 60.0  # s between plain lines, where there is no terminal
-_MAX_RETURNS = 6  # last returns in a line; of more seeds their mean and extremes
+_PLAIN_EVERY = 60.0  # s between plain lines if stderr is not a terminal
+_MAX_RETURNS = 6  # with more seeds, a line shows the mean and extremes of the last returns
 
 
 class _Batch:
@@ -39,7 +39,7 @@ class _Batch:
 
     @property
     def steps(self) -> int:
-        """Control steps of all runs."""
+        """Control steps done, summed over the runs."""
         return sum(self.done.values())
 
     @property
@@ -48,19 +48,19 @@ class _Batch:
         return 0 if self._first is None else self.steps - self._first[1]
 
     def update(self, run: RunSettings, steps: int, resumed: bool = False) -> None:
-        """Sets the control steps of a run; the speed is measured from where it was resumed."""
+        """Sets the control steps of a run; the speed is measured from the step of resumption."""
         self.done[run.id] = min(steps, run.steps)
         if self._first is None or resumed:
             self._first = time.monotonic(), self.steps
 
     def rate(self) -> float | None:
-        """Returns the control steps per second of all runs, so far."""
+        """Returns the control steps per second of all runs; None if not known yet."""
         if self._first is None or not self.gained:
             return None
         return self.gained / (time.monotonic() - self._first[0])
 
     def cells(self) -> tuple[str, ...]:
-        """Returns a line: name, steps, speed, last returns, time left."""
+        """Returns the cells of a table row: name, steps, speed, last returns, time left."""
         rate = self.rate()
         return (
             self.name,
@@ -79,10 +79,9 @@ class _Batch:
 
 
 class TrainingView(Watcher):
-    """Prints the events of a sweep; while runs are trained, shows their processes."""
+    """Prints the events of a sweep, and shows its processes during training."""
 
     def __init__(self, output: Output) -> None:
-        """Prints nothing yet."""
         self._output, self._live = output, sys.stderr.isatty()
         self._reset([])
 
@@ -108,16 +107,16 @@ class TrainingView(Watcher):
             yield progress.update
 
     def forecast(self, statuses: Sequence[CellStatus], jobs: int) -> None:
-        """Prints how long runs will take."""
+        """Prints the estimated time left."""
         seconds, steps = seconds_left(statuses, jobs), sum(each.steps_left for each in statuses)
         if not seconds:
             return
         runs = [run for each in statuses for run in each.cell.runs]
-        ways = {
+        hints = {
             "fewer --steps (such as 300000)": max(run.steps for run in runs) > 300_000,
             "fewer --seeds (such as 0-2)": len({run.seed for run in runs}) > 3,
         }
-        fewer = ", or ".join(way for way, is_less in ways.items() if is_less)
+        fewer = ", or ".join(hint for hint, applies in hints.items() if applies)
         less = f" For less: {fewer}." if fewer and seconds > 600 else ""
         self._output.say(
             f"{len(runs)} runs with {steps:,} control steps left at about {steps / seconds:,.0f} "
@@ -127,7 +126,7 @@ class TrainingView(Watcher):
 
     @contextmanager
     def training(self, runs: Sequence[RunSettings]) -> Iterator[None]:
-        """Shows the processes of runs on standard error while the block lasts."""
+        """Shows the processes of the runs on stderr inside the `with` block."""
         self._reset(runs)
         if not self._live:
             yield
@@ -136,17 +135,17 @@ class TrainingView(Watcher):
             self,
             console=Console(stderr=True),
             refresh_per_second=2,
-            # Lines printed meanwhile go above the table; but a pipe gets what is meant for it.
+            # Lines printed meanwhile appear above the table, unless stdout is a pipe.
             redirect_stdout=sys.stdout.isatty(),
         ):
             yield
 
     def started(self, runs: Sequence[RunSettings]) -> None:
-        """Adds the line of a process."""
+        """Adds the row of a process."""
         self._batches.append(_Batch(runs))
 
     def message(self, run: RunSettings, message: Message) -> None:
-        """Shows how far a run is."""
+        """Shows the progress of a run."""
         if "finished" in message or "failed" in message:
             self._ended.add(run.id)
         steps = message.get("control_steps", message.get("resumed_at"))
@@ -162,7 +161,7 @@ class TrainingView(Watcher):
         self._print_now_and_then()
 
     def ended(self, runs: Sequence[RunSettings]) -> None:
-        """Removes the line of a process."""
+        """Removes the row of a process."""
         ids = {run.id for run in runs}
         for batch in [each for each in self._batches if ids & each.done.keys()]:
             self._gained += batch.gained

@@ -10,7 +10,7 @@ from jbench import names
 
 
 def complete(*known: str) -> Callable[[str], list[str]]:
-    """Returns a completion of the beginnings of known names."""
+    """Returns a shell completion that offers the names with the typed prefix."""
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
 
@@ -31,6 +31,12 @@ JsonOption = Annotated[
 TaskOption = Annotated[
     str,
     typer.Option(help=f"Task: {', '.join(names.TASKS)}.", autocompletion=complete(*names.TASKS)),
+]
+PolicyTaskOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Task (default: the task of a trained policy).", autocompletion=complete(*names.TASKS)
+    ),
 ]
 OneTaskOption = Annotated[
     str | None, typer.Option(help="Only this task.", autocompletion=complete(*names.TASKS))

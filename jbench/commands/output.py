@@ -14,11 +14,7 @@ _PLAIN_EVERY = 10.0  # s between plain lines of progress, where there is no term
 
 @contextmanager
 def _writing() -> Iterator[None]:
-    """Turns errors of the streams into a sentence; a closed pipe is left to the caller.
-
-    Raises:
-        WorkError: if a stream can't be written, such as on a full disk.
-    """
+    """Turns OS errors of the streams into a WorkError; a broken pipe is left to the caller."""
     try:
         yield
     except BrokenPipeError:
@@ -31,7 +27,6 @@ class Output:
     """Standard output for people, or for a program, with everything else on standard error."""
 
     def __init__(self, as_json: bool = False) -> None:
-        """Chooses who reads standard output."""
         self.as_json = as_json
 
     def say(self, text: str) -> None:
@@ -58,7 +53,7 @@ class Output:
             table.add_column(Text(name), justify="right" if right else "left", overflow="fold")
         for row in rows:
             table.add_row(*(Text(printable(str(cell))) for cell in row))
-        # Where the output is not a terminal there is no width to keep to.
+        # A pipe has no width: use one that holds most tables.
         width = None if stream.isatty() else 200
         console = Console(file=stream, width=width)
         with _writing():
@@ -66,18 +61,18 @@ class Output:
             console.print(table)
 
     def document(self, content: dict[str, Any]) -> None:
-        """Prints the JSON document, if one was asked for."""
+        """Prints the JSON document if `--json` was given."""
         if self.as_json:
             self.raw(json.dumps(content, indent=1, allow_nan=False) + "\n")
 
     def raw(self, text: str) -> None:
-        """Writes text for a program to standard output, as it is."""
+        """Writes text to standard output unchanged."""
         with _writing():
             print(text, end="", flush=True)
 
     @contextmanager
     def progress(self, what: str, total: int, unit: str) -> Iterator["Progress"]:
-        """Gives something that shows progress on standard error while the block lasts."""
+        """Shows progress on standard error inside the `with` block."""
         if sys.stderr.isatty():
             with _bar(what, total) as progress:
                 yield progress
@@ -86,18 +81,18 @@ class Output:
 
 
 class Progress:
-    """Shows how far a piece of work is."""
+    """Progress of a piece of work."""
 
     def update(self, done: int, note: str = "") -> None:
-        """Shows that so much of the total is done, and a word beside it."""
+        """Shows how much of the total is done, and a note."""
         raise NotImplementedError
 
     def begin(self, done: int) -> None:
-        """Counts the speed from here: so much was done before."""
+        """Measures the speed from here on; `done` was done before."""
 
 
 class _Lines(Progress):
-    """A plain line now and then."""
+    """A plain line every few seconds."""
 
     def __init__(self, what: str, total: int, unit: str) -> None:
         self._what, self._total, self._unit = what, total, unit
@@ -126,7 +121,7 @@ class _Lines(Progress):
 
 @contextmanager
 def _bar(what: str, total: int) -> Iterator[Progress]:
-    """A bar on a terminal."""
+    """A progress bar on a terminal."""
     from rich import progress as rich
 
     columns = (
@@ -142,7 +137,7 @@ def _bar(what: str, total: int) -> Iterator[Progress]:
         *columns,
         console=Console(stderr=True),
         speed_estimate_period=120,
-        # Lines said meanwhile go above the bar; but a pipe gets what is meant for it.
+        # Lines printed meanwhile appear above the bar, unless stdout is a pipe.
         redirect_stdout=sys.stdout.isatty(),
     ) as bars:
         task = bars.add_task(what, total=total, note="")
@@ -155,7 +150,7 @@ def _bar(what: str, total: int) -> Iterator[Progress]:
 
 
 def duration(seconds: float) -> str:
-    """Returns a length of time in the two units that say enough: `3 d 4 h`, `12 min 5 s`."""
+    """Returns a duration in its two largest units, such as `3 d 4 h` or `12 min 5 s`."""
     for size, unit, part, smaller in (
         (86400, "d", 3600, "h"),
         (3600, "h", 60, "min"),
@@ -167,12 +162,12 @@ def duration(seconds: float) -> str:
 
 
 def printable(text: str) -> str:
-    """Returns a text without control characters: results may be untrusted."""
+    """Strips control characters from untrusted text."""
     return "".join(c if c.isprintable() or c in "\n\t" else "\ufffd" for c in text)
 
 
 def short(cell: object) -> str:
-    """Returns a cell of a table as text: what is missing as nothing, numbers in six digits."""
+    """Formats a table cell: None as an empty string, floats with six digits."""
     if cell is None:
         return ""
     return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

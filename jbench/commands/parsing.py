@@ -1,4 +1,4 @@
-"""Reading what users type: names, counts, seeds, settings and results directories."""
+"""Parsing of option values: names, counts, seeds, settings and results directories."""
 
 import difflib
 import json
@@ -8,49 +8,49 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jbench.errors import RequestError
-from jbench.names import ENCODER_KINDS, FULL, LARGEST_SEED, OFE, REFERENCE
+from jbench.names import ENCODER_KINDS, FULL, MAX_SEED, OFE, REFERENCE
 
 if TYPE_CHECKING:
     from jbench.store import Results
 
 
 def known_or_held(
-    setting: str, value: str, names: Collection[str], places: Sequence["Results"]
+    setting: str, value: str, names: Collection[str], databases: Sequence["Results"]
 ) -> str:
-    """Returns the value if it is a name of jbench, or a run of the results has it.
+    """Returns the value if jbench knows it or a run of the results has it.
 
     Args:
-        setting: of runs: `task`, `algo` or `representation`.
-        value: that was typed.
-        names: that jbench has for it.
-        places: results whose runs may have other names.
+        setting: `task`, `algo` or `representation`.
+        value: value of the setting.
+        names: values that jbench knows.
+        databases: results whose runs may have other values.
 
     Raises:
-        RequestError: if nobody has it; it says what the runs have.
+        RequestError: if the value is unknown; the message lists the values of the runs.
     """
     if value in names or (setting == "representation" and _is_representation(value)):
         return value
     from jbench.store.listing import values_of
 
-    held = sorted({one for place in places for one in values_of(place, setting)})
+    held = sorted({one for results in databases for one in values_of(results, setting)})
     if value in held:
         return value
     close = difflib.get_close_matches(value, sorted({*held, *names}), 1)
     what = "algorithm" if setting == "algo" else setting
-    where = " and ".join(str(place.path) for place in places)
+    where = " and ".join(str(results.path) for results in databases)
     there = f"the runs in {where} have {', '.join(held)}" if held else f"{where} has no runs"
     hint = f"did you mean {close[0]}? {there[0].upper()}{there[1:]}" if close else there
     raise RequestError(f"Unknown {what} {value!r}; {hint}.")
 
 
 def _is_representation(value: str) -> bool:
-    """Returns whether a value is full, or a kind of ours with its size, as dae12 or ofe12."""
-    found = re.fullmatch(r"([a-z-]+)[0-9]+", value)
-    return value == FULL or (found is not None and found[1] in {*ENCODER_KINDS, OFE})
+    """Returns whether a value is `full`, or a built-in kind with its size, such as dae12."""
+    match = re.fullmatch(r"([a-z-]+)[0-9]+", value)
+    return value == FULL or (match is not None and match[1] in {*ENCODER_KINDS, OFE})
 
 
 def is_reference(path: Path) -> bool:
-    """Returns whether `--results` names the shipped results: not if there is such a directory."""
+    """Returns whether `--results` means the shipped results; a directory of that name wins."""
     return path == Path(REFERENCE) and not path.exists()
 
 
@@ -58,7 +58,7 @@ def results_at(path: Path) -> "Results":
     """Returns the results to read, which need not exist; `reference` names the shipped ones.
 
     Raises:
-        RequestError: if the path is something other than a directory.
+        RequestError: if the path is not a directory.
     """
     from jbench.store import Results
     from jbench.store.shipped import shipped
@@ -70,19 +70,19 @@ def existing_results(path: Path) -> "Results":
     """Returns results to read; `reference` names the shipped ones.
 
     Raises:
-        RequestError: if there is no such directory.
+        RequestError: if the directory does not exist.
     """
-    found = results_at(path)
-    if not found.path.exists():
+    results = results_at(path)
+    if not results.path.exists():
         raise RequestError(f"{path} does not exist; name a directory with --results.")
-    return found
+    return results
 
 
 def results_to_write(path: Path) -> "Results":
     """Returns results to write to, which need not exist yet.
 
     Raises:
-        RequestError: if they are the shipped ones, or the path is something other than a directory.
+        RequestError: if they are the shipped ones, or the path is not a directory.
     """
     from jbench.store import Results
 
@@ -98,7 +98,7 @@ def count(option: str, text: str) -> int:
     """Returns a positive whole number typed as 5000000, 5_000_000 or 5e6.
 
     Raises:
-        RequestError: if it is none.
+        RequestError: if it is not a positive whole number.
     """
     try:
         number = float(text)
@@ -109,33 +109,27 @@ def count(option: str, text: str) -> int:
     return int(number)
 
 
-def seed(number: int) -> int:
+def seed(number: int, option: str = "--seed") -> int:
     """Returns a seed.
 
     Raises:
-        RequestError: if it is negative, or larger than the database can keep.
+        RequestError: if it is negative, or exceeds the database's 64-bit integers.
     """
-    if not 0 <= number <= LARGEST_SEED:
-        raise RequestError(f"--seed {number}: type a whole number from 0 up to {LARGEST_SEED}.")
+    if not 0 <= number <= MAX_SEED:
+        raise RequestError(f"{option} {number}: type a whole number from 0 up to {MAX_SEED}.")
     return number
 
 
 def augmented(number: int | None) -> int | None:
-    """Returns the seed of an augmented robot, if one was asked for.
-
-    Raises:
-        RequestError: if it is negative.
-    """
-    if number is not None and not 0 <= number <= LARGEST_SEED:
-        raise RequestError(f"--augment {number}: type a whole number from 0 up to {LARGEST_SEED}.")
-    return number
+    """Returns the seed of an augmented robot; None is the plain robot."""
+    return None if number is None else seed(number, "--augment")
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
-    """Returns the values by name of texts like `tau=0.005`, `hidden_layers=[64,64]`.
+    """Returns the values by name of assignments such as `tau=0.005` or `hidden_layers=[64,64]`.
 
     Raises:
-        RequestError: if one is not of the form NAME=VALUE, or a name comes twice.
+        RequestError: if an assignment is not of the form NAME=VALUE, or a name is repeated.
     """
     overrides: dict[str, Any] = {}
     for assignment in assignments:
@@ -151,14 +145,14 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
     return overrides
 
 
-def all_cores(wanted: int) -> int:
-    """Returns how many to run at a time: as many as wanted, or for 0 one on each core.
+def all_cores(number: int) -> int:
+    """Returns a number of threads or processes; 0 is replaced by the number of cores.
 
     Raises:
         RequestError: if it is negative.
     """
     from jbench.store.provenance import cores
 
-    if wanted < 0:
-        raise RequestError(f"{wanted} at a time can't be; type 0 for one on each core.")
-    return wanted or cores()
+    if number < 0:
+        raise RequestError(f"{number} at a time is not possible; type 0 for one per core.")
+    return number or cores()

@@ -14,8 +14,8 @@ from jbench.commands.options import (
     CameraOption,
     JsonOption,
     PolicyOption,
+    PolicyTaskOption,
     ReadResultsOption,
-    TaskOption,
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def evaluate(
     policy: PolicyOption = "heuristic",
-    task: TaskOption = "face_direction",
+    task: PolicyTaskOption = None,
     episodes: Annotated[int, typer.Option(help="Number of episodes.")] = 100,
     seed: Annotated[int, typer.Option(help="Random seed of poses, targets and actions.")] = 0,
     states: Annotated[
@@ -49,14 +49,15 @@ def evaluate(
     from jbench.settings.evaluation import EvaluationSettings
     from jbench.store import schema
 
-    output, (place, policy) = Output(json), _place_and_policy(results, policy)
+    output, (database, policy) = Output(json), _database_and_policy(results, policy)
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     policy = full_name(policy)
+    task = _task(database, policy, task, "face_direction")
     settings = validated(
         EvaluationSettings,
         "the evaluation",
-        task=names.known("task", task, names.TASKS),
+        task=task,
         policy=policy,
         episodes=episodes,
         seed=parsing.seed(seed),
@@ -64,13 +65,13 @@ def evaluate(
         target_yaw=None if target_yaw is None else math.radians(target_yaw),
         augment=parsing.augmented(augment),
     )
-    before = place.find("evaluation", settings.id)
+    before = database.find("evaluation", settings.id)
     if before is not None and before.status == "finished":
         output.say(f"The evaluation {settings.id} is already finished; nothing to do.")
-    _say_other_robot(output, place, policy, augment)
+    _say_other_robot(output, database, policy, augment)
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
-        record = run_episodes(settings, place, parsing.all_cores(threads), progress.update)
+        record = run_episodes(settings, database, parsing.all_cores(threads), progress.update)
     returns = record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"].to_numpy()
     summary = record.manifest.summary
     output.say(
@@ -86,7 +87,7 @@ def render(
         Path, typer.Option(help="Output file: FILE.mp4, FILE.gif, or FILE.png (a strip of frames).")
     ] = Path("jitterbug.mp4"),
     policy: PolicyOption = "heuristic",
-    task: TaskOption = "move_to_pose",
+    task: PolicyTaskOption = None,
     camera: CameraOption = "tracking",
     seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
     steps: Annotated[
@@ -99,7 +100,8 @@ def render(
     """Render an episode of any policy as a video, an animation or a picture."""
     from jbench.opengl import choose_backend
 
-    names.known("task", task, names.TASKS)
+    if task is not None:
+        names.known("task", task, names.TASKS)
     names.known("camera", camera, names.CAMERAS)
     if not 1 <= steps <= names.EPISODE_STEPS:
         raise RequestError(f"--steps {steps}: type 1 to {names.EPISODE_STEPS}.")
@@ -109,21 +111,24 @@ def render(
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import check_output, default_size, render_to_file
 
-    output, (place, policy) = Output(json), _place_and_policy(results, policy)
+    output, (database, policy) = Output(json), _database_and_policy(results, policy)
     check_output(out)
     width, height = default_size(out)
+    task = _task(database, policy, task, "move_to_pose")
     scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
-    found = find_policy(place, policy, task, seed)
-    _say_other_robot(output, place, policy, augment)
+    runner = find_policy(database, policy, task, seed)
+    _say_other_robot(output, database, policy, augment)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
-        done = render_to_file(found, scene, out, name=policy, steps=steps, progress=progress.update)
+        done = render_to_file(
+            runner, scene, out, name=policy, steps=steps, progress=progress.update
+        )
     output.say(f"{done.path}: {done.seconds:.1f} s, return {done.episode_return:.0f}")
     output.document({"path": str(done.path), "episode_return": done.episode_return})
 
 
 def view(
     policy: PolicyOption = "heuristic",
-    task: TaskOption = "move_to_pose",
+    task: PolicyTaskOption = None,
     seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
     augment: AugmentOption = None,
     results: ReadResultsOption = RESULTS,
@@ -133,19 +138,19 @@ def view(
     from jbench.rendering.episode import Scene
     from jbench.rendering.viewer import view as open_viewer
 
-    place, policy = _place_and_policy(results, policy)
-    names.known("task", task, names.TASKS)
+    database, policy = _database_and_policy(results, policy)
+    task = _task(database, policy, task, "move_to_pose")
     parsing.augmented(augment)
-    found = find_policy(place, policy, task, parsing.seed(seed))
-    _say_other_robot(Output(), place, policy, augment)
-    steps = open_viewer(found, Scene(task, seed, augment=augment))
+    runner = find_policy(database, policy, task, parsing.seed(seed))
+    _say_other_robot(Output(), database, policy, augment)
+    steps = open_viewer(runner, Scene(task, seed, augment=augment))
     Output().say(f"Watched {steps} control steps.")
 
 
-def _place_and_policy(results: Path, policy: str) -> tuple["Results", str]:
-    """Returns results that can be written, and the policy's name there.
+def _database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
+    """Returns writable results, and the policy's name in them.
 
-    With `--results reference` the id of a run is that of a shipped one, as `reference/ID` is.
+    With `--results reference`, the id of a run is read as `reference/ID`.
     """
     from jbench.policies.find import SHIPPED
 
@@ -155,15 +160,24 @@ def _place_and_policy(results: Path, policy: str) -> tuple["Results", str]:
     return parsing.results_to_write(RESULTS), f"{SHIPPED}{policy}" if is_run else policy
 
 
-def _say_other_robot(output: Output, place: "Results", policy: str, augment: int | None) -> None:
-    """Says that an agent is about to move another robot than those that it learned on."""
+def _task(database: "Results", policy: str, task: str | None, default: str) -> str:
+    """Returns the task that was typed, that of a trained policy, or the default."""
+    from jbench.policies.find import learned_task
+
+    if task is not None:
+        return names.known("task", task, names.TASKS)
+    return learned_task(database, policy) or default
+
+
+def _say_other_robot(output: Output, database: "Results", policy: str, augment: int | None) -> None:
+    """Prints a note if the robot is not one that the agent was trained on."""
     from jbench.policies.find import training_robots
 
-    seeds = training_robots(place, policy)
+    seeds = training_robots(database, policy)
     if seeds and augment not in seeds:
         there = "the plain robot" if augment is None else f"the augmented robot {augment}"
-        learned = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
+        trained = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
         output.say(
-            f"Note: {policy} learned on augmented robot {learned}, and this is {there}; "
-            f"--augment {seeds[-1]} is {'its own' if len(seeds) == 1 else 'its last'}."
+            f"Note: {policy} was trained on augmented robot {trained}, but this is {there}; "
+            f"type --augment {seeds[-1]} for its {'' if len(seeds) == 1 else 'last '}robot."
         )

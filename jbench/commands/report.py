@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from jbench.report import Report, Request
     from jbench.store import Results
 
-FORMATS = ("svg", "png", "pdf")
-
 
 def report(
     task: OneTaskOption = None,
@@ -72,8 +70,9 @@ def report(
         list[str] | None,
         typer.Option(
             "--format",
-            help=f"Format of the figures: {', '.join(FORMATS)}; repeatable (default: png, svg).",
-            autocompletion=complete(*FORMATS),
+            help=f"Format of the figures: {', '.join(names.FIGURE_FORMATS)}; repeatable (default: "
+            "png, svg).",
+            autocompletion=complete(*names.FIGURE_FORMATS),
         ),
     ] = None,
     columns: Annotated[
@@ -100,11 +99,11 @@ def report(
     from jbench.report import Request
     from jbench.store import Results
 
-    # Two directories that are compared are all that is read.
+    # If two directories are compared, --results is not read.
     sides = [Path(side) for side in compare or () if Path(side).is_dir()]
-    whole = len(sides) == 2
-    place = parsing.results_at(results) if whole else parsing.existing_results(results)
-    read = [Results(side) for side in sides] if whole else [place]
+    directories = len(sides) == 2
+    database = parsing.results_at(results) if directories else parsing.existing_results(results)
+    read = [Results(side) for side in sides] if directories else [database]
     output = Output(json)
     if watch and json:
         raise RequestError("--watch and --json exclude each other; type one of them.")
@@ -127,19 +126,19 @@ def report(
     name = "comparison" if compare else "report"
     # The shipped results are read-only.
     where = out or (
-        Path(f"reference-{name}") if parsing.is_reference(results) else place.inside(name)
+        Path(f"reference-{name}") if parsing.is_reference(results) else database.inside(name)
     )
     if watch:
-        _watch(place, where, request, output)
+        _watch(database, where, request, output)
     else:
-        _report(place, where, request, output)
+        _report(database, where, request, output)
 
 
-def _report(place: "Results", out: Path, request: "Request", output: Output) -> None:
-    """Writes a report and prints what is in it."""
+def _report(database: "Results", out: Path, request: "Request", output: Output) -> None:
+    """Writes a report and prints its main tables and notes."""
     from jbench.report import write_report
 
-    written = write_report(place, out, request)
+    written = write_report(database, out, request)
     _show(written, output)
     if output.as_json:
         output.document(_document(written))
@@ -148,19 +147,19 @@ def _report(place: "Results", out: Path, request: "Request", output: Output) -> 
     if written.problems:
         raise WorkError(
             f"{len(written.problems)} records are damaged and left out; see above. `jbench verify` "
-            "says what is damaged, `jbench repair` sets it aside."
+            "lists the damage, `jbench repair` sets it aside."
         )
 
 
-def _watch(place: "Results", out: Path, request: "Request", output: Output) -> None:
+def _watch(database: "Results", out: Path, request: "Request", output: Output) -> None:
     """Writes a report whenever the results change, until Ctrl-C."""
     from jbench.report.watch import end, remembered_interrupt, watch
 
     output.say("Watching; Ctrl-C ends it.")
     with contextlib.suppress(KeyboardInterrupt), remembered_interrupt() as interrupt:
-        for _ in watch(place, request, interrupt):
+        for _ in watch(database, request, interrupt):
             try:
-                _report(place, out, request, output)
+                _report(database, out, request, output)
             except WorkError as error:
                 output.warn(str(error))
             except RequestError as error:
@@ -170,7 +169,7 @@ def _watch(place: "Results", out: Path, request: "Request", output: Output) -> N
 
 
 def _wait_or_refuse(error: RequestError, output: Output) -> None:
-    """Says what is waited for, if runs that go on can put right what is wrong."""
+    """Prints the error if more results may resolve it; raises it otherwise."""
     from jbench.report.sources import NothingYetError
 
     if not isinstance(error, NothingYetError):
@@ -180,11 +179,12 @@ def _wait_or_refuse(error: RequestError, output: Output) -> None:
 
 def _show(written: "Report", output: Output) -> None:
     from jbench.commands import display
+    from jbench.report.tables.files import text_of
 
     table = written.table.astype(object).where(written.table.notna(), None)
     display.show_final_returns(table, output)
-    for item in _told(written):
-        rows = [[_text(cell) for cell in row] for row in item.frame.itertuples(index=False)]
+    for item in _printed_tables(written):
+        rows = [[text_of(cell) for cell in row] for row in item.frame.itertuples(index=False)]
         output.table(item.title, [str(name) for name in item.frame], rows)
     for note in written.notes:
         output.say(f"Note: {note}")
@@ -192,21 +192,15 @@ def _show(written: "Report", output: Output) -> None:
     output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
 
 
-def _told(written: "Report") -> list[Any]:
-    """Returns the tables that are printed beside that of the final returns."""
+def _printed_tables(written: "Report") -> list[Any]:
+    """Returns the tables that are printed after the final returns."""
     from jbench.report import contents
 
-    wanted = ["verdicts"] if written.findings is not None else []
+    prefixes = ["verdicts"] if written.findings is not None else []
     if written.compares:
-        wanted.append("comparisons")
+        prefixes.append("comparisons")
     tables = contents.tables(written.document)
-    return [item for item in tables if item.name.partition("-")[0] in wanted]
-
-
-def _text(cell: object) -> str:
-    from jbench.report.tables.files import text_of
-
-    return text_of(cell)
+    return [item for item in tables if item.name.partition("-")[0] in prefixes]
 
 
 def _document(written: "Report") -> dict[str, Any]:
@@ -230,13 +224,13 @@ def _document(written: "Report") -> dict[str, Any]:
 
 
 def _command(typed: dict[str, Any]) -> str:
-    """Returns the command line that makes this report again, without what is so by default."""
-    usual = {"returns": "evaluation", "order": "quantile-first", "window": 100}
-    usual |= {"results": RESULTS}
+    """Returns the command line that writes this report again; defaults are left out."""
+    defaults = {"returns": "evaluation", "order": "quantile-first", "window": 100}
+    defaults |= {"results": RESULTS}
     words = ["jbench", "report"]
     for name, value in typed.items():
         option = f"--{name.strip('_').replace('_', '-')}"
-        if name in ("json", "watch") or value in (None, False, usual.get(name)):
+        if name in ("json", "watch") or value in (None, False, defaults.get(name)):
             continue
         if value is True:
             words.append(option)

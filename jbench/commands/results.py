@@ -51,7 +51,7 @@ def runs(
     """List runs with their status, progress and wall time, oldest first."""
     from jbench.store.listing import list_runs
 
-    place = parsing.existing_results(results)
+    database = parsing.existing_results(results)
     filters: dict[str, Collection[Any]] = {}
     if status is not None:
         filters["status"] = [names.known("status", status, STATUSES)]
@@ -63,8 +63,8 @@ def runs(
         ("representation", representation, ()),
     ):
         if value is not None:
-            filters[setting] = [parsing.known_or_held(setting, value, known, [place])]
-    lines, problems = list_runs(place, filters, returns)
+            filters[setting] = [parsing.known_or_held(setting, value, known, [database])]
+    lines, problems = list_runs(database, filters, returns)
     header = ["run", "status", "episodes", "control steps", "of", "wall time", "created"]
     rows: list[list[object]] = [
         [
@@ -82,7 +82,7 @@ def runs(
     output = Output(json)
     output.table(f"{len(lines):,} runs", header, rows)
     output.document({"runs": [line._asdict() for line in lines], "problems": problems})
-    _left_out(problems, output)
+    _warn_of_damage(problems, output)
 
 
 def query(
@@ -108,7 +108,7 @@ def query(
         cells = answer.astype(object).where(answer.notna(), None).to_numpy()
         rows = [[short(cell) for cell in row] for row in cells]
         output.table(f"{len(answer):,} rows", list(answer.columns), rows)
-    _left_out(problems, output)
+    _warn_of_damage(problems, output)
 
 
 def verify(
@@ -121,30 +121,31 @@ def verify(
     """Check every manifest, row count and checksum, and find leftover files."""
     from jbench.store.verify import verify as check
 
-    output, checked = Output(json), parsing.existing_results(results)
+    output, database = Output(json), parsing.existing_results(results)
     with _progress(output, "verify", "bytes") as progress:
-        found = check(checked, parsing.all_cores(threads), progress)
-    place = None
-    for finding in found.findings:
-        if (finding.kind, finding.id) != place:
-            place = finding.kind, finding.id
+        checked = check(database, parsing.all_cores(threads), progress)
+    record = None
+    for finding in checked.findings:
+        if (finding.kind, finding.id) != record:
+            record = finding.kind, finding.id
             output.say(f"{finding.kind} {finding.id}")
         warning = "Warning: " if finding.severity == "warning" else ""
         output.say(f"  {warning}{finding}")
     output.say(
-        f"Checked {found.records:,} records, {found.files:,} files, {found.bytes / 1e6:,.1f} MB: "
-        + (_counted(f.severity for f in found.findings) or "all of them intact")
+        f"Checked {checked.records:,} records, {checked.files:,} files, "
+        f"{checked.bytes / 1e6:,.1f} MB: "
+        + (_counted(f.severity for f in checked.findings) or "all of them intact")
         + "."
     )
     output.document(
         {
-            "records": found.records,
-            "files": found.files,
-            "bytes": found.bytes,
-            "findings": [finding.to_json() for finding in found.findings],
+            "records": checked.records,
+            "files": checked.files,
+            "bytes": checked.bytes,
+            "findings": [finding.to_json() for finding in checked.findings],
         }
     )
-    if found.faults:
+    if checked.faults:
         raise WorkError(
             "Some results are damaged or left over; jbench repair sets them aside. Intact results "
             "can still be used."
@@ -166,10 +167,10 @@ def repair(
     from jbench.store.verify import verify as check
 
     parsing.results_to_write(results)
-    output, place = Output(json), parsing.existing_results(results)
+    output, database = Output(json), parsing.existing_results(results)
     with _progress(output, "verify", "bytes") as progress:
-        found = check(place, parsing.all_cores(threads), progress)
-    done = set_aside(place, found.findings, dry_run)
+        checked = check(database, parsing.all_cores(threads), progress)
+    done = set_aside(database, checked.findings, dry_run)
     for path, to in done.moved:
         output.say(f"{path} -> {to}")
     for sentence in done.left:
@@ -197,26 +198,26 @@ def merge(
     """Merge results of several machines: copy intact records, refuse records that differ."""
     from jbench.store.merge import merge as join
 
-    output, place = Output(json), parsing.results_to_write(results)
+    output, database = Output(json), parsing.results_to_write(results)
     sources = [parsing.results_at(other) for other in others]
     with _progress(output, "merge", "records") as progress:
-        merged = join(place, sources, progress)
+        merged = join(database, sources, progress)
     refused = [one for one in merged if one.outcome == "refused"]
     for one in refused:
         output.warn(f"{one.record}: {one.reason}")
-    told = _counted(one.outcome for one in merged) or "no records"
-    output.say(f"Merged into {results}: {told}.")
+    outcomes = _counted(one.outcome for one in merged) or "no records"
+    output.say(f"Merged into {results}: {outcomes}.")
     output.document({"records": [one._asdict() for one in merged]})
     if refused:
         raise WorkError(f"{len(refused)} records were refused; the others are merged. See above.")
 
 
-VERBS: Sequence[Callable[..., None]] = (runs, query, verify, repair, merge)
+COMMANDS: Sequence[Callable[..., None]] = (runs, query, verify, repair, merge)
 
 
 @contextmanager
 def _progress(output: Output, what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Gives a function to call with what is done and the total, which is known only then."""
+    """Yields a callback for (done, total); the bar appears when the total is known."""
     with ExitStack() as stack:
         shown: list[Progress] = []
 
@@ -230,11 +231,11 @@ def _progress(output: Output, what: str, unit: str) -> Iterator[Callable[[int, i
 
 
 def _counted(words: Iterator[str]) -> str:
-    """Returns how often each word comes: `3 damaged, 1 leftover`."""
+    """Returns the count of each word, such as `3 damaged, 1 leftover`."""
     return ", ".join(f"{count:,} {word}" for word, count in Counter(words).items())
 
 
-def _left_out(problems: Sequence[str], output: Output) -> None:
+def _warn_of_damage(problems: Sequence[str], output: Output) -> None:
     for problem in problems:
         output.warn(problem)
     if problems:

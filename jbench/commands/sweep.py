@@ -1,4 +1,4 @@
-"""The verb that does a whole matrix of runs: parse, call one function, print."""
+"""The sweep command."""
 
 import math
 import sys
@@ -104,7 +104,7 @@ def sweep(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Train a matrix of tasks, algorithms, representations and seeds; only what is missing."""
+    """Train the missing runs of a matrix of tasks, algorithms, representations and seeds."""
     from jbench.commands.live_view import TrainingView
     from jbench.commands.sweep_view import described, show_matrix, show_missing
     from jbench.sweeps import scheduler
@@ -114,7 +114,7 @@ def sweep(
     from jbench.sweeps.matrix import matrix_cells, read_matrix
     from jbench.training.status import failures_among
 
-    output, place = Output(json), parsing.results_to_write(results)
+    output, database = Output(json), parsing.results_to_write(results)
     if not until_decided and (claims or max_seeds is not None):
         raise RequestError("CLAIM and --max-seeds are for --until-decided.")
     if until_decided and seeds is not None:
@@ -123,36 +123,41 @@ def sweep(
         **({} if seeds is None else {"seeds": parse_seeds(seeds)}),
         **({} if steps is None else {"steps": parsing.count("--steps", steps)}),
     }
-    wanted = read_matrix(matrix, **changes)
+    parts = read_matrix(matrix, **changes)
     names.known("executor", executor, names.EXECUTORS)
-    chosen = _device(executor, address, gpus_per_task, wanted[0].engine, device)
-    at_a_time = parsing.all_cores(jobs) if jobs else default_jobs(chosen)
+    train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
+    at_a_time = parsing.all_cores(jobs) if jobs else default_jobs(train_on)
 
     def make() -> "Executor":
         if executor == "local":
-            return Local(place, at_a_time, chosen, checkpoint_every)
+            return Local(database, at_a_time, train_on, checkpoint_every)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(place, address, jobs, gpus_per_task, checkpoint_every)
+        return Ray(database, address, jobs, gpus_per_task, checkpoint_every)
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.
         with redirect_stdout(sys.stderr) if json else nullcontext():
             return scheduler.sweep(
-                cells, place, make, TrainingView(output), device=device, retry_failed=retry_failed
+                cells,
+                database,
+                make,
+                TrainingView(output),
+                device=device,
+                retry_failed=retry_failed,
             )
 
-    cells = matrix_cells(wanted, place)
+    cells = matrix_cells(parts, database)
     if until_decided:
-        most = _MAX_SEEDS if max_seeds is None else max_seeds
-        _decide(matrix, cells, claims or [], place, most, None if dry_run else train, output)
+        limit = _MAX_SEEDS if max_seeds is None else max_seeds
+        _decide(matrix, cells, claims or [], database, limit, None if dry_run else train, output)
         return
     runs = list(all_runs(cells))
     failures = {} if dry_run else train(cells)
-    statuses = cell_statuses(cells, place, at_a_time, chosen, quick=dry_run)
+    statuses = cell_statuses(cells, database, at_a_time, train_on, quick=dry_run)
     show_matrix(f"{matrix}: {len(runs)} runs", statuses, at_a_time, dry_run, output)
-    missing = show_missing(cells, place, output)
-    failures |= failures_among(runs, place)
+    missing = show_missing(cells, database, output)
+    failures |= failures_among(runs, database)
     output.document(
         {
             "matrix": matrix,
@@ -174,11 +179,11 @@ def _decide(
     cells: "Sequence[Cell]",
     claims: "Sequence[str]",
     results: "Results",
-    most: int,
+    max_seeds: int,
     train: "Callable[[Sequence[Cell]], object] | None",
     output: Output,
 ) -> None:
-    """Adds seeds until the claims are decided; without anything that trains, shows what is next."""
+    """Adds seeds until the claims are decided; if `train` is None, shows the runs needed next."""
     from jbench.commands.deciding_view import described_outcomes, introduction, show_look
     from jbench.report.analysis.sequential import BLOCK
     from jbench.sweeps.cell import all_runs
@@ -186,10 +191,10 @@ def _decide(
     from jbench.training.status import failures_among
 
     asked = comparisons(cells, claims)
-    if most < BLOCK or most % BLOCK:
-        raise RequestError(f"--max-seeds {most}: type a multiple of {BLOCK}.")
-    output.say(introduction(asked, most))
-    for look in looks(asked, results, most, train):
+    if max_seeds < BLOCK or max_seeds % BLOCK:
+        raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
+    output.say(introduction(asked, max_seeds))
+    for look in looks(asked, results, max_seeds, train):
         show_look(look, output)
     needed = [run.id for run in all_runs(look.needed)]
     if needed:
@@ -212,7 +217,7 @@ def _decide(
 def _device(
     executor: str, address: str | None, gpus_per_task: float, engine: names.Engine, device: str
 ) -> str:
-    """Returns what the batched engine learns on, `cpu` or `cuda`."""
+    """Returns the device that the batched engine trains on, `cpu` or `cuda`."""
     from jbench.training.request import find_device
 
     names.known("device", device, names.DEVICES)
@@ -225,5 +230,5 @@ def _device(
     if not 0 <= gpus_per_task < math.inf:
         raise RequestError(f"--gpus-per-task {gpus_per_task}: type 0 or more.")
     if gpus_per_task and engine == "sb3":
-        raise RequestError("--gpus-per-task is for the batched engine; this matrix is of sb3.")
+        raise RequestError("--gpus-per-task is for the batched engine; this matrix uses sb3.")
     return "cuda" if gpus_per_task else "cpu"

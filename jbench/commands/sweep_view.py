@@ -1,4 +1,4 @@
-"""A matrix of runs as a table, and what is missing for them."""
+"""Tables of a sweep's status, and of the datasets and encoders that it needs."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from jbench.sweeps.prepare import missing_datasets, missing_encoders
 
 
 def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> list[str]:
-    """Prints which datasets and encoders are missing and are made first; returns their ids."""
+    """Prints the datasets and encoders that are made first; returns their ids."""
     datasets, encoders = missing_datasets(cells, results), missing_encoders(cells, results)
     for dataset in datasets:
         output.say(f"Made first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
@@ -26,11 +26,11 @@ def show_matrix(
     """Prints how many seeds of each cell are finished, and what is left.
 
     Args:
-        title: of the table.
-        statuses: of the cells.
-        jobs: processes at a time.
-        times: whether to print how long the rest takes.
-        output: to print to.
+        title: title of the table.
+        statuses: status of each cell.
+        jobs: number of processes that run at a time.
+        times: whether to print the estimated time left.
+        output: where to print.
     """
     settings = [_settings(each.cell) for each in statuses]
     varied = [name for name in settings[0] if len({each[name] for each in settings}) > 1]

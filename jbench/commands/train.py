@@ -1,4 +1,4 @@
-"""The command that trains agents."""
+"""The train command."""
 
 from typing import Annotated
 
@@ -104,7 +104,7 @@ def train(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Train agents, one run for each seed; runs that are finished are not repeated."""
+    """Train agents, one run per seed; finished runs are skipped."""
     from jbench.commands import display
     from jbench.commands.live_view import TrainingView
     from jbench.sweeps.cell import Cell
@@ -113,14 +113,15 @@ def train(
     from jbench.training.request import find_device, request_runs
     from jbench.training.status import failures_among
 
-    output, place = Output(json), parsing.results_to_write(results)
-    chosen = names.known("engine", engine, names.ENGINES)
-    products = names.known("precision", precision, names.PRECISIONS)
-    learn_on = find_device(chosen, names.known("device", device, names.DEVICES), products)
+    output, database = Output(json), parsing.results_to_write(results)
+    chosen_engine = names.known("engine", engine, names.ENGINES)
+    chosen_precision = names.known("precision", precision, names.PRECISIONS)
+    device = names.known("device", device, names.DEVICES)
+    train_on = find_device(chosen_engine, device, chosen_precision)
     processes = parsing.all_cores(jobs)
     base = names.known("value of --settings", settings, names.BASES)
     runs = request_runs(
-        place,
+        database,
         algo=names.known("algorithm", algo, names.ALGORITHMS),
         task=names.known("task", task, names.TASKS),
         encoder=encoder,
@@ -133,20 +134,20 @@ def train(
         evaluate_episodes=evaluate_episodes,
         augment=parsing.augmented(augment),
         robots=robots,
-        engine=chosen,
-        precision=products,
+        engine=chosen_engine,
+        precision=chosen_precision,
         parallel=environments,
     )
     failures = sweep(
         [Cell(task, algo, runs[0].representation, runs, base)],
-        place,
-        lambda: Local(place, processes, learn_on, checkpoint_every),
+        database,
+        lambda: Local(database, processes, train_on, checkpoint_every),
         TrainingView(output),
         retry_failed=retry_failed,
         wait=False,
     )
-    failures |= failures_among(runs, place)
-    display.show_runs(runs, place, output)
+    failures |= failures_among(runs, database)
+    display.show_runs(runs, database, output)
     output.say("Next: jbench report")
     output.document({"runs": [run.id for run in runs], "failures": failures})
     if failures:

@@ -17,6 +17,7 @@ from jbench.simulation import simulate
 from jbench.store import Record, Results
 from jbench.tasks import model as robot
 from jbench.tasks import resets
+from jbench.tasks.robots import load_model
 
 # Episodes per file and commit.
 _PART_EPISODES = 25
@@ -60,7 +61,7 @@ def _collect_rest(
     first = record.rows("dataset_episodes")
     starts = range(first, total, _PART_EPISODES)
     progress(first * EPISODE_STEPS)
-    model = robot.load(settings.augment)
+    model = load_model(settings.augment)
     # Enough files to keep all threads busy while one file is written.
     max_files = 1 + math.ceil(threads / _PART_EPISODES)
     # The pools are closed in reverse order: simulations stop before the makers that wait for them.

@@ -12,7 +12,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
-from jbench.tasks import features
+from jbench.tasks import features, rewards
 
 
 class Block(NamedTuple):
@@ -94,7 +94,7 @@ class Dataset:
         return Block(
             features.observation(task, state, target),
             actions,
-            features.reward(task, state, target)[:, 1:],
+            rewards.reward(task, state, target)[:, 1:],
         )
 
 

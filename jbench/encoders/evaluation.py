@@ -19,9 +19,9 @@ from jbench.encoders.kinds.random_projection import RandomProjection
 from jbench.encoders.moments import FloatArray, Moments, affine_errors
 from jbench.encoders.states import Shard, States
 from jbench.simulation import Robots, rollout
-from jbench.tasks import model as robot
 from jbench.tasks import resets
 from jbench.tasks.heuristics import heuristic
+from jbench.tasks.robots import load_model
 
 _EPISODES = 10  # of the heuristic
 _THREADS = 2
@@ -126,7 +126,7 @@ def heuristic_episodes(
     def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
         return policy.act(observations).astype(np.float32)
 
-    with Robots(robot.load(augment), _EPISODES, _THREADS) as robots:
+    with Robots(load_model(augment), _EPISODES, _THREADS) as robots:
         steps = list(rollout(task, robots, starts, act))
     observations = [steps[0].observations, *(step.next_observations for step in steps)]
     actions = [step.actions.astype(np.float32) for step in steps]

@@ -6,7 +6,7 @@ moments of the data. `docs/encoders.md` explains how to add a kind in another pa
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -14,39 +14,14 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
+from jbench.encoders.batch import Batch
 from jbench.encoders.moments import Moments
+from jbench.encoders.states import States
 from jbench.settings.base import Settings
 from jbench.tasks.features import TASK_SPECS, Array
 
-if TYPE_CHECKING:
-    from jbench.encoders.states import States
-
 Weights = Mapping[str, Any]
 """Named float32 arrays, either all numpy or all torch."""
-
-
-class Batch(NamedTuple):
-    """Training rows with features scaled to [-1, 1].
-
-    Attributes:
-        now: (rows, size) states to encode, corrupted by some kinds.
-        later: (rows, size) clean states `steps_ahead` control steps later.
-        actions: (rows, steps_ahead) between the two; None unless the kind uses actions.
-        noise: (rows, latents) standard normal numbers of kinds with random latents; else None.
-        rewards: (rows, steps_ahead) of the actions; None unless the kind uses actions.
-    """
-
-    now: Tensor
-    later: Tensor
-    actions: Tensor | None = None
-    noise: Tensor | None = None
-    rewards: Tensor | None = None
-
-    def split(self, rows: int) -> list["Batch"]:
-        """Returns parts of this many rows; the last one may be smaller."""
-        none = [None] * -(-len(self.now) // rows)
-        parts = [none if part is None else part.split(rows) for part in self]
-        return [Batch(*each) for each in zip(*parts, strict=True)]
 
 
 class Kind(Settings):
@@ -97,7 +72,7 @@ class ClosedForm(Kind):
 class Fitted(Kind):
     """A kind whose weights are computed from the states, without a training loop."""
 
-    def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
+    def fit(self, states: States, latents: int) -> dict[str, NDArray[np.float64]]:
         """Returns the weights; `states` have been read."""
         raise NotImplementedError
 
@@ -115,7 +90,7 @@ class Learned(Kind):
         """Returns initial weights by name, drawn on the CPU."""
         raise NotImplementedError
 
-    def constants(self, states: "States") -> dict[str, Tensor]:
+    def constants(self, states: States) -> dict[str, Tensor]:
         """Returns weights that are computed before training and stay fixed.
 
         They are on the device of the states and are passed to the methods with the other weights.

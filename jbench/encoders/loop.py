@@ -16,7 +16,8 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from jbench.encoders.kind import Batch, Learned
+from jbench.encoders.batch import Batch
+from jbench.encoders.kind import Learned
 from jbench.encoders.states import States
 from jbench.errors import RequestError, WorkError
 

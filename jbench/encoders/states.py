@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.datasets import Dataset
-from jbench.encoders.kind import Batch
+from jbench.encoders.batch import Batch
 from jbench.encoders.moments import Moments
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError

@@ -12,8 +12,9 @@ import safetensors.numpy
 import torch
 from numpy.typing import NDArray
 
+from jbench.encoders.batch import Batch
 from jbench.encoders.evaluation import Errors, evaluate_encoder
-from jbench.encoders.kind import Batch, ClosedForm, Fitted, Kind, Learned
+from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.encoders.loop import Learner, one_thread
 from jbench.encoders.predictions import Probe, probe
 from jbench.encoders.registry import make_kind
@@ -21,7 +22,7 @@ from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.errors import WorkError
-from jbench.store import Record, Results, schema
+from jbench.store import Record, Results, encoder_schema
 from jbench.store.provenance import device_provenance
 from jbench.tasks.features import feature_labels
 
@@ -112,7 +113,7 @@ def _learn(
     commit_every: float,
 ) -> None:
     """Trains the remaining epochs and commits their rows with checkpoints."""
-    done = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
+    done = record.read("encoder_epochs", encoder_schema.ENCODER_EPOCHS).to_pylist()
     before = done[-1]["wall_time"] if done else 0.0
     measure = _error_measure(learner, states)
     rows: list[dict[str, Any]] = []
@@ -129,7 +130,7 @@ def _learn(
         now = time.perf_counter()
         rows.append({**row, "wall_time": before + now - start})
         if now - committed >= commit_every or epoch == learner.kind.epochs:
-            table = pa.Table.from_pylist(rows, schema.ENCODER_EPOCHS)
+            table = pa.Table.from_pylist(rows, encoder_schema.ENCODER_EPOCHS)
             record.append({"encoder_epochs": table}, {CHECKPOINT: learner.to_bytes()})
             rows, committed = [], now
         progress(epoch)
@@ -194,8 +195,8 @@ def _tables(
         "random_heuristic_explained": heuristic.explained(heuristic.random),
     }
     return {
-        "encoder_features": pa.table(features, schema=schema.ENCODER_FEATURES),
-        "encoder_errors": pa.Table.from_pylist([totals], schema.ENCODER_ERRORS),
+        "encoder_features": pa.table(features, schema=encoder_schema.ENCODER_FEATURES),
+        "encoder_errors": pa.Table.from_pylist([totals], encoder_schema.ENCODER_ERRORS),
     }
 
 
@@ -208,7 +209,7 @@ def _predictions(record: Record, probe: Probe) -> dict[str, pa.Table]:
         "test_rows": probe.test_rows,
     }
     rows = [{"target": target, "r2": r2, **shared} for target, r2 in probe.r2.items()]
-    return {"encoder_predictions": pa.Table.from_pylist(rows, schema.ENCODER_PREDICTIONS)}
+    return {"encoder_predictions": pa.Table.from_pylist(rows, encoder_schema.ENCODER_PREDICTIONS)}
 
 
 def _finish(
@@ -229,9 +230,9 @@ def _finish(
         "minimum": states.scaling.minimum.tolist(),
         "maximum": states.scaling.maximum.tolist(),
     }
-    (totals,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()
-    epochs = record.read("encoder_epochs", schema.ENCODER_EPOCHS).to_pylist()
-    predictions = record.read("encoder_predictions", schema.ENCODER_PREDICTIONS).to_pylist()
+    (totals,) = record.read("encoder_errors", encoder_schema.ENCODER_ERRORS).to_pylist()
+    epochs = record.read("encoder_epochs", encoder_schema.ENCODER_EPOCHS).to_pylist()
+    predictions = record.read("encoder_predictions", encoder_schema.ENCODER_PREDICTIONS).to_pylist()
     names = ("test_mse", "test_explained", "pca_explained", "heuristic_explained")
     record.finish(
         {

@@ -1,4 +1,4 @@
-"""The paper that set the problem, as it is cited."""
+"""Citation of the paper."""
 
 AUTHORS = ("Jérémy Augot", "Aaron J. Snoswell", "Surya P. N. Singh")
 TITLE = "A Reduced-Order Approach to Assist with Reinforcement Learning for Underactuated Robotics"

@@ -1,4 +1,4 @@
-"""Episodes of any policy: their returns, and on request every state, kept in the database."""
+"""Evaluates any policy and saves its returns, and on request every state."""
 
 from collections.abc import Callable, Iterator
 
@@ -10,11 +10,11 @@ from jbench.policies.find import find_policy
 from jbench.settings.evaluation import EvaluationSettings
 from jbench.simulation import Act, Robots, Transition, rollout
 from jbench.store import Record, Results, schema
-from jbench.tasks import features, resets
-from jbench.tasks import model as robot
+from jbench.tasks import features, resets, rewards
 from jbench.tasks.resets import Starts
+from jbench.tasks.robots import load_model
 
-# Robots stepped together: enough for the threads, and 100 episodes keep little in memory.
+# Robots stepped together: enough for the threads, and few enough for little memory.
 _TOGETHER = 50
 
 
@@ -24,27 +24,27 @@ def evaluate(
     threads: int,
     progress: Callable[[int], None] = lambda steps: None,
 ) -> Record:
-    """Runs and keeps the episodes of a policy, or finds them kept.
+    """Runs and saves the episodes of a policy, unless they have been saved before.
 
-    Every episode draws its pose and target from a generator of its own; a constant or
-    hand-written policy and a trained agent are deterministic, the random one is seeded.
+    Each episode has its own generator for pose and target. The random policy is seeded; all others
+    are deterministic.
 
     Args:
-        settings: of the evaluation.
-        results: where it is written, and where runs are.
-        threads: how many robots step at a time.
+        settings: settings of the evaluation.
+        results: where it is written; contains the runs.
+        threads: number of robots stepped in parallel.
         progress: called with the number of control steps done, over all episodes.
 
     Raises:
         RequestError: if there is no such policy for this task.
-        WorkError: if another process does this evaluation, or it can't be written.
+        WorkError: if another process is running this evaluation, or it can't be written.
     """
     policy = find_policy(results, settings.policy, settings.task, settings.seed)
-    with results.locked("evaluation", settings.id) as found:
-        if found is not None and found.status == "finished":
-            return found
+    with results.locked("evaluation", settings.id) as existing:
+        if existing is not None and existing.status == "finished":
+            return existing
         record = results.create("evaluation", settings.id, settings.model_dump())
-        model = robot.load(settings.augment)
+        model = load_model(settings.augment)
         for first in range(0, settings.episodes, _TOGETHER):
             episodes = range(first, min(first + _TOGETHER, settings.episodes))
             with Robots(model, len(episodes), threads) as robots:
@@ -64,15 +64,15 @@ def _episodes(
     act: Act,
     progress: Callable[[int], None],
 ) -> dict[str, pa.Table]:
-    """Runs some episodes side by side; returns their rows."""
+    """Runs episodes in parallel; returns their rows."""
     starts = _starts(settings, episodes)
     target = starts.targets
     total = np.zeros(len(episodes))
-    kept: list[tuple[int, Transition]] = []
+    transitions: list[tuple[int, Transition]] = []
     for step, transition in enumerate(rollout(settings.task, robots, starts, act), 1):
         total += transition.rewards
         if settings.states:
-            kept.append((step, transition))
+            transitions.append((step, transition))
         if step % 100 == 0:
             progress(episodes.start * EPISODE_STEPS + step * len(episodes))
     rows = {
@@ -86,12 +86,12 @@ def _episodes(
     }
     tables = {"policy_episodes": pa.table(rows, schema=schema.POLICY_EPISODES)}
     if settings.states:
-        tables["policy_states"] = _states_table(episodes, kept)
+        tables["policy_states"] = _states_table(episodes, transitions)
     return tables
 
 
 def _starts(settings: EvaluationSettings, episodes: range) -> Starts:
-    """Returns how the episodes begin."""
+    """Returns the initial poses and targets of the episodes."""
     generators = [resets.episode_generator(settings.seed, episode) for episode in episodes]
     starts = resets.draw_starts(settings.task, generators)
     if settings.target_yaw is None:
@@ -100,11 +100,11 @@ def _starts(settings: EvaluationSettings, episodes: range) -> Starts:
     return starts._replace(targets=starts.targets._replace(yaw=yaw))
 
 
-def _states_table(episodes: range, kept: list[tuple[int, Transition]]) -> pa.Table:
-    """Returns the rows of every state, step by step."""
+def _states_table(episodes: range, transitions: list[tuple[int, Transition]]) -> pa.Table:
+    """Returns one row per episode and step."""
 
     def parts() -> Iterator[pa.Table]:
-        for step, (_, action, state, reward, _) in kept:
+        for step, (_, action, state, reward, _) in transitions:
             x, y, z = (state.position[:, i].astype(np.float32) for i in range(3))
             yield pa.table(
                 {
@@ -114,7 +114,7 @@ def _states_table(episodes: range, kept: list[tuple[int, Transition]]) -> pa.Tab
                     "y": y,
                     "z": z,
                     "heading": features.heading(state).astype(np.float32),
-                    "upright": features.upright_reward(state).astype(np.float32),
+                    "upright": rewards.upright_reward(state).astype(np.float32),
                     "motor_position": state.motor_position.astype(np.float32),
                     "motor_velocity": state.motor_velocity.astype(np.float32),
                     "action": action.astype(np.float32),

@@ -64,7 +64,7 @@ class _Trained:
         agent = load_agent(results, run)
         if agent.task != task:
             raise RequestError(
-                f"The run {run} learned {agent.task}, not {task}; type --task {agent.task}."
+                f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
             )
         self.act = agent.act
 
@@ -129,6 +129,17 @@ def training_robots(results: Results, name: str) -> range:
     if run is None or not isinstance(run.augment, int):
         return range(0)
     return range(run.augment, run.augment + run.robots)
+
+
+def learned_task(results: Results, name: str) -> str | None:
+    """Returns the task of a trained policy; None for other policies.
+
+    Raises:
+        RequestError: if the name is not a valid run id or shipped policy.
+        WorkError: if the run's manifest can't be read.
+    """
+    record = _find_run(results, name)
+    return None if record is None else read_run(record.settings).task
 
 
 def _find_run(results: Results, name: str) -> Record | None:

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -11,6 +11,9 @@ from torch import nn
 
 from jbench.errors import RequestError
 from jbench.simulation.rollout import Act
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecNormalize
 
 Actor = Any
 """A torch module, a model with `predict`, or a function: actions (n, 1) for observations (n, size)
@@ -45,9 +48,7 @@ def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
             torch.as_tensor(observations, dtype=parameter.dtype, device=parameter.device)
         )
     if hasattr(actor, "predict"):
-        from jbench.recording.sb3 import acting_function
-
-        return acting_function(actor)
+        return _function_of_model(actor)
     if callable(actor):
         function: Callable[[NDArray[np.float32]], Any] = actor
         return function
@@ -55,6 +56,26 @@ def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
         f"A {type(actor).__name__} can't act: pass a torch module, a stable-baselines3 model, or a "
         "function of observations."
     )
+
+
+def _function_of_model(model: Any) -> Callable[[NDArray[np.float32]], Any]:
+    """Returns the deterministic actions of a model for observations as the environment has them."""
+    statistics = normalization(model)
+
+    def act(observations: NDArray[np.float32]) -> Any:
+        if statistics is not None:
+            observations = statistics.normalize_obs(observations)  # type: ignore[assignment]
+        return model.predict(observations, deterministic=True)[0]
+
+    return act
+
+
+def normalization(model: Any) -> "VecNormalize | None":
+    """Returns the normalisation of observations around the model's environment, if there is one."""
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    found = getattr(model, "get_vec_normalize_env", lambda: None)()
+    return found if isinstance(found, VecNormalize) and found.norm_obs else None
 
 
 def _checked(function: Callable[[NDArray[np.float32]], Any]) -> Act:

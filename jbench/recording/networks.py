@@ -11,6 +11,7 @@ from torch.nn import functional
 
 from jbench.errors import RequestError
 from jbench.policies.network import Layer, Network
+from jbench.recording.actors import acting
 
 _TOLERANCE = 1e-4  # of actions; float32 sums in another order differ by less
 _CHECKED = 16  # random observations
@@ -189,8 +190,6 @@ def _check(network: Network, module: nn.Module, inputs: int) -> None:
         raise UnsupportedPolicyError(
             f"it has {network.inputs} inputs and {network.outputs} outputs, not {inputs} and 1"
         )
-    from jbench.recording.actors import acting
-
     observations = np.random.default_rng(0).normal(size=(_CHECKED, inputs)).astype(np.float32)
     with acting(module) as act:
         wanted = np.clip(act(observations), -1, 1)

@@ -1,35 +1,21 @@
 """Models of stable-baselines3 and of libraries built on it, such as sb3-contrib."""
 
 import warnings
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import FlattenExtractor
-from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 
 from jbench.agents import sb3
 from jbench.policies.network import Layer, Network
+from jbench.recording.actors import normalization
 from jbench.recording.networks import UnsupportedPolicyError, network_of
 
 if TYPE_CHECKING:
     from jbench.recording.recorder import Recording
-
-
-def acting_function(model: Any) -> Callable[[NDArray[np.float32]], Any]:
-    """Returns the deterministic actions of a model for observations as the environment has them."""
-    normalization = _normalization(model)
-
-    def act(observations: NDArray[np.float32]) -> Any:
-        if normalization is not None:
-            observations = normalization.normalize_obs(observations)  # type: ignore[assignment]
-        return model.predict(observations, deterministic=True)[0]
-
-    return act
 
 
 def network_of_model(model: Any, inputs: int) -> Network:
@@ -59,14 +45,8 @@ def _actor(policy: Any) -> nn.Module:
     raise UnsupportedPolicyError(f"the actor of a {type(policy).__name__} is not known")
 
 
-def _normalization(model: Any) -> VecNormalize | None:
-    """Returns the normalisation of observations around the model's environment, if there is one."""
-    found = getattr(model, "get_vec_normalize_env", lambda: None)()
-    return found if isinstance(found, VecNormalize) and found.norm_obs else None
-
-
 def _normalization_layers(model: Any) -> list[Layer]:
-    found = _normalization(model)
+    found = normalization(model)
     if found is None:
         return []
     statistics: Any = found.obs_rms

@@ -18,8 +18,8 @@ from jbench.simulation.rollout import Act
 from jbench.store import Record
 from jbench.store.provenance import cores
 from jbench.tasks import resets
-from jbench.training.evaluation import Schedule, robot_model
-from jbench.training.log import Pace, ProcessorClock, RunLog
+from jbench.training.evaluation import EvaluationSchedule, robot_model
+from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
 
@@ -40,7 +40,7 @@ class RunWriter:
         self.control_steps = 0
         self._record, self._settings, self._encoder = record, settings, encoder
         self._log, self._clock = RunLog(record), ProcessorClock()
-        self._pace, self._schedule = Pace(_COMMIT_EVERY), Schedule(settings)
+        self._pace, self._schedule = CommitTimer(_COMMIT_EVERY), EvaluationSchedule(settings)
         # As for jbench's own agents: the same seed has the same evaluation episodes.
         self._seed = int(np.random.SeedSequence(settings.seed).generate_state(2)[1])
         self._evaluations = 0
@@ -61,12 +61,12 @@ class RunWriter:
             raise DivergedError(Divergence(None, self.control_steps, name))
         self._clock.share([self._log])
         self._log.episode(self.control_steps, episode_return, length, numbers)
-        if self._pace.due():
-            self._pace.spent(self._log.commit())
+        if self._pace.is_due():
+            self._pace.restart(self._log.commit())
 
     def evaluation_due(self) -> bool:
         """Returns whether `evaluate_every` control steps have passed, and restarts the count."""
-        return bool(self._settings.evaluate_episodes) and self._schedule.due(self.control_steps)
+        return bool(self._settings.evaluate_episodes) and self._schedule.advance(self.control_steps)
 
     def evaluate(self, act: Act, control_steps: int) -> NDArray[np.float64]:
         """Runs the episodes of an evaluation side by side.

@@ -1,4 +1,4 @@
-"""Where the two kinds of return disagree: on what is solved, and on the paper's claims."""
+"""Disagreements between the two kinds of return, on solved tasks and on the paper's claims."""
 
 from collections.abc import Sequence
 
@@ -9,18 +9,18 @@ from jbench.report.data.cells import SOLVED
 from jbench.report.tables import values
 from jbench.report.views import View
 
-STATES = ("solved", "not sure", "not solved")
-"""Whether the median is at 900 or more: with its whole interval, without, or not at all."""
+STATES = ("solved", "uncertain", "not solved")
+"""Whether the median's interval, only the median, or neither is at 900 or more."""
 
-_SAID = {
+_DESCRIPTIONS = {
     "solved": "solved",
-    "not sure": "the median is there, but that is not sure",
-    "not solved": "the median is below",
+    "uncertain": f"the median is at {SOLVED} or more, but uncertain",
+    "not solved": f"the median is below {SOLVED}",
 }
 
 
 def solved(summary: Summary) -> tuple[str, str]:
-    """Returns which of `STATES` a cell is in, and its median with its interval for a reader."""
+    """Returns the state of a cell (one of `STATES`), and its median with its interval as text."""
     one = summary.get("final_return", "median")
     value = values.of_statistic(one)
     if one is None or value is None:
@@ -28,22 +28,22 @@ def solved(summary: Summary) -> tuple[str, str]:
     text = f"{value.text}, {values.count_of(summary.cell, one.seeds)}"
     if not one.estimate.value >= SOLVED:
         return "not solved", text
-    sure = one.estimate.low >= SOLVED and one.seeds >= DECIDING_SEEDS
-    return ("solved" if sure else "not sure"), text
+    certain = one.estimate.low >= SOLVED and one.seeds >= DECIDING_SEEDS
+    return ("solved" if certain else "uncertain"), text
 
 
 def on_solved(views: Sequence[View]) -> list[str]:
-    """Returns a sentence on the cells that only one kind of return calls solved, if any."""
-    found: dict[tuple[str, ...], dict[str, tuple[str, str]]] = {}
+    """Returns a sentence on the cells whose state depends on the kind of return, if any."""
+    by_cell: dict[tuple[str, ...], dict[str, tuple[str, str]]] = {}
     names: dict[tuple[str, ...], str] = {}
     for view in views:
         for summary in view.statistics:
             key = summary.cell.key
-            found.setdefault(key, {})[view.kind.name] = solved(summary)
+            by_cell.setdefault(key, {})[view.kind.name] = solved(summary)
             names[key] = values.cell_name(summary.cell)
     differing = [
         f"{names[key]} ({'; '.join(_of_kind(kind, *state) for kind, state in states.items())})"
-        for key, states in found.items()
+        for key, states in by_cell.items()
         if len({state for state, _ in states.values()}) > 1
     ]
     if not differing:
@@ -55,21 +55,21 @@ def on_solved(views: Sequence[View]) -> list[str]:
 
 
 def _of_kind(kind: str, state: str, text: str) -> str:
-    return f"{kind} {text}: {_SAID[state]}"
+    return f"{kind} {text}: {_DESCRIPTIONS[state]}"
 
 
 def on_claims(findings: Sequence[Finding]) -> list[str]:
-    """Returns a sentence for each claim on whose comparisons the kinds of return disagree."""
+    """Returns a sentence for each claim with comparisons on which the kinds of return disagree."""
     verdicts: dict[tuple[str, str, str], dict[str, str]] = {}
     for one in findings:
         key = one.claim, one.source, one.compared
         verdicts.setdefault(key, {})[one.returns] = one.verdict
-    said: dict[str, list[str]] = {}
+    disagreements: dict[str, list[str]] = {}
     for (claim, source, compared), by_kind in verdicts.items():
         if len(set(by_kind.values())) > 1:
             text = ", ".join(f"{verdict} by {kind} returns" for kind, verdict in by_kind.items())
-            said.setdefault(claim, []).append(f"{source}, {compared}: {text}")
+            disagreements.setdefault(claim, []).append(f"{source}, {compared}: {text}")
     return [
         f"Evaluation and training returns disagree on ({claim}): {'; '.join(cases)}."
-        for claim, cases in said.items()
+        for claim, cases in disagreements.items()
     ]

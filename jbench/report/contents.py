@@ -1,4 +1,4 @@
-"""The document of a report: what it says first, its sections, and where each run comes from."""
+"""Builds the document of a report: summary, sections, and provenance of the runs."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -19,55 +19,55 @@ from jbench.report.tables import claim_items, reduction_items, table_items
 from jbench.report.views import View
 
 _SEEDS = (
-    "A seed is the only thing that is repeated: all episodes of a run are averaged first, and "
-    "every number across seeds is of as many numbers as there are seeds, n. A percentile band is "
-    "spread: where the seeds are. An interval is uncertainty: where the number itself could be."
+    "Seeds are the only unit of replication: the episodes of a run are averaged first, so every "
+    "statistic across seeds is computed from n numbers, one per seed. A percentile band shows the "
+    "spread between seeds. An interval shows the uncertainty of the number itself."
 )
 _KINDS_TEXT = (
     "Training returns are those of the training episodes, exploration included, and are what the "
-    "paper's curves show. Evaluation returns are those of the deterministic policy, tested now and "
-    "then during training."
+    "paper's curves show. Evaluation returns are those of the deterministic policy, evaluated "
+    "regularly during training."
 )
 _SMOOTHING = (
     "Curves of training returns are smoothed in one of two orders. Quantile-first, the order of "
     "the paper's Figure 9, takes the quantiles across seeds in each episode and then averages them "
-    "over a window of episodes, so its bands hold the ups and downs of single episodes too. "
+    "over a window of episodes, so its bands include the variation of single episodes. "
     "Smooth-first, the order of Figure 8, averages each seed over the window and then takes the "
     "quantiles across seeds, so its bands show how seeds differ and are narrower."
 )
 _CLAIMS = (
-    "Each claim is tested by comparisons that were fixed before any data were looked at: once of "
-    "evaluation returns, of the deterministic policy, and once of training returns, exploration "
-    "included. Of the published curves, of training returns, only medians and bands are known, so "
-    "most of what the paper claims can't be decided from them: the remark says why."
+    "Each claim is tested by comparisons that were fixed before looking at any data, once with "
+    "evaluation returns (deterministic policy) and once with training returns (exploration "
+    "included). The published curves give only medians and bands of training returns, so most "
+    "claims can't be decided from them; the remark says why."
 )
 _REDUCTION = (
     "Each representation is compared with full, the observation itself, and with scaled, the "
-    "observation with the scaling that encoders give their inputs: a difference from scaled is of "
-    "reduction alone. The tests are those of the paper's claims (a), (b) and (c). In brackets: the "
-    "difference of the interquartile means (a, c) or the ratio of the standard deviations (b) with "
-    "its interval (90% for a, 95% for b and c), and the seeds of the representation and of the "
-    "baseline."
+    "observation with the scaling that encoders apply to their inputs: a difference from scaled is "
+    "due to reduction alone. The tests are those of the paper's claims (a), (b) and (c). In "
+    "brackets: the difference of the interquartile means (a, c) or the ratio of the standard "
+    "deviations (b) with its interval (90% for a, 95% for b and c), and the seeds of the "
+    "representation and of the baseline."
 )
 _TESTS = [f"({letter}) {claim.text} {claim.test}" for letter, claim in CLAIMS.items()]
 
 
 @dataclass(frozen=True)
-class Material:
-    """All that a report is made of.
+class ReportData:
+    """Data of a report.
 
     Attributes:
-        request: what was asked for.
-        views: of each kind of return that there is, the leading one first; at least one.
+        request: the request.
+        views: one per kind of return, the leading one first; at least one.
         published: the paper's curves.
-        aggregate: points of our curves, as `summaries.aggregate_curves` returns them.
-        table: a row for each cell, as `summaries.summary_table` returns it.
-        findings: on the claims; None if they were not asked for.
-        encoders: errors of encoders, as `encoders.encoder_table` returns them.
-        seen: states of policies.
+        aggregate: points of our curves; see `summaries.aggregate_curves`.
+        table: a row per cell; see `summaries.summary_table`.
+        findings: findings on the claims; None if they were not requested.
+        encoders: errors of encoders; see `encoders.encoder_table`.
+        behaviours: states of policies.
         runs: rows of the table `runs`.
-        notes: sentences for a reader.
-        problems: sentences on what can't be read.
+        notes: sentences for the reader.
+        problems: sentences on unreadable records.
     """
 
     request: Request
@@ -77,61 +77,57 @@ class Material:
     table: pd.DataFrame
     findings: Sequence[Finding] | None
     encoders: pd.DataFrame
-    seen: Sequence[Behaviour]
+    behaviours: Sequence[Behaviour]
     runs: pd.DataFrame
     notes: Sequence[str]
     problems: Sequence[str]
 
     @property
     def comparisons(self) -> list[Comparison]:
-        """The comparisons of cells with each other, by both kinds of return."""
+        """Comparisons of cells with each other, for both kinds of return."""
         return [one for view in self.views for one in view.comparisons]
 
 
-def document(made_of: Material) -> Document:
+def document(data: ReportData) -> Document:
     """Returns the document of a report."""
-    compared = _present(map(table_items.comparisons, made_of.views))
+    compared = _present(map(table_items.comparisons, data.views))
     sections = (
-        Section("Does reduction help?", _answers(made_of.views), _reduction(made_of)),
+        Section("Does reduction help?", _answers(data.views), _reduction(data)),
         *(
             Section(
-                f"Final {view.kind.plural}", [_SEEDS] if view.leads else [], _returns(view, made_of)
+                f"Final {view.kind.plural}", [_SEEDS] if view.leads else [], _returns(view, data)
             )
-            for view in made_of.views
+            for view in data.views
         ),
-        Section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(made_of)),
+        Section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(data)),
         Section("Comparisons", [], compared),
-        Section("The paper's claims", [_CLAIMS, *_TESTS], _claims(made_of)),
-        Section("Encoders", [], _encoders(made_of)),
-        Section(
-            "What policies do",
-            [],
-            list(figure_items.of_behaviour(made_of.seen)),
-        ),
+        Section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data)),
+        Section("Encoders", [], _encoders(data)),
+        Section("What policies do", [], list(figure_items.of_behaviour(data.behaviours))),
     )
-    sides = made_of.request.compare
+    sides = data.request.compare
     return Document(
         title="Jitterbug: " + (" against ".join(sides) if sides else "what was learned"),
-        summary=summary.sentences(made_of.request, made_of.views, made_of.findings, made_of.runs),
-        problems=made_of.problems,
-        notes=made_of.notes,
+        summary=summary.sentences(data.request, data.views, data.findings, data.runs),
+        problems=data.problems,
+        notes=data.notes,
         sections=[section for section in sections if section.items],
-        provenance=provenance(made_of.runs),
-        command=made_of.request.command,
+        provenance=provenance(data.runs),
+        command=data.request.command,
     )
 
 
-def tables(of: Document) -> list[TableItem]:
+def tables(document: Document) -> list[TableItem]:
     """Returns all tables of a document."""
-    items = (item for section in of.sections for item in section.items)
+    items = (item for section in document.sections for item in section.items)
     return [item for item in items if isinstance(item, TableItem)]
 
 
 def provenance(runs: pd.DataFrame) -> pd.DataFrame:
-    """Returns a row for each run: where it comes from.
+    """Returns the provenance of each run.
 
-    Columns: run, source (where there are several), status, begun (UTC), wall time (s), processor,
-    cores, threads, jbench, python, the versions of packages, git revision, command.
+    Columns: run, source (if there are several), status, begun (UTC), wall time (s), processor,
+    cores, threads, jbench, python, versions of packages, git revision, command.
     """
     rows = []
     for row in runs.to_dict("records"):
@@ -166,17 +162,17 @@ def _text(value: Any) -> str:
     return "" if value is None else value if isinstance(value, str) else json.dumps(value)
 
 
-def _returns(view: View, made_of: Material) -> list[Item]:
-    """Returns the tables of the final returns of one kind, and the figures of the leading one."""
+def _returns(view: View, data: ReportData) -> list[Item]:
+    """Returns the tables of final returns of one kind, with figures for the leading kind."""
     if not view.learned:
         return []
-    drawn = figure_items.of_returns(view) if view.leads else ()
+    figures = figure_items.of_returns(view) if view.leads else ()
     return [
         table_items.final_returns(view),
-        *drawn,
+        *figures,
         *_present(
             [
-                table_items.returns_of_cells(view, made_of.published),
+                table_items.returns_of_cells(view, data.published),
                 table_items.spreads(view),
                 table_items.learning_speed(view),
             ]
@@ -185,42 +181,42 @@ def _returns(view: View, made_of: Material) -> list[Item]:
 
 
 def _answers(views: Sequence[View]) -> list[str]:
-    """Returns what the representations do, a sentence for each claim and kind of return."""
-    said = [one for view in views for one in reduction_items.sentences(view.reductions, view.kind)]
-    return [_REDUCTION, *said]
+    """Returns the answers on reduction, a sentence for each claim and kind of return."""
+    answers = [one for v in views for one in reduction_items.sentences(v.reductions, v.kind)]
+    return [_REDUCTION, *answers]
 
 
-def _reduction(made_of: Material) -> list[Item]:
-    drawn = [item for view in made_of.views for item in figure_items.of_reduction(view)]
+def _reduction(data: ReportData) -> list[Item]:
+    figures = [item for view in data.views for item in figure_items.of_reduction(view)]
     tables = (
         reduction_items.table(view.reductions, view.kind, view.file("reduction_tests"))
-        for view in made_of.views
+        for view in data.views
     )
-    return [*drawn, *_present(tables)]
+    return [*figures, *_present(tables)]
 
 
-def _curves(made_of: Material) -> list[Item]:
-    request, aggregate = made_of.request, made_of.aggregate
+def _curves(data: ReportData) -> list[Item]:
+    request, aggregate = data.request, data.aggregate
     curves = [
         item
-        for view in made_of.views
-        for item in figure_items.of_curves(view, made_of.published, aggregate, request)
+        for view in data.views
+        for item in figure_items.of_curves(view, data.published, aggregate, request)
     ]
-    return [*curves, *figure_items.of_time(made_of.views[0], made_of.runs)]
+    return [*curves, *figure_items.of_time(data.views[0], data.runs)]
 
 
-def _claims(made_of: Material) -> list[Item]:
-    if made_of.findings is None:
+def _claims(data: ReportData) -> list[Item]:
+    if data.findings is None:
         return []
-    findings = made_of.findings
+    findings = data.findings
     return _present([claim_items.verdicts(findings), claim_items.findings_table(findings)])
 
 
-def _encoders(made_of: Material) -> list[Item]:
-    if made_of.encoders.empty:
+def _encoders(data: ReportData) -> list[Item]:
+    if data.encoders.empty:
         return []
-    drawn = figure_items.of_encoders(made_of.encoders)
-    return [*drawn, table_items.encoder_errors(made_of.encoders)]
+    figures = figure_items.of_encoders(data.encoders)
+    return [*figures, table_items.encoder_errors(data.encoders)]
 
 
 def _present(items: Iterable[TableItem | None]) -> list[Item]:

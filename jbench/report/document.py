@@ -1,6 +1,6 @@
-"""What a report says, before it is a page or a file of tables.
+"""Content of a report, independent of its file formats.
 
-`contents.py` builds a `Document`, and `page.render_document` makes the HTML page of it.
+`contents.py` builds a `Document`, and `page.render_document` renders it as HTML.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,14 +14,14 @@ from jbench.report.figure import Figure
 
 @dataclass(frozen=True)
 class Value:
-    """A cell of a table that reads differently from what it is sorted by.
+    """A table cell whose text differs from its sort key.
 
     Attributes:
         text: as shown, such as "668 [659, 676]".
-        sort: what the column is sorted by: a number (NaN comes last) or a text.
-        best: whether it is shown as the best of its kind.
-        numbers: its columns in a file of data, by what is added to the name of the column: `""`,
-            `"low"` and `"high"` of an interval. None: `sort` if that is a number, else the text.
+        sort: sort key: a number (NaN comes last) or a text.
+        best: whether it is highlighted as the best of its kind.
+        numbers: its columns in a data file, by the suffix of the column's name, such as `""`,
+            `"low"` and `"high"` for an interval. None: `sort` if that is a number, else the text.
     """
 
     text: str
@@ -31,7 +31,7 @@ class Value:
 
     @property
     def data(self) -> Mapping[str, float | str | None]:
-        """Its columns in a file of data, by what is added to the name of the column."""
+        """Its columns in a data file, by the suffix of the column's name."""
         if self.numbers is not None:
             return self.numbers
         return {"": self.text if isinstance(self.sort, str) else self.sort}
@@ -42,10 +42,10 @@ class FigureItem:
     """A figure of the report.
 
     Attributes:
-        name: of its files, without an ending, unique in the document: "figure9".
-        title: a heading.
+        name: stem of its files, unique in the document, such as "figure9".
+        title: heading.
         figure: panels and notes, from which files and the page are made.
-        data: the numbers drawn, to download; None if there is nothing to download.
+        data: numbers in the figure, to download; None if there are none.
     """
 
     name: str
@@ -59,9 +59,9 @@ class TableItem:
     """A table of the report.
 
     Attributes:
-        name: of its files, without an ending, unique in the document: "final_returns".
-        title: a heading.
-        caption: what is shown and how to read it, a sentence or more of plain text.
+        name: stem of its files, unique in the document, such as "final_returns".
+        title: heading.
+        caption: plain text that explains how to read the table.
         frame: a column's name is its heading; cells are texts, numbers, `Value` objects, or
             missing (None or NaN). The index is not shown.
     """
@@ -80,9 +80,9 @@ class Section:
     """A part of the report under a heading.
 
     Attributes:
-        title: the heading.
+        title: heading.
         text: paragraphs of plain text.
-        items: figures and tables, in their order.
+        items: figures and tables in order.
     """
 
     title: str
@@ -95,13 +95,13 @@ class Document:
     """A whole report.
 
     Attributes:
-        title: the heading of the page.
-        summary: sentences that come first: what was run, what is solved, what follows.
-        problems: sentences on what can't be read.
-        notes: sentences that a reader of the figures should know.
-        sections: in their order.
-        provenance: a row for each run: its id, versions, processor, time, command.
-        command: the command line that made the report.
+        title: heading of the page.
+        summary: first sentences: runs, solved tasks, conclusions.
+        problems: sentences on unreadable records.
+        notes: sentences for the reader of the figures.
+        sections: sections in order.
+        provenance: a row per run: id, versions, processor, time, command.
+        command: command line that made the report.
     """
 
     title: str
@@ -114,10 +114,10 @@ class Document:
 
 
 def data_frame(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns a table as data: every number in a column of its own, and no formatted text.
+    """Returns a table as data: one number per column, and no formatted text.
 
-    A column of `Value` cells gives a column for each of their numbers: `median`, `median low`,
-    `median high`.
+    A column of `Value` cells becomes a column for each of their numbers, such as `median`,
+    `median low` and `median high`.
     """
     names: list[str] = []
     columns: list[pd.Series[Any]] = []
@@ -128,27 +128,27 @@ def data_frame(frame: pd.DataFrame) -> pd.DataFrame:
                 new += "'"
             names.append(new)
             columns.append(column)
-    # As objects: pandas' own texts can't hold all that a stranger's settings can.
+    # Objects, because pandas' strings can't hold every text of untrusted settings.
     made = pd.DataFrame(dict(enumerate(columns)))
     return made.set_axis(pd.Index(names, dtype=object), axis=1)
 
 
 def _data_columns(column: "pd.Series[Any]") -> "list[tuple[str, pd.Series[Any]]]":
-    """Returns the columns of data that a column of a table gives, by what is added to its name."""
+    """Returns the data columns of a table's column, by the suffix of their names."""
     cells = column.tolist()
     if not any(isinstance(cell, Value) for cell in cells):
         return [("", column)]
     data = [cell.data if isinstance(cell, Value) else {"": cell} for cell in cells]
     endings = dict.fromkeys(ending for cell in data for ending in cell)
-    found = {ending: [cell.get(ending) for cell in data] for ending in endings}
-    # A missing cell names no number; its first column is then empty.
-    if "" in found and all(pd.api.types.is_scalar(c) and pd.isna(c) for c in found[""]):
-        found = {ending: values for ending, values in found.items() if ending} or found
-    return [(ending, _series(values)) for ending, values in found.items()]
+    columns = {ending: [cell.get(ending) for cell in data] for ending in endings}
+    # Missing cells have no suffixes: drop the column that only they would fill.
+    if "" in columns and all(pd.api.types.is_scalar(c) and pd.isna(c) for c in columns[""]):
+        columns = {ending: values for ending, values in columns.items() if ending} or columns
+    return [(ending, _series(values)) for ending, values in columns.items()]
 
 
 def _series(values: list[Any]) -> "pd.Series[Any]":
-    """Returns numbers as numbers, missing ones as NaN; anything else as it is."""
+    """Returns numbers as a numeric column (missing ones are NaN), anything else as objects."""
     present = [value for value in values if value is not None]
     if present and all(isinstance(value, int) for value in present):
         return pd.Series(values, dtype="Int64")

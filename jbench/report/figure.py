@@ -12,15 +12,15 @@ import numpy as np
 from jbench.report.data.curves import BoolArray, FloatArray
 
 Dash = str | tuple[float, tuple[float, ...]]
-"""A line style as matplotlib takes it; "" is no line."""
+"""A line style of matplotlib; "" is no line."""
 
 DOTS = ":"
-"""Line style of the stretches of a series that are `partial`."""
+"""Line style of the `partial` points of a series."""
 
 
 @dataclass(frozen=True)
 class Style:
-    """The look of a line and its markers; sizes are in points, colours as matplotlib's.
+    """Style of a line and its markers; sizes are in points, colors are matplotlib's.
 
     Attributes:
         every: a marker is drawn at every n-th point.
@@ -39,7 +39,7 @@ class Style:
 
 @dataclass(frozen=True)
 class Shade:
-    """The look of an area in the key."""
+    """Style of an area in the key."""
 
     color: str
     alpha: float
@@ -50,7 +50,7 @@ class Band:
     """A range (points,) at each point of a series; NaN where there is none.
 
     Attributes:
-        bars: whether it is drawn as error bars instead of as an area.
+        bars: whether it is drawn as error bars instead of an area.
     """
 
     low: FloatArray
@@ -64,11 +64,11 @@ class Series:
     """Values (points,) along a line; NaN is a gap.
 
     Attributes:
-        label: in the legend and under the pointer; a series without one is in neither.
-        bands: in the colour of the line, the widest first.
+        label: text in legend and tooltip; a series without a label is in neither.
+        bands: drawn in the line's color, the widest first.
         partial: (points,) where the line is dotted; None: nowhere.
-        edges: (points + 1,) of bins, for a histogram, which is drawn as steps.
-        zorder: series with a higher one cover the others.
+        edges: (points + 1,) edges of the bins of a histogram, which is drawn as steps.
+        zorder: series with a higher value cover the others.
     """
 
     x: FloatArray
@@ -86,8 +86,8 @@ class ReferenceLine:
     """A line across a whole panel, such as a threshold, at a value of y, or of x if vertical.
 
     Attributes:
-        label: in the legend; "" is none.
-        interval: ends of a band about it.
+        label: text in the legend; "" for none.
+        interval: ends of a band around it.
     """
 
     at: float
@@ -102,7 +102,7 @@ class CellText:
     """The text in a cell of a heat map.
 
     Attributes:
-        framed: whether the cell is white in a frame, as it has a text but no value.
+        framed: whether the cell is white with a frame, for a text without a value.
     """
 
     row: int
@@ -114,15 +114,15 @@ class CellText:
 
 @dataclass(frozen=True)
 class HeatMap:
-    """Values on a plane, shown as colours.
+    """Values on a plane, shown as colors.
 
     Attributes:
         x: (columns + 1,) edges of the columns.
         y: (rows + 1,) edges of the rows.
         values: (rows, columns); NaN is no value.
-        label: of the colour bar.
-        limits: values of the first and the last colour.
-        log: whether the colours are on a logarithmic scale.
+        label: label of the color bar.
+        limits: values of the first and last color.
+        log: whether the color scale is logarithmic.
         is_map: whether x and y are lengths on one scale. If not, the heat map is a table with
             named rows and columns, hatched where it has neither a value nor a text.
     """
@@ -139,14 +139,15 @@ class HeatMap:
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis of a panel, from the first to the second of its limits.
+    """An axis of a panel.
 
     Attributes:
+        limits: first and last value.
         log: whether its scale is logarithmic.
-        unit: what a value is multiplied by in the text of its tick: 0.001 on an axis in thousands.
-        ticks: places of the ticks; None: at round values.
-        names: texts of those ticks; None: their values.
-        integer: whether ticks are at whole numbers only.
+        unit: factor of values in tick labels, such as 0.001 for an axis in thousands.
+        ticks: positions of the ticks; None: at round values.
+        names: tick labels; None: their values.
+        integer: whether ticks are only at whole numbers.
         opposite: label and factor of a second scale above a horizontal axis.
     """
 
@@ -166,10 +167,10 @@ class Panel:
 
     Attributes:
         series: in the order of the legend.
-        references: drawn below the series, and before them in the legend.
-        heat_map: below the series.
-        arrow: two points (x, y), from the first to the second.
-        text: in the middle of a panel that has no data.
+        references: drawn below the series; first in the legend.
+        heat_map: drawn below the series.
+        arrow: start and end, (x, y) each.
+        text: text in the middle of a panel without data.
     """
 
     title: str
@@ -183,7 +184,7 @@ class Panel:
 
     @property
     def labels(self) -> list[str]:
-        """The texts of its legend."""
+        """Texts of the legend."""
         labels = [line.label for line in self.references] + [one.label for one in self.series]
         return [label for label in labels if label]
 
@@ -193,9 +194,9 @@ class Figure:
     """Panels, and the text around them.
 
     Attributes:
-        title: above them; a paper has it in its caption instead.
-        panels: at least one.
-        key: label and look of each kind of line and area, for all panels.
+        title: heading above the panels; omitted in figures for a paper.
+        panels: at least one panel.
+        key: label and style of each kind of line and area, for all panels.
         notes: paragraphs on how to read the figure.
     """
 
@@ -211,15 +212,15 @@ class Figure:
 
     @property
     def corners(self) -> int:
-        """Number of points that are drawn: of all lines, and of both sides of their bands."""
+        """Number of points of all lines and of both sides of their bands."""
         series = (series for panel in self.panels for series in panel.series)
         return sum(len(one.x) * (1 + 2 * len(one.bands)) for one in series)
 
 
 def padded(values: FloatArray, *, log: bool = False) -> tuple[float, float]:
-    """Returns limits of an axis that leave a margin of 5% beside finite values.
+    """Returns axis limits with a margin of 5% around the finite values.
 
-    On a logarithmic axis only positive values count; at least one value must.
+    On a logarithmic axis only positive values count. There must be at least one value.
     """
     usable = values[np.isfinite(values) & ((values > 0) | (not log))]
     low, high = float(usable.min()), float(usable.max())

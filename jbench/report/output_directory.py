@@ -1,8 +1,8 @@
-"""The files of a report: written whole, and those of an earlier report in the same place removed.
+"""Writes the files of a report, and removes those of an earlier report in the same directory.
 
-`report.json` lists the files of the report with their SHA-256. A file is removed only if the list
-names it, the new report has none of its name, and its content is still what was written: what
-someone else put there, or changed, is left.
+`report.json` lists the files of the report with their SHA-256. A file is removed only if it is in
+the list but not in the new report, and its content is unchanged. Files that someone else created or
+changed are kept.
 """
 
 import json
@@ -13,51 +13,49 @@ from jbench.store.files import make_directory, open_plain, remove, sha256, write
 
 LISTING = "report.json"
 
-_LARGEST_LISTING = 1 << 22  # bytes
+_MAX_LISTING = 1 << 22  # bytes
 
 
 def write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[str]]:
     """Writes the files of a report.
 
     Args:
-        out: directory; made if need be.
-        contents: of the files by name.
+        out: directory; created if it does not exist.
+        contents: content of each file by name.
 
     Returns:
-        The files written, and a sentence on files of an earlier report that were left, if any.
+        The files written, and a sentence on kept files of an earlier report, if any.
 
     Raises:
-        RequestError: if nothing can be written there.
-        WorkError: if the disk is full or refuses.
+        RequestError: if the directory is not writable.
+        WorkError: if writing fails, such as on a full disk.
     """
     make_directory(out)
     before = _listed(out)
     new = {name: sha256(content) for name, content in contents.items()}
-    # Of both reports until all is done: a kill in between leaves no file that no list names.
+    # Until all is written, the list names the files of both reports, in case of a kill.
     write_atomic(out / LISTING, _listing({**before, **new}))
     for name, content in contents.items():
         write_atomic(out / name, content)
     old = {name: digest for name, digest in before.items() if name not in new}
     changed = [name for name, digest in old.items() if not _remove(out / name, digest)]
     write_atomic(out / LISTING, _listing(new))
-    told = (
-        [
-            f"{', '.join(sorted(changed))} in {out} are of an earlier report, but were changed "
-            "since; they are left."
-        ]
-        if changed
-        else []
-    )
-    return [*(out / name for name in contents), out / LISTING], told
+    notes = []
+    if changed:
+        names = ", ".join(sorted(changed))
+        notes = [f"{names} in {out} belong to an earlier report, but were changed since; kept."]
+    return [*(out / name for name in contents), out / LISTING], notes
 
 
 def change(out: Path, name: str, new: Callable[[bytes], bytes]) -> None:
-    """Changes a file of the report that is there; if someone else did before, it stays theirs.
+    """Changes a file of the existing report.
+
+    The list gets the new checksum only if the file was unchanged before.
 
     Args:
         out: directory of the report.
-        name: of the file.
-        new: given the content, returns what it shall be.
+        name: name of the file.
+        new: returns the new content, given the old one.
     """
     files = _listed(out)
     try:
@@ -72,7 +70,7 @@ def change(out: Path, name: str, new: Callable[[bytes], bytes]) -> None:
 
 
 def _remove(path: Path, digest: str) -> bool:
-    """Removes a file if it is what was written; returns False if it is there and another."""
+    """Removes a file if it is unchanged; returns False if it has changed."""
     try:
         with open_plain(path) as file:
             same = sha256(file.read()) == digest
@@ -86,13 +84,13 @@ def _remove(path: Path, digest: str) -> bool:
 
 
 def _listed(out: Path) -> dict[str, str]:
-    """Returns the files of the report that is there, by the list that it has; none if it has none.
+    """Returns the files in the list of the existing report, if it has one.
 
-    A list may come from a stranger and say anything: names that lead elsewhere are no names.
+    The list is untrusted: names that are paths are ignored.
     """
     try:
         with open_plain(out / LISTING) as file:
-            listed = json.loads(file.read(_LARGEST_LISTING))["files"]
+            listed = json.loads(file.read(_MAX_LISTING))["files"]
         return {
             name: digest
             for name, digest in listed.items()
@@ -103,5 +101,5 @@ def _listed(out: Path) -> dict[str, str]:
 
 
 def _listing(files: Mapping[str, str]) -> bytes:
-    said = "The files of the last report; jbench removes those that the next one does not have."
-    return (json.dumps({"what": said, "files": dict(files)}, indent=1) + "\n").encode()
+    what = "The files of the last report; jbench removes those that the next one does not have."
+    return (json.dumps({"what": what, "files": dict(files)}, indent=1) + "\n").encode()

@@ -1,4 +1,4 @@
-"""From a results directory to a report's files."""
+"""Turns a results directory into the files of a report."""
 
 import csv
 import io
@@ -21,13 +21,14 @@ from jbench.report.analysis import (
     reduction,
     scores,
 )
-from jbench.report.contents import Material
+from jbench.report.contents import ReportData
 from jbench.report.data import summaries
 from jbench.report.data.cells import Cell, of_kind
 from jbench.report.data.published import PublishedCurve, read_published, read_sequences
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import Document, FigureItem
 from jbench.report.figures import behaviour, encoders, plotting, processor
+from jbench.report.figures.layout import SHEETS
 from jbench.report.request import Request
 from jbench.report.sources import Source
 from jbench.report.tables import files
@@ -40,19 +41,19 @@ _DEFAULT = Request()
 
 @dataclass(frozen=True)
 class Report:
-    """What was reported, and where it lies.
+    """A written report.
 
     Attributes:
-        table: a row for each cell, in the order of the paper; see `summaries.summary_table`.
-        aggregate: a row for each point of each curve; see `summaries.aggregate_curves`.
-        findings: on the paper's claims; None if they were not asked for.
-        comparisons: of cells with each other, by both kinds of return.
+        table: a row per cell, in the order of the paper; see `summaries.summary_table`.
+        aggregate: a row per point of each curve; see `summaries.aggregate_curves`.
+        findings: findings on the paper's claims; None if they were not requested.
+        comparisons: comparisons of cells with each other, for both kinds of return.
         compares: whether two sides are compared.
-        document: the report itself.
-        figures: the figures' files.
-        files: all files written, figures and page among them.
-        problems: a sentence for each part of the results that can't be read; the rest is reported.
-        notes: a sentence for each thing that a reader of the curves should know.
+        document: content of the report.
+        figures: files of the figures.
+        files: all files written.
+        problems: sentences on unreadable records; the others are reported.
+        notes: sentences for the reader of the curves.
     """
 
     table: pd.DataFrame
@@ -71,38 +72,37 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     """Aggregates all runs over their seeds and writes tables, figures and a page.
 
     Args:
-        results: where the runs are.
-        out: directory for the files; made if need be.
-        request: what the report shall hold.
+        results: results with the runs.
+        out: directory for the files; created if it does not exist.
+        request: contents of the report.
 
     Raises:
-        RequestError: if there are no runs, or none that the filters let through; or if nothing can
-            be written in `out`.
-        WorkError: if there are runs, but none can be read; or the disk is full.
+        RequestError: if there are no runs, none passes the filters, or `out` is not writable.
+        WorkError: if there are runs but none can be read, or the disk is full.
     """
-    made_of = gather(results, request)
-    document = contents.document(made_of)
-    files = {**_data_files(made_of), **_table_files(document), **_figure_files(document, request)}
-    drawn = {f"{item.name}.{ending}" for item in _figures(document) for ending in request.formats}
-    made = page.render_document(document, sheet=request.sheet, reloads=request.watched)
-    files["index.html"] = made.encode()
-    paths, left = output_directory.write(out, files)
+    data = gather(results, request)
+    document = contents.document(data)
+    files = {**_data_files(data), **_table_files(document), **_figure_files(document, request)}
+    figures = {f"{item.name}.{ending}" for item in _figures(document) for ending in request.formats}
+    html = page.render_document(document, sheet=SHEETS[request.columns], reloads=request.watched)
+    files["index.html"] = html.encode()
+    paths, kept = output_directory.write(out, files)
     return Report(
-        table=made_of.table,
-        aggregate=made_of.aggregate,
-        findings=made_of.findings,
-        comparisons=made_of.comparisons,
+        table=data.table,
+        aggregate=data.aggregate,
+        findings=data.findings,
+        comparisons=data.comparisons,
         compares=request.compare is not None,
         document=document,
-        figures=[path for path in paths if path.name in drawn],
+        figures=[path for path in paths if path.name in figures],
         files=paths,
-        problems=made_of.problems,
-        notes=[*made_of.notes, *left],
+        problems=data.problems,
+        notes=[*data.notes, *kept],
     )
 
 
-def gather(results: Results, request: Request) -> Material:
-    """Returns all that the report of some results is made of; `write_report`."""
+def gather(results: Results, request: Request) -> ReportData:
+    """Returns the data of a report; see `write_report`."""
     if request.compare is not None:
         one, other = (sources.side(text, results, request) for text in request.compare)
         names = {name for text in request.compare for name in sources.names_of(text)}
@@ -111,87 +111,83 @@ def gather(results: Results, request: Request) -> Material:
         def compare(sides: Sequence[Sequence[Cell]]) -> list[comparisons.Comparison]:
             return comparisons.across(sides[0], sides[1], names)
 
-        return _material([one, other], compare, notes, request)
+        return _report_data([one, other], compare, notes, request)
     own = sources.own(results, request)
-    seen, unread = behaviour.behaviours(results, request.task)
-    reduced = encoders.encoder_table(own.tables, request.task)
-    all_of_them = [
-        own,
-        *([sources.reference(request, shipped())] if request.reference else []),
-    ]
-    # Policies that were only evaluated, and encoders, can be drawn without any run.
-    drawable = bool(seen) or not reduced.empty or any(s.cells for s in all_of_them[1:])
+    behaviours, unread = behaviour.behaviours(results, request.task)
+    encoder_table = encoders.encoder_table(own.tables, request.task)
+    reported = [own, *([sources.reference(request, shipped())] if request.reference else [])]
+    # Evaluated policies and encoders can be drawn without any run.
+    drawable = bool(behaviours) or not encoder_table.empty or any(s.cells for s in reported[1:])
     if own.runs.empty and (request.algo is not None or not drawable):
         raise sources.nothing_to_report(results, own.problems)
     if not own.cells and not drawable:
         raise sources.NothingYetError(
             f"No run has an episode yet; wait for them. {' '.join(own.notes)}"
         )
-    return _material(all_of_them, views.compare_within, [], request, reduced, seen, unread)
+    compare_within = views.compare_within
+    return _report_data(reported, compare_within, [], request, encoder_table, behaviours, unread)
 
 
 def _check_comparable(one: Source, other: Source, names: Collection[str]) -> list[str]:
-    """Returns what is said of cells of two sources that have no counterpart in the other.
+    """Returns notes on cells of two sources without a counterpart in the other.
 
     Raises:
-        RequestError: if none has.
+        RequestError: if no cell has a counterpart.
     """
     ours, theirs = (of_kind(source.cells, TRAINING) for source in (one, other))
-    found = comparisons.across(ours, theirs, names)
-    notes = comparisons.near_misses(ours, theirs, found)
-    if not found:
-        typed = (
-            f" but {', '.join(sorted(names))}, seeds and steps" if names else " but seeds and steps"
-        )
+    pairs = comparisons.across(ours, theirs, names)
+    notes = comparisons.near_misses(ours, theirs, pairs)
+    if not pairs:
+        free = ", ".join([*sorted(names), "seeds and steps"])
         raise RequestError(
-            f"Nothing of {one.name} can be compared with anything of {other.name}: there must be "
-            f"runs of both that differ in nothing{typed}. {notes[0] if notes else ''}".strip()
+            f"No runs of {one.name} and {other.name} can be compared: there must be runs of both "
+            f"that differ only in {free}. {notes[0] if notes else ''}".strip()
         )
-    return [*(note for cells in (ours, theirs) for note in comparisons.alone(cells, found)), *notes]
+    return [*(note for cells in (ours, theirs) for note in comparisons.alone(cells, pairs)), *notes]
 
 
-def _material(
-    all_of_them: Sequence[Source],
+def _report_data(
+    reported: Sequence[Source],
     compare: views.Compare,
-    told: Sequence[str],
+    more_notes: Sequence[str],
     request: Request,
-    reduced: pd.DataFrame | None = None,
-    seen: Sequence[behaviour.Behaviour] = (),
+    encoder_table: pd.DataFrame | None = None,
+    behaviours: Sequence[behaviour.Behaviour] = (),
     unread: Sequence[str] = (),
-) -> Material:
+) -> ReportData:
     table = query.published()
-    # The figures choose from these by the paper's figure.
+    # Figures select from these by the number of the paper's figure.
     published = [*read_published(table), *read_sequences(table)]
-    shown = views.views_of([s.cells for s in all_of_them], published, request, compare)
+    shown = views.views_of([s.cells for s in reported], published, request, compare)
     learned = [item for view in shown for item in view.learned]
     notes = [*views.missing_evaluations(shown, request)]
-    notes += [note for source in all_of_them for note in source.notes]
-    notes += [*told, *processor.left_out(shown[0].cells)]
+    notes += [note for source in reported for note in source.notes]
+    notes += [*more_notes, *processor.left_out(shown[0].cells)]
     notes += summaries.sentences(learned, published, request.window)
     findings = None
     if request.claims:
-        findings, more = _findings(shown, published, all_of_them[0], request)
-        notes += more
-    return Material(
+        findings, untested = _findings(shown, published, reported[0], request)
+        notes += untested
+    return ReportData(
         request=request,
         views=shown,
         published=published,
         aggregate=summaries.aggregate_curves(learned),
         table=summaries.summary_table(learned, published, request.window),
         findings=findings,
-        encoders=pd.DataFrame() if reduced is None else reduced,
-        seen=seen,
-        runs=_runs(all_of_them),
+        encoders=pd.DataFrame() if encoder_table is None else encoder_table,
+        behaviours=behaviours,
+        runs=_runs(reported),
         notes=notes,
-        problems=[*(problem for source in all_of_them for problem in source.problems), *unread],
+        problems=[*(problem for source in reported for problem in source.problems), *unread],
     )
 
 
-def _runs(all_of_them: Sequence[Source]) -> pd.DataFrame:
-    """Returns the runs of all sources; whose they are, if there are several."""
-    if len(all_of_them) == 1:
-        return all_of_them[0].runs
-    return pd.concat([s.runs.assign(source=s.name) for s in all_of_them], ignore_index=True)
+def _runs(reported: Sequence[Source]) -> pd.DataFrame:
+    """Returns the runs of all sources, with a column `source` if there are several."""
+    if len(reported) == 1:
+        return reported[0].runs
+    return pd.concat([s.runs.assign(source=s.name) for s in reported], ignore_index=True)
 
 
 def _findings(
@@ -200,35 +196,35 @@ def _findings(
     own: Source,
     request: Request,
 ) -> tuple[list[claims.Finding], list[str]]:
-    """Returns what is found of the claims, in their order, and notes on what is not."""
+    """Returns findings in the order of the claims, and notes on untested ones."""
     by_hand, notes = heuristics.findings(own.tables, request.task)
-    chosen = [
+    curves = [
         curve
         for curve in published
         if request.task in (None, curve.task) and request.algo in (None, curve.algo, "ppo")
     ]
     ours = [finding for view in shown for finding in view.findings]
-    found = [*ours, *by_hand, *published_claims.examine_published(chosen)]
-    return sorted(found, key=lambda finding: finding.claim), notes
+    findings = [*ours, *by_hand, *published_claims.examine_published(curves)]
+    return sorted(findings, key=lambda finding: finding.claim), notes
 
 
-def _data_files(made_of: Material) -> dict[str, bytes]:
-    """Returns the exact numbers behind the figures and tables."""
-    frames = {"aggregate": made_of.aggregate, "table": made_of.table}
-    statistics = [one for view in made_of.views for one in view.statistics]
+def _data_files(data: ReportData) -> dict[str, bytes]:
+    """Returns the files with the exact numbers of figures and tables."""
+    frames = {"aggregate": data.aggregate, "table": data.table}
+    statistics = [one for view in data.views for one in view.statistics]
     if statistics:
         frames["seed_statistics"] = scores.statistics_frame(statistics)
-    if made_of.comparisons:
-        frames["seed_comparisons"] = comparisons.comparisons_frame(made_of.comparisons)
-    groups = [group for view in made_of.views for group in view.groups]
+    if data.comparisons:
+        frames["seed_comparisons"] = comparisons.comparisons_frame(data.comparisons)
+    groups = [group for view in data.views for group in view.groups]
     if groups:
         frames["reduction"] = reduction.frame(groups)
-    if made_of.findings is not None:
-        frames["findings"] = claims.findings_frame(made_of.findings)
-    if not made_of.encoders.empty:
-        frames["encoders"] = made_of.encoders
+    if data.findings is not None:
+        frames["findings"] = claims.findings_frame(data.findings)
+    if not data.encoders.empty:
+        frames["encoders"] = data.encoders
     files = {f"{name}.csv": _to_csv(frame) for name, frame in frames.items()}
-    return {"aggregate.parquet": _to_parquet(made_of.aggregate), **files}
+    return {"aggregate.parquet": _to_parquet(data.aggregate), **files}
 
 
 def _table_files(document: Document) -> dict[str, bytes]:
@@ -242,7 +238,7 @@ def _table_files(document: Document) -> dict[str, bytes]:
 def _figure_files(document: Document, request: Request) -> dict[str, bytes]:
     files = {}
     for item in _figures(document):
-        drawn = plotting.draw(item.figure, request.sheet)
+        drawn = plotting.draw(item.figure, SHEETS[request.columns])
         for ending in request.formats:
             files[f"{item.name}.{ending}"] = plotting.FORMATS[ending](drawn)
     return files
@@ -254,7 +250,7 @@ def _figures(document: Document) -> list[FigureItem]:
 
 
 def _to_csv(frame: pd.DataFrame) -> bytes:
-    """Returns the rows as CSV with a header; pyarrow is ten times as fast at it as pandas."""
+    """Returns the rows as CSV with a header, by pyarrow, which is ten times as fast as pandas."""
     header, rows = io.StringIO(), io.BytesIO()
     csv.writer(header, lineterminator="\n").writerow(frame.columns)
     table = pa.Table.from_pandas(frame, preserve_index=False, nthreads=1)

@@ -1,37 +1,35 @@
-"""What a report is asked to hold."""
+"""Request for a report."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from jbench.errors import RequestError
-from jbench.names import ORDERS, RETURNS, Order, ReturnsName
+from jbench.names import FIGURE_FORMATS, ORDERS, RETURNS, Order, ReturnsName, known
 from jbench.report.data.curves import WINDOW
-from jbench.report.figures.layout import SHEETS, Sheet
-from jbench.report.figures.plotting import FORMATS
 
 
 @dataclass(frozen=True)
 class Request:
-    """What a report is asked to hold.
+    """Contents of a report.
 
     Attributes:
-        order: of quantiles and smoothing: `quantile-first` (Figure 9) or `smooth-first` (Figure 8).
-        window: episodes in a moving average; short runs get less, see `curves.fitting_window`.
-        task: report this task only.
-        algo: report this algorithm only.
-        since: report runs only that were begun then or later: ISO 8601, UTC unless it says else.
-        returns: the kind of return that figures and statistics lead with; the other follows.
+        order: `quantile-first` (Figure 9) or `smooth-first` (Figure 8).
+        window: episodes in a moving average; fewer for short runs, see `curves.fitting_window`.
+        task: report only this task.
+        algo: report only this algorithm.
+        since: report only runs begun at this time or later (ISO 8601, UTC by default).
+        returns: kind of return that figures and statistics show first.
         claims: whether to give verdicts on the paper's claims.
-        each_seed: whether to draw every seed as a thin line, too.
-        formats: of the figures' files, of `plotting.FORMATS`.
-        columns: of a paper that the figures are made for, 1 or 2; None for a screen.
-        reference: whether to show the runs that are shipped with jbench, too.
-        compare: two results directories, or two choices of settings, see `sources.side`.
-        watched: whether the report is made again and again, and its page reloads itself.
-        command: that asks for this; it is written into the page.
+        each_seed: whether to draw every seed as a thin line as well.
+        formats: formats of the figures, from `names.FIGURE_FORMATS`.
+        columns: width of the figures in columns of a paper, 1 or 2; None for a screen.
+        reference: whether to add the runs shipped with jbench.
+        compare: two results directories, or two selections of settings; see `sources.side`.
+        watched: whether the report is rewritten regularly, so that its page reloads itself.
+        command: the command line, which is written into the page.
 
     Raises:
-        RequestError: if the order, the window, the date, a format or the columns can't be.
+        RequestError: if the order, window, date, a format or the columns are invalid.
     """
 
     order: Order = "quantile-first"
@@ -50,28 +48,23 @@ class Request:
     command: str = "jbench report"
 
     def __post_init__(self) -> None:
-        """Checks what was asked."""
-        if self.order not in ORDERS:
-            raise RequestError(f"There is no order {self.order!r}; choose {' or '.join(ORDERS)}.")
-        if self.returns not in RETURNS:
-            raise RequestError(
-                f"There are no returns {self.returns!r}; choose {' or '.join(RETURNS)}."
-            )
+        """Checks the fields."""
+        known("order", self.order, ORDERS)
+        known("kind of return", self.returns, RETURNS)
         if self.window < 1:
-            raise RequestError(f"A window of {self.window} episodes is none; choose 1 or more.")
-        if self.columns not in SHEETS:
-            raise RequestError(f"--columns {self.columns}: type 1 or 2, those of a paper.")
+            raise RequestError(f"A window of {self.window} episodes is invalid; type 1 or more.")
+        if self.columns not in (None, 1, 2):
+            raise RequestError(f"--columns {self.columns}: type 1 or 2.")
         for name in self.formats:
-            if name not in FORMATS:
-                raise RequestError(f"There is no format {name!r}; choose {', '.join(FORMATS)}.")
+            known("format", name, FIGURE_FORMATS)
         if not self.formats:
-            raise RequestError(f"Figures need a format; choose {', '.join(FORMATS)}.")
+            raise RequestError(f"Figures need a format; choose {', '.join(FIGURE_FORMATS)}.")
         if self.compare is not None and self.compare[0] == self.compare[1]:
-            raise RequestError(f"--compare {' '.join(self.compare)}: type two that differ.")
+            raise RequestError(f"--compare {' '.join(self.compare)}: type two different ones.")
         self.begun_since()
 
     def begun_since(self) -> datetime | None:
-        """Returns the time from which on runs are reported, or None for all."""
+        """Returns the earliest beginning of reported runs, or None for all runs."""
         if self.since is None:
             return None
         try:
@@ -82,8 +75,3 @@ class Request:
                 "2026-11-21T18:30."
             ) from None
         return time if time.tzinfo else time.replace(tzinfo=UTC)
-
-    @property
-    def sheet(self) -> Sheet:
-        """What the figures are made for."""
-        return SHEETS[self.columns]

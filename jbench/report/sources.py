@@ -1,9 +1,9 @@
-"""Whose runs a report is of: those of the results, the shipped ones, two sides of a comparison."""
+"""Sources of a report's runs: the results, the shipped runs, or two sides of a comparison."""
 
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,10 @@ from jbench.settings.run import Run, read_run
 from jbench.store import Results, query
 
 REFERENCE = "reference"
-"""What the cells of the shipped runs are called."""
+"""Source of the cells of the shipped runs."""
 
 Choice = Callable[[Run], bool]
-"""Says of a run's settings whether it is chosen."""
+"""Returns whether a run is selected, by its settings."""
 
 _RUNS = ("runs", "episodes", "evaluations")
 _MORE = (
@@ -37,20 +37,20 @@ _READ: dict[str, Any] = {"coded": True, "columns": _COLUMNS}
 
 
 class NothingYetError(RequestError):
-    """There is nothing to report, which may change while runs go on."""
+    """There is nothing to report yet; more results may change that."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Runs from one place.
+    """Runs of one results directory, or a selection of them.
 
     Attributes:
-        cells: of the runs, of both kinds of return.
-        runs: rows of the table `runs`, of those that are in a cell or could be.
+        cells: cells of the runs, for both kinds of return.
+        runs: rows of the table `runs`.
         notes: sentences on runs that are in no cell.
-        problems: a sentence for each record that can't be read.
-        tables: of encoders and policies; only of the results themselves.
-        name: of the source in its cells.
+        problems: a sentence for each unreadable record.
+        tables: tables of encoders and policies; empty for other sources than the results.
+        name: name of the source in its cells.
     """
 
     cells: list[Cell]
@@ -62,64 +62,64 @@ class Source:
 
 
 def own(results: Results, request: Request) -> Source:
-    """Returns the runs of the results, as far as the request lets them through."""
+    """Returns the runs of the results that pass the filters of the request."""
     tables, problems = query.load(results, (*_RUNS, *_MORE), **_READ)
     return _source(tables, problems, request)
 
 
-def reference(request: Request, place: Path) -> Source:
-    """Returns the runs that are shipped with jbench, as cells of their own."""
-    if not place.is_dir():
+def reference(request: Request, path: Path) -> Source:
+    """Returns the runs shipped with jbench, which form separate cells."""
+    if not path.is_dir():
         return Source([], pd.DataFrame(), [_NO_REFERENCE], [], {}, REFERENCE)
-    tables, problems = query.load(Results(place), _RUNS, **_READ)
-    found = _source(tables, problems, request, REFERENCE, strict=False)
-    notes = found.notes if found.cells else [*found.notes, _NO_REFERENCE]
-    return Source(found.cells, found.runs, notes, found.problems, {}, REFERENCE)
+    tables, problems = query.load(Results(path), _RUNS, **_READ)
+    source = _source(tables, problems, request, REFERENCE, strict=False)
+    notes = source.notes if source.cells else [*source.notes, _NO_REFERENCE]
+    return replace(source, notes=notes, tables={})
 
 
-_NO_REFERENCE = "This version of jbench ships no reference runs of what is reported."
+_NO_REFERENCE = "This version of jbench ships no reference runs for this report."
 
 
 def side(text: str, results: Results, request: Request) -> Source:
     """Returns the runs of one side of a comparison, as cells of that name.
 
     Args:
-        text: a results directory, or settings that choose runs of the results: `engine=batched`,
-            `algo=td3,representation=dae12`.
-        results: to choose from.
-        request: whose filters hold, too.
+        text: a results directory, or settings that select runs of the results, such as
+            `engine=batched` or `algo=td3,representation=dae12`.
+        results: results from which settings select.
+        request: its filters apply as well.
 
     Raises:
-        RequestError: if it is neither, or no run is chosen.
+        RequestError: if the text is neither, or selects no run.
     """
     if Path(text).is_dir():
         tables, problems = query.load(Results(Path(text)), _RUNS, **_READ)
-        found = _source(tables, problems, request, text)
+        source = _source(tables, problems, request, text)
     else:
         tables, problems = query.load(results, _RUNS, **_READ)
         settings = [read_run(json.loads(one)) for one in tables["runs"]["settings"].to_pylist()]
         choice = _choice(text, settings)
-        found = _source(tables, problems, request, text, choice)
-    if not found.cells:
-        problems_told = " ".join(found.problems)
-        raise NothingYetError(f"There is no run with an episode of {text}. {problems_told}".strip())
-    return found
+        source = _source(tables, problems, request, text, choice)
+    if not source.cells:
+        reasons = " ".join(source.problems)
+        raise NothingYetError(f"There is no run with an episode of {text}. {reasons}".strip())
+    return source
 
 
 def names_of(text: str) -> tuple[str, ...]:
-    """Returns the settings that a side of a comparison chooses by; a directory has none."""
+    """Returns the names of the settings in one side of a comparison; a directory has none."""
     if Path(text).is_dir():
         return ()
     return tuple(part.partition("=")[0].strip() for part in text.split(","))
 
 
 def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
-    """Returns the error for results without a run that can be reported."""
+    """Returns the error for results without usable runs."""
     records, unreadable = results.scan("run")
     if records or unreadable:
         return WorkError(
-            f"No run in {results.path} can be reported. {' '.join(problems)} `jbench verify` says "
-            "what is damaged, `jbench repair` sets it aside."
+            f"No run in {results.path} can be reported. {' '.join(problems)} `jbench verify` "
+            "lists the damage, `jbench repair` sets it aside."
         )
     return NothingYetError(
         f"There are no runs in {results.path}; run "
@@ -151,23 +151,27 @@ def _begun_since(runs: pd.DataFrame, request: Request) -> tuple[pd.DataFrame, li
     if since is None:
         return runs, []
     begun = pd.to_datetime(runs["created"], utc=True, errors="coerce", format="ISO8601") >= since
-    left = int((~begun).sum())
-    told = [f"{left} runs were begun before {request.since} and are left out."] if left else []
-    if left and left == len(runs):
-        raise NothingYetError(f"No run was begun since {request.since}; {told[0]}")
-    return runs[begun], told
+    count = int((~begun).sum())
+    notes = [f"{count} runs were begun before {request.since} and are left out."] if count else []
+    if count and count == len(runs):
+        raise NothingYetError(f"No run was begun since {request.since}; {notes[0]}")
+    return runs[begun], notes
 
 
 def _filter(
     runs: pd.DataFrame, task: str | None, algo: str | None, *, strict: bool
 ) -> pd.DataFrame:
-    """Returns the runs asked for; there is at least one if that is wanted strictly."""
-    wanted = pd.Series(True, index=runs.index)
+    """Returns the runs of a task and an algorithm.
+
+    Raises:
+        NothingYetError: if there are none, and `strict` is set.
+    """
+    matches = pd.Series(True, index=runs.index)
     for name, value in (("task", task), ("algo", algo)):
         if value is not None:
-            wanted &= runs[name] == value
-    if strict and not wanted.any():
-        there = "; ".join(
+            matches &= runs[name] == value
+    if strict and not matches.any():
+        existing = "; ".join(
             f"{name} with {', '.join(sorted(set(group)))}"
             for name, group in runs.groupby("task")["algo"]
         )
@@ -176,17 +180,17 @@ def _filter(
             for name, value in (("task", task), ("algo", algo))
             if value is not None
         )
-        raise NothingYetError(f"There are no runs of {asked}; there are runs of {there}.")
-    return runs[wanted]
+        raise NothingYetError(f"There are no runs of {asked}; there are runs of {existing}.")
+    return runs[matches]
 
 
 def _choice(text: str, settings: Sequence[Run]) -> Choice:
-    """Returns what chooses runs by the settings that were typed.
+    """Returns a function that selects runs by the typed settings.
 
     Raises:
-        RequestError: if no settings were typed, or none of the runs has them.
+        RequestError: if the text contains no settings, or no run has them.
     """
-    wanted = []
+    typed = []
     for part in text.split(","):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not (name and equals):
@@ -194,27 +198,28 @@ def _choice(text: str, settings: Sequence[Run]) -> Choice:
                 f"--compare {text}: there is no such directory; type two results directories, or "
                 "settings such as engine=sb3 engine=batched."
             )
-        there = {value_text(found) for run in settings for found in _values(run, name)}
-        if not there:
+        existing = {value_text(value) for run in settings for value in _values(run, name)}
+        if not existing:
             names = sorted({".".join(path) for run in settings for path in flatten(run)})
             raise RequestError(f"No run has a setting {name!r}; there are {', '.join(names)}.")
-        if not any(_equal(value, one) for one in there):
-            raise RequestError(f"No run has {part.strip()}; there are {', '.join(sorted(there))}.")
-        wanted.append((name, value))
+        if not any(_equal(value, one) for one in existing):
+            known = ", ".join(sorted(existing))
+            raise RequestError(f"No run has {part.strip()}; there are {known}.")
+        typed.append((name, value))
     return lambda run: all(
-        any(_equal(value, value_text(one)) for one in _values(run, name)) for name, value in wanted
+        any(_equal(value, value_text(one)) for one in _values(run, name)) for name, value in typed
     )
 
 
 def _values(settings: Run, name: str) -> list[Any]:
-    """Returns the values of a setting that is named whole, or by its last part."""
+    """Returns the values of a setting that is named by its path, or by its last part."""
     flat = flatten(settings)
     return [value for path, value in flat.items() if name in (path[-1], ".".join(path))]
 
 
-def _equal(typed: str, said: str) -> bool:
-    """Returns whether what was typed is a value: 1e-4 is 0.0001."""
+def _equal(typed: str, value: str) -> bool:
+    """Returns whether a typed text means a value, such as 1e-4 for 0.0001."""
     try:
-        return math.isclose(float(typed), float(said), rel_tol=1e-5)
+        return math.isclose(float(typed), float(value), rel_tol=1e-5)
     except ValueError:
-        return typed.replace(" ", "") == said.replace(" ", "")
+        return typed.replace(" ", "") == value.replace(" ", "")

@@ -1,4 +1,4 @@
-"""The sentences that a report begins with: what was run, what is solved, what follows."""
+"""Summary of a report: what was run, what is solved, and the conclusions."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -16,7 +16,7 @@ from jbench.report.request import Request
 from jbench.report.tables import reduction_items, values
 from jbench.report.views import View
 
-_MOST_NAMED = 12
+_MAX_NAMED = 12
 
 
 def sentences(
@@ -25,45 +25,45 @@ def sentences(
     findings: Sequence[Finding] | None,
     runs: pd.DataFrame,
 ) -> list[str]:
-    """Returns the sentences that come first.
+    """Returns the sentences of the summary.
 
     Args:
-        request: what was asked for.
-        views: of each kind of return, the leading one first.
-        findings: on the claims; None if they were not asked for.
+        request: the request.
+        views: one per kind of return, the leading one first.
+        findings: findings on the claims; None if they were not requested.
         runs: rows of the table `runs`.
     """
     if not views[0].learned:
-        return ["There are no runs yet; this is what else was made."]
-    said = [_what_was_run(views, runs), *map(_what_is_solved, views), *agreement.on_solved(views)]
+        return ["There are no runs yet, only encoders or evaluated policies."]
+    lines = [_what_was_run(views, runs), *map(_what_is_solved, views), *agreement.on_solved(views)]
     lead = views[0]
     if lead.reductions:
-        said.append(
+        lines.append(
             f"Does reduction help? {reduction_items.sentence('a', lead.reductions, lead.kind)}"
         )
     if request.compare:
-        said += [sentence for view in views for sentence in _how_they_compare(view.comparisons)]
+        lines += [sentence for view in views for sentence in _how_they_compare(view.comparisons)]
     if findings is None:
-        return [*said, "For verdicts on the paper's claims, type the same command with --claims."]
-    said += [f"({c}) {claim.text} {_verdict(c, findings)}" for c, claim in CLAIMS.items()]
-    return [*said, *agreement.on_claims(findings)]
+        return [*lines, "For verdicts on the paper's claims, type the same command with --claims."]
+    lines += [f"({c}) {claim.text} {_verdict(c, findings)}" for c, claim in CLAIMS.items()]
+    return [*lines, *agreement.on_claims(findings)]
 
 
 def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
-    """Says how many runs there are, of which cells."""
+    """Returns a sentence on the number of runs and their cells."""
     cells = next(view.cells for view in views if view.kind is TRAINING)
     count = sum(len(cell.seeds) for cell in cells)
     diverged = int(runs["diverged"].notna().sum())
     statuses = Counter(runs.loc[runs["diverged"].isna(), "status"])
     statuses["diverged"] = diverged
     names = ("unfinished", "failed", "diverged")
-    going = [f"{statuses[name]} {name}" for name in names if statuses[name]]
+    other = [f"{statuses[name]} {name}" for name in names if statuses[name]]
     tasks = len({cell.task for cell in cells})
     return (
         f"{_counted(count, 'run')} in {_counted(len(cells), 'cell')} on {_counted(tasks, 'task')}: "
-        + "; ".join(_described(cell) for cell in cells[:_MOST_NAMED])
-        + (f"; and {len(cells) - _MOST_NAMED} more" if len(cells) > _MOST_NAMED else "")
-        + (f". Of all runs, {' and '.join(going)}." if going else ".")
+        + "; ".join(_described(cell) for cell in cells[:_MAX_NAMED])
+        + (f"; and {len(cells) - _MAX_NAMED} more" if len(cells) > _MAX_NAMED else "")
+        + (f". Of all runs, {' and '.join(other)}." if other else ".")
     )
 
 
@@ -73,19 +73,19 @@ def _described(cell: Cell) -> str:
 
 
 def _what_is_solved(view: View) -> str:
-    """Says which cells are solved by one kind of return."""
-    states = {name: [] for name in agreement.STATES}  # type: dict[str, list[str]]
+    """Returns a sentence on the cells that are solved according to one kind of return."""
+    states: dict[str, list[str]] = {name: [] for name in agreement.STATES}
     for summary in view.statistics:
         state, text = agreement.solved(summary)
         states[state].append(f"{values.cell_name(summary.cell)} ({text})")
-    said = (
+    sentence = (
         f"Solved by the {view.kind.long}, with the whole 95% interval of the median at {SOLVED} or "
-        f"more, of at least {DECIDING_SEEDS} seeds: {'; '.join(states['solved']) or 'nothing'}."
+        f"more, from at least {DECIDING_SEEDS} seeds: {'; '.join(states['solved']) or 'nothing'}."
     )
-    unsure = states["not sure"]
-    return said + (
-        f" The median is there, but that is not sure: {'; '.join(unsure)}." * bool(unsure)
-    )
+    if states["uncertain"]:
+        cells = "; ".join(states["uncertain"])
+        sentence += f" The median is at {SOLVED} or more, but uncertain: {cells}."
+    return sentence
 
 
 def _how_they_compare(found: Sequence[Comparison]) -> Iterator[str]:
@@ -94,7 +94,7 @@ def _how_they_compare(found: Sequence[Comparison]) -> Iterator[str]:
         gap = values.estimate(one.difference, formatting.signed)
         if improvement is not None and gap is not None:
             yield (
-                f"{one.ours.task} {display_name(one.ours.algo)} {one.ours.seen}, "
+                f"{one.ours.task} {display_name(one.ours.algo)} {one.ours.representation_label}, "
                 f"{one.ours.kind.plural}: a run of {one.ours.source} ends above one of "
                 f"{one.theirs.source} with a probability of {improvement.text}; the interquartile "
                 f"means differ by {gap.text} at {formatting.steps(one.control_steps)} control "
@@ -103,16 +103,16 @@ def _how_they_compare(found: Sequence[Comparison]) -> Iterator[str]:
 
 
 def _verdict(letter: str, findings: Sequence[Finding]) -> str:
-    """Says how many comparisons support a claim, by whose runs and which returns."""
+    """Counts the verdicts on a claim for each source of runs and kind of return."""
     tested = [f for f in findings if f.claim == letter]
     if not tested:
         return "No runs test it."
-    said = []
+    parts = []
     for source, returns in dict.fromkeys((f.source, f.returns) for f in tested):
         counts = Counter(f.verdict for f in tested if (f.source, f.returns) == (source, returns))
         text = ", ".join(f"{count} {name}" for name, count in counts.most_common())
-        said.append(f"{source}, {returns} returns: {text}")
-    sentence = "; ".join(said)
+        parts.append(f"{source}, {returns} returns: {text}")
+    sentence = "; ".join(parts)
     return f"{sentence[0].upper()}{sentence[1:]}."
 
 

@@ -1,4 +1,4 @@
-"""A view: all that a report draws and says of one kind of return."""
+"""A view: the part of a report on one kind of return."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,22 +16,22 @@ from jbench.report.data.returns import EVALUATION, TRAINING, Returns, in_order_o
 from jbench.report.request import Request
 
 Compare = Callable[[Sequence[Sequence[Cell]]], list[Comparison]]
-"""Takes the cells of each source, of one kind of return, and compares them."""
+"""Compares the cells of each source, for one kind of return."""
 
 
 @dataclass(frozen=True)
 class View:
-    """What a report draws and says of one kind of return.
+    """The part of a report on one kind of return.
 
     Attributes:
-        kind: of return.
-        leads: whether it is the kind that figures and statistics lead with.
-        learned: the curves, in the order of the paper.
-        statistics: of each cell, in the same order.
-        comparisons: of cells with each other.
+        kind: kind of return.
+        leads: whether figures and statistics show this kind first.
+        learned: curves in the order of the paper.
+        statistics: statistics of each cell, in the same order.
+        comparisons: comparisons of cells with each other.
         reductions: comparisons of each representation with the full and the scaled observation.
-        groups: of cells that differ in their representation alone.
-        findings: on the claims (a) to (g); none unless they were asked for.
+        groups: groups of cells that differ only in their representation.
+        findings: findings on the claims (a) to (g); empty unless they were requested.
     """
 
     kind: Returns
@@ -45,16 +45,16 @@ class View:
 
     @property
     def cells(self) -> list[Cell]:
-        """The cells of the curves."""
+        """Cells of the curves."""
         return [item.cell for item in self.learned]
 
     @property
     def published_beside(self) -> bool:
-        """Whether the paper's curves are drawn beside: they are training returns."""
+        """Whether the paper's curves are shown as well; they are training returns."""
         return self.kind is TRAINING
 
     def file(self, name: str) -> str:
-        """Returns the name of a file of it: the leading kind's files have plain names."""
+        """Returns a file name with the kind of return appended, except for the leading kind."""
         return name if self.leads else f"{name}-{self.kind.name}"
 
 
@@ -64,12 +64,12 @@ def views_of(
     request: Request,
     compare: Compare,
 ) -> list[View]:
-    """Returns a view of each kind of return that there is, the leading one first; at least one.
+    """Returns a view for each kind of return, the leading one first; at least one.
 
     Args:
         sources: cells of each source, of both kinds.
         published: the paper's curves.
-        request: which kind leads, how curves are smoothed, and whether claims are tested.
+        request: determines the leading kind, the smoothing, and whether claims are tested.
         compare: compares the cells of one kind.
     """
     views: list[View] = []
@@ -95,7 +95,7 @@ def views_of(
 
 
 def curve_of(cell: Cell, request: Request) -> Curve:
-    """Returns the curve of a cell: a moving average, or of evaluations each on its own."""
+    """Returns the curve of a cell: a moving average of episodes, or the single evaluations."""
     window = request.window if cell.kind.smoothed else 1
     arrays = cell.returns, cell.control_steps, cell.lengths
     return learning_curve(*arrays, request.order, window)
@@ -107,14 +107,14 @@ def compare_within(sources: Sequence[Sequence[Cell]]) -> list[Comparison]:
 
 
 def missing_evaluations(views: Sequence[View], request: Request) -> list[str]:
-    """Returns a sentence on cells without evaluations, if there are any."""
+    """Returns a note on cells without evaluations, if there are any."""
     of_training = {c.key: c for view in views if view.kind is TRAINING for c in view.cells}
     evaluated = {c.key for view in views if view.kind is EVALUATION for c in view.cells}
     without = [cell.name for key, cell in of_training.items() if key not in evaluated]
     if not without:
         return []
     if evaluated:
-        return [f"Without evaluations, and so in training returns only: {'; '.join(without)}."]
+        return [f"Without evaluations, therefore only in training returns: {'; '.join(without)}."]
     if request.returns == TRAINING.name:
         return []
     return ["No run has evaluations: the report leads with training returns, exploration included."]

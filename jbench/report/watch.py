@@ -1,4 +1,4 @@
-"""Waiting for results to change."""
+"""Waits for results to change."""
 
 import hashlib
 import signal
@@ -20,28 +20,28 @@ LOOK_EVERY = 2.0
 
 @dataclass
 class Interrupt:
-    """Whether Ctrl-C came.
+    """Whether Ctrl-C was received.
 
-    No event of threading: its lock, taken by a signal's handler, would wait for who is interrupted.
+    A threading.Event could deadlock, since the signal handler would take its lock.
     """
 
-    came: bool = False
+    received: bool = False
 
 
 @contextmanager
 def remembered_interrupt() -> Iterator[Interrupt]:
-    """Remembers Ctrl-C, which raises KeyboardInterrupt as ever.
+    """Records Ctrl-C, which still raises KeyboardInterrupt.
 
-    Libraries swallow the exception now and then, if it comes while C code of theirs calls Python.
+    Libraries sometimes swallow the exception, if it is raised while their C code calls Python.
     """
     interrupt = Interrupt()
 
     def remember(number: int, frame: FrameType | None) -> None:
-        interrupt.came = True
+        interrupt.received = True
         raise KeyboardInterrupt
 
     before = signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler:  # who started this process wants it otherwise
+    if before is not signal.default_int_handler:  # the parent process has chosen another handler
         yield interrupt
         return
     signal.signal(signal.SIGINT, remember)
@@ -54,20 +54,23 @@ def remembered_interrupt() -> Iterator[Interrupt]:
 def watch(
     results: Results, request: Request, interrupt: Interrupt, look_every: float = LOOK_EVERY
 ) -> Iterator[None]:
-    """Gives control at once, and again whenever a record was committed meanwhile.
+    """Yields at once, and again whenever a record has been committed.
 
-    What is done in between takes half of the time at most: after it, as long is waited as it took.
+    The caller's work takes at most half of the time: after it, this waits as long as it took.
 
     Args:
-        results: to look at.
-        request: whose results directories are looked at, too.
-        interrupt: ends it once it came.
-        look_every: seconds between two looks, at least.
+        results: results to watch.
+        request: if it compares results directories, these are watched as well.
+        interrupt: ends the watching.
+        look_every: minimum seconds between two looks.
     """
-    places = [results.path, *(Path(text) for text in request.compare or () if Path(text).is_dir())]
+    directories = [
+        results.path,
+        *(Path(text) for text in request.compare or () if Path(text).is_dir()),
+    ]
     seen: str | None = None
-    while not interrupt.came:
-        now = fingerprint(places)
+    while not interrupt.received:
+        now = fingerprint(directories)
         if now == seen:
             time.sleep(look_every)
             continue
@@ -78,19 +81,19 @@ def watch(
 
 
 def end(out: Path) -> None:
-    """Lets the page of the last report stay as it is, in browsers that show it, too."""
+    """Stops the page of the last report from reloading, in open browsers as well."""
     output_directory.change(out, "index.html", page.still)
 
 
-def fingerprint(places: list[Path]) -> str:
-    """Returns what changes whenever a manifest below these directories does."""
+def fingerprint(directories: list[Path]) -> str:
+    """Returns a hash that changes whenever a manifest below these directories does."""
     digest = hashlib.sha256()
-    for place in places:
+    for directory in directories:
         for kind in ("runs", "encoders", "evaluations"):
-            for path in sorted((place / kind).rglob(MANIFEST)):
+            for path in sorted((directory / kind).rglob(MANIFEST)):
                 try:
-                    found = path.stat()
+                    stat = path.stat()
                 except OSError:
                     continue  # it was removed meanwhile
-                digest.update(f"{path} {found.st_mtime_ns} {found.st_size}\n".encode())
+                digest.update(f"{path} {stat.st_mtime_ns} {stat.st_size}\n".encode())
     return digest.hexdigest()

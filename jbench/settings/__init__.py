@@ -1,13 +1,13 @@
-"""Settings of runs, datasets and evaluations: what is hashed into an id.
+"""Settings of runs, datasets and evaluations. Ids contain a hash of them.
 
-    base.py          what all settings share: strict classes, canonical JSON, its hash
-    algorithms.py    of DDPG, PPO, SAC and TD3
-    ofe.py           of features that are learned with an agent
-    run.py           of a run, and of runs that this version can't parse
-    external.py      of a run whose training loop is not part of jbench
-    dataset.py       of a random-policy dataset
-    evaluation.py    of an evaluation of a policy
-    alike.py         which settings are alike, and what an omitted one means
+    base.py          base class: strict types, canonical JSON and its hash
+    algorithms.py    DDPG, PPO, SAC and TD3
+    ofe.py           features learned online with the agent
+    run.py           runs, including those that this version can't parse
+    external.py      runs whose training loop is not part of jbench
+    dataset.py       random-policy datasets
+    evaluation.py    evaluations of a policy
+    alike.py         equivalences of settings, and the meaning of omitted settings
 
 Settings of encoders are in `encoders/settings.py`, since the kinds of encoders are plug-ins.
 """

@@ -1,9 +1,9 @@
-"""The settings of the four algorithms: the paper's, and how a user changes one.
+"""Hyperparameters of the four algorithms, with stable-baselines3's names.
 
-"Table 1" is the paper's; where it is silent, the paper used the defaults of stable-baselines 2
-(section 5, Table 1), which are not those of stable-baselines3. Names are stable-baselines3's.
-"Script" is the authors' training script, which differs from Table 1 and runs stable-baselines 2;
-`docs/agents.md` lists the differences.
+"Table 1" is the paper's; where it gives no value, the paper used the defaults of stable-baselines 2
+(section 5, Table 1), which differ from those of stable-baselines3. "Script" is the authors'
+training script, which runs stable-baselines 2 and differs from Table 1; `docs/agents.md` lists the
+differences.
 """
 
 from typing import Any, Literal, Self
@@ -15,11 +15,11 @@ from jbench.names import Base
 from jbench.settings.base import Settings, omissible, validated
 
 Initialization = Literal["fan-in", "glorot"]
-"""How the first weights of DDPG and TD3 are drawn."""
+"""Weight initialization of DDPG and TD3."""
 
 
 class AlgorithmSettings(Settings):
-    """What all four algorithms share. Only the batched engine has those that are omissible."""
+    """Settings of all four algorithms. Only the batched engine supports omissible settings."""
 
     learning_rate: float = Field(default=1e-4, gt=0, description="of Adam; Table 1")
     batch_size: PositiveInt = Field(default=256, description="transitions; Table 1")
@@ -27,12 +27,12 @@ class AlgorithmSettings(Settings):
     hidden_layers: tuple[PositiveInt, ...] = Field(
         default=(350, 250),
         strict=False,  # JSON has lists
-        description="units, ReLU, actor and critic apart; Table 1",
+        description="ReLU units of each hidden layer, in actor and critic; Table 1",
     )
 
 
 class OffPolicySettings(AlgorithmSettings):
-    """What DDPG, TD3 and SAC share: a replay buffer and noise on the actions."""
+    """Settings of DDPG, TD3 and SAC: replay buffer and action noise."""
 
     buffer_size: PositiveInt = Field(default=1_000_000, description="transitions; Table 1")
     learning_starts: NonNegativeInt = Field(description="control steps before the first update")
@@ -40,8 +40,8 @@ class OffPolicySettings(AlgorithmSettings):
         default=True, description="whether actions before learning_starts are uniform"
     )
     train_freq: PositiveInt = Field(description="control steps between updates")
-    gradient_steps: PositiveInt = Field(description="updates at a time")
-    tau: float = Field(gt=0, le=1, description="step of the target networks")
+    gradient_steps: PositiveInt = Field(description="updates after every train_freq steps")
+    tau: float = Field(gt=0, le=1, description="polyak coefficient of the target networks")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = Field(description="Table 1")
     noise_mean: float = Field(default=0.0, description="of the action noise; Table 1")
     noise_sigma: float = Field(default=0.2, ge=0, description="of the action noise; Table 1")
@@ -50,7 +50,7 @@ class OffPolicySettings(AlgorithmSettings):
 
 
 class DeterministicSettings(OffPolicySettings):
-    """What DDPG and TD3 share: a policy that is not random."""
+    """Settings of DDPG and TD3, whose policies are deterministic."""
 
     initialization: Initialization = omissible(
         "fan-in",
@@ -62,7 +62,7 @@ class DeterministicSettings(OffPolicySettings):
 class DDPGSettings(DeterministicSettings):
     """DDPG (Lillicrap et al., 2015)."""
 
-    # Learning starts as soon as a batch can be drawn, and the policy acts from the first step.
+    # Updates begin as soon as a batch can be sampled; the policy acts from the first step.
     learning_starts: NonNegativeInt = Field(default=256, description="stable-baselines 2")
     uniform_warmup: bool = Field(default=False, description="stable-baselines 2")
     train_freq: PositiveInt = Field(default=100, description="stable-baselines 2")
@@ -78,8 +78,8 @@ class DDPGSettings(DeterministicSettings):
     last_layer_bound: float | None = omissible(
         None,
         gt=0,
-        description="first weights of both last layers are U(-bound, bound); script: 0.003; "
-        "None: as in the other layers",
+        description="both output layers are initialized from U(-bound, bound); script: 0.003; "
+        "None: like the other layers",
     )
     gradients_first: bool = omissible(
         False,
@@ -124,14 +124,14 @@ class SACSettings(OffPolicySettings):
 class PPOSettings(AlgorithmSettings):
     """PPO with a clipped objective (Schulman et al., 2017)."""
 
-    n_envs: PositiveInt = Field(default=8, description="environments at a time; authors' script")
+    n_envs: PositiveInt = Field(default=8, description="parallel environments; authors' script")
     n_steps: PositiveInt = Field(default=256, description="per environment and update; Table 1")
     # stable-baselines 2 has no batch size for PPO but 4 minibatches: 8 * 256 / 4 transitions.
     batch_size: PositiveInt = Field(default=512, description="stable-baselines 2")
     n_epochs: PositiveInt = Field(default=4, description="stable-baselines 2")
     gae_lambda: float = Field(default=0.95, ge=0, le=1, description="stable-baselines 2")
     clip_range: float = Field(default=0.2, gt=0, description="stable-baselines 2 (script: 0.1)")
-    # stable-baselines 2 clips the value function like the policy unless told not to.
+    # stable-baselines 2 clips the value function like the policy by default.
     clip_range_vf: float | None = Field(default=0.2, gt=0, description="stable-baselines 2")
     normalize_advantage: bool = Field(default=True, description="stable-baselines 2")
     ent_coef: float = Field(default=0.01, ge=0, description="Table 1")
@@ -154,7 +154,7 @@ SETTINGS: dict[str, type[AlgorithmSettings]] = {
     "sac": SACSettings,
     "td3": TD3Settings,
 }
-"""The settings of each algorithm."""
+"""Settings class of each algorithm."""
 
 SCRIPT: dict[str, dict[str, Any]] = {
     "ddpg": {
@@ -174,10 +174,10 @@ SCRIPT: dict[str, dict[str, Any]] = {
     },
     "td3": {
         "initialization": "glorot",
-        "learning_starts": 9_999,  # the first updates come at 10,000, not an episode later
+        "learning_starts": 9_999,  # the first update is at step 10,000, not one episode later
     },
 }
-"""What the authors' script, with stable-baselines 2, does differently from the defaults here."""
+"""Settings of the authors' script that differ from the defaults here."""
 
 SB3: dict[str, dict[str, Any]] = {
     "ddpg": {
@@ -191,7 +191,7 @@ SB3: dict[str, dict[str, Any]] = {
     "sac": {"target_entropy": "auto"},
     "td3": {},
 }
-"""The defaults of stable-baselines3 2.9 where they differ from those here and Table 1 is silent."""
+"""Defaults of stable-baselines3 2.9 that differ from those here and are not in Table 1."""
 
 
 def algorithm_settings(
@@ -201,13 +201,13 @@ def algorithm_settings(
 
     Args:
         algo: one of `jbench.names.ALGORITHMS`.
-        base: "published" for Table 1 and the defaults of stable-baselines 2; "script" for what
-            the authors' script does; "sb3" for Table 1 and stable-baselines3's own defaults.
-        overrides: values by name that replace those.
+        base: "published" for Table 1 with the defaults of stable-baselines 2; "script" for the
+            authors' script; "sb3" for Table 1 with the defaults of stable-baselines3.
+        overrides: values by name that replace them.
 
     Raises:
-        RequestError: if the algorithm has no such setting, or not with that value, or if the
-            script's algorithm is not implemented.
+        RequestError: if a setting is unknown, its value is invalid, or the script's algorithm is
+            not implemented.
     """
     kind = SETTINGS[algo]
     if base == "script" and algo not in SCRIPT:

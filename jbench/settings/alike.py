@@ -1,4 +1,4 @@
-"""Which settings are alike, and what an omitted setting means: the one place that says so."""
+"""Equivalences of settings, and the meaning of omitted settings, defined in one place."""
 
 import json
 from collections.abc import Collection, Mapping
@@ -10,42 +10,42 @@ from jbench.settings.external import EXTERNAL
 from jbench.settings.run import Run, RunSettings
 
 Flat = dict[tuple[str, ...], Any]
-"""Settings by their paths, as ("hyperparameters", "tau")."""
+"""Settings by path, such as ("hyperparameters", "tau")."""
 
 SEED = ("seed",)
-"""Runs that differ in these alone can be trained in one process."""
+"""Runs that differ only in this can be trained in one process."""
 
 VARIANT = ("seed", "steps")
-"""Runs that differ in these alone are a variant: they make one curve."""
+"""Runs that differ only in these form one variant, and one learning curve."""
 
 COMPARED = (*VARIANT, "evaluate_every", "evaluate_episodes")
-"""Runs that differ in these can be compared: evaluating changes nothing of the training."""
+"""Runs that differ in these are comparable: evaluation does not affect training."""
 
 COST = ("task", "representation", "encoder", "seed", "steps", "augment", "robots")
-"""Runs that differ in these alone take equally long for a control step, or nearly."""
+"""Runs that differ only in these take about the same time per control step."""
 
 ENCODER_VARIANT = ("task", "kind", "latents", "seed")
-"""Encoders that differ in these alone have the same options."""
+"""Encoders that differ only in these have the same options."""
 
 _IMPLIED = {
     "representation": ("encoder", "ofe"),
     "algo": ("hyperparameters", "parallel"),
     "augment": ("robots",),
 }
-"""Settings that can't stay the same where another one differs."""
+"""Settings that necessarily differ if another one does."""
 
 
 def variant(values: Mapping[str, Any]) -> str:
-    """Returns the hash of a run's recorded settings but seed and steps."""
+    """Returns the hash of a run's recorded settings without seed and steps."""
     return settings_hash({name: v for name, v in values.items() if name not in VARIANT})
 
 
 def alike(run: Run, free: Collection[str]) -> str:
-    """Returns a text that is the same for runs that differ in the free settings alone.
+    """Returns a key that is equal for runs that differ only in the free settings.
 
     Args:
-        run: with or without its omitted settings.
-        free: names; a setting of an algorithm may be named by the last part of its path.
+        run: settings, with or without the omitted ones.
+        free: names; a hyperparameter may be named by the last part of its path.
     """
     names = set(free)
     kept = {
@@ -57,21 +57,17 @@ def alike(run: Run, free: Collection[str]) -> str:
 
 
 def comparable(run: Run, *names: str) -> str:
-    """Returns a text that is the same for runs to compare, which may differ in named settings."""
+    """Returns a key that is equal for comparable runs, which may differ in the named settings."""
     return alike(run, (*COMPARED, *with_implied(*names)))
 
 
 def with_implied(*names: str) -> set[str]:
-    """Returns names of settings, and of those that can't stay the same where these differ."""
+    """Returns the named settings and those that necessarily differ if these do."""
     return {*names, *(implied for name in names for implied in _IMPLIED.get(name, ()))}
 
 
 def flatten(settings: Run | Mapping[str, Any]) -> Flat:
-    """Returns settings by their paths; those that a run omits at their defaults are there, too.
-
-    Args:
-        settings: of a run, or recorded settings of something else.
-    """
+    """Returns settings by path; settings that a run omits are filled with their defaults."""
     if isinstance(settings, Mapping):
         return _flat(_sorted(settings), ())
     values = _sorted(settings.values)
@@ -84,7 +80,7 @@ def flatten(settings: Run | Mapping[str, Any]) -> Flat:
 
 
 def _sorted(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns a copy whose names are sorted, at all depths."""
+    """Returns a copy with names sorted at every level."""
     copy: dict[str, Any] = json.loads(canonical_json(values))
     return copy
 

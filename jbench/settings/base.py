@@ -1,4 +1,4 @@
-"""What all settings share: a strict class, its identity, and the sentence for a wrong value."""
+"""Base class of settings, its hash, and error messages for invalid values."""
 
 import hashlib
 import json
@@ -11,7 +11,7 @@ from jbench.errors import RequestError
 
 
 class Settings(BaseModel):
-    """Values that can't change, of exactly these names and types."""
+    """An immutable model that accepts no other names or types than its fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -22,21 +22,21 @@ class Settings(BaseModel):
 
     @classmethod
     def omitted(cls) -> dict[str, Any]:
-        """Returns what fields mean that are omitted at their defaults (`omissible`), by name."""
+        """Returns the defaults of the `omissible` fields by name."""
         fields = cls.model_fields.items()
         return {name: field.default for name, field in fields if field.exclude_if is not None}
 
 
 def omissible(default: Any, **more: Any) -> Any:
-    """Returns a field that is omitted at its default: records made before it keep their ids."""
+    """Returns a field that is omitted at its default, so that older records keep their ids."""
     return Field(default=default, exclude_if=lambda value: value == default, **more)
 
 
 def canonical_json(settings: Mapping[str, Any]) -> str:
-    """Returns the one JSON text of these settings: sorted keys, no spaces, ASCII.
+    """Returns the canonical JSON of settings: sorted keys, no spaces, ASCII.
 
     Raises:
-        ValueError: if a value is not a number (NaN) or infinite.
+        ValueError: if a value is NaN or infinite.
     """
     return json.dumps(settings, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
@@ -53,12 +53,12 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
     """Returns a settings object.
 
     Args:
-        kind: of settings.
-        whose: what the settings belong to, for the error.
-        values: of the settings by name.
+        kind: class of the settings.
+        whose: name of their owner in error messages, such as "the run".
+        values: values by name.
 
     Raises:
-        RequestError: if a value is invalid; one sentence that names it.
+        RequestError: if a value is invalid; the message names the setting.
     """
     try:
         return kind(**values)

@@ -2,23 +2,23 @@
 
 from pydantic import Field, field_validator
 
-from jbench.names import EPISODE_STEPS, LARGEST_SEED
+from jbench.names import EPISODE_STEPS, MAX_SEED
 from jbench.settings.base import Settings, omissible
 
 
 class DatasetSettings(Settings):
-    """What a dataset is made of; the id is made from it."""
+    """Settings that identify a dataset."""
 
     policy: str = "random"
     robot: str = "jitterbug"
-    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
+    seed: int = Field(default=0, ge=0, le=MAX_SEED)
     steps: int = Field(
         default=5_000_000, gt=0, description="control steps (paper, section 5.2: 5 million)"
     )
     augment: int | None = omissible(
         None,
         ge=0,
-        le=LARGEST_SEED,
+        le=MAX_SEED,
         description="seed of an augmented robot",
     )
 

@@ -2,19 +2,19 @@
 
 from pydantic import Field
 
-from jbench.names import LARGEST_SEED
+from jbench.names import MAX_SEED
 from jbench.settings.base import Settings
 
 
 class EvaluationSettings(Settings):
-    """What an evaluation is made of; the id is made from it."""
+    """Settings that identify an evaluation."""
 
     task: str
     policy: str = Field(description="heuristic, random, constant:U, or the id of a run")
     episodes: int = Field(default=100, ge=1)
-    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
-    states: bool = Field(default=False, description="whether every state is kept")
-    target_yaw: float | None = Field(default=None, description="rad; else as the task draws it")
+    seed: int = Field(default=0, ge=0, le=MAX_SEED)
+    states: bool = Field(default=False, description="whether to record every state")
+    target_yaw: float | None = Field(default=None, description="rad; None: drawn by the task")
     augment: int | None = Field(default=None, ge=0, description="seed of an augmented robot")
 
     @property

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
-from jbench.names import FULL, LARGEST_SEED, TASKS, TimeLimit
+from jbench.names import FULL, MAX_SEED, TASKS, TimeLimit
 from jbench.settings.base import Settings, omissible
 
 EXTERNAL: Literal["external"] = "external"
@@ -25,7 +25,7 @@ class ExternalSettings(Settings):
     algo: str = Field(description="label of the algorithm, such as cleanrl-td3")
     representation: str = Field(default=FULL, description="full, or what the encoder is, as dae12")
     encoder: str | None = Field(default=None, description="id of the encoder")
-    seed: int = Field(ge=0, le=LARGEST_SEED)
+    seed: int = Field(ge=0, le=MAX_SEED)
     steps: int = Field(gt=0, description="control steps over all environments")
     engine: Literal["external"] = EXTERNAL
     time_limit: TimeLimit = "bootstrap"
@@ -33,7 +33,7 @@ class ExternalSettings(Settings):
     evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
     hyperparameters: dict[str, Any] = Field(description="JSON values by name")
     augment: int | None = omissible(
-        None, ge=0, le=LARGEST_SEED, description="seed of the augmented robot"
+        None, ge=0, le=MAX_SEED, description="seed of the augmented robot"
     )
 
     @field_validator("task")

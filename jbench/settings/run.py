@@ -17,7 +17,7 @@ from pydantic_core.core_schema import ValidationInfo
 from jbench.names import (
     EPISODE_STEPS,
     FULL,
-    LARGEST_SEED,
+    MAX_SEED,
     OFE,
     Engine,
     Precision,
@@ -31,51 +31,51 @@ from jbench.settings.ofe import OFESettings
 
 
 class RunSettings(Settings):
-    """What a run is made of; the id is made from it.
+    """Settings that identify a run.
 
-    A field that users set has two more places: a flag of `jbench train` (`cli.py`), and a key of
-    the same name in a sweep (`Matrix`). A new one is omissible: runs made before it keep their ids.
+    To add a setting, add a field here, a flag of `jbench train` (`commands/train.py`), and a key
+    of the same name in a sweep (`Matrix`). Make it omissible, so that existing runs keep their ids.
     """
 
     task: str
     algo: str
     representation: str = Field(
-        default=FULL, description="full, what the encoder is, as dae12, or ofe12"
+        default=FULL, description="full, an encoder's kind and size such as dae12, or ofe12"
     )
     encoder: str | None = Field(default=None, description="id of the encoder")
-    seed: int = Field(ge=0, le=LARGEST_SEED)
+    seed: int = Field(ge=0, le=MAX_SEED)
     steps: int = Field(gt=0, description="control steps over all environments; section 5.1: 5e6")
     engine: Engine = "batched"
     time_limit: TimeLimit = "bootstrap"
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
     evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
-    hyperparameters: dict[str, Any] = Field(description="every setting of the algorithm")
+    hyperparameters: dict[str, Any] = Field(description="settings of the algorithm")
     augment: int | None = omissible(
         None,
         ge=0,
-        le=LARGEST_SEED,
+        le=MAX_SEED,
         description="seed of the augmented robot, or of the first of several",
     )
     robots: int = omissible(
         1,
         ge=1,
-        description="augmented robots, one after the other, of seeds that follow each other",
+        description="number of augmented robots, trained on in sequence, with consecutive seeds",
     )
-    precision: Precision = omissible("float32", description="of the batched engine's products")
+    precision: Precision = omissible(
+        "float32", description="precision of the batched engine's matrix products"
+    )
     parallel: int | None = omissible(
         None,
         ge=1,
         title="environments",
-        description="environments of each seed; None for the algorithm's own",
+        description="parallel environments per seed; None for the algorithm's default",
     )
-    ofe: OFESettings | None = omissible(
-        None, description="features that are learned with the agent; None for none"
-    )
+    ofe: OFESettings | None = omissible(None, description="features learned with the agent")
 
     @model_validator(mode="before")
     @classmethod
     def _first_of_several(cls, values: Any) -> Any:
-        """Several robots are augmented robots, by default from seed 0 on."""
+        """Several robots are always augmented robots; the first seed is 0 by default."""
         several = isinstance(values, dict) and values.get("robots", 1) != 1
         if several and values.get("augment") is None:
             return {**values, "augment": 0}
@@ -159,7 +159,7 @@ class RunSettings(Settings):
 
     @property
     def values(self) -> dict[str, Any]:
-        """The settings as a manifest records them."""
+        """The settings as recorded in a manifest."""
         return self.model_dump(mode="json")
 
     @property
@@ -169,29 +169,29 @@ class RunSettings(Settings):
 
     @property
     def environments(self) -> int:
-        """How many environments the agent learns in at a time."""
+        """Number of parallel environments of the agent."""
         return self.parallel or int(self.hyperparameters.get("n_envs", 1))
 
     @property
     def episodes_on_each(self) -> int:
-        """How many episodes each environment has with each of the robots."""
+        """Number of episodes of each environment with each robot."""
         return self.steps // (self.robots * self.environments * EPISODE_STEPS)
 
     def robot_at(self, control_steps: int) -> int:
-        """Returns which of the robots the given control step is made with, counted from 0.
+        """Returns the index of the robot at a control step.
 
         Args:
-            control_steps: of the run, this step included. An algorithm may go on beyond `steps`, to
-                the end of a rollout: that is with the last robot.
+            control_steps: number of steps including this one. An algorithm may train beyond
+                `steps` to the end of a rollout, with the last robot.
         """
         done = max(control_steps - 1, 0)
         return min(done * self.robots // self.steps, self.robots - 1)
 
 
 class Unreadable(BaseModel):
-    """Recorded settings that `RunSettings` refuses: of another program, or of a newer version.
+    """Recorded settings that `RunSettings` rejects: of another program, or of a newer version.
 
-    A field that is not recorded, or not with its type, has its default.
+    A field that is not recorded, or has a wrong type, has its default.
     """
 
     model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
@@ -220,11 +220,11 @@ class Unreadable(BaseModel):
 
 
 Run = RunSettings | ExternalSettings | Unreadable
-"""The settings of any run that the database holds."""
+"""Settings of any run in the database."""
 
 
 def read_run(values: Mapping[str, Any]) -> Run:
-    """Returns the settings of a run from what its manifest records."""
+    """Returns the settings of a run from its manifest."""
     kind = ExternalSettings if values.get("engine") == EXTERNAL else RunSettings
     try:
         return kind.model_validate(values)

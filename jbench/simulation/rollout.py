@@ -11,6 +11,7 @@ from jbench.simulation.robots import Robots
 from jbench.tasks import features
 from jbench.tasks.features import State
 from jbench.tasks.resets import Starts
+from jbench.tasks.rewards import reward
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.floating]]
 """Returns actions (robots, 1) for observations (robots, dim(O))."""
@@ -50,7 +51,7 @@ def rollout(task: str, robots: Robots, starts: Starts, act: Act) -> Iterator[Tra
     for _ in range(EPISODE_STEPS):
         actions = np.asarray(act(observations))[:, 0]
         state = robots.step(actions)
-        rewards = np.asarray(features.reward(task, state, starts.targets))
+        rewards = np.asarray(reward(task, state, starts.targets))
         next_observations = observe(state)
         yield Transition(observations, actions, state, rewards, next_observations)
         observations = next_observations

@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from jbench.errors import WorkError
 from jbench.settings.alike import variant
-from jbench.store import schema
+from jbench.store import encoder_schema, schema
 from jbench.store.manifest import Kind
 from jbench.store.record import Record
 
@@ -124,10 +124,10 @@ KINDS: dict[Kind, Tables] = {
         "encoders",
         _encoder_row,
         {
-            "encoder_epochs": schema.ENCODER_EPOCHS,
-            "encoder_features": schema.ENCODER_FEATURES,
-            "encoder_errors": schema.ENCODER_ERRORS,
-            "encoder_predictions": schema.ENCODER_PREDICTIONS,
+            "encoder_epochs": encoder_schema.ENCODER_EPOCHS,
+            "encoder_features": encoder_schema.ENCODER_FEATURES,
+            "encoder_errors": encoder_schema.ENCODER_ERRORS,
+            "encoder_predictions": encoder_schema.ENCODER_PREDICTIONS,
         },
     ),
     "evaluation": Tables(

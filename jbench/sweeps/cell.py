@@ -10,16 +10,16 @@ from jbench.settings.run import RunSettings
 
 
 class Cell(NamedTuple):
-    """Runs that differ in their seeds alone.
+    """Runs that differ only in their seeds.
 
     Attributes:
-        task, algo: of the runs.
-        representation: as the user names it: full, dae12, or the id of an encoder.
-        runs: one for each seed.
-        settings: whose defaults the algorithm has.
-        encoder: settings of the encoder that is made if it is missing; None for the full
-            observation, and for an encoder that is named by its id.
-        dataset: that this encoder is trained on.
+        task, algo: task and algorithm of the runs.
+        representation: as typed by the user: full, dae12, or the id of an encoder.
+        runs: one per seed.
+        settings: source of the default hyperparameters.
+        encoder: settings of the encoder, which is trained if it is missing; None for the full
+            observation, and for an encoder given by its id.
+        dataset: training data of this encoder.
     """
 
     task: str

@@ -1,4 +1,4 @@
-"""How far the cells of a matrix are, and how long the rest of their runs will take."""
+"""Status of the cells of a matrix, and the estimated time left."""
 
 import statistics
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ from jbench.training.status import run_status
 
 
 class CellStatus(NamedTuple):
-    """How far a cell is.
+    """Status of a cell.
 
     Attributes:
-        cell: of a matrix.
+        cell: the cell.
         finished, partial, failed, missing: number of seeds.
-        steps_left: control steps of all runs that are not finished.
-        seconds_left: s on this machine; None if nothing like it has been measured.
+        steps_left: remaining control steps of all runs.
+        seconds_left: s on this machine; None if unknown.
         estimate: source of `seconds_left`: "measured runs", "a quick measurement" or "unknown";
             empty if nothing is left.
     """
@@ -38,31 +38,31 @@ class CellStatus(NamedTuple):
 def cell_statuses(
     cells: Sequence[Cell], results: Results, jobs: int, device: str = "cpu", quick: bool = True
 ) -> list[CellStatus]:
-    """Returns how far each cell is, and how long the rest of it takes on this machine.
+    """Returns the status of each cell, with the estimated time left on this machine.
 
     Args:
-        cells: of a matrix.
-        results: that hold its runs, and similar finished ones, whose time is known.
-        jobs: processes at a time.
-        device: of the batched engine.
-        quick: whether an algorithm without finished runs is measured now, within seconds.
+        cells: cells of a matrix.
+        results: contain its runs; similar finished runs are used for the estimate.
+        jobs: number of processes at a time.
+        device: device of the batched engine.
+        quick: whether to measure algorithms without finished runs, which takes seconds.
     """
     measured = _Measured(results)
     quickly: dict[str, float | None] = {}
-    told = []
+    all_statuses = []
     for cell in cells:
-        found = [run_status(run, results) for run in cell.runs]
-        states = [each.state for each in found]
-        left = sum(each.steps_left for each in found)
+        statuses = [run_status(run, results) for run in cell.runs]
+        states = [each.state for each in statuses]
+        left = sum(each.steps_left for each in statuses)
         seconds, source = measured.seconds_per_step(cell.runs[0]), "measured runs"
         if seconds is None and left and quick:
-            likeness = alike(cell.runs[0], COST)
-            if likeness not in quickly:
-                quickly[likeness] = _quick_measurement(cell.runs, device)
-            seconds, source = quickly[likeness], "a quick measurement"
+            key = alike(cell.runs[0], COST)
+            if key not in quickly:
+                quickly[key] = _quick_measurement(cell.runs, device)
+            seconds, source = quickly[key], "a quick measurement"
         if seconds is None:
             source = "unknown"
-        told.append(
+        all_statuses.append(
             CellStatus(
                 cell,
                 finished=states.count("finished"),
@@ -74,11 +74,11 @@ def cell_statuses(
                 estimate=source if left else "",
             )
         )
-    return told
+    return all_statuses
 
 
 def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
-    """Returns the seconds that cells still take if no process is ever idle; None if unknown."""
+    """Returns the seconds left if no process is ever idle; None if unknown."""
     work = 0.0
     for each in statuses:
         if each.seconds_left is None:
@@ -88,12 +88,12 @@ def seconds_left(statuses: Sequence[CellStatus], jobs: int) -> float | None:
 
 
 def _at_once(cell: Cell, jobs: int) -> int:
-    """Returns how many processes the seeds of a cell are divided among."""
+    """Returns the number of processes that share the seeds of a cell."""
     return min(jobs, len(cell.runs))
 
 
 class _Measured:
-    """Seconds of a processor core for each control step, from the finished runs of this machine."""
+    """Core seconds per control step, from the finished runs of this machine."""
 
     def __init__(self, results: Results) -> None:
         self._exact: dict[str, list[float]] = {}
@@ -106,15 +106,15 @@ class _Measured:
                 self._alike.setdefault(alike(run, COST), []).append(seconds)
 
     def seconds_per_step(self, run: RunSettings) -> float | None:
-        """Returns the median over the runs of the same settings, else over those like them."""
-        found = self._exact.get(alike(run, SEED)) or self._alike.get(alike(run, COST))
-        return statistics.median(found) if found else None
+        """Returns the median over runs with the same settings, else over similar runs."""
+        seconds = self._exact.get(alike(run, SEED)) or self._alike.get(alike(run, COST))
+        return statistics.median(seconds) if seconds else None
 
 
 def _core_seconds_per_step(record: Record) -> float | None:
-    """Returns the seconds of a core that a control step of a finished run took, if they are known.
+    """Returns the core seconds per control step of a finished run, if they are known.
 
-    The runs of a process share its one core, and each has its whole time as its own.
+    The runs of a process share one core, and each of them records the whole wall time.
     """
     provenance, summary = record.manifest.provenance, record.manifest.summary
     here = (provenance.get("processor"), provenance.get("cores")) == (processor(), cores())
@@ -128,7 +128,7 @@ def _core_seconds_per_step(record: Record) -> float | None:
 
 
 def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None:
-    """Returns the seconds of a control step of throw-away agents; None if they can't be made."""
+    """Returns the seconds per control step of temporary agents; None if they can't be made."""
     import torch
 
     from jbench.training.speed import seconds_per_step
@@ -136,7 +136,7 @@ def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        # On a GPU the seeds are one stack. A missing encoder costs little beside the learning.
+        # On a GPU the seeds are trained as one stack. The encoder's cost is negligible.
         together = runs if device == "cuda" else runs[:1]
         return seconds_per_step(together, None, device) / len(together)
     except (RequestError, WorkError, RuntimeError):

@@ -1,8 +1,8 @@
-"""The runs of a sweep on a Ray cluster: each batch of them is a task, on results that nodes share.
+"""Trains a sweep on a Ray cluster whose nodes share the results directory.
 
-Ray hands tasks to its workers by pickle. What goes to a task and comes back is text, JSON, and the
-task starts the same worker process as the local executor: no object of ours is pickled, and what
-the results hold is read as everywhere else.
+Each batch of runs is a task. Ray pickles arguments and results of tasks, but these are JSON texts
+here, so that no object of jbench is pickled. A task starts the same worker process as the local
+executor.
 """
 
 import contextlib
@@ -23,13 +23,13 @@ from jbench.store import Results, locks, schema
 from jbench.sweeps.executors import Local, Message, worker_request
 from jbench.training.status import run_status
 
-_ANSWERS_WITHIN = 10.0  # s; a cluster that is there
-_LOOK_EVERY = 2.0  # s between two looks at the results while a task goes on
-_SEEN_WITHIN = 90.0  # s; what a node has written, a network directory may show late
+_ANSWERS_WITHIN = 10.0  # s; timeout of the connection to a cluster
+_LOOK_EVERY = 2.0  # s between two looks at the results of a running task
+_SEEN_WITHIN = 90.0  # s; a network file system may show the writes of another node late
 
 
 class Ray:
-    """The tasks of a Ray cluster, each with a core and, where asked for, a share of a GPU."""
+    """Tasks on a Ray cluster, each with a core and optionally a share of a GPU."""
 
     def __init__(
         self,
@@ -42,14 +42,14 @@ class Ray:
         """Joins a cluster, or starts one on this machine.
 
         Args:
-            results: where the runs go; a directory that all nodes have under the same path.
-            address: of the cluster; None for that of RAY_ADDRESS, else one on this machine.
-            jobs: tasks at a time; 0 for as many as the cluster has room for at this moment.
-            gpus_per_task: GPUs, or a share of one.
-            checkpoint_every: least time between two checkpoints of a run (s).
+            results: where the runs are written; a directory with the same path on all nodes.
+            address: address of the cluster; None for RAY_ADDRESS, else a cluster on this machine.
+            jobs: number of tasks at a time; 0 for as many as the cluster has resources for.
+            gpus_per_task: number of GPUs per task; may be a fraction.
+            checkpoint_every: minimum seconds between two checkpoints of a run.
 
         Raises:
-            RequestError: if Ray is not installed, there is no such cluster, or it has no GPU.
+            RequestError: if Ray is not installed, there is no such cluster, or it lacks GPUs.
             WorkError: if the results directory can't be locked.
         """
         self._ray = _imported()
@@ -66,7 +66,7 @@ class Ray:
             raise
         self.jobs = jobs or room
         self.device = "cuda" if gpus_per_task else "cpu"
-        # Ray gives a task whose node died to another one, as often as it takes.
+        # If a node dies, Ray restarts its tasks on another one, without limit.
         options = {"num_cpus": 1, "max_retries": -1, "scheduling_strategy": "SPREAD"}
         self._task = self._ray.remote(num_gpus=gpus_per_task, **options)(train_batch)
 
@@ -98,26 +98,26 @@ class Ray:
         self._held.close()
 
     def _join(self, address: str | None, jobs: int) -> None:
-        # Nothing about this cluster is sent to Ray's makers unless somebody asks for it.
+        # Usage statistics of Ray are opt-in.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         here = {} if address else {"num_cpus": jobs or None, "include_dashboard": False}
         try:
-            # Ray itself asks an address that nobody answers at for many minutes.
+            # Ray itself retries an unreachable address for many minutes.
             _reach(address)
             self._ray.init(address or "local", log_to_driver=False, logging_level="ERROR", **here)
         except (OSError, ValueError, RuntimeError) as error:
             reason = (str(error).splitlines() or [""])[0]
             raise RequestError(
                 f"No Ray cluster can be joined at {address or 'this machine'} ({reason}); type "
-                "--address HOST:6379 of one that ray start --head began."
+                "--address HOST:6379 of a cluster started with ray start --head."
             ) from None
 
     def _room(self, gpus_per_task: float) -> int:
-        """Returns how many tasks the cluster has room for."""
-        there = self._ray.cluster_resources()
-        room = int(there.get("CPU", 0))
+        """Returns the number of tasks for which the cluster has resources."""
+        resources = self._ray.cluster_resources()
+        room = int(resources.get("CPU", 0))
         if gpus_per_task:
-            gpus = there.get("GPU", 0)
+            gpus = resources.get("GPU", 0)
             if gpus < gpus_per_task:
                 raise RequestError(
                     f"--gpus-per-task {gpus_per_task:g}: the cluster has {gpus:g} GPUs; type less, "
@@ -127,7 +127,7 @@ class Ray:
         return max(1, room)
 
     def _progress(self, runs: Sequence[RunSettings], seen: dict[str, str]) -> Iterator[Message]:
-        """Gives the last committed episode of each run, if there is a new one."""
+        """Yields the last committed episode of each run, if there is a new one."""
         for run in runs:
             with contextlib.suppress(WorkError):
                 record = self._results.find("run", run.id)
@@ -141,16 +141,16 @@ class Ray:
                         .slice(parts[-1].rows - 1)
                         .to_pylist()
                     )
-                    told = {name: last[name] for name in ("control_steps", "episode_return")}
-                    yield {"run": run.id, **told}
+                    episode = {name: last[name] for name in ("control_steps", "episode_return")}
+                    yield {"run": run.id, **episode}
 
     def _outcome(self, runs: Sequence[RunSettings], task: Any) -> Iterator[Message]:
-        """Gives what a task has come to; nothing where it is lost."""
+        """Yields the last messages of a task; none if the task was lost."""
         try:
             ended: list[Message] = json.loads(self._ray.get(task))
         except self._ray.exceptions.RayTaskError as error:
             reason = (str(error.cause).splitlines() or [""])[0]
-            ended = [{"run": run.id, "failed": f"its task can't go on: {reason}"} for run in runs]
+            ended = [{"run": run.id, "failed": f"its task failed: {reason}"} for run in runs]
         except self._ray.exceptions.RayError:
             return
         by_id = {run.id: run for run in runs}
@@ -165,7 +165,7 @@ class Ray:
                 yield message
 
     def _arrived(self, run: RunSettings) -> bool:
-        """Returns whether the results show a run as finished, be it after a while."""
+        """Waits until the results show a run as finished; returns whether they do."""
         deadline = time.monotonic() + _SEEN_WITHIN
         while run_status(run, self._results).state != "finished":
             if time.monotonic() > deadline or self._stopped.wait(_LOOK_EVERY):
@@ -174,10 +174,11 @@ class Ray:
 
 
 def _reach(address: str | None) -> None:
-    """Connects to an address once, if it is one and no word of Ray's.
+    """Connects once to an address; does nothing for None, "auto" and "local".
 
     Raises:
-        OSError, ValueError: if nobody answers there, or it is none.
+        OSError: if the connection fails.
+        ValueError: if the address is malformed.
     """
     if address is not None and address not in ("auto", "local"):
         host, _, port = address.removeprefix("ray://").rpartition(":")
@@ -185,25 +186,26 @@ def _reach(address: str | None) -> None:
 
 
 def train_batch(request: str) -> str:
-    """Trains runs in a process of the node that Ray calls this on.
+    """Trains runs in a process on the node where Ray calls this.
 
     Args:
-        request: JSON, as `worker_request` returns it.
+        request: JSON, see `worker_request`.
 
     Returns:
         JSON: the last message of each run that had one.
     """
-    asked = json.loads(request)
-    path = Path(asked["results"])
-    runs = [RunSettings(**settings) for settings in asked["runs"]]
-    # The sweep holds it: who does not see that is elsewhere, or could write what others write.
+    content = json.loads(request)
+    path = Path(content["results"])
+    runs = [RunSettings(**settings) for settings in content["runs"]]
+    # The sweep holds a lock on the directory. A node that does not see it has another directory, or
+    # could write a run at the same time as another process.
     if not path.is_dir() or not locks.is_shared(path):
         reason = (
             f"on the node {platform.node()}, {path} is not the sweep's, or its locks are not seen "
             "there: all nodes must share it, with flock (docs/sweeps.md)"
         )
         return json.dumps([{"run": run.id, "failed": reason} for run in runs])
-    messages = Local(Results(path), device=asked["device"]).run(request)
+    messages = Local(Results(path), device=content["device"]).run(request)
     return json.dumps([m for m in messages if "failed" in m or "finished" in m])
 
 
@@ -213,6 +215,6 @@ def _imported() -> Any:
         import ray.exceptions
     except ImportError:
         raise RequestError(
-            "--executor ray needs Ray; pip install 'jbench[cluster]' gets it."
+            "--executor ray needs Ray; type pip install 'jbench[cluster]'."
         ) from None
     return ray

@@ -1,7 +1,7 @@
-"""Which comparisons of a matrix are decided, and which seeds the undecided ones need next.
+"""Sequential comparisons of a matrix: which are decided, and which seeds the others need next.
 
-Looks are at 5, 10, 15 ... seeds from seed 0 and depend on nothing but the finished runs, so nothing
-else is stored: a command that was interrupted finds again what its earlier looks decided.
+Looks are at 5, 10, 15 ... seeds from seed 0. They depend only on the finished runs, so no other
+state is stored, and an interrupted command reaches the same decisions again.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -23,12 +23,12 @@ from jbench.training.status import run_status
 
 
 class Comparison(NamedTuple):
-    """Two cells that differ in nothing but their representation.
+    """Two cells that differ only in their representation.
 
     Attributes:
-        ours: of a reduced representation.
-        theirs: of one of the `BASELINES`.
-        against: which of them.
+        ours: cell of a reduced representation.
+        theirs: cell of a baseline.
+        against: name of the baseline, one of `BASELINES`.
     """
 
     ours: Cell
@@ -37,24 +37,23 @@ class Comparison(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Names it for a reader."""
+        """Name in tables."""
         cell = self.ours
         return f"{cell.task} {cell.algo} {cell.representation} against {self.against}"
 
     @property
     def claims(self) -> tuple[str, str]:
-        """What a user types for all comparisons of its representation, and for it alone."""
+        """What a user types for all comparisons of this representation, and for this one only."""
         return self.ours.representation, f"{self.ours.representation}/{self.against}"
 
 
 class Outcome(NamedTuple):
-    """What the finished seeds say of a comparison.
+    """Outcome of a comparison with the finished seeds.
 
     Attributes:
-        comparison: of two cells.
-        decision: at the look that decided, or at the last one.
-        needed: runs up to the next look that are not finished; none if it is decided or has all
-            seeds.
+        comparison: the comparison.
+        decision: decision at the deciding look, or at the last one.
+        needed: unfinished runs up to the next look; empty if it is decided or has all seeds.
     """
 
     comparison: Comparison
@@ -63,12 +62,12 @@ class Outcome(NamedTuple):
 
 
 class Look(NamedTuple):
-    """One look at all comparisons.
+    """One look (interim analysis) at all comparisons.
 
     Attributes:
-        outcomes: of each comparison.
+        outcomes: outcome of each comparison.
         needed: cells with the runs that undecided comparisons need next.
-        tried: runs that were given to be trained before this look, by id.
+        tried: runs that were trained before this look, by id, finished or not.
     """
 
     outcomes: list[Outcome]
@@ -77,17 +76,16 @@ class Look(NamedTuple):
 
 
 class Numbers:
-    """The number of each seed that is compared: its final return."""
+    """The final return of each seed; a finished run is read once."""
 
     def __init__(self, results: Results) -> None:
-        """Remembers where the runs are; a finished run is read once."""
         self._results = results
         self._known: dict[str, float] = {}
 
-    def of(self, cell: Cell, most: int) -> FloatArray:
-        """Returns the numbers of the first seeds, up to the first seed that is not finished."""
-        found = []
-        for seed in range(most):
+    def of(self, cell: Cell, max_seeds: int) -> FloatArray:
+        """Returns the final returns of the first seeds, up to the first unfinished one."""
+        returns = []
+        for seed in range(max_seeds):
             run = run_of(cell, seed)
             if run.id not in self._known:
                 if run_status(run, self._results).state != "finished":
@@ -95,14 +93,14 @@ class Numbers:
                 record = self._results.find("run", run.id)
                 assert record is not None
                 self._known[run.id] = final_return(record)
-            found.append(self._known[run.id])
-        return np.array(found)
+            returns.append(self._known[run.id])
+        return np.array(returns)
 
 
 def final_return(record: Record) -> float:
     """Returns the mean return of a run's last evaluation.
 
-    If it has no evaluations, it is that of the last training episodes: see `final_returns`.
+    Without evaluations, it is the mean over the last training episodes; see `final_returns`.
 
     Raises:
         WorkError: if the rows can't be read, or the return is not finite.
@@ -111,53 +109,51 @@ def final_return(record: Record) -> float:
     if rows.num_rows:
         which = rows["evaluation"].to_numpy()
         returns = rows["episode_return"].to_numpy()[which == which.max()]
-        found = float(returns.mean())
+        mean = float(returns.mean())
     else:
         rows = record.read("episodes", schema.EPISODES)
         returns, steps = (
             rows[name].to_numpy().astype(np.float64)[None]
             for name in ("episode_return", "control_steps")
         )
-        found = float(final_returns(returns, steps, np.array([rows.num_rows]))[0][0])
-    if not np.isfinite(found):
-        raise WorkError(
-            f"The final return of the run {record.id} is {found}; it can't be compared."
-        )
-    return found
+        mean = float(final_returns(returns, steps, np.array([rows.num_rows]))[0][0])
+    if not np.isfinite(mean):
+        raise WorkError(f"The final return of the run {record.id} is {mean}; it can't be compared.")
+    return mean
 
 
 def run_of(cell: Cell, seed: int) -> RunSettings:
-    """Returns the run of a cell with a seed that the matrix itself may not have."""
+    """Returns the run of a cell with any seed, which need not be in the matrix."""
     return cell.runs[0].model_copy(update={"seed": seed})
 
 
 def comparisons(cells: Sequence[Cell], claims: Collection[str] = ()) -> list[Comparison]:
-    """Returns the comparisons of each reduced representation with each baseline, in their order.
+    """Returns the comparisons of each reduced representation with each baseline, in order.
 
     Args:
-        cells: of a matrix.
-        claims: representations, as `dae12`, or pairs, as `dae12/full`; none for all.
+        cells: cells of a matrix.
+        claims: representations such as `dae12`, or pairs such as `dae12/full`; empty for all.
 
     Raises:
-        RequestError: if there are no comparisons, or none of a claim.
+        RequestError: if there are no comparisons, or a claim matches none of them.
     """
-    found = list(_all_comparisons(cells))
-    if not found:
+    every = list(_all_comparisons(cells))
+    if not every:
         raise RequestError(
             "No two cells of this matrix differ only in a representation and full or scaled, so "
             "there is nothing to decide; leave --until-decided out."
         )
-    names = list(dict.fromkeys(name for one in found for name in one.claims))
+    names = list(dict.fromkeys(name for one in every for name in one.claims))
     for claim in claims:
         known("claim", claim, names)
-    return [one for one in found if not claims or {*one.claims} & {*claims}]
+    return [one for one in every if not claims or {*one.claims} & {*claims}]
 
 
 def _all_comparisons(cells: Sequence[Cell]) -> Iterator[Comparison]:
-    by_kind = {(_likeness(cell), _kind(cell)): cell for cell in cells}
+    by_kind = {(_key(cell), _kind(cell)): cell for cell in cells}
     for cell in cells:
         for against in BASELINES:
-            theirs = by_kind.get((_likeness(cell), against))
+            theirs = by_kind.get((_key(cell), against))
             if _kind(cell) not in BASELINES and theirs is not None:
                 yield Comparison(cell, theirs, against)
 
@@ -166,53 +162,53 @@ def _kind(cell: Cell) -> str:
     return kind_of(cell.runs[0].representation)
 
 
-def _likeness(cell: Cell) -> str:
-    """Returns what is the same text for cells that differ in their representation alone."""
+def _key(cell: Cell) -> str:
+    """Returns a key that is equal for cells that differ only in their representation."""
     return alike(cell.runs[0], {*SEED, *with_implied("representation")})
 
 
 def outcomes(
-    asked: Sequence[Comparison], numbers: Numbers, results: Results, most: int
+    asked: Sequence[Comparison], numbers: Numbers, results: Results, max_seeds: int
 ) -> list[Outcome]:
-    """Returns what the finished seeds say of each comparison.
+    """Returns the outcome of each comparison with the finished seeds.
 
-    The error rate is divided equally among the comparisons (Bonferroni), so it holds for all of
-    them together, although they share cells.
+    The error rate is divided equally among the comparisons (Bonferroni). It therefore holds for
+    all of them together, although they share cells.
 
     Args:
         asked: all comparisons that share the error rate.
-        numbers: of the seeds.
-        results: that hold the runs.
-        most: seeds of a cell, a multiple of a block.
+        numbers: final returns of the seeds.
+        results: results that contain the runs.
+        max_seeds: maximum number of seeds per cell, a multiple of the block size.
     """
-    return [_outcome(one, numbers, results, most, rate_of_each(asked)) for one in asked]
+    return [_outcome(one, numbers, results, max_seeds, rate_of_each(asked)) for one in asked]
 
 
 def rate_of_each(asked: Sequence[Comparison]) -> float:
-    """Returns the error rate of each of several comparisons."""
+    """Returns the error rate of each comparison."""
     return sequential.ERROR_RATE / len(asked)
 
 
 def _outcome(
-    one: Comparison, numbers: Numbers, results: Results, most: int, error_rate: float
+    one: Comparison, numbers: Numbers, results: Results, max_seeds: int, error_rate: float
 ) -> Outcome:
-    ours, theirs = numbers.of(one.ours, most), numbers.of(one.theirs, most)
-    decision = sequential.compare(ours, theirs, MARGIN, error_rate, most // sequential.BLOCK)
+    ours, theirs = numbers.of(one.ours, max_seeds), numbers.of(one.theirs, max_seeds)
+    decision = sequential.compare(ours, theirs, MARGIN, error_rate, max_seeds // sequential.BLOCK)
     needed = []
     if decision.verdict == "undecided":
-        seeds = range(min(decision.seeds + sequential.BLOCK, most))
+        seeds = range(min(decision.seeds + sequential.BLOCK, max_seeds))
         runs = (run_of(cell, seed) for cell in (one.ours, one.theirs) for seed in seeds)
         needed = [run for run in runs if run_status(run, results).state != "finished"]
     return Outcome(one, decision, needed)
 
 
-def next_cells(found: Sequence[Outcome], tried: Mapping[str, RunSettings]) -> list[Cell]:
+def next_cells(outcomes: Sequence[Outcome], tried: Mapping[str, RunSettings]) -> list[Cell]:
     """Returns the cells of undecided comparisons, each with the runs that it needs next.
 
-    A comparison that needs a run which was tried and is still not finished gets no more seeds.
+    A comparison gets no more seeds if it needs a run that was tried and is still unfinished.
     """
     cells: dict[str, Cell] = {}
-    for one in found:
+    for one in outcomes:
         if any(run.id in tried for run in one.needed):
             continue
         for cell in (one.comparison.theirs, one.comparison.ours):
@@ -228,20 +224,20 @@ def next_cells(found: Sequence[Outcome], tried: Mapping[str, RunSettings]) -> li
 def looks(
     asked: Sequence[Comparison],
     results: Results,
-    most: int,
+    max_seeds: int,
     train: Callable[[Sequence[Cell]], object] | None,
 ) -> Iterator[Look]:
     """Adds seeds in blocks until all comparisons are decided or have all seeds; yields each look.
 
     Args:
         asked: comparisons of a matrix.
-        results: that hold the runs.
-        most: seeds of a cell, a multiple of a block.
+        results: results that contain the runs.
+        max_seeds: maximum number of seeds per cell, a multiple of the block size.
         train: trains the runs of cells (`jbench.sweeps.scheduler.sweep`); None to look once.
     """
     numbers, tried = Numbers(results), dict[str, RunSettings]()
     while True:
-        found = outcomes(asked, numbers, results, most)
+        found = outcomes(asked, numbers, results, max_seeds)
         needed = next_cells(found, tried)
         yield Look(found, needed, tried)
         if not needed or train is None:

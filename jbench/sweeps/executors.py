@@ -20,7 +20,7 @@ from jbench.store import Results
 from jbench.store.provenance import cores
 
 Message = dict[str, Any]
-"""What a worker reports: see `jbench.training.worker`."""
+"""Message of a worker; see `jbench.training.worker`."""
 
 
 class Executor(Protocol):
@@ -63,7 +63,7 @@ class Local:
             results: where the runs are written.
             jobs: processes at a time; 0 for `default_jobs`.
             device: `cpu` or `cuda`.
-            checkpoint_every: least time between two checkpoints of a run (s).
+            checkpoint_every: minimum seconds between two checkpoints of a run.
         """
         self.jobs, self.device = jobs or default_jobs(device), device
         self._results, self._checkpoint_every = results, checkpoint_every
@@ -79,7 +79,7 @@ class Local:
         """Starts a worker and yields its messages as they arrive; none after `stop`.
 
         Args:
-            request: as `worker_request` returns it.
+            request: see `worker_request`.
 
         Raises:
             WorkError: if the process can't be started.
@@ -129,11 +129,6 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
 
     On a CPU the seeds are divided among `jobs` processes; on a GPU all share one. A run with
     stable-baselines3 has its own process.
-
-    Args:
-        runs: to train.
-        jobs: processes at a time.
-        device: `cpu` or `cuda`.
     """
     groups: dict[str, list[RunSettings]] = {}
     for run in runs:
@@ -153,13 +148,7 @@ def worker_request(
 ) -> str:
     """Returns the request to a worker as one line of JSON.
 
-    It holds the command line of this process, which the worker writes into the records.
-
-    Args:
-        runs: to train.
-        results: where they are written.
-        device: of the batched engine.
-        checkpoint_every: least time between two checkpoints of a run (s).
+    It includes the command line of this process, which the worker writes into the records.
     """
     request = {
         "results": str(results.path),

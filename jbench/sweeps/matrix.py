@@ -1,8 +1,8 @@
 """A matrix of runs: tasks, algorithms, representations and seeds, read from a TOML file.
 
-A file may consist of several parts, each a matrix of its own. A run's id depends on the file alone:
-an encoder that is asked for as `dae12` is the one of the file's dataset and options, whatever
-others there are, so typing a matrix again gives the same runs.
+A file may consist of several parts, each a matrix. A run's id depends only on the file: `dae12`
+is the encoder with the file's dataset and options, even if the results contain newer ones, so the
+same matrix always gives the same runs.
 """
 
 import re
@@ -17,7 +17,7 @@ from jbench.errors import RequestError
 from jbench.names import (
     ALGORITHMS,
     FULL,
-    LARGEST_SEED,
+    MAX_SEED,
     OFE,
     TASKS,
     Base,
@@ -45,18 +45,18 @@ _REPRESENTATION = re.compile(r"([a-z][a-z0-9-]*?):?([0-9]+)")
 
 
 def _whole(value: Any) -> Any:
-    """Returns 5e6, which TOML calls a float, as a whole number."""
+    """Converts floats such as 5e6 to int, since TOML parses them as float."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 _Count = Annotated[PositiveInt, BeforeValidator(_whole)]
-_Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
-# Lists are what TOML has, and tuples are what does not change.
+_Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
+# TOML has lists; tuples are immutable.
 _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 
 
 def _like_run(name: str) -> Any:
-    """Returns a key with the default and the limits of a field of `RunSettings`."""
+    """Returns a field with the default and the limits of a field of `RunSettings`."""
     return RunSettings.model_fields[name]
 
 
@@ -64,29 +64,29 @@ class Evaluation(Settings):
     """The table [evaluation]."""
 
     every: _Count = Field(default=50_000, description="control steps between evaluations")
-    episodes: NonNegativeInt = Field(default=10, description="in an evaluation; 0 for none")
+    episodes: NonNegativeInt = Field(default=10, description="per evaluation; 0 for none")
 
 
 class DatasetPart(Settings):
-    """The table [dataset]: what encoders that are missing are trained on."""
+    """The table [dataset]: the dataset on which missing encoders are trained."""
 
     steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.2")
     seed: _Seed = 0
 
 
 class EncoderPart(Settings):
-    """The table [encoder]: how encoders that are missing are trained."""
+    """The table [encoder]: how missing encoders are trained."""
 
     seed: _Seed = 0
     options: dict[str, dict[str, Any]] = Field(
-        default_factory=dict, description="by kind, those that are not at their defaults"
+        default_factory=dict, description="options by kind that differ from the defaults"
     )
 
 
 class Matrix(Settings):
-    """What a file, or a part of it, asks for; `docs/sweeps.md` has every key.
+    """Content of a file, or of a part of it; `docs/sweeps.md` lists the keys.
 
-    The runs get the value of each key that has the name, or the title, of a field of `RunSettings`.
+    A key with the name or title of a field of `RunSettings` is that setting of all runs.
     """
 
     tasks: _Names
@@ -100,18 +100,20 @@ class Matrix(Settings):
     time_limit: TimeLimit = _like_run("time_limit")
     augment: int | None = _like_run("augment")
     robots: int = _like_run("robots")
-    settings: Base = Field(default="published", description="whose defaults apply")
+    settings: Base = Field(default="published", description="source of default hyperparameters")
     hyperparameters: dict[str, dict[str, Any]] = Field(
-        default_factory=dict, description="by algorithm, those that are not at their defaults"
+        default_factory=dict, description="hyperparameters by algorithm that replace the defaults"
     )
     evaluation: Evaluation = Evaluation()
     dataset: DatasetPart = DatasetPart()
     encoder: EncoderPart = EncoderPart()
-    ofe: dict[str, Any] = Field(default_factory=dict, description="of ofeN, not at their defaults")
+    ofe: dict[str, Any] = Field(
+        default_factory=dict, description="settings of ofeN that replace the defaults"
+    )
 
     @property
     def run_fields(self) -> dict[str, Any]:
-        """The fields of `RunSettings` that are the same in all its runs."""
+        """Fields of `RunSettings` that are the same in all runs."""
         names = {name: field.title or name for name, field in RunSettings.model_fields.items()}
         fields = {
             name: getattr(self, key) for name, key in names.items() if key in Matrix.model_fields
@@ -124,7 +126,7 @@ class Matrix(Settings):
 
     @property
     def dataset_settings(self) -> DatasetSettings:
-        """The settings of the dataset of its encoders."""
+        """Settings of the encoders' dataset."""
         return validated(
             DatasetSettings, "[dataset]", steps=self.dataset.steps, seed=self.dataset.seed
         )
@@ -134,12 +136,11 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
     """Returns the parts of a matrix; a file without parts has one.
 
     Args:
-        name: one of `jbench.names.SWEEPS`, or the path of a file that ends in .toml.
-        changes: values of keys that replace the file's, in all parts.
+        name: one of `jbench.names.SWEEPS`, or the path of a .toml file.
+        changes: keys that replace the file's in all parts.
 
     Raises:
-        RequestError: if there is no such matrix, or a value of it is invalid; one sentence that
-            names it.
+        RequestError: if there is no such matrix, or it is invalid.
     """
     content = read_content(name)
     for key in content:
@@ -159,11 +160,11 @@ def _known(where: str, what: str, value: str, names: Sequence[str]) -> None:
 
 
 def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
-    """Returns the cells of the parts of a matrix, task by task in each, in the order of the file.
+    """Returns the cells of the parts of a matrix in the order of the file, grouped by task.
 
     Args:
-        parts: of the matrix.
-        results: where encoders are that are named by their ids.
+        parts: parts of the matrix.
+        results: results that contain the encoders given by id.
 
     Raises:
         RequestError: if the settings of a run or an encoder are invalid.
@@ -179,7 +180,7 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
 
 
 def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
-    """Returns what a file says, checked."""
+    """Returns the checked content of a file or part."""
     try:
         _check_keys(Matrix, content, "")
         for key, field in Matrix.model_fields.items():
@@ -195,7 +196,7 @@ def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
 
 
 def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -> None:
-    """Refuses keys that there are not, and misses those that there must be."""
+    """Raises a RequestError if a key is unknown or a required key is missing."""
     for key, value in content.items():
         known(f"key{where}", key, tuple(kind.model_fields))
         inner = kind.model_fields[key].annotation
@@ -210,7 +211,7 @@ def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -
 
 
 def _check_names(matrix: Matrix) -> None:
-    """Refuses names that there are not."""
+    """Raises a RequestError if a name is unknown."""
     for task in matrix.tasks:
         known("task", task, TASKS)
     for algo in (*matrix.algos, *matrix.hyperparameters):
@@ -232,23 +233,21 @@ def _check_names(matrix: Matrix) -> None:
 
 
 def _kind_and_latents(name: str, task: str) -> tuple[str, int]:
-    """Returns kind and size of a representation such as dae12, dae:12, or planar of a task."""
+    """Returns kind and size of a representation such as dae12, dae:12 or planar."""
     if name in kind_names():
         sizes = find_kind(name).latent_sizes(task)
         if len(sizes) == 1:
             return name, sizes[0]
-    found = _REPRESENTATION.fullmatch(name)
-    if found is None:
-        # Where it is no kind and number: the word `full`, or a kind without its number.
+    match = _REPRESENTATION.fullmatch(name)
+    if match is None:  # such as a kind without a number
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
-    assert found is not None
-    kind, latents = found.groups()
+    assert match is not None
+    kind, latents = match.groups()
     find_kind(kind)
     return kind, int(latents)
 
 
 def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
-    """Returns a cell of the matrix."""
     algorithm = algorithm_settings(algo, matrix.settings, matrix.hyperparameters.get(algo))
     fields = matrix.run_fields | {
         "task": task,

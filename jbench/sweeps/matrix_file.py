@@ -1,4 +1,4 @@
-"""The file of a matrix: shipped or a user's own, and the parts that it consists of."""
+"""Reads the file of a matrix, shipped or a user's, and its parts."""
 
 import tomllib
 from collections.abc import Mapping
@@ -11,14 +11,14 @@ from jbench.errors import RequestError
 from jbench.names import SWEEPS
 
 PART = "part"
-"""The key of the parts, which are an array of tables."""
+"""Key of the parts, an array of tables."""
 
 
 def read_content(name: str) -> dict[str, Any]:
-    """Returns what the file of a matrix contains.
+    """Returns the content of a matrix's file.
 
     Args:
-        name: one of `jbench.names.SWEEPS`, or the path of a file that ends in .toml.
+        name: one of `jbench.names.SWEEPS`, or the path of a .toml file.
 
     Raises:
         RequestError: if there is no such matrix, or it is not TOML.
@@ -30,12 +30,12 @@ def read_content(name: str) -> dict[str, Any]:
 
 
 def parts_of(content: Mapping[str, Any], name: str) -> dict[str, dict[str, Any]]:
-    """Returns the parts of a matrix by what an error calls them; without parts, the whole file.
+    """Returns the parts of a matrix by their names in errors; without parts, the whole file.
 
-    The keys beside the parts are defaults of all of them.
+    Keys outside the parts are defaults for all of them.
 
     Raises:
-        RequestError: if the parts are no array of tables.
+        RequestError: if the parts are not an array of tables.
     """
     defaults = {key: value for key, value in content.items() if key != PART}
     if PART not in content:
@@ -48,7 +48,7 @@ def parts_of(content: Mapping[str, Any], name: str) -> dict[str, dict[str, Any]]
 
 
 def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns values with defaults where there are none, in tables within tables as well."""
+    """Returns values completed by defaults, recursively."""
     merged = {**defaults, **values}
     for key in defaults.keys() & values.keys():
         if isinstance(defaults[key], Mapping) and isinstance(values[key], Mapping):
@@ -68,5 +68,5 @@ def _text(name: str) -> str:
     try:
         return path.read_text()
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text"
+        reason = getattr(error, "strerror", None) or "it is not text"
         raise RequestError(f"{name} can't be read ({reason}).") from None

@@ -1,4 +1,4 @@
-"""Makes what runs need: their encoders, and the datasets that these are trained on."""
+"""Makes the encoders that runs need, and the datasets on which these are trained."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -17,7 +17,7 @@ from jbench.store.provenance import cores
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.watcher import Watcher
 
-_LOOK_EVERY = 2.0  # s between two looks at what another process makes
+_LOOK_EVERY = 2.0  # s between two looks at what another process is making
 
 
 def missing_encoders(cells: Iterable[Cell], results: Results) -> list[EncoderSettings]:
@@ -52,19 +52,19 @@ def prepare(
     device: str,
     watcher: Watcher,
 ) -> dict[str, str]:
-    """Makes the missing encoders of runs, and first the datasets that they are trained on.
+    """Makes the missing encoders of runs, and first the datasets on which they are trained.
 
-    If another process is making one of them, waits for it.
+    If another process is making one of them, this waits for it.
 
     Args:
-        cells: of the runs, and maybe of others.
-        runs: that will be trained.
+        cells: cells that contain the runs, and maybe others.
+        runs: runs that will be trained.
         results: where datasets and encoders are written.
-        device: to train on, one of `jbench.names.DEVICES`.
+        device: one of `jbench.names.DEVICES`.
         watcher: receives the progress.
 
     Returns:
-        A sentence for each run whose encoder can't be made, by the id of the run.
+        A sentence for each run whose encoder can't be made, by run id.
     """
     needed = {run.encoder for run in runs}
     encoders = missing_encoders((c for c in cells if c.runs[0].encoder in needed), results)
@@ -85,7 +85,7 @@ def _make(
     device: str,
     watcher: Watcher,
 ) -> dict[str, str]:
-    """Makes encoders of a dataset; returns a sentence for each that can't be made, by its id."""
+    """Makes encoders of a dataset; returns a sentence for each that can't be made, by id."""
     try:
         if _is_missing(dataset, results):
             with watcher.progress("collect", dataset.steps, "control steps") as progress:
@@ -104,19 +104,18 @@ def _make(
 def _train(
     settings: EncoderSettings, states: States, results: Results, device: str, watcher: Watcher
 ) -> None:
-    """Trains an encoder."""
-    found = find_device(device)
+    train_on = find_device(device)
     label, epochs = f"{settings.representation} {settings.task}", settings.options.get("epochs", 1)
     with watcher.progress(label, epochs, "epochs") as progress:
         _when_free(
-            lambda: train_encoder(settings, states, results, progress, device=found), watcher
+            lambda: train_encoder(settings, states, results, progress, device=train_on), watcher
         )
 
 
 def _with_states(
     encoders: Sequence[EncoderSettings], dataset: DatasetSettings, results: Results
 ) -> Iterator[tuple[EncoderSettings, States]]:
-    """Yields encoders with the states that they learn from, which are read once for each task."""
+    """Yields encoders with their training states, which are read once per task."""
     source = find_dataset(results, dataset.id)
     states: States | None = None
     for settings in sorted(encoders, key=lambda settings: settings.task):
@@ -126,14 +125,14 @@ def _with_states(
 
 
 def _when_free(make: Callable[[], object], watcher: Watcher) -> None:
-    """Makes a record, once no other process is making it."""
+    """Makes a record; waits while another process is making it."""
     noted = False
     while True:
         try:
             make()
         except HeldError as error:
             if not noted:
-                watcher.note(f"{str(error).partition(';')[0]}; it is waited for.")
+                watcher.note(f"{str(error).partition(';')[0]}; waiting for it.")
                 noted = True
             time.sleep(_LOOK_EVERY)
         else:
@@ -141,7 +140,7 @@ def _when_free(make: Callable[[], object], watcher: Watcher) -> None:
 
 
 def _datasets(cells: Iterable[Cell]) -> dict[str, DatasetSettings]:
-    """Returns the datasets that the encoders of cells are trained on, by id."""
+    """Returns the datasets of the cells' encoders by id."""
     return {cell.dataset.id: cell.dataset for cell in cells if cell.dataset is not None}
 
 

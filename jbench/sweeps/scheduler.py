@@ -1,4 +1,4 @@
-"""Trains the runs of cells: `jbench train` has one cell, `jbench sweep` those of a matrix.
+"""Trains the runs of cells: `jbench train` has one cell, `jbench sweep` all cells of a matrix.
 
 In Python, a sweep is:
 
@@ -12,9 +12,9 @@ In Python, a sweep is:
 
 It reports to a `Watcher` (`jbench.sweeps.watcher`), which does nothing by default.
 
-Processes share the results alone: a run belongs to the process that holds its lock, and its
-manifest has its status. Two sweeps of the same matrix, on one machine or on several, share the
-work in this way.
+Processes coordinate only through the results: a run belongs to the process that holds its lock, and
+its manifest has its status. Several sweeps of the same matrix, on one machine or on several, thus
+share the work.
 """
 
 import queue
@@ -32,10 +32,10 @@ from jbench.sweeps.executors import Executor, Local, Message, batches
 from jbench.sweeps.prepare import clean, prepare
 from jbench.sweeps.watcher import Watcher
 from jbench.training.memory import memory_sentence
-from jbench.training.status import is_elsewhere, plan, record_failure, run_status
+from jbench.training.status import is_being_trained, plan, record_failure, run_status
 
 _LOOK_EVERY = 2.0  # s between two looks at the runs that another process is training
-_MAX_DEATHS = 3  # of the processes of a run, before it counts as failed
+_MAX_DEATHS = 3  # a run fails when this many of its processes have died
 
 
 def sweep(
@@ -48,23 +48,23 @@ def sweep(
     retry_failed: bool = False,
     wait: bool = True,
 ) -> dict[str, str]:
-    """Trains the runs of cells until each is finished or failed; only what is missing.
+    """Trains the missing runs of cells until each is finished or failed.
 
     Missing datasets and encoders are made first. A failed run does not stop the others. A run
     whose process dies is resumed, and counts as failed when its third process dies.
 
     Args:
-        cells: of a matrix, or a single one.
+        cells: cells of a matrix, or a single one.
         results: where datasets, encoders and runs are written.
         make_executor: called if there are runs to train; None for `Local`, a process per core.
         watcher: receives the events.
-        device: to train encoders on, one of `jbench.names.DEVICES`.
-        retry_failed: whether runs that failed before are retried.
-        wait: whether runs that another process is training are waited for, and resumed if that
-            process dies.
+        device: device for training encoders, one of `jbench.names.DEVICES`.
+        retry_failed: whether to retry runs that failed before.
+        wait: whether to wait for runs that another process is training, and to resume them if
+            that process dies.
 
     Returns:
-        A sentence for each run that failed now, by its id.
+        A sentence for each run that failed, by run id.
 
     Raises:
         RequestError: if the executor can't be made.
@@ -97,7 +97,7 @@ def _forecast(
     executor: Local,
     watcher: Watcher,
 ) -> None:
-    """Reports how much memory and time runs will take on this machine."""
+    """Reports the expected memory and time of runs on this machine."""
     waiting = batches(runs, executor.jobs, executor.device)
     jobs = min(executor.jobs, len(waiting))
     memory = memory_sentence([run for batch in waiting[:jobs] for run in batch])
@@ -112,8 +112,8 @@ def _forecast(
 class _Scheduler:
     """Gives batches of runs to an executor.
 
-    Each batch has a thread, which only passes the messages of its worker on. All decisions are
-    taken in the thread that called `train`.
+    Each batch has a thread that only forwards the messages of its worker. All decisions are made in
+    the thread that called `train`.
     """
 
     def __init__(
@@ -128,9 +128,8 @@ class _Scheduler:
         self._retry, self._wait = set(retry), wait
         self._waiting: deque[list[RunSettings]] = deque()
         self._workers = 0
-        self._open: dict[
-            str, RunSettings
-        ] = {}  # given to a worker, and neither finished nor failed
+        # Given to a worker, and neither finished nor failed.
+        self._open: dict[str, RunSettings] = {}
         self._elsewhere: dict[str, RunSettings] = {}
         self._events: queue.SimpleQueue[tuple[list[RunSettings], Message | Future[None]]] = (
             queue.SimpleQueue()
@@ -140,7 +139,7 @@ class _Scheduler:
         self._failures: dict[str, str] = {}
 
     def train(self, runs: Sequence[RunSettings]) -> dict[str, str]:
-        """Trains runs; returns a sentence for each that failed, by its id."""
+        """Trains runs; returns a sentence for each that failed, by run id."""
         jobs = max(1, min(self._executor.jobs, len(runs)))
         self._add(runs)
         pool = ThreadPoolExecutor(jobs)
@@ -153,7 +152,7 @@ class _Scheduler:
                 if time.monotonic() - self._looked >= _LOOK_EVERY:
                     self._take_back()
         finally:
-            # After Ctrl-C or an error, runs are still being trained.
+            # After Ctrl-C or an error, workers are still training.
             self._executor.stop()
             pool.shutdown(cancel_futures=True)
         return self._failures
@@ -162,17 +161,17 @@ class _Scheduler:
         self._waiting.extend(batches(runs, self._executor.jobs, self._executor.device))
 
     def _start(self, batch: Sequence[RunSettings], pool: ThreadPoolExecutor) -> None:
-        """Gives the runs of a batch that are still to be trained to a worker."""
+        """Starts a worker for the runs of a batch that still need training."""
         runs = self._to_do(batch)
         if not runs:
             return
         self._workers += 1
         self._open |= {run.id: run for run in runs}
         self._watcher.started(runs)
-        ended = pool.submit(self._pass_on, runs)
+        ended = pool.submit(self._forward_messages, runs)
         ended.add_done_callback(lambda future: self._events.put((runs, future)))
 
-    def _pass_on(self, runs: list[RunSettings]) -> None:
+    def _forward_messages(self, runs: list[RunSettings]) -> None:
         for message in self._executor.train(runs):
             self._events.put((runs, message))
 
@@ -180,12 +179,12 @@ class _Scheduler:
         """Returns the runs that no process has finished or is training."""
         mine, others = [], []
         for run in batch:
-            found = run_status(run, self._results)
-            if found.state == "failed" and run.id not in self._retry:
-                self._fail(run, found.error)
-            elif found.state == "finished":
+            status = run_status(run, self._results)
+            if status.state == "failed" and run.id not in self._retry:
+                self._fail(run, status.error)
+            elif status.state == "finished":
                 self._watcher.message(run, {"run": run.id, "finished": True})
-            elif is_elsewhere(run, self._results):
+            elif is_being_trained(run, self._results):
                 others.append(run)
             else:
                 mine.append(run)
@@ -195,7 +194,7 @@ class _Scheduler:
         return mine
 
     def _handle_event(self) -> None:
-        """Handles the next message, or the end of a worker; returns after a while without one."""
+        """Handles the next message or end of a worker; returns after `_LOOK_EVERY` without one."""
         with suppress(queue.Empty):
             runs, event = self._events.get(timeout=_LOOK_EVERY)
             if isinstance(event, Future):
@@ -247,7 +246,7 @@ class _Scheduler:
         self._watcher.note(f"Another process is training {_named(runs)}; {verb} {then}.")
 
     def _take_back(self) -> None:
-        """Takes runs back that another process has finished, failed or left."""
+        """Takes back runs that another process has finished, failed or abandoned."""
         self._looked = time.monotonic()
         free = [run for run in self._elsewhere.values() if self._is_free(run)]
         for run in free:
@@ -256,7 +255,7 @@ class _Scheduler:
 
     def _is_free(self, run: RunSettings) -> bool:
         ended = run_status(run, self._results).state in ("finished", "failed")
-        return ended or not is_elsewhere(run, self._results)
+        return ended or not is_being_trained(run, self._results)
 
     def _fail(self, run: RunSettings, reason: str) -> None:
         self._failures[run.id] = reason
@@ -271,7 +270,7 @@ def _resume_sentence(run: RunSettings, message: Message) -> str:
 
 
 def _named(runs: Sequence[RunSettings]) -> str:
-    """Returns the name of runs of one cell: `seeds 0, 1, 4 of td3 face_direction full`."""
+    """Names runs of one cell, such as `seeds 0, 1, 4 of td3 face_direction full`."""
     seeds = ", ".join(str(run.seed) for run in runs)
     cell = f"{runs[0].algo} {runs[0].task} {runs[0].representation}"
     return f"{'seed' if len(runs) == 1 else 'seeds'} {seeds} of {cell}"

@@ -1,4 +1,4 @@
-"""What the scheduler reports while it works."""
+"""Events of a sweep."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -15,37 +15,37 @@ class Watcher:
     """
 
     def note(self, sentence: str) -> None:
-        """Something happened that a user wants to know."""
+        """Reports something of interest to the user."""
 
     def warn(self, sentence: str) -> None:
-        """Something failed, and the sweep continues."""
+        """Reports a failure after which the sweep continues."""
 
     def progress(
         self, label: str, total: int, unit: str
     ) -> AbstractContextManager[Callable[[int], None]]:
-        """A dataset is collected or an encoder trained.
+        """Called when a dataset is collected or an encoder is trained.
 
         Returns:
-            A context that lasts as long as this work, with a function that takes how much of the
-            total is done.
+            A context manager for the duration of this work; it yields a function that takes how
+            much of the total is done.
         """
         return nullcontext(lambda done: None)
 
     def forecast(self, statuses: Sequence[CellStatus], jobs: int) -> None:
-        """Runs will be trained on this machine, by `jobs` processes at a time.
+        """Called before `jobs` processes at a time train runs on this machine.
 
-        The statuses are of these runs alone, with the time that they will take.
+        The statuses cover only these runs, with the estimated time.
         """
 
     def training(self, runs: Sequence[RunSettings]) -> AbstractContextManager[None]:
-        """Runs are trained; returns a context that lasts until all have ended."""
+        """Returns a context manager for the duration of the training."""
         return nullcontext()
 
     def started(self, runs: Sequence[RunSettings]) -> None:
-        """A worker starts to train these runs."""
+        """Called when a worker starts to train these runs."""
 
     def message(self, run: RunSettings, message: Message) -> None:
-        """A worker reports on a run; see `jbench.training.worker`."""
+        """Called when a worker reports on a run; see `jbench.training.worker`."""
 
     def ended(self, runs: Sequence[RunSettings]) -> None:
-        """The worker of these runs has ended, whether they are finished or not."""
+        """Called when the worker of these runs has ended, whether they are finished or not."""

@@ -20,7 +20,7 @@ from dm_control.utils import containers
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError, WorkError
-from jbench.tasks import features, jitterbug, model
+from jbench.tasks import jitterbug, model, rewards
 
 Vector = tuple[float, float, float]
 """Components along x, y and z of the torso's frame at rest, or along an ellipsoid's axes."""
@@ -218,7 +218,7 @@ def standing_reward(robot: mujoco.MjModel) -> float:
     state = model.state_of(data.qpos, data.qvel, model.torso_offset(robot))
     data.ctrl[:] = 1
     mujoco.mj_step(robot, data, nstep=_CHECKED_STEPS)
-    return 0.0 if data.warning.number.any() else float(features.upright_reward(state))
+    return 0.0 if data.warning.number.any() else float(rewards.upright_reward(state))
 
 
 SUITE = containers.TaggedTasks()

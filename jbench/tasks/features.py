@@ -1,4 +1,4 @@
-"""Observations and rewards of the five tasks, as pure functions on batches of robots.
+"""Observations of the five tasks, as pure functions on batches of robots.
 
 All functions take numpy or torch arrays with any leading axes (none, robots, time x robots, ...)
 and return arrays of the same type. The dm_control task, the Gymnasium environments, the simulation
@@ -20,12 +20,6 @@ Array = Any
 
 TARGET_HEIGHT = 0.035
 """Height of every target, equal to that of the torso's frame at rest (m)."""
-
-# A Gaussian that decays to 0.1 at the margin: exp(-(GAUSSIAN_SCALE * distance / margin)^2 / 2).
-_GAUSSIAN_SCALE = math.sqrt(-2 * math.log(0.1))
-_UPRIGHT_MARGIN = 0.5  # of the cosine of the torso's tilt
-_NEAR_MARGIN = 0.05  # m
-_FULL_SPEED = 0.1  # m/s
 
 # Minimum and maximum of each feature, mapped linearly to [-1, 1] in an observation.
 _POSITION_RANGE = (
@@ -200,52 +194,6 @@ def speed_in_target_frame(state: State, target: Target) -> Array:
     return xp.stack([along, across, xp.broadcast_to(z, along.shape)], axis=-1)
 
 
-def upright_reward(state: State) -> Array:
-    """Returns a Gaussian tolerance of the cosine of the torso's tilt; 1 if upright."""
-    x, y = state.position[..., 4], state.position[..., 5]
-    return _gaussian(2 * (x * x + y * y), _UPRIGHT_MARGIN)
-
-
-def near_reward(state: State, target: Target) -> Array:
-    """Returns a Gaussian tolerance of the 3D distance to the target; 0.1 at 5 cm."""
-    xp = array_namespace(state.position)
-    to_target = target.position - state.position[..., :3]
-    return _gaussian(xp.sqrt(xp.sum(to_target * to_target, axis=-1)), _NEAR_MARGIN)
-
-
-def heading_reward(state: State, target: Target) -> Array:
-    """Returns (1 + cos 2a) / 2 for an angle to the target |a| < pi / 2, otherwise 0."""
-    xp = array_namespace(state.position)
-    angle = angle_to_target(state, target)
-    facing = (1 + xp.cos(2 * angle)) / 2
-    return xp.where(xp.abs(angle) < math.pi / 2, facing, xp.zeros_like(facing))
-
-
-def speed_reward(state: State, target: Target) -> Array:
-    """Returns the speed along the target's x axis divided by 0.1 m/s, clipped to [0, 1]."""
-    xp = array_namespace(state.torso_velocity)
-    return xp.clip(speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED, 0, 1)
-
-
-_REWARDS: dict[str, Callable[[State, Target], Array]] = {
-    "away": lambda state, target: 1 - near_reward(state, target),
-    "upright": lambda state, _: upright_reward(state),
-    "near": near_reward,
-    "heading": heading_reward,
-    "speed": speed_reward,
-}
-
-
-def reward(task: str, state: State, target: Target) -> Array:
-    """Returns the reward (...) of a task, in [0, 1], at the end of a control step.
-
-    Args:
-        target: its axes broadcast against the state's.
-    """
-    terms = [_REWARDS[name](state, target) for name in TASK_SPECS[task].rewards]
-    return math.prod(terms)
-
-
 def features(task: str, state: State, target: Target) -> dict[str, Array]:
     """Returns the features of a task by name, in order, each (..., size) in SI units."""
     values: dict[str, Callable[[], Array]] = {
@@ -319,10 +267,3 @@ _range_cache: dict[tuple[Any, ...], tuple[Array, Array]] = {}
 def _rotate(matrix: Array, vector: Array) -> Array:
     """Returns the (..., 3) products of (..., 3, 3) matrices with (..., 3) vectors."""
     return (matrix @ vector[..., None])[..., 0]
-
-
-def _gaussian(distance: Array, margin: float) -> Array:
-    """Returns dm_control's Gaussian tolerance: 1 at distance 0, 0.1 at the margin."""
-    xp = array_namespace(distance)
-    scaled = distance * (_GAUSSIAN_SCALE / margin)
-    return xp.exp(-0.5 * scaled * scaled)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASKS
-from jbench.tasks import features, model, resets
+from jbench.tasks import features, model, resets, rewards
+from jbench.tasks.robots import load_model
 
 
 class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -67,7 +68,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
         self._picture: dict[str, Any] = {"camera_name": camera, "width": width, "height": height}
         self._renderer: Any = None
-        self._model = model.load(augment, vary_masses=vary_masses)
+        self._model = load_model(augment, vary_masses=vary_masses)
         # Pixels outside the offscreen buffer would be black.
         buffer = self._model.vis.global_
         buffer.offwidth, buffer.offheight = (
@@ -106,7 +107,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._data.ctrl[:] = np.clip(action, -1, 1)
         mujoco.mj_step(self._model, self._data, nstep=PHYSICS_STEPS)
         state = self._state()
-        reward = float(features.reward(self.task, state, self._target))
+        reward = float(rewards.reward(self.task, state, self._target))
         self._render_human()
         return self._observation(state), reward, False, False, {}
 

@@ -10,7 +10,7 @@ from dm_control.suite import base
 from dm_control.utils import containers
 
 from jbench.names import CONTROL_TIMESTEP
-from jbench.tasks import features, model, resets
+from jbench.tasks import features, model, resets, rewards
 
 # Length of an episode in seconds (paper, section 4.1).
 _DEFAULT_TIME_LIMIT = 10
@@ -163,4 +163,4 @@ class Jitterbug(base.Task):
 
         The formulas are in `features.py`, shared with the batched simulation and the datasets.
         """
-        return float(features.reward(self._task, physics.robot_state(), physics.target()))
+        return float(rewards.reward(self._task, physics.robot_state(), physics.target()))

@@ -22,27 +22,6 @@ def xml() -> str:
     return resources.files("jbench.tasks").joinpath("jitterbug.xml").read_text(encoding="utf-8")
 
 
-def load(augment: int | None = None, *, vary_masses: bool = False) -> mujoco.MjModel:
-    """Returns a new MuJoCo model of the plain robot, or of an augmented one.
-
-    Args:
-        augment: seed of the augmented robot's morphology (see `jbench.tasks.augmented.draw`), or
-            None for the plain robot.
-        vary_masses: whether to vary the augmented robot's densities and gear as well.
-
-    Raises:
-        ValueError: if the seed is negative, or `vary_masses` is set for the plain robot.
-    """
-    if augment is None:
-        if vary_masses:
-            raise ValueError("Only the masses of an augmented robot vary: give its seed, augment")
-        return mujoco.MjModel.from_xml_string(xml())
-    # Deferred to avoid a circular import.
-    from jbench.tasks import augmented
-
-    return augmented.augmented_model(augment, vary_masses=vary_masses)
-
-
 def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:
     """Returns the (3,) centre of mass of the torso in its own frame (m)."""
     return np.array(model.body("jitterbug").ipos)

@@ -1,4 +1,4 @@
-"""Runs that differ in their seeds alone, side by side on the batched engine."""
+"""Trains runs that differ only in their seeds together on the batched engine."""
 
 import contextlib
 import time
@@ -21,13 +21,13 @@ from jbench.store.files import UnreadableError
 from jbench.store.provenance import device_provenance
 from jbench.training.checkpoints import Checkpoint, load, read_replay, save
 from jbench.training.evaluation import Evaluator, robot_model
-from jbench.training.log import Pace, Position, ProcessorClock, RunLog
+from jbench.training.log import CommitTimer, Position, ProcessorClock, RunLog
 
 Progress = Callable[[RunSettings, int, float], None]
-"""Told after each training episode: the run, its control steps so far, and the return."""
+"""Called after each training episode with the run, its control steps so far, and the return."""
 
 Notice = Callable[[RunSettings, int, str], None]
-"""Told of a run that was begun before: the control steps from which it goes on, and a sentence."""
+"""Called for each resumed run with the run, its control steps so far, and a sentence."""
 
 
 def run_batch(
@@ -40,27 +40,27 @@ def run_batch(
     progress: Progress = lambda run, steps, episode_return: None,
     notice: Notice = lambda run, steps, sentence: None,
 ) -> dict[str, WorkError]:
-    """Trains and evaluates an agent for each run, and keeps what came out.
+    """Trains and evaluates an agent for each run, and saves the results.
 
-    A run that is finished is left as it is; one that was interrupted or failed is resumed from its
-    last checkpoint, and ends in the same rows and weights as if it had never stopped. A run whose
-    agent diverges fails when that is seen, and keeps its rows and checkpoints until then. Training
-    is deterministic: resumed with the same versions on the same machine, it diverges again.
+    Finished runs are skipped. A run that was interrupted or failed resumes from its last
+    checkpoint, and ends with the same rows and weights as an uninterrupted run. A run whose agent
+    diverges fails, and keeps its rows and checkpoints up to that point. Training is deterministic:
+    resumed with the same versions on the same machine, it diverges again.
 
     Args:
-        runs: of settings that differ in their seeds alone.
-        results: where they go.
-        encoder: of their observations.
-        device: to learn on: one of `jbench.names.DEVICES`.
-        checkpoint_every: seconds between two checkpoints, at least; 0 for each end of an episode.
-        progress: told of each training episode.
-        notice: told of each run that was begun before.
+        runs: settings that differ only in their seeds.
+        results: where the runs are written.
+        encoder: encoder of the observations.
+        device: one of `jbench.names.DEVICES`.
+        checkpoint_every: minimum seconds between two checkpoints; 0 for one after every episode.
+        progress: called after each training episode.
+        notice: called for each resumed run.
 
     Returns:
-        The error of each run that failed, by its id; one failure does not stop the others.
+        The error of each failed run by id; a failure does not stop the others.
 
     Raises:
-        RequestError: if the device is not there, or the settings can't be shared out.
+        RequestError: if the device is unavailable, or the settings are invalid.
         WorkError: if the results can't be written.
     """
     failures: dict[str, WorkError] = {}
@@ -78,11 +78,11 @@ def run_batch(
                 members.append(member)
         try:
             while members:
-                # Seeds that were stopped at different steps: those behind catch up first.
+                # Seeds may have stopped at different steps: those behind catch up first.
                 behind = min(member.control_steps for member in members)
                 ahead = {m.control_steps for m in members if m.control_steps > behind}
                 group = [member for member in members if member.control_steps == behind]
-                batch = _Batch(group, encoder, device, Pace(checkpoint_every))
+                batch = _Batch(group, encoder, device, checkpoint_every)
                 failures |= batch.train(min(ahead, default=None), progress)
                 members = [m for m in members if m.record.status == "unfinished"]
         except Exception as error:
@@ -105,7 +105,7 @@ class _Member:
 
     @property
     def control_steps(self) -> int:
-        """From which it goes on."""
+        """Control steps at which it resumes."""
         return 0 if self.checkpoint is None else self.checkpoint.position.control_steps
 
 
@@ -116,7 +116,7 @@ def _begin(
     made_on: Mapping[str, str | None],
     notice: Notice,
 ) -> _Member | None:
-    """Returns a run that is to be done, from its last checkpoint or from nothing."""
+    """Returns a run to train from its last checkpoint or from scratch; None if it is finished."""
     if record is not None and record.status == "finished":
         return None
     if record is not None:
@@ -124,7 +124,7 @@ def _begin(
         try:
             log = None if checkpoint is None else RunLog(record, checkpoint.position)
         except UnreadableError:
-            raise  # the rows may be intact: nothing is given up
+            raise  # the rows may be intact: keep them
         except WorkError as error:  # rows are damaged
             log, refused = None, [str(error).partition(";")[0] + "."]
         if checkpoint is not None and log is not None:
@@ -139,20 +139,24 @@ def _begin(
 
 
 def _changes(changed: Mapping[str, Sequence[object]]) -> list[str]:
-    """Returns a sentence if versions, processor or device are not those that a run began with."""
+    """Returns a sentence if versions, processor or device have changed since the run began."""
     if not changed:
         return []
     changes = ", ".join(f"{name} {before} is now {now}" for name, (before, now) in changed.items())
-    return [f"Since it began, {changes}: its numbers may differ from those of an unbroken run."]
+    return [f"Since it began, {changes}: results may differ from those of an uninterrupted run."]
 
 
 class _Batch:
-    """The runs of a batch while they are trained side by side, all at the same control step."""
+    """Runs that are trained together, all at the same control step."""
 
     def __init__(
-        self, members: Sequence[_Member], encoder: Encoder | None, device: str, pace: Pace
+        self,
+        members: Sequence[_Member],
+        encoder: Encoder | None,
+        device: str,
+        checkpoint_every: float,
     ) -> None:
-        self._members, self._pace = members, pace
+        self._members, self._timer = members, CommitTimer(checkpoint_every)
         self._clock = ProcessorClock()
         self._failures: dict[int, WorkError] = {}
         self._settings = settings = members[0].settings
@@ -163,131 +167,120 @@ class _Batch:
             self._restore(members[0].checkpoint.position)
 
     def train(self, until: int | None, progress: Progress) -> dict[str, WorkError]:
-        """Trains to a control step, or for None to the last evaluation, or until all have failed.
+        """Trains to a control step (None: to the end), or until all runs have failed.
 
         Returns:
-            The error of each run that failed, by its id.
+            The error of each failed run by id.
         """
         with self._engine as engine:
             for returns in engine.learn(self._settings.steps):
                 self._fail_diverged()
-                if not self._going_on():
+                if not self._active():
                     break
                 if returns is not None:
                     self._note_episodes(returns, progress)
-                if self._evaluator.due(engine.control_steps):
+                if self._evaluator.advance(engine.control_steps):
                     self._evaluate()
                 if engine.control_steps == until:
                     break
-                if returns is not None and self._pace.due():
+                if returns is not None and self._timer.is_due():
                     self._save()
             if until is None:
                 self._end()
             else:
                 self._save()
-        return {self._members[place].settings.id: e for place, e in self._failures.items()}
+        return {self._members[index].settings.id: e for index, e in self._failures.items()}
 
     def _restore(self, position: Position) -> None:
-        """Puts everything where the checkpoints of the runs found it."""
+        """Restores engine and evaluator from the checkpoints of the runs."""
         checkpoints = [m.checkpoint for m in self._members if m.checkpoint is not None]
-        for place, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
+        for index, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
             if isinstance(self._engine, OffPolicyEngine):
                 row = checkpoint.replay_row
-                self._engine.restore_rows(place, read_replay(member.record, row), row)
+                self._engine.restore_rows(index, read_replay(member.record, row), row)
         self._engine.restore([checkpoint.state for checkpoint in checkpoints])
         self._evaluator.restore(position.evaluations, position.last_evaluation)
-        for place, checkpoint in enumerate(checkpoints):
+        for index, checkpoint in enumerate(checkpoints):
             if not checkpoint.newest:
-                self._save_one(place, only=True)
+                self._save_one(index, only=True)
 
     def _note_episodes(self, returns: NDArray[np.float64], progress: Progress) -> None:
-        """Writes down the episodes (seeds, environments) that have just ended."""
+        """Records the returns (seeds, environments) of the episodes that have just ended."""
         steps = self._engine.control_steps
         self._share_processor_time()
-        for place in self._going_on():
-            if not np.isfinite(returns[place]).all():
-                self._fail(place, Divergence(self._engine.updates, steps, "episode_return"))
+        for index in self._active():
+            if not np.isfinite(returns[index]).all():
+                self._fail(index, Divergence(self._engine.updates, steps, "episode_return"))
                 continue
-            losses = self._engine.losses(place)
-            for episode_return in returns[place].tolist():
-                self._members[place].log.episode(steps, episode_return, EPISODE_STEPS, losses)
-                progress(self._members[place].settings, steps, episode_return)
+            losses = self._engine.losses(index)
+            for episode_return in returns[index].tolist():
+                self._members[index].log.episode(steps, episode_return, EPISODE_STEPS, losses)
+                progress(self._members[index].settings, steps, episode_return)
 
     def _evaluate(self) -> None:
         self._fail_diverged(weights=True)
-        if not self._going_on():
+        if not self._active():
             return
         returns = self._evaluator(self._engine)
         self._share_processor_time()
-        for place in self._going_on():
-            outcome = [(value, EPISODE_STEPS) for value in returns[place].tolist()]
-            self._members[place].log.evaluation(self._engine.control_steps, outcome)
+        for index in self._active():
+            outcome = [(value, EPISODE_STEPS) for value in returns[index].tolist()]
+            self._members[index].log.evaluation(self._engine.control_steps, outcome)
 
     def _save(self) -> None:
-        """Commits a checkpoint of every run; none of weights that are not finite."""
+        """Commits a checkpoint of every run whose weights are finite."""
         self._fail_diverged(weights=True)
         began = time.perf_counter()
         self._share_processor_time()
-        for place in self._going_on():
-            self._save_one(place)
-        self._pace.spent(time.perf_counter() - began)
+        for index in self._active():
+            self._save_one(index)
+        self._timer.restart(time.perf_counter() - began)
 
-    def _save_one(self, place: int, *, only: bool = False) -> None:
-        member = self._members[place]
-        member.checkpoint = save(member.record, member.log, self._engine, place, only=only)
+    def _save_one(self, index: int, *, only: bool = False) -> None:
+        member = self._members[index]
+        member.checkpoint = save(member.record, member.log, self._engine, index, only=only)
 
     def _end(self) -> None:
-        """Makes the last evaluation, if it is not made yet, and ends all runs."""
+        """Makes the final evaluation if it is missing, and finishes all runs."""
         self._fail_diverged(weights=True)
         steps = self._engine.control_steps
         if self._evaluator.last_steps < steps:
             self._evaluate()
         together = len(self._members)
         self._share_processor_time()
-        for place in self._going_on():
-            log, record = self._members[place].log, self._members[place].record
+        for index in self._active():
+            log, record = self._members[index].log, self._members[index].record
             log.commit()
             summary = {**log.summary(steps), "together": together}
-            record.finish(summary, self._engine.policy(place).to_files())
+            record.finish(summary, self._engine.policy(index).to_files())
 
     def _fail_diverged(self, *, weights: bool = False) -> None:
-        """Fails the runs whose agents have diverged.
-
-        Args:
-            weights: whether to look at all weights too, which takes longer.
-        """
+        """Fails the runs whose agents have diverged; checking the weights too takes longer."""
         if weights:
             self._engine.check_weights()
-        for place, divergence in self._engine.diverged.items():
-            if place not in self._failures:
-                self._fail(place, divergence)
+        for index, divergence in self._engine.diverged.items():
+            if index not in self._failures:
+                self._fail(index, divergence)
 
-    def _fail(self, place: int, divergence: Divergence) -> None:
-        """Fails one run, which keeps its rows until now; the others are trained on."""
+    def _fail(self, index: int, divergence: Divergence) -> None:
+        """Marks one run as failed, with its rows up to now; the others continue."""
         self._share_processor_time()
-        member = self._members[place]
+        member = self._members[index]
         member.log.commit()
         member.record.fail(str(divergence), divergence.to_summary())
-        self._failures[place] = DivergedError(divergence)
+        self._failures[index] = DivergedError(divergence)
 
     def _share_processor_time(self) -> None:
-        self._clock.share([self._members[place].log for place in self._going_on()])
+        self._clock.share([self._members[index].log for index in self._active()])
 
-    def _going_on(self) -> list[int]:
-        return [place for place in range(len(self._members)) if place not in self._failures]
+    def _active(self) -> list[int]:
+        return [index for index in range(len(self._members)) if index not in self._failures]
 
 
 def engine_of(
     settings: RunSettings, seeds: Sequence[int], encoder: Encoder | None, device: str
 ) -> Engine:
-    """Returns the engine of runs with these settings.
-
-    Args:
-        settings: of the runs; their seed does not matter.
-        seeds: of the agents.
-        encoder: of their observations.
-        device: one of `jbench.names.DEVICES`.
-    """
+    """Returns an engine that trains an agent per seed with the settings of a run of any seed."""
     return make_engine(
         settings.algo,
         settings.algorithm,

@@ -1,9 +1,9 @@
-"""Checkpoints of a run on the batched engine: from any of them it goes on bit for bit.
+"""Checkpoints of a run on the batched engine, from which it resumes bit for bit.
 
-A checkpoint is committed with the rows that were written before it, and the newest two are kept.
-The rows of the replay buffer lie in pieces beside them: a checkpoint adds the new ones, and pieces
-of a size are joined sixteen at a time, so that a row is written about three times in a million
-steps, and a run has some dozens of files.
+A checkpoint is committed together with the result rows before it; the newest two are kept. The
+replay buffer is stored in pieces: each checkpoint adds one with the new rows, and sixteen pieces of
+about the same size are merged into one. A row is thus written about three times in a million steps,
+and a run has a few dozen files.
 """
 
 import json
@@ -27,18 +27,18 @@ from jbench.store.files import UnreadableError
 from jbench.training.log import Position, RunLog
 
 FORMAT = 1
-"""Of checkpoints; raised when their content changes its meaning."""
+"""Version of the checkpoint format."""
 
 _KEPT = 2
-_JOINED = 16  # pieces of a size that become one
-_SMALLEST = 1000  # rows: pieces of up to 16 times as many are of the first size
+_JOINED = 16  # pieces of one size that are merged
+_SMALLEST = 1000  # rows; pieces of up to 16 times as many belong to the first size
 _STATE = re.compile(r"checkpoint-(\d+)-(\d+)\.safetensors")
 _PIECE = re.compile(r"replay-(\d+)-(\d+)\.safetensors")
 _ENVELOPE, _ROWS = "envelope", "rows"
 
 
 class _Envelope(BaseModel):
-    """What a checkpoint says of itself."""
+    """Header of a checkpoint."""
 
     model_config = Settings.model_config
 
@@ -49,13 +49,13 @@ class _Envelope(BaseModel):
 
 
 class Checkpoint(NamedTuple):
-    """What a run goes on from; the rows of its replay buffer are read with `read_replay`.
+    """State from which a run resumes; `read_replay` reads the replay buffer.
 
     Attributes:
-        position: how far the run is.
-        state: of its agent and its robots.
-        replay_row: number of the row that follows those of the replay buffer; 0 for PPO.
-        newest: whether there is no newer one, which would then be damaged.
+        position: progress of the run.
+        state: state of its agent and robots.
+        replay_row: number of the row after the last one in the replay buffer; 0 for PPO.
+        newest: whether this is the newest checkpoint; if not, the newer ones are damaged.
     """
 
     position: Position
@@ -65,7 +65,7 @@ class Checkpoint(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """Rows `first` to `end`, excluded, of a replay buffer, counted from the first one ever."""
+    """Rows `first` to `end` (exclusive) of a replay buffer, counted from the first one ever."""
 
     first: int
     end: int
@@ -76,24 +76,21 @@ class _Piece(NamedTuple):
 
     @property
     def size(self) -> int:
-        """The power of 16 that it belongs to."""
+        """Size class, a power of 16."""
         return max(0, int(math.log(max(self.end - self.first, 1) / _SMALLEST, _JOINED)))
 
 
 def save(
-    record: Record, log: RunLog, engine: Engine, place: int, *, only: bool = False
+    record: Record, log: RunLog, engine: Engine, index: int, *, only: bool = False
 ) -> Checkpoint:
-    """Commits the rows of a run that wait, and a checkpoint, all or nothing.
+    """Commits the pending rows of a run and a checkpoint atomically.
 
     Args:
-        record: of the run.
-        log: of the run.
-        engine: that the run goes on in, between two control steps.
-        place: of the run in the engine.
-        only: whether the checkpoints that are there don't count any more.
-
-    Returns:
-        The checkpoint.
+        record: record of the run.
+        log: log of the run.
+        engine: engine that trains the run, between two control steps.
+        index: index of the run in the engine.
+        only: whether to drop all existing checkpoints.
     """
     roles = record.roles()
     states = [match for role in roles if (match := _STATE.fullmatch(role))]
@@ -104,25 +101,25 @@ def save(
         row = engine.replay.row
         pieces = [] if only else _pieces(roles)
         piece, joined = _next_piece(pieces, engine.replay.oldest, row)
-        rows = engine.replay_rows(place, piece.first)
+        rows = engine.replay_rows(index, piece.first)
         files[piece.role] = safetensors.torch.save({_ROWS: rows.contiguous()})
-        # The checkpoint before this one needs rows that are as much older.
+        # The previous checkpoint needs rows that are older by the same number.
         behind = row - min((int(match[2]) for match in states[-1:]), default=row)
         ended |= {other.role for other in joined}
         ended |= {other.role for other in pieces if other.end <= engine.replay.oldest - behind}
-    state, position = engine.state(place), log.position(engine.control_steps)
+    state, position = engine.state(index), log.position(engine.control_steps)
     envelope = _Envelope(format=FORMAT, run=record.id, position=position, scalars=state.scalars)
     role = f"checkpoint-{position.control_steps:012d}-{row:012d}.safetensors"
-    said = torch.frombuffer(bytearray(envelope.model_dump_json().encode()), dtype=torch.uint8)
-    files[role] = safetensors.torch.save({**state.tensors, _ENVELOPE: said})
-    tables, replace = log.waiting()
+    header = torch.frombuffer(bytearray(envelope.model_dump_json().encode()), dtype=torch.uint8)
+    files[role] = safetensors.torch.save({**state.tensors, _ENVELOPE: header})
+    tables, replace = log.pending()
     record.append(tables, files, drop=ended, replace=replace)
-    log.committed()
+    log.mark_committed()
     return Checkpoint(position, state, row, newest=True)
 
 
 def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
-    """Returns the newest intact checkpoint, or None; a sentence for each that is refused.
+    """Returns the newest intact checkpoint, or None, and a sentence for each rejected one.
 
     Raises:
         UnreadableError: if a file can't be read now; the checkpoint may be intact.
@@ -134,7 +131,7 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
             continue
         try:
             position, state = _read(record, role)
-            # What is read when the engine is there is checked now, while there is a choice.
+            # Check the replay pieces now, while an older checkpoint can still be chosen.
             for piece in _pieces(record.roles()):
                 if piece.first < int(match[2]):
                     record.read_file(piece.role)
@@ -151,10 +148,10 @@ def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
 
 
 def read_replay(record: Record, row: int) -> Tensor:
-    """Returns the rows (environments, rows, size + 2) before number `row` that are kept.
+    """Returns the saved rows (environments, rows, size + 2) before number `row`.
 
     Raises:
-        WorkError: if a file is not what was committed.
+        WorkError: if a file differs from what was committed.
     """
     pieces = [piece for piece in _pieces(record.roles()) if piece.first < row]
     parts = [_tensors(record, piece.role)[_ROWS] for piece in pieces]
@@ -168,19 +165,19 @@ def _read(record: Record, role: str) -> tuple[Position, SeedState]:
     """Reads a checkpoint without its replay rows.
 
     Raises:
-        WorkError: if its file is not what was committed.
-        ValueError: if it is not one of this run, or of another format.
+        WorkError: if its file differs from what was committed.
+        ValueError: if it belongs to another run, or has another format.
     """
     tensors = _tensors(record, role)
     try:
-        said = json.loads(bytes(tensors.pop(_ENVELOPE).numpy()))
-        if said["format"] != FORMAT:
-            raise ValueError(f"it is of format {said['format']}, and this jbench has {FORMAT}")
-        envelope = _Envelope.model_validate(said)
+        header = json.loads(bytes(tensors.pop(_ENVELOPE).numpy()))
+        if header["format"] != FORMAT:
+            raise ValueError(f"it has format {header['format']}, but this jbench reads {FORMAT}")
+        envelope = _Envelope.model_validate(header)
     except (KeyError, TypeError, ValidationError) as error:
-        raise ValueError(f"it is none ({str(error).splitlines()[0]})") from None
+        raise ValueError(f"its header is invalid ({str(error).splitlines()[0]})") from None
     if envelope.run != record.id:
-        raise ValueError(f"it is one of {envelope.run}")
+        raise ValueError(f"it belongs to {envelope.run}")
     return envelope.position, SeedState(tensors, envelope.scalars)
 
 
@@ -188,21 +185,21 @@ def _tensors(record: Record, role: str) -> dict[str, Tensor]:
     try:
         return safetensors.torch.load(record.read_file(role))
     except safetensors.SafetensorError as error:
-        raise ValueError(f"it is no file of tensors ({error})") from None
+        raise ValueError(f"it is not a safetensors file ({error})") from None
 
 
 def _pieces(roles: Sequence[str]) -> list[_Piece]:
-    """Returns the pieces of the replay buffer, in their order."""
-    found = [match for role in roles if (match := _PIECE.fullmatch(role))]
-    return sorted(_Piece(int(match[1]), int(match[2])) for match in found)
+    """Returns the pieces of the replay buffer in order."""
+    matches = [match for role in roles if (match := _PIECE.fullmatch(role))]
+    return sorted(_Piece(int(match[1]), int(match[2])) for match in matches)
 
 
 def _next_piece(pieces: Sequence[_Piece], oldest: int, row: int) -> tuple[_Piece, list[_Piece]]:
-    """Returns the piece to write, and those before it that it takes in.
+    """Returns the piece to write, and the existing pieces that are merged into it.
 
     Args:
-        pieces: that are there.
-        oldest: number of the oldest row that the buffer still has.
+        pieces: existing pieces.
+        oldest: number of the oldest row in the buffer.
         row: number of the row after the last one.
     """
     left = list(pieces)

@@ -14,13 +14,7 @@ from jbench.settings.run import RunSettings
 def make_env(
     settings: RunSettings | ExternalSettings, encoder: Encoder | None, robot: int = 0
 ) -> gymnasium.Env[Any, Any]:
-    """Returns one environment as the agent of a run sees it, with one robot.
-
-    Args:
-        settings: of the run.
-        encoder: of its observations.
-        robot: which of the run's robots, counted from 0.
-    """
+    """Returns an environment with the wrappers of a run, and its robot with the given index."""
     augment = settings.augment
     kwargs = {} if augment is None else {"augment": augment + robot}
     env: gymnasium.Env[Any, Any] = gymnasium.make(
@@ -35,9 +29,9 @@ def make_env(
 
 
 class TerminalTimeLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Calls an episode's last step terminal, so that no value is bootstrapped from it.
+    """Treats the time limit as terminal, so that no value is bootstrapped from the last step.
 
-    So did stable-baselines 2, and with it the paper's agents.
+    stable-baselines 2 did the same, and so did the paper's agents.
     """
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:

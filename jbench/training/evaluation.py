@@ -1,4 +1,4 @@
-"""Evaluations of the runs of a batch, and the robots that they learn on."""
+"""Evaluations of batched runs, and the robots that they train on."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -11,65 +11,52 @@ from jbench.agents.batched.engine import Engine
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout
-from jbench.tasks import model as robot
 from jbench.tasks import resets
+from jbench.tasks.robots import load_model
 
 
 def robot_model(settings: RunSettings | ExternalSettings, which: int) -> mujoco.MjModel:
-    """Returns the robot of a run, or one of several, the last for what lies beyond.
-
-    Args:
-        settings: of the run.
-        which: of its robots, counted from 0.
-    """
+    """Returns the model of the run's robot with the given index, clamped to the last robot."""
     augment = settings.augment
     return _model(None if augment is None else augment + min(which, settings.robots - 1))
 
 
 @lru_cache(maxsize=2)
 def _model(augment: int | None) -> mujoco.MjModel:
-    return robot.load(augment)
+    return load_model(augment)
 
 
-class Schedule:
-    """When a run is evaluated.
+class EvaluationSchedule:
+    """Decides when a run is evaluated.
 
     Attributes:
         last_steps: control steps at the last evaluation.
     """
 
     def __init__(self, settings: RunSettings | ExternalSettings) -> None:
-        """Counts from the beginning."""
         self._every, self.last_steps = settings.evaluate_every, 0
 
-    def due(self, control_steps: int) -> bool:
-        """Returns whether `evaluate_every` control steps have passed, and restarts the count."""
+    def advance(self, control_steps: int) -> bool:
+        """Returns whether an evaluation is due at these control steps, and counts it as made."""
         if control_steps // self._every == self.last_steps // self._every:
             return False
         self.last_steps = control_steps
         return True
 
 
-class Evaluator(Schedule):
-    """Episodes of the deterministic policies of all runs of a batch, side by side.
+class Evaluator(EvaluationSchedule):
+    """Evaluates the deterministic policies of all runs of a batch in parallel episodes.
 
-    The robot is the one that the agents learn on at the time, and as many threads step the robots
-    as in training. Evaluation number k of a run draws
-    its episodes from a generator of its own, so that what came before does not matter.
+    It uses the robot that the agents currently train on, and as many threads as training.
+    Evaluation k of a run has its own generator, independent of earlier evaluations.
     """
 
     def __init__(self, settings: RunSettings, seeds: Sequence[int]) -> None:
-        """Remembers what to evaluate.
-
-        Args:
-            settings: of the runs.
-            seeds: of their evaluations.
-        """
         super().__init__(settings)
         self._settings, self._seeds, self._done = settings, seeds, 0
 
     def restore(self, done: int, last_steps: int) -> None:
-        """Goes on after so many evaluations, the last one at some control step."""
+        """Resumes after `done` evaluations, the last of them at `last_steps` control steps."""
         self._done, self.last_steps = done, last_steps
 
     def __call__(self, engine: Engine) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""What a run writes down: its episodes and evaluations, and when it commits them."""
+"""Log of a run: its episodes and evaluations, and when they are committed."""
 
 import time
 from collections.abc import Sequence
@@ -13,21 +13,20 @@ from jbench.settings.base import Settings
 from jbench.store import Record, schema
 
 _TABLES = {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
-_MOST_PARTS = 32  # of a table, before they are joined
-_LARGEST_SHARE = 0.02  # of a run's time that its commits may take
+_MAX_PARTS = 32  # files of a table before they are merged
+_MAX_COMMIT_SHARE = 0.02  # fraction of a run's time that its commits may take
 
 
 class Position(BaseModel):
-    """How far a run is.
+    """Progress of a run.
 
     Attributes:
-        control_steps: over all its environments.
-        episodes: rows of training episodes.
-        evaluations: how many were made.
-        last_evaluation: control steps at the last one.
-        wall_time: s that the run has taken, without the time between a kill and the resumption.
-        processor_time: s of processor time that it has taken; None if it is not known, in
-            checkpoints of an older version.
+        control_steps: control steps over all environments.
+        episodes: number of training episodes.
+        evaluations: number of evaluations.
+        last_evaluation: control steps at the last evaluation.
+        wall_time: s, without interruptions.
+        processor_time: s; None in checkpoints of older versions, where it is unknown.
     """
 
     model_config = Settings.model_config
@@ -41,15 +40,15 @@ class Position(BaseModel):
 
 
 class RunLog:
-    """The rows of a run that wait for a commit, and how far it is."""
+    """Pending rows of a run, and its progress."""
 
     def __init__(self, record: Record, position: Position | None = None) -> None:
         """Starts the run's clock.
 
         Args:
-            record: of the run.
-            position: from which it goes on; None for the beginning. Rows that were committed after
-                it do not count any more: the next commit leaves them out.
+            record: record of the run.
+            position: where the run resumes; None for the beginning. The next commit drops rows
+                that were committed after it.
         """
         self._record = record
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in _TABLES}
@@ -63,16 +62,16 @@ class RunLog:
             self._before = self._rows_of(position)
 
     def wall_time(self) -> float:
-        """Returns the seconds that the run has taken."""
+        """Returns the seconds that the run has taken, without interruptions."""
         return time.perf_counter() - self._began
 
     def add_processor_time(self, seconds: float) -> None:
-        """Adds processor time that the run has taken."""
+        """Adds to the run's processor time."""
         if self._processor_time is not None:
             self._processor_time += seconds
 
     def summary(self, control_steps: int) -> dict[str, Any]:
-        """Returns what the manifest of a finished run says of its length."""
+        """Returns the duration entries of a finished run's manifest."""
         return {
             "wall_time": self.wall_time(),
             "processor_time": self._processor_time,
@@ -80,7 +79,7 @@ class RunLog:
         }
 
     def position(self, control_steps: int) -> Position:
-        """Returns how far the run is with the rows that wait."""
+        """Returns the progress, pending rows included."""
         return Position(
             control_steps=control_steps,
             episodes=self._episodes,
@@ -116,50 +115,49 @@ class RunLog:
         self._evaluations += 1
         self._last_evaluation = control_steps
 
-    def waiting(self) -> tuple[dict[str, pa.Table], bool]:
-        """Returns the rows that wait, by table, and whether they stand for all that there are.
+    def pending(self) -> tuple[dict[str, pa.Table], bool]:
+        """Returns the pending rows by table, and whether they replace all committed rows.
 
-        Now and then these are joined with those that are committed, so that a run of days does not
-        end up in thousands of files.
+        They do when a table has many files, so that a long run does not end with thousands.
         """
         tables = {
             name: pa.Table.from_pylist(self._rows[name], columns)
             for name, columns in _TABLES.items()
         }
         before = self._before
-        if before is None and any(len(self._record.parts(name)) >= _MOST_PARTS for name in tables):
+        if before is None and any(len(self._record.parts(name)) >= _MAX_PARTS for name in tables):
             before = {name: self._record.read(name, columns) for name, columns in _TABLES.items()}
         if before is None:
             return tables, False
         return {name: pa.concat_tables([before[name], tables[name]]) for name in tables}, True
 
-    def committed(self) -> None:
-        """Forgets the rows that waited."""
+    def mark_committed(self) -> None:
+        """Clears the pending rows."""
         self._rows = {name: [] for name in self._rows}
         self._before = None
 
     def commit(self) -> float:
-        """Commits the rows that wait, all or none; returns the seconds that it took."""
+        """Commits the pending rows atomically; returns the seconds that it took."""
         began = time.perf_counter()
-        tables, replace = self.waiting()
+        tables, replace = self.pending()
         self._record.append(tables, replace=replace)
-        self.committed()
+        self.mark_committed()
         return time.perf_counter() - began
 
     def _rows_of(self, position: Position) -> dict[str, pa.Table] | None:
-        """Returns the committed rows that came before a checkpoint, or None if there are no others.
+        """Returns the committed rows up to a checkpoint, or None if there are no later ones.
 
-        The last evaluation may be of the same control step: the rows are told by their numbers.
+        Rows are compared by number, since an evaluation may be at the checkpoint's control step.
         """
-        found = {name: self._record.read(name, columns) for name, columns in _TABLES.items()}
-        episodes, evaluations = found["episodes"], found["evaluations"]
+        committed = {name: self._record.read(name, columns) for name, columns in _TABLES.items()}
+        episodes, evaluations = committed["episodes"], committed["evaluations"]
         counted = {
             "episodes": episodes.filter(pc.less(episodes["episode"], position.episodes)),
             "evaluations": evaluations.filter(
                 pc.less(evaluations["evaluation"], position.evaluations)
             ),
         }
-        same = all(counted[name].num_rows == found[name].num_rows for name in found)
+        same = all(counted[name].num_rows == committed[name].num_rows for name in committed)
         return None if same else counted
 
     def _add(
@@ -184,37 +182,36 @@ class RunLog:
 
 
 class ProcessorClock:
-    """Processor time of this process, user and system, of all its threads."""
+    """Processor time (user and system) of this process, over all its threads."""
 
     def __init__(self) -> None:
-        """Starts the clock."""
         self._last = time.process_time()
 
     def share(self, logs: Sequence[RunLog]) -> None:
-        """Adds the time since the last call to some runs, in equal shares."""
+        """Divides the time since the last call equally among runs."""
         now = time.process_time()
         for log in logs:
             log.add_processor_time((now - self._last) / len(logs))
         self._last = now
 
 
-class Pace:
-    """When it is time to commit: so seldom that it costs next to nothing."""
+class CommitTimer:
+    """Decides when to commit, so that commits take at most `_MAX_COMMIT_SHARE` of the time."""
 
     def __init__(self, every: float) -> None:
-        """Waits for the first time.
+        """Starts the timer.
 
         Args:
-            every: seconds between two commits, at least; 0 for whenever there is something.
+            every: minimum seconds between two commits; 0 to commit always.
         """
         self._every = every
         self._next = time.perf_counter() + every
 
-    def due(self) -> bool:
-        """Returns whether it is time."""
+    def is_due(self) -> bool:
+        """Returns whether it is time to commit."""
         return time.perf_counter() >= self._next
 
-    def spent(self, seconds: float) -> None:
-        """Waits for the next time after a commit that took some seconds."""
-        wait = max(self._every, seconds / _LARGEST_SHARE) if self._every else 0.0
+    def restart(self, seconds: float) -> None:
+        """Restarts the timer after a commit that took this many seconds."""
+        wait = max(self._every, seconds / _MAX_COMMIT_SHARE) if self._every else 0.0
         self._next = time.perf_counter() + wait

@@ -1,4 +1,4 @@
-"""How much memory runs will take, said before it is tried."""
+"""Memory that the replay buffers of runs need."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,14 +6,14 @@ from pathlib import Path
 from jbench.settings.run import RunSettings
 from jbench.tasks.features import TASK_SPECS
 
-_WORTH_SAYING = 2_000_000_000  # bytes
+_MIN_REPORTED = 2_000_000_000  # bytes
 
 
 def replay_bytes(run: RunSettings) -> int:
-    """Returns the bytes, at most, of a run's replay buffer on the batched engine; PPO has none.
+    """Returns the maximum bytes of a run's replay buffer on the batched engine; 0 for PPO.
 
-    An episode's observations are kept once, in float32, each with an action and a reward. An
-    encoder makes them smaller.
+    Each observation is stored once, in float32, with an action and a reward. An encoder reduces
+    its size.
     """
     size = TASK_SPECS[run.task].observation_size
     transitions = min(int(run.hyperparameters.get("buffer_size", 0)), run.steps)
@@ -21,22 +21,22 @@ def replay_bytes(run: RunSettings) -> int:
 
 
 def memory_sentence(runs: Sequence[RunSettings]) -> str | None:
-    """Returns a sentence on the replay buffers of runs that go on at a time, or None for little."""
+    """Returns a sentence on the replay buffers of concurrent runs; None if they are small."""
     needed = sum(replay_bytes(run) for run in runs if run.engine == "batched")
-    if needed < _WORTH_SAYING:
+    if needed < _MIN_REPORTED:
         return None
-    told = f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of memory"
+    text = f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of memory"
     free = _available()
     if free is None or needed < free:
-        return f"{told}."
+        return f"{text}."
     return (
-        f"{told}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
+        f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
         f"--set buffer_size={int(runs[0].hyperparameters['buffer_size'] * free / needed / 2):d}."
     )
 
 
 def _available() -> int | None:
-    """Returns the bytes that programs may still take, where the system says so."""
+    """Returns the bytes of available memory; None if the system does not report it."""
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):

@@ -1,4 +1,4 @@
-"""From what a user asks for to the settings of the runs."""
+"""Turns a user's request into settings of runs."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -27,22 +27,22 @@ def request_runs(
     overrides: Mapping[str, Any],
     **fields: Any,
 ) -> list[RunSettings]:
-    """Returns the settings of one run for each seed.
+    """Returns the settings of one run per seed.
 
     Args:
-        results: where the encoder is.
+        results: results that contain the encoder.
         algo: one of `jbench.names.ALGORITHMS`.
         task: one of `jbench.names.TASKS`.
-        encoder: "none", "ofeN" for N features that are learned with the agent, a number of
-            latents, or an encoder's id.
-        seeds: one for each run.
+        encoder: "none", "ofeN" for N features learned with the agent, a number of latents, or an
+            encoder's id.
+        seeds: one per run.
         base: "published", "script" or "sb3"; see `algorithm_settings`.
-        overrides: values of single settings by name; ofe.NAME names those of ofeN.
+        overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
         fields: the other fields of `RunSettings`.
 
     Raises:
-        RequestError: if there is no such encoder, setting or robot, no episode could end, or the
-            robots don't divide the steps into whole episodes.
+        RequestError: if the encoder is not found, a setting is invalid, or the steps are not
+            enough for an episode or can't be divided among the robots.
     """
     of_features = {
         name.removeprefix(_PREFIX): value
@@ -58,8 +58,8 @@ def request_runs(
             "--set ofe.NAME=VALUE is for --encoder ofeN, such as ofe12; leave it out."
         )
     elif encoder != "none":
-        fields["encoder"] = found = find_encoder(results, encoder, task)
-        fields["representation"] = representation_of(results, found)
+        fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
+        fields["representation"] = representation_of(results, encoder_id)
     algorithm = algorithm_settings(algo, base, of_algorithm)
     return runs_of(
         seeds,
@@ -71,28 +71,24 @@ def request_runs(
 
 
 def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
-    """Returns the settings of one run for each seed.
-
-    Args:
-        seeds: one for each run.
-        fields: the other fields of `RunSettings`.
+    """Returns the settings of one run per seed; `fields` are the other fields of `RunSettings`.
 
     Raises:
-        RequestError: if a value is invalid, or no episode could end.
+        RequestError: if a value is invalid, or the steps are not enough for an episode.
     """
     runs = [validated(RunSettings, "the run", seed=seed, **fields) for seed in seeds]
-    least, steps = EPISODE_STEPS * runs[0].environments, runs[0].steps
-    if steps < least:
+    min_steps, steps = EPISODE_STEPS * runs[0].environments, runs[0].steps
+    if steps < min_steps:
         raise RequestError(
             f"No episode would end in {steps} control steps, since {runs[0].environments} "
-            f"environments of {EPISODE_STEPS} control steps run in parallel: steps must be {least} "
-            "or more."
+            f"environments of {EPISODE_STEPS} control steps run in parallel: steps must be "
+            f"{min_steps} or more."
         )
     return runs
 
 
 def representation_of(results: Results, encoder: str) -> str:
-    """Returns what an agent with an encoder sees, such as dae12.
+    """Returns the name of an encoder's representation, such as dae12.
 
     Raises:
         RequestError: if there is no such encoder.
@@ -102,40 +98,40 @@ def representation_of(results: Results, encoder: str) -> str:
 
 
 def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
-    """Returns the settings of a representation such as ofe12, or None if it is another one.
+    """Returns the settings of a representation such as ofe12, or None for any other.
 
     Args:
-        name: of a representation, as a user types it.
-        options: settings that are not at their defaults.
+        name: representation as typed by the user.
+        options: settings other than the defaults.
 
     Raises:
-        RequestError: if the number is missing, or a setting is unknown, or its value is invalid.
+        RequestError: if the number is missing, or a setting is unknown or invalid.
     """
-    found = re.fullmatch(rf"{OFE}:?([0-9]*)", name)
-    if found is None:
+    match = re.fullmatch(rf"{OFE}:?([0-9]*)", name)
+    if match is None:
         return None
-    if not found[1]:
+    if not match[1]:
         raise RequestError(f"{name} needs a number of features: type {OFE}12 or {OFE}240.")
     check_options(options)
-    return validated(OFESettings, name, units=int(found[1]), **options)
+    return validated(OFESettings, name, units=int(match[1]), **options)
 
 
 def check_options(options: Mapping[str, Any]) -> None:
-    """Raises a RequestError that names the settings of ofe if one of the options is none."""
+    """Raises a RequestError that lists the settings of ofe if an option is unknown."""
     for option in options:
         known(f"setting of {OFE}", option, [n for n in OFESettings.model_fields if n != "units"])
 
 
 def find_device(engine: Engine, wanted: str, precision: Precision = "float32") -> str:
-    """Returns the device to learn on, `cpu` or `cuda`.
+    """Returns the device to train on, `cpu` or `cuda`.
 
     Args:
-        engine: that trains.
+        engine: training engine.
         wanted: one of `jbench.names.DEVICES`.
-        precision: of its products.
+        precision: precision of the engine's matrix products.
 
     Raises:
-        RequestError: if it is not there, or not for this engine or precision.
+        RequestError: if the device is unavailable, or does not support the engine or precision.
     """
     if engine == "sb3":
         if wanted == "cuda":
@@ -143,7 +139,7 @@ def find_device(engine: Engine, wanted: str, precision: Precision = "float32") -
         return "cpu"
     from jbench.agents.batched.make import device_of
 
-    found = device_of(wanted).type
-    if precision == "tf32" and found == "cpu":
+    device = device_of(wanted).type
+    if precision == "tf32" and device == "cpu":
         raise RequestError("Only a GPU has --precision tf32; type float32 or bfloat16.")
-    return found
+    return device

@@ -1,4 +1,4 @@
-"""One run, from its settings to its committed rows and its trained policy."""
+"""A run on stable-baselines3, from its settings to its committed rows and trained policy."""
 
 import contextlib
 from collections.abc import Callable
@@ -17,8 +17,8 @@ from jbench.errors import WorkError
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.training.environment import make_env
-from jbench.training.evaluation import Schedule
-from jbench.training.log import Pace, ProcessorClock, RunLog
+from jbench.training.evaluation import EvaluationSchedule
+from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
 
@@ -28,22 +28,22 @@ def run(
     results: Results,
     progress: Callable[[int, float | None], None] = lambda steps, episode_return: None,
 ) -> Record:
-    """Trains and evaluates one agent, and keeps what came out.
+    """Trains and evaluates one agent, and saves the results.
 
-    A finished run is returned as it is; any other starts over.
+    A finished run is returned unchanged; any other run starts over.
 
     Args:
-        settings: of the run.
-        results: where it goes, and where its encoder is.
+        settings: settings of the run.
+        results: where the run is written; contains its encoder.
         progress: called after each training episode with the control steps so far and its return.
 
     Raises:
-        WorkError: if another process does this run, its agent diverges, or its results can't be
-            written.
+        WorkError: if another process is training this run, its agent diverges, or its results
+            can't be written.
     """
-    with results.locked("run", settings.id) as found:
-        if found is not None and found.status == "finished":
-            return found
+    with results.locked("run", settings.id) as existing:
+        if existing is not None and existing.status == "finished":
+            return existing
         record = results.create(
             "run", settings.id, settings.model_dump(mode="json"), {"device": "cpu"}
         )
@@ -65,7 +65,6 @@ def _train(
     encoder: Encoder | None,
     progress: Callable[[int, float | None], None],
 ) -> None:
-    """Trains the agent of a run from its first step to its last evaluation."""
     log, clock = RunLog(record), ProcessorClock()
     agent_seed, evaluation_seed = np.random.SeedSequence(settings.seed).generate_state(2)
     env = DummyVecEnv([lambda: make_training_env(settings, encoder)] * settings.environments)
@@ -94,34 +93,32 @@ def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
 
 
 def make_training_env(settings: RunSettings, encoder: Encoder | None) -> gymnasium.Env[Any, Any]:
-    """Returns one environment to learn in, which goes through all robots of the run."""
+    """Returns a training environment, which switches through all robots of the run."""
     if settings.robots == 1:
         return make_env(settings, encoder)
     return RobotSequence(settings, encoder)
 
 
 class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Goes through the robots of a run: each has its share of the episodes, then comes the next.
+    """Switches through the robots of a run; each has the same number of episodes.
 
-    The paper's authors kept the policy from robot to robot. Here all is kept that was learned:
-    the agent does not notice the change, so that its networks, optimisers, entropy coefficient and
-    step count go on, and so does its replay buffer, whose million transitions are then, in the
-    authors' experiment of 1e6 steps a robot, pushed out one by one by those of the new robot. It
-    would be emptied only for an agent that knows when its robot is exchanged.
+    The paper's authors kept the policy from robot to robot. Here the agent does not notice the
+    switch: it keeps its networks, optimizers, entropy coefficient, step count and replay buffer. In
+    the authors' experiment (1e6 steps per robot), the new robot's transitions gradually replace the
+    old ones in the buffer of a million.
 
-    The change is made here, where an episode begins, and not between two calls of the agent's
-    `learn`: these end with a rollout, which an episode's end need not be, so that robots would
-    begin late, and lose the episodes cut short.
+    The switch is made at the beginning of an episode and not between two calls of the agent's
+    `learn`: those end with a rollout, which may be in the middle of an episode, so that robots
+    would begin late and lose the truncated episodes.
     """
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None) -> None:
-        """Begins with the first robot."""
         super().__init__(make_env(settings, encoder))
         self._settings, self._encoder = settings, encoder
         self._robot = self._ended = 0
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Steps the robot of the moment; counts its episodes."""
+        """Steps the current robot, and counts its episodes."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._ended += terminated or truncated
         return observation, reward, terminated, truncated, info
@@ -129,32 +126,31 @@ class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode, with the next robot if this one has had its share."""
+        """Starts an episode; switches to the next robot after the last episode of this one."""
         robot = min(self._ended // self._settings.episodes_on_each, self._settings.robots - 1)
         if robot != self._robot:
-            self.env = exchanged(self.env, self._settings, self._encoder, robot)
+            self.env = with_robot(self.env, self._settings, self._encoder, robot)
             self._robot = robot
         return self.env.reset(seed=seed, options=options)
 
 
-def exchanged(
+def with_robot(
     env: gymnasium.Env[Any, Any], settings: RunSettings, encoder: Encoder | None, robot: int
 ) -> gymnasium.Env[Any, Any]:
-    """Returns an environment with another robot, which draws on from where the given one was."""
+    """Returns an environment with another robot and the generator of the given environment."""
     other = make_env(settings, encoder, robot)
     other.unwrapped.np_random = env.unwrapped.np_random
     env.close()
     return other
 
 
-class Evaluator(Schedule):
-    """Episodes of a deterministic policy in a seeded environment of its own.
+class Evaluator(EvaluationSchedule):
+    """Evaluates a deterministic policy in a separate environment with its own seed.
 
-    Its robot is the one that the agent learns on at the time.
+    It uses the robot that the agent currently trains on.
     """
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
-        """Makes the environment; every evaluation goes through episodes of its own."""
         super().__init__(settings)
         self._settings, self._encoder, self._robot = settings, encoder, 0
         self._episodes = settings.evaluate_episodes
@@ -168,11 +164,11 @@ class Evaluator(Schedule):
 
         Args:
             act: the policy.
-            control_steps: after which it is evaluated, and with the robot of which.
+            control_steps: control steps of training so far; they determine the robot.
         """
         robot = self._settings.robot_at(control_steps)
         if robot != self._robot:
-            self._env = exchanged(self._env, self._settings, self._encoder, robot)
+            self._env = with_robot(self._env, self._settings, self._encoder, robot)
             self._robot = robot
         outcome = []
         for _ in range(self._episodes):
@@ -186,7 +182,7 @@ class Evaluator(Schedule):
 
 
 class _Recorder(BaseCallback):
-    """Writes down each episode as it ends, evaluates when it is time, and notices divergence."""
+    """Logs each episode, evaluates the agent on schedule, and detects divergence."""
 
     def __init__(
         self,
@@ -198,7 +194,7 @@ class _Recorder(BaseCallback):
         super().__init__()
         self._log, self._clock = log, clock
         self._evaluator, self._progress = evaluator, progress
-        self._pace = Pace(_COMMIT_EVERY)
+        self._timer = CommitTimer(_COMMIT_EVERY)
 
     def check_agent(self) -> None:
         """Checks losses and weights after the last update.
@@ -235,9 +231,9 @@ class _Recorder(BaseCallback):
                     self.num_timesteps, episode_return, length, sb3.losses(self.model)
                 )
                 self._progress(self.num_timesteps, episode_return)
-                if self._pace.due():
-                    self._pace.spent(self._log.commit())
-        if self._evaluator.due(self.num_timesteps):
+                if self._timer.is_due():
+                    self._timer.restart(self._log.commit())
+        if self._evaluator.advance(self.num_timesteps):
             returns = self._evaluator(sb3.policy(self.model).act, self.num_timesteps)
             self._clock.share([self._log])
             self._log.evaluation(self.num_timesteps, returns)

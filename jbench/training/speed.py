@@ -1,4 +1,4 @@
-"""How long a run will take on this machine, measured within seconds on a throw-away agent."""
+"""Speed of training on this machine, measured within seconds with a temporary agent."""
 
 import time
 from collections.abc import Sequence
@@ -22,15 +22,14 @@ _STEPS, _UPDATES = 300, 20
 def seconds_per_step(
     runs: Sequence[RunSettings], encoder: Encoder | None, device: str = "cpu"
 ) -> float:
-    """Returns the seconds in which each of some runs advances a control step, evaluations included.
+    """Returns the seconds per control step of each run, evaluations included.
 
-    The agents that are measured are thrown away, and no generator of the runs has been made yet, so
-    that the measurement changes nothing of them.
+    The measurement uses temporary agents and does not affect the runs.
 
     Args:
-        runs: that go on side by side in one process, of settings that differ in their seeds alone.
-        encoder: of their observations.
-        device: that the batched engine learns on.
+        runs: runs that share a process; their settings differ only in their seeds.
+        encoder: encoder of the observations.
+        device: device of the batched engine.
     """
     settings = runs[0]
     evaluation_steps = settings.evaluate_episodes * EPISODE_STEPS
@@ -45,7 +44,7 @@ def seconds_per_step(
 
 
 def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device: str) -> float:
-    """Returns the seconds of a control step of each seed, from a rollout with its updates."""
+    """Returns the seconds per control step of each seed, from a rollout and its updates."""
     algorithm, first = settings.algorithm, 0
     if isinstance(algorithm, PPOSettings):
         rollout, measured = algorithm.n_steps * algorithm.n_envs, settings
@@ -53,7 +52,7 @@ def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device:
         assert isinstance(algorithm, OffPolicySettings)
         often = _short_schedule(algorithm, settings.environments)
         rollout = max(often["train_freq"], _UPDATES)
-        # Until there is something to learn from, and the first updates have been made.
+        # Warm up until the first updates have been made.
         first = algorithm.batch_size + rollout
         changes = {"buffer_size": _STEPS, "learning_starts": algorithm.batch_size, **often}
         measured = settings.model_copy(
@@ -69,15 +68,15 @@ def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device:
 
 
 def _short_schedule(settings: OffPolicySettings, environments: int) -> dict[str, int]:
-    """Returns `train_freq` and `gradient_steps` of the engine's ratio, if possible `_UPDATES`."""
+    """Returns a `train_freq` and `gradient_steps` of the same ratio, but shorter."""
     steps, updates = schedule(settings, environments)
-    most = max(1, updates // _UPDATES)
-    parts = max(n for n in range(1, most + 1) if steps % n == updates % n == 0)
+    max_parts = max(1, updates // _UPDATES)
+    parts = max(n for n in range(1, max_parts + 1) if steps % n == updates % n == 0)
     return {"train_freq": steps // parts * environments, "gradient_steps": updates // parts}
 
 
 def _stepping(settings: RunSettings, encoder: Encoder | None) -> float:
-    """Returns the seconds of a control step without any learning."""
+    """Returns the seconds per control step without training."""
     env = make_env(settings, encoder)
     env.reset(seed=0)
     action = np.zeros(1, np.float32)
@@ -88,7 +87,7 @@ def _stepping(settings: RunSettings, encoder: Encoder | None) -> float:
 
 
 def _on_policy(settings: RunSettings, env: DummyVecEnv) -> float:
-    """Returns the seconds of a control step, from one rollout and its updates."""
+    """Returns the seconds per control step, from one rollout and its updates."""
     rollout = settings.hyperparameters["n_steps"] * settings.environments
     agent = sb3.build(settings.algo, settings.algorithm, env, seed=0)
     began = time.perf_counter()
@@ -97,11 +96,11 @@ def _on_policy(settings: RunSettings, env: DummyVecEnv) -> float:
 
 
 def _off_policy(settings: RunSettings, env: DummyVecEnv) -> float:
-    """Returns the seconds of a control step and its share of the updates."""
+    """Returns the seconds per control step, including its share of the updates."""
     batch_size = settings.hyperparameters["batch_size"]
     changes = {"buffer_size": max(_STEPS, batch_size), "learning_starts": 10 * _STEPS}
-    patient = settings.algorithm.model_copy(update=changes)
-    agent = sb3.build(settings.algo, patient, env, seed=0)
+    probe_settings = settings.algorithm.model_copy(update=changes)
+    agent = sb3.build(settings.algo, probe_settings, env, seed=0)
     assert isinstance(agent, OffPolicyAlgorithm)
     began = time.perf_counter()
     agent.learn(_STEPS)
@@ -109,7 +108,7 @@ def _off_policy(settings: RunSettings, env: DummyVecEnv) -> float:
     times = []
     for _ in range(_UPDATES):
         began = time.perf_counter()
-        # Two at a time: TD3 updates its actor at every other one.
+        # Two updates at a time, because TD3 updates its actor in every other one.
         agent.train(gradient_steps=2, batch_size=batch_size)
         times.append((time.perf_counter() - began) / 2)
     updates = settings.hyperparameters["gradient_steps"] / settings.hyperparameters["train_freq"]

@@ -1,4 +1,4 @@
-"""How far runs are, as the results hold them."""
+"""Status of runs in the results."""
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,12 +13,12 @@ State = Literal["finished", "partial", "failed", "missing"]
 
 
 class RunStatus(NamedTuple):
-    """How far a run is.
+    """Status of a run.
 
     Attributes:
         state: finished, partial (begun), failed or missing.
-        steps_left: control steps that are still to be done.
-        error: of a failed run, or of a record that can't be read.
+        steps_left: remaining control steps.
+        error: error of a failed run, or of an unreadable record.
     """
 
     state: State
@@ -27,12 +27,7 @@ class RunStatus(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """The runs of a command, with how far each is before it starts.
-
-    Attributes:
-        runs: in the order asked for.
-        statuses: by id of the run.
-    """
+    """The runs of a command and their statuses before it starts, by run id."""
 
     runs: Sequence[RunSettings]
     statuses: Mapping[str, RunStatus]
@@ -47,7 +42,7 @@ class Plan(NamedTuple):
         return [run for run in self.runs if self.statuses[run.id].state not in done]
 
     def sentences(self, retry_failed: bool) -> Iterator[str]:
-        """Yields sentences on the runs that exist already, with the errors of failed ones."""
+        """Yields sentences on existing runs, with the errors of failed ones."""
         finished, partial, failed = (self.ids(s) for s in ("finished", "partial", "failed"))
         if finished:
             rest = "" if self.to_do(retry_failed) or failed else "; nothing to do"
@@ -63,7 +58,7 @@ class Plan(NamedTuple):
 
 
 def run_status(run: RunSettings, results: Results) -> RunStatus:
-    """Returns how far a run is."""
+    """Returns the status of a run."""
     try:
         record = results.find("run", run.id)
     except WorkError as error:
@@ -80,26 +75,26 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
 
 
 def plan(runs: Sequence[RunSettings], results: Results) -> Plan:
-    """Returns how far each of some runs is; removes what an interrupted writer left in them."""
+    """Returns the status of each run; removes temporary files of interrupted writers."""
     for run in runs:
         results.clean("run", run.id)
     return Plan(runs, {run.id: run_status(run, results) for run in runs})
 
 
-def is_elsewhere(run: RunSettings, results: Results) -> bool:
-    """Returns whether a process is training a run at this moment."""
+def is_being_trained(run: RunSettings, results: Results) -> bool:
+    """Returns whether a process is currently training a run."""
     return locks.is_held(results.record("run", run.id).path)
 
 
 def record_failure(run: RunSettings, results: Results, reason: str) -> None:
     """Marks a run as failed, unless it has failed or finished, or a process is training it."""
-    with contextlib.suppress(RequestError, WorkError), results.locked("run", run.id) as found:
-        record = found or results.create("run", run.id, run.model_dump(mode="json"))
+    with contextlib.suppress(RequestError, WorkError), results.locked("run", run.id) as existing:
+        record = existing or results.create("run", run.id, run.model_dump(mode="json"))
         if record.status == "unfinished":
             record.fail(reason)
 
 
 def failures_among(runs: Iterable[RunSettings], results: Results) -> dict[str, str]:
-    """Returns the errors of the runs that have failed, by their ids."""
-    found = {run.id: run_status(run, results) for run in runs}
-    return {id: each.error for id, each in found.items() if each.state == "failed"}
+    """Returns the errors of failed runs by id."""
+    statuses = {run.id: run_status(run, results) for run in runs}
+    return {id: each.error for id, each in statuses.items() if each.state == "failed"}

@@ -1,14 +1,13 @@
-"""Runs in a separate process, which ends when its parent does.
+"""Trains runs in a separate process, which ends when its parent does.
 
-`python -m jbench.training.worker` reads a request, one line of JSON as `worker_request` returns
-it, from standard input, where it has any length, and writes messages, lines of JSON, to standard
-output: multiprocessing would pickle. It ends at once when its standard input is closed. Runs of the
+`python -m jbench.training.worker` reads a request (one line of JSON, see `worker_request`) from
+standard input, and writes messages (one line of JSON each) to standard output. multiprocessing is
+not used because it pickles. The process exits when its standard input is closed. Runs of the
 batched engine differ only in their seeds; with stable-baselines3 there is one run.
 
-Messages: for a run that was begun before, {"run": id, "resumed_at": control steps, "reason":
-sentence or ""}; then for each run {"run": id} with {"control_steps": n, "episode_return": r}, and
-last {"finished": true} or {"failed": reason}, with {"held": true} if another process is training
-it.
+Messages: for a resumed run, {"run": id, "resumed_at": control steps, "reason": sentence or ""};
+then for each run {"run": id} with {"control_steps": n, "episode_return": r}, and finally
+{"finished": true} or {"failed": reason}, with {"held": true} if another process is training it.
 """
 
 import json
@@ -26,7 +25,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     line = sys.stdin.buffer.readline()
     if not line.endswith(b"\n"):
-        return 1  # the parent died while it wrote
+        return 1  # the parent died while writing
     threading.Thread(target=_end_with_parent, daemon=True).start()
     send = _sender()
     import torch
@@ -37,7 +36,7 @@ def main() -> int:
 
     torch.set_num_threads(1)
     request = json.loads(line)
-    # Records hold the command line that a person typed.
+    # Records contain the command line that the user typed.
     sys.argv = request["command"]
     runs = [RunSettings(**settings) for settings in request["runs"]]
     try:
@@ -48,8 +47,8 @@ def main() -> int:
         import traceback
 
         traceback.print_exc()
-        told = WorkError(f"{type(error).__name__}: {error}")
-        failures = dict.fromkeys((run.id for run in runs), told)
+        failure = WorkError(f"{type(error).__name__}: {error}")
+        failures = dict.fromkeys((run.id for run in runs), failure)
     results = Results(Path(request["results"]))
     for run in runs:
         send({"run": run.id, **_ended(run, results, failures.get(run.id))})
@@ -61,7 +60,7 @@ def _ended(run: Any, results: Any, failure: Exception | None) -> dict[str, Any]:
     from jbench.store.locks import HeldError
     from jbench.training.status import record_failure, run_status
 
-    # An error that ends the whole batch may come after some of its runs were finished.
+    # An error that ends the batch may occur after some of its runs were finished.
     if failure is None or run_status(run, results).state == "finished":
         return {"finished": True}
     if isinstance(failure, HeldError):
@@ -71,7 +70,7 @@ def _ended(run: Any, results: Any, failure: Exception | None) -> dict[str, Any]:
 
 
 def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any]:
-    """Trains the agents of all runs; returns the error of each that failed, by its id."""
+    """Trains all runs; returns the error of each failed run by id."""
     from jbench.store import Results
     from jbench.training.batched_run import run_batch
     from jbench.training.sb3_run import load_encoder_of, run
@@ -79,10 +78,10 @@ def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any
     results, device = Results(Path(request["results"])), request["device"]
     encoder = load_encoder_of(runs[0], results)
 
-    def tell(settings: Any, steps: int, episode_return: float | None) -> None:
+    def report(settings: Any, steps: int, episode_return: float | None) -> None:
         send({"run": settings.id, "control_steps": steps, "episode_return": episode_return})
 
-    def tell_start(settings: Any, steps: int, sentence: str) -> None:
+    def report_resumed(settings: Any, steps: int, sentence: str) -> None:
         send({"run": settings.id, "resumed_at": steps, "reason": sentence})
 
     if runs[0].engine == "batched":
@@ -92,19 +91,19 @@ def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any
             encoder,
             device=device,
             checkpoint_every=request["checkpoint_every"],
-            progress=tell,
-            notice=tell_start,
+            progress=report,
+            notice=report_resumed,
         )
     for settings in runs:
         record = results.find("run", settings.id)
         if record is not None and record.status != "finished":
-            tell_start(settings, 0, "")
-        run(settings, results, lambda steps, value: tell(settings, steps, value))  # noqa: B023
+            report_resumed(settings, 0, "")
+        run(settings, results, lambda steps, value: report(settings, steps, value))  # noqa: B023
     return {}
 
 
 def _sender() -> Any:
-    """Keeps standard output for messages: what libraries print goes to standard error."""
+    """Returns a function that writes messages to stdout; other output is redirected to stderr."""
     messages = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
 
@@ -115,7 +114,7 @@ def _sender() -> Any:
 
 
 def _end_with_parent() -> None:
-    """Ends this process at once when the parent's end of standard input is gone."""
+    """Ends this process at once when the parent closes its end of standard input."""
     while os.read(0, 1):
         pass
     os._exit(1)

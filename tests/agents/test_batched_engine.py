@@ -20,8 +20,8 @@ from jbench.names import ALGORITHMS
 from jbench.policies.saved import Policy
 from jbench.settings.algorithms import SCRIPT, algorithm_settings
 from jbench.settings.ofe import OFESettings
-from jbench.tasks import model
 from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.robots import load_model
 
 LENGTH = 30  # control steps of an episode
 SMALL = {
@@ -195,7 +195,7 @@ def test_environments_equal_the_gymnasium_environment(augment):
         [stream.environments for stream in streams],
         episode_steps=LENGTH,
         threads=2,
-        models=None if augment is None else always(model.load(augment)),
+        models=None if augment is None else always(load_model(augment)),
     ) as environments:
         np.testing.assert_array_equal(environments.observations.reshape(4, -1), seen)
         returns = np.zeros(4)
@@ -215,7 +215,7 @@ def test_environments_equal_the_gymnasium_environment(augment):
 
 
 def test_each_episode_can_have_its_own_robot():
-    robots = [model.load(1), model.load(2)]
+    robots = [load_model(1), load_model(2)]
     with engine_of("ddpg", [0, 1], models=lambda episode: robots[min(episode, 1)]) as engine:
         for _ in engine.learn(LENGTH):
             pass

@@ -1,4 +1,4 @@
-"""What the verbs print about runs."""
+"""Tables of runs."""
 
 import numpy as np
 import pyarrow as pa

@@ -1,4 +1,4 @@
-"""What a verb does when its output can't be written, or nobody reads it any more."""
+"""Commands whose output can't be written, or whose reader has closed the pipe."""
 
 import signal
 import subprocess

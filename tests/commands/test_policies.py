@@ -27,9 +27,11 @@ def test_a_policy_on_another_robot_than_its_own_is_said(augmented):
     results, run = augmented
     task = ("--task", "face_direction", "--policy", run, "--episodes", "2")
     other = succeed("evaluate", *task, results=results).stdout
-    assert f"{run} learned on augmented robot 7, and this is the plain robot" in other
-    assert "--augment 7 is its own" in other
-    assert "learned on" not in succeed("evaluate", *task, "--augment", "7", results=results).stdout
+    assert f"{run} was trained on augmented robot 7, but this is the plain robot" in other
+    assert "type --augment 7 for its robot" in other
+    assert (
+        "was trained on" not in succeed("evaluate", *task, "--augment", "7", results=results).stdout
+    )
 
 
 def test_the_rows_are_the_episodes_that_were_printed(tmp_path):
@@ -86,12 +88,23 @@ def test_a_wrong_request_gets_one_sentence_and_exit_code_2(arguments, says, tmp_
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.usefixtures("rendering")
+def test_a_trained_policy_is_rendered_in_its_own_task(augmented, tmp_path):
+    results, run = augmented  # of face_direction; move_to_pose is the default of render
+    out = ("--steps", "20", "--out", str(tmp_path / "strip.png"))
+    done = succeed("render", "--policy", run, *out, results=results)
+    assert f"render {run} face_direction" in done.stderr
+
+
 def test_a_run_of_another_task_is_refused(augmented):
     results, run = augmented
     for verb in ("evaluate", "render"):
         done = jbench(verb, "--task", "move_to_pose", "--policy", run, results=results)
         assert done.returncode == 2
-        assert "learned face_direction, not move_to_pose; type --task face_direction" in done.stderr
+        assert (
+            "was trained on face_direction, not move_to_pose; type --task face_direction"
+            in done.stderr
+        )
 
 
 def test_no_rendering_backend_names_the_package(tmp_path):

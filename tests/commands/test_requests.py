@@ -56,7 +56,7 @@ from tests.command_line import jbench
         (("train", "--robots", "0"), "Error: robots of the run can't be 0: "),
         (("evaluate", "--episodes", "0"), "Error: episodes of the evaluation can't be 0: "),
         (("train", "--evaluate-episodes", "-1"), "evaluate_episodes of the run can't be -1"),
-        (("train", "--jobs", "-1"), "type 0 for one on each core"),
+        (("train", "--jobs", "-1"), "type 0 for one per core"),
         (("collect", "--steps", "1500"), "must be a multiple, such as 2000"),
         (("collect", "--steps", "0"), "type a positive whole number"),
         (("collect", "--seed", "-1"), "type a whole number from 0 up"),
@@ -163,8 +163,8 @@ def test_the_defaults_say_within_seconds_how_long_they_take(tmp_path):
     process.kill()
     process.wait()
     assert re.match(
-        r"10 runs of 5,000,000 control steps at about \d+ steps/s each, .* at a time: about \d+ d "
-        r"\d+ h\. For less: fewer --steps .*--seeds",
+        r"10 runs with 50,000,000 control steps left at about \d+ steps/s, evaluations included, "
+        r"\d+ processes at a time: about \d+ d \d+ h\. For less: fewer --steps .*--seeds",
         line,
     )
     # What it had begun is the paper's experiment on one task.

@@ -108,7 +108,7 @@ def test_runs_that_can_not_be_read_are_named_and_the_others_listed(results, type
             "Unknown status 'done'; choose unfinished, finished or failed",
         ),
         (("runs", "--seed", "x"), "--seed x: type seeds like 0-9"),
-        (("verify", "--threads", "-1"), "-1 at a time can't be"),
+        (("verify", "--threads", "-1"), "-1 at a time is not possible"),
         (("merge",), "Missing argument 'others'"),
     ],
 )

@@ -203,7 +203,7 @@ def test_two_sweeps_at_the_same_moment_both_end_with_everything_finished(tmp_pat
         (("smoke", "--executor", "ray", "--gpus-per-task", "-1"), "type 0 or more"),
         (("smoke", "--seeds", "b"), "type seeds like 0-9"),
         (("smoke", "--steps", "none"), "type a positive whole number"),
-        (("smoke", "--jobs", "-1"), "type 0 for one on each core"),
+        (("smoke", "--jobs", "-1"), "type 0 for one per core"),
         (("smoke", "--device", "tpu"), "Unknown device 'tpu'"),
     ],
 )

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 from jbench.datasets import collect
+from jbench.settings import dataset as dataset_settings
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 
@@ -23,7 +24,7 @@ from jbench.store import Results
 collecting = importlib.import_module("jbench.datasets.collect")
 # Two short episodes in a file, so that most of the time something is being written.
 collecting._PART_EPISODES = 2
-collecting.EPISODE_STEPS = 20
+collecting.EPISODE_STEPS = dataset_settings.EPISODE_STEPS = 20
 SETTINGS = DatasetSettings(seed=3, steps=30 * 20)
 
 

@@ -14,6 +14,8 @@ from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import simulate
 from jbench.store import Results, schema
 from jbench.tasks import features, model, resets
+from jbench.tasks.rewards import reward
+from jbench.tasks.robots import load_model
 
 SEED, AUGMENT = 3, 11
 
@@ -79,7 +81,7 @@ def test_actions_and_targets_are_those_of_the_plain_robot_and_states_are_not(pla
 
 
 def test_states_are_a_simulation_of_the_augmented_robot(augmented):
-    expected, actions = resimulated(model.load(AUGMENT), 2)
+    expected, actions = resimulated(load_model(AUGMENT), 2)
     found = kept_state(augmented)
     for name in ("position", "velocity", "motor_velocity", "torso_velocity"):
         np.testing.assert_allclose(
@@ -90,7 +92,7 @@ def test_states_are_a_simulation_of_the_augmented_robot(augmented):
     np.testing.assert_array_equal(block.actions, actions)
     place = np.broadcast_to([0, 0, model.REST_HEIGHT], (2, 1001, 3))
     origin = features.Target(place, np.zeros((2, 1001)))
-    rewards = features.reward("move_from_origin", expected, origin)[:, 1:]
+    rewards = reward("move_from_origin", expected, origin)[:, 1:]
     np.testing.assert_allclose(block.rewards, rewards, atol=1e-5)
 
 

@@ -13,6 +13,7 @@ from jbench.tasks import model as robot
 from jbench.tasks.features import TARGET_HEIGHT
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.resets import draw_quaternion, draw_target
+from jbench.tasks.robots import load_model
 
 SIZES = dict(zip(TASKS, (15, 16, 19, 18, 19), strict=True))
 COLUMNS = (
@@ -77,7 +78,7 @@ def test_actions_are_uniform_and_independent(steps):
 
 
 def test_recorded_actions_lead_to_the_recorded_states(steps):
-    model = robot.load()
+    model = load_model()
     (data, _), seen = drawn(model, 5), []
     for action in [*steps["action"][5, :-1], None]:
         seen.append([*data.qpos[:7], *data.qvel[:6], data.qpos[15], data.qvel[14]])
@@ -136,7 +137,7 @@ def test_targets_lie_within_the_task_s_range(task, targets):
 
 @EVERY_TASK
 def test_targets_are_those_that_the_task_draws(task, targets):
-    model = robot.load()
+    model = load_model()
     for episode in range(6):
         _, expected = drawn(model, episode)
         x, y, height = expected[task].position

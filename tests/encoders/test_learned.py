@@ -5,7 +5,8 @@ import pytest
 import torch
 from torch.distributions import Independent, MultivariateNormal, Normal, kl_divergence
 
-from jbench.encoders.kind import Batch, Learned, glorot
+from jbench.encoders.batch import Batch
+from jbench.encoders.kind import Learned, glorot
 from jbench.encoders.kinds.ae import Autoencoder
 from jbench.encoders.kinds.dae import DenoisingAutoencoder
 from jbench.encoders.kinds.ddae import DynamicDenoisingAutoencoder

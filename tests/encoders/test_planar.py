@@ -14,6 +14,7 @@ from jbench.encoders.scaling import Scaling
 from jbench.names import TASKS
 from jbench.tasks import features, model
 from jbench.tasks.features import State, Target
+from jbench.tasks.robots import load_model
 
 KIND = PlanarReduction()
 OFFSET = np.array([0.001, -0.002, 0.004])  # centre of mass of the torso (m)
@@ -227,7 +228,7 @@ def next_numbers(physics, angle, shift):
 )
 def test_physics_does_not_depend_on_place_and_heading(cone, angle):
     # A pyramid of friction lies along the axes of the world: it is the same after quarter turns.
-    physics = model.load()
+    physics = load_model()
     physics.opt.cone = getattr(mujoco.mjtCone, f"mjCONE_{cone}")
     at_home = next_numbers(physics, 0.0, np.zeros(3))
     elsewhere = next_numbers(physics, angle, np.array([0.3, -0.2, 0.0]))

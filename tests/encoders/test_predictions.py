@@ -11,7 +11,7 @@ from jbench.commands.display import show_encoders
 from jbench.commands.output import Output
 from jbench.datasets import collect, find_dataset
 from jbench.encoders import load_encoder
-from jbench.encoders.kind import Batch
+from jbench.encoders.batch import Batch
 from jbench.encoders.kinds.contrastive import Contrastive
 from jbench.encoders.kinds.dmd import DynamicModes
 from jbench.encoders.kinds.forward import ForwardModel, angle_periods, changes_of
@@ -24,7 +24,7 @@ from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import Shard, States
 from jbench.errors import RequestError
 from jbench.settings.dataset import DatasetSettings
-from jbench.store import Results, schema
+from jbench.store import Results, encoder_schema, schema
 from jbench.store.query import load
 from tests.encoders.encoder_data import observations_of
 from tests.encoders.test_training import rows, train
@@ -247,7 +247,7 @@ def test_dmd_recovers_the_order_of_a_linear_system_in_any_units(order):
 def test_an_encoder_with_more_latents_than_features_is_saved_and_evaluated(trained, results):
     record = train(trained.states, results, "random-features", 64)
     assert load_encoder(results, record.id)[0].latent_size == 64
-    (errors,) = record.read("encoder_errors", schema.ENCODER_ERRORS).to_pylist()
+    (errors,) = record.read("encoder_errors", encoder_schema.ENCODER_ERRORS).to_pylist()
     assert errors["pca_explained"] == pytest.approx(1, abs=1e-5)
     assert len(rows(record, "encoder_predictions")) == len(TARGETS)
 

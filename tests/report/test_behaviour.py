@@ -1,4 +1,4 @@
-"""Figures 4 and 5 show the states that were kept, and only those."""
+"""Figures 4 and 5 show the saved states, and only those."""
 
 import math
 
@@ -88,4 +88,4 @@ def test_an_evaluation_with_impossible_settings_is_named(tmp_path):
     record.finish({"median": 1.0})
     found, (problem,) = behaviour.behaviours(results)
     assert found == []
-    assert "The evaluation a/b has settings that can't be" in problem
+    assert "The evaluation a/b has invalid settings" in problem

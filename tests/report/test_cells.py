@@ -1,4 +1,4 @@
-"""Which runs belong together, and what is said about them."""
+"""Grouping of runs into cells, and notes on them."""
 
 import numpy as np
 import pyarrow as pa

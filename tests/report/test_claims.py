@@ -106,4 +106,4 @@ def test_a_ratio_needs_as_many_seeds_as_its_logarithm_says():
         "undecided",
         SeedsNeeded(99, "80% power"),
     )
-    assert statistics.LEAST_SEEDS == 3
+    assert statistics.MIN_SEEDS == 3

@@ -65,14 +65,14 @@ def test_cells_count_them_and_say_how_they_are_treated(fabric):
         else:
             fabric.run(FLAT, seed, evaluated=LAST)
     fabric.run(FLAT[:5], 0, algo="sac", status="failed", steps=40_000)
-    made_of = gather(fabric.results, Request(claims=True))
-    document = contents.document(made_of)
-    td3 = made_of.table[made_of.table["algo"] == "td3"].iloc[0]
+    data = gather(fabric.results, Request(claims=True))
+    document = contents.document(data)
+    td3 = data.table[data.table["algo"] == "td3"].iloc[0]
     assert (td3["seeds"], td3["diverged"]) == (10, 2)
     assert (
         "2 of 10 diverged (seed 3 after 5,000 control steps, update 7, critic_loss, seed 7 after "
         "5,000 control steps, update 7, critic_loss): from its divergence on, a seed counts with "
-        "return 0, the least possible"
+        "return 0, the minimum"
     ) in td3["notes"]
     assert "seed 3 failed" not in td3["notes"]
     assert "Of all runs, 1 failed and 2 diverged." in document.summary[0]

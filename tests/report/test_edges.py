@@ -1,4 +1,4 @@
-"""Honest at the edges: what is odd is shown for what it is, and none crashes."""
+"""Unusual results are reported correctly, and nothing crashes."""
 
 import json
 import math
@@ -20,14 +20,14 @@ FLAT = np.full(40, 500.0)
 
 
 class Reported:
-    """A report that is not written to any file: what it is made of, and what it says."""
+    """Data and summary of a report that is not written to files."""
 
     def __init__(self, fabric):
-        self.made_of = gather(fabric.results, ALL)
-        self.document = contents.document(self.made_of)
-        self.rows = self.made_of.table.to_dict("records")
+        self.data = gather(fabric.results, ALL)
+        self.document = contents.document(self.data)
+        self.rows = self.data.table.to_dict("records")
         self.summary = " ".join(self.document.summary)
-        (view,) = self.made_of.views  # none of these runs has evaluations
+        (view,) = self.data.views  # none of these runs has evaluations
         frame = statistics_frame(view.statistics)
         self.statistics = frame.set_index(["measure", "statistic"])
 
@@ -36,7 +36,7 @@ class Reported:
         return files.to_markdown(found)
 
     def findings(self, claim):
-        return [f for f in self.made_of.findings if (f.claim, f.source) == (claim, "ours")]
+        return [f for f in self.data.findings if (f.claim, f.source) == (claim, "ours")]
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -50,7 +50,7 @@ def test_one_and_two_seeds_have_no_interval_no_band_and_no_verdict(fabric, count
     assert report.statistics["low"].isna().all()
     (solved,) = report.findings("g")
     assert (solved.verdict, solved.seeds, solved.seeds_needed) == ("undecided", count, None)
-    assert "that is not sure" in report.summary
+    assert "but uncertain" in report.summary
 
 
 @pytest.mark.parametrize(("count", "verdict"), [(5, "undecided"), (6, "supported")])
@@ -60,7 +60,7 @@ def test_five_seeds_decide_nothing_and_six_may(fabric, count, verdict):
     report = Reported(fabric)
     (solved,) = report.findings("g")
     assert solved.verdict == verdict
-    assert ("that is not sure" in report.summary) == (count == 5)
+    assert ("but uncertain" in report.summary) == (count == 5)
 
 
 def test_unequal_lengths_are_named_and_what_is_compared_is_said(fabric):
@@ -112,7 +112,7 @@ def test_a_cell_in_one_representation_only_has_no_ratio_and_no_comparison(fabric
     for seed in range(3):
         fabric.run(FLAT, seed, representation="dae12")
     report = Reported(fabric)
-    assert report.made_of.comparisons == []
+    assert report.data.comparisons == []
     assert not report.findings("a")
     assert not any("ratio" in statistic for _, statistic in report.statistics.index)
     assert "| TD3 | dae12 | 40k | 500" in report.table("final_returns")
@@ -138,7 +138,7 @@ def test_augmented_robots_are_cells_of_their_own_and_test_no_claim(fabric):
     # Of the three, only the cell on the plain robot.
     assert len(report.findings("g")) == 1
     told = [row["notes"] for row in report.rows]
-    assert sum("learned on 2 augmented robots in turn" in notes for notes in told) == 1
+    assert sum("trained on 2 augmented robots in sequence" in notes for notes in told) == 1
 
 
 def test_two_engines_are_two_variants(fabric):
@@ -150,7 +150,7 @@ def test_two_engines_are_two_variants(fabric):
         ("engine=batched", 3),
         ("engine=sb3", 3),
     ]
-    (one,) = report.made_of.comparisons
+    (one,) = report.data.comparisons
     assert {one.ours.settings.engine, one.theirs.settings.engine} == {"sb3", "batched"}
 
 

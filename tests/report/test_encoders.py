@@ -11,7 +11,7 @@ from jbench.errors import RequestError
 from jbench.names import OFE
 from jbench.report import Request, write_report
 from jbench.report.figures import encoders
-from jbench.store import Results, query, schema
+from jbench.store import Results, encoder_schema, query
 
 TOLD = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3, "random_heuristic": 0.2}
 
@@ -31,7 +31,7 @@ def add(results, kind, latents, explained, *, task="face_direction", seed=0, **m
         **{f"{name}_explained": value for name, value in TOLD.items()},
         **more,
     }
-    record.append({"encoder_errors": pa.Table.from_pylist([row], schema.ENCODER_ERRORS)})
+    record.append({"encoder_errors": pa.Table.from_pylist([row], encoder_schema.ENCODER_ERRORS)})
     record.finish({"test_mse": 1 - explained})
     return record
 
@@ -149,7 +149,9 @@ def add_predictions(record, yaw_rate, rank):
         {"encoder": record.id, "target": target, "r2": value, "effective_rank": rank}
         for target, value in r2.items()
     ]
-    record.append({"encoder_predictions": pa.Table.from_pylist(rows, schema.ENCODER_PREDICTIONS)})
+    record.append(
+        {"encoder_predictions": pa.Table.from_pylist(rows, encoder_schema.ENCODER_PREDICTIONS)}
+    )
     record.finish({"effective_rank": rank})
 
 
@@ -171,6 +173,6 @@ def test_predictions_are_drawn_beside_the_errors_where_they_were_measured(result
     np.testing.assert_allclose(heights, [0.4, 0, 0.5, np.nan])
     write_report(results, tmp_path / "report")
     page = (tmp_path / "report" / "index.html").read_text()
-    assert "What latents tell of the next control step" in page
+    assert "Prediction of the next control step from latents" in page
     assert "R² of yaw rate" in page
     assert ">nan<" not in page

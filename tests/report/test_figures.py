@@ -222,14 +222,15 @@ class TestGrid:
         assert "Order: smooth-first, a moving average per seed, then quantiles" in text
         assert "Window: 4 episodes" in text
         assert (
-            "10th\N{EN DASH}90th percentile across seeds: spread, not a confidence interval" in text
+            "10th\N{EN DASH}90th percentile across seeds (spread, not a confidence interval)"
+            in text
         )
         assert "PPO" not in text
         assert "Order: quantile-first" in grid().caption
 
     def test_the_notes_warn_of_the_papers_steps_of_ppo(self, fabric, grid):
         seeds(fabric, 1, algo="ppo", environments=8)
-        assert "probably per environment, of which there were 8" in grid().caption
+        assert "probably those of one of 8 environments" in grid().caption
 
     def test_a_run_of_one_point_shows(self, fabric, grid):
         seeds(fabric, 1, returns=[300])

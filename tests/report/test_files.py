@@ -1,4 +1,4 @@
-"""A report from a results directory to its files."""
+"""Files of a report."""
 
 import csv
 import html

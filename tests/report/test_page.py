@@ -220,8 +220,8 @@ class TestDrawing:
         # Three lines of 30 points, and a band of 30 above and 30 below.
         figure = made.curves_figure()
         assert figure.corners == 3 * 30 + 2 * 30
-        assert "<image" not in vector.element(figure, "a-", "", most=150).svg
-        assert vector.element(figure, "a-", "", most=149).svg.count("<image") >= 1
+        assert "<image" not in vector.element(figure, "a-", "", max_points=150).svg
+        assert vector.element(figure, "a-", "", max_points=149).svg.count("<image") >= 1
 
 
 class TestColors:

@@ -1,4 +1,4 @@
-"""The paper's curves say what medians and bands can say, and no more."""
+"""Verdicts on the paper's curves are limited to what medians and bands can show."""
 
 import numpy as np
 import pytest

@@ -87,7 +87,7 @@ def test_a_figure_compares_at_the_step_of_most_cells_and_names_what_is_short(fab
     assert [cell.representation for cell in group.short] == ["random12"]
     points = {point.cell.representation: point for point in group.points}
     assert {*points} == {*FINALS}
-    assert (points["planar12"].latents, points["full"].latents) == (12, None)
+    assert (points["planar12"].numbers, points["full"].numbers) == (12, None)
     # 6 of 8 seeds are left between the quarters; symmetric about 800.
     assert points["planar12"].estimate.value == pytest.approx(800)
     figure = reduction_figure([group])

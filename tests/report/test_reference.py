@@ -63,8 +63,8 @@ BANDS = {
         ("td3", 100_000, "batched", "float32", 6),
         ("td3", 100_000, "batched", "bfloat16", 4),
         ("td3", 100_000, "sb3", "float32", 4),
-        ("sac", 100_000, "batched", "float32", 5),
-        ("sac", 100_000, "sb3", "float32", 3),
+        ("sac", 100_000, "batched", "float32", 6),
+        ("sac", 100_000, "sb3", "float32", 4),
         ("ddpg", 300_000, "batched", "float32", 4),
     ],
 )

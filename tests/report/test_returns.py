@@ -22,8 +22,8 @@ def evaluated(last):
     return {**RISING, 40_000: last}
 
 
-def table(made_of, name):
-    (found,) = [t for t in contents.tables(contents.document(made_of)) if t.name == name]
+def table(data, name):
+    (found,) = [t for t in contents.tables(contents.document(data)) if t.name == name]
     return found
 
 
@@ -101,18 +101,18 @@ class TestClaims:
     def test_they_are_asked_of_both_and_what_differs_is_said(self, fabric):
         for seed in range(6):
             fabric.run(FLAT + seed, seed, evaluated=evaluated(950.0 + seed))
-        made_of = gather(fabric.results, Request(claims=True, formats=("svg",)))
-        ours = {f.returns: f for f in made_of.findings if (f.claim, f.source) == ("g", "ours")}
+        data = gather(fabric.results, Request(claims=True, formats=("svg",)))
+        ours = {f.returns: f for f in data.findings if (f.claim, f.source) == ("g", "ours")}
         assert {kind: f.verdict for kind, f in ours.items()} == {
             "evaluation": "supported",
             "training": "contradicted",
         }
-        said = contents.document(made_of).summary
+        said = contents.document(data).summary
         (solved,) = [s for s in said if "disagree on whether 900 is reached" in s]
         assert "face_direction TD3 full (evaluation 952" in solved
         (claim,) = [s for s in said if "disagree on (g)" in s]
         assert "supported by evaluation returns, contradicted by training returns" in claim
-        frame = table(made_of, "verdicts").frame
+        frame = table(data, "verdicts").frame
         assert frame[frame["runs"] == "ours"]["returns"].tolist() == ["evaluation", "training"]
 
     def test_where_both_agree_nothing_is_said(self, fabric):
@@ -126,12 +126,12 @@ class TestClaims:
             fabric.run(np.full(40, final), seed)
             fabric.run(FLAT, seed, algo="sac", evaluated=evaluated(400.0 + seed))
         request = Request(claims=True)
-        made_of = gather(fabric.results, request)
+        data = gather(fabric.results, request)
         needed = {f.compared.split()[1]: f.seeds_needed for f in examine(fabric.cells()[0])}
         # Of TD3 the median lies 100 below 900, with a large spread; of SAC all are alike.
         assert needed["td3"].rule == "80% power"
         assert needed["td3"].seeds > 6
-        rows = files.to_markdown(table(made_of, "claims"))
+        rows = files.to_markdown(table(data, "claims"))
         assert f"{needed['td3'].seeds} (80% power)" in rows
         # Evaluated at 400, 401 and 402: 900 is so far that power asks for fewer than six.
         assert "6 (six-seed rule)" in rows
@@ -194,8 +194,8 @@ class TestLengths:
         fabric.run(FLAT, algo="sac")
         fabric.run(np.full(30, 500.0), algo="td3", status="unfinished", steps=99_000)
         fabric.run(np.full(300, 500.0), 1, algo="td3")
-        made_of = gather(fabric.results, Request())
+        data = gather(fabric.results, Request())
         for name in ("final_returns", "statistics"):
-            column = table(made_of, name).frame["control steps"]
+            column = table(data, name).frame["control steps"]
             assert [value.text for value in column] == ["40k", "30k\N{EN DASH}300k"]
             assert column[1].data == {"least": 30_000, "most": 300_000}

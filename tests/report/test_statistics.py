@@ -108,7 +108,7 @@ def test_steps_to_a_threshold_keep_seeds_that_never_reach_it():
 def test_seeds_to_decide():
     # An effect of one standard error needs (1.96 + 0.8416)^2 = 7.85 times the seeds.
     assert st.seeds_to_decide(1.0, 1.0, 10) == 79
-    assert st.seeds_to_decide(10.0, 1.0, 10) == st.LEAST_SEEDS
+    assert st.seeds_to_decide(10.0, 1.0, 10) == st.MIN_SEEDS
     assert st.seeds_to_decide(0.0, 1.0, 10) is None
     # 10 * (2.8 / 1e-300) ** 2 is no number of seeds.
     assert st.seeds_to_decide(1e-300, 1.0, 10) is None

@@ -87,7 +87,7 @@ def test_two_sides_are_compared_and_the_report_is_left_alone(filled, capsys):
     [
         (("--compare", "a=1", "engine=cpu"), "No run has a setting 'a'"),
         (("--since", "now"), "--since now: type a date"),
-        (("--format", "gif"), "There is no format 'gif'"),
+        (("--format", "gif"), "Unknown format 'gif'"),
         (("--columns", "3"), "--columns 3: type 1 or 2"),
         (("--window", "0"), "A window of 0 episodes"),
         (("--returns", "all"), "Unknown value of --returns 'all'; choose evaluation or training."),

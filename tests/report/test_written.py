@@ -1,4 +1,4 @@
-"""Files of an earlier report go; what someone else put there stays."""
+"""Files of an earlier report are removed; those of other programs are kept."""
 
 import json
 

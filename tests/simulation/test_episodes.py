@@ -9,13 +9,14 @@ import pytest
 from jbench.simulation import simulate
 from jbench.tasks import model as robot
 from jbench.tasks.resets import draw_quaternion
+from jbench.tasks.robots import load_model
 
 EPISODES, STEPS = 5, 25
 
 
 @pytest.fixture(scope="module")
 def model():
-    return robot.load()
+    return load_model()
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,7 @@ def test_nothing_of_an_earlier_episode_is_left_on_a_thread(model, given):
 
 
 def test_two_models_on_the_same_threads_do_not_mix(model, given):
-    other = robot.load()
+    other = load_model()
     other.opt.gravity[2] *= 2
     other.qpos0[robot.MOTOR] = 1  # where its motor begins
     models = (model, other)

@@ -6,11 +6,12 @@ import pytest
 
 from jbench.simulation import Robots
 from jbench.tasks import model, resets
+from jbench.tasks.robots import load_model
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return model.load()
+    return load_model()
 
 
 def poses(count, seed=1):
@@ -60,7 +61,7 @@ def test_robots_equal_a_plain_loop(robot, threads):
 
 
 def test_each_robot_may_have_a_model_of_its_own(robot):
-    models = [robot, model.load(augment=3), model.load(augment=4), robot]
+    models = [robot, load_model(augment=3), load_model(augment=4), robot]
     actions = commands(20, 4)
     with Robots(models, 4, 2) as robots:
         robots.reset(poses(4))

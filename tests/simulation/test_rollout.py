@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from jbench.simulation import Robots, rollout
-from jbench.tasks import model, resets
+from jbench.tasks import resets
 from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.robots import load_model
 
 TASK, STEPS = "move_to_pose", 30
 
@@ -18,7 +19,7 @@ def act(observations):
 @pytest.fixture
 def steps():
     starts = resets.draw_starts(TASK, map(np.random.default_rng, (4, 5)))
-    with Robots(model.load(), 2, threads=1) as robots:
+    with Robots(load_model(), 2, threads=1) as robots:
         transitions = rollout(TASK, robots, starts, act)
         return [next(transitions) for _ in range(STEPS)]
 

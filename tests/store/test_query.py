@@ -6,7 +6,7 @@ import pyarrow as pa
 import pytest
 
 from jbench.settings.alike import variant
-from jbench.store import query, schema
+from jbench.store import encoder_schema, query
 from tests.store.store_rows import RUN_SETTINGS, add_run, alter_manifest, listed, manifest_of
 
 ERRORS = (
@@ -52,7 +52,7 @@ def add_encoder(results, id=ENCODER, test_mse=(0.5, 0.25)):
         {"encoder": id, "epoch": epoch, "train_loss": 2 * mse, "test_mse": mse, "wall_time": 1.0}
         for epoch, mse in enumerate(test_mse, 1)
     ]
-    record.append({"encoder_epochs": pa.Table.from_pylist(rows, schema.ENCODER_EPOCHS)})
+    record.append({"encoder_epochs": pa.Table.from_pylist(rows, encoder_schema.ENCODER_EPOCHS)})
     record.finish({"test_mse": test_mse[-1], "wall_time": 9.0})
     return record
 

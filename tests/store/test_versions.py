@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from jbench.errors import WorkError
-from jbench.store import Results, query, schema
+from jbench.store import Results, encoder_schema, query, schema
 from jbench.store.manifest import OLDEST_SCHEMA_VERSION, SCHEMA_VERSION
 from jbench.store.merge import merge
 from jbench.store.verify import verify
@@ -49,7 +49,9 @@ def test_column_that_has_another_name_now_is_found_under_it(old):
 
 
 def test_what_was_not_measured_then_is_null_now(old):
-    (row,) = only(old, "encoder").read("encoder_features", schema.ENCODER_FEATURES).to_pylist()
+    (row,) = (
+        only(old, "encoder").read("encoder_features", encoder_schema.ENCODER_FEATURES).to_pylist()
+    )
     assert (row["feature"], row["test_mse"], row["test_variance"]) == ("position_x", 0.25, 1.0)
     assert {name for name, value in row.items() if value is None} == {
         *("pca_mse", "random_mse", "heuristic_mse", "heuristic_variance"),
@@ -86,4 +88,4 @@ def test_column_missing_from_a_record_of_today_is_still_damage(old):
     encoder = only(old, "encoder")
     alter_manifest(encoder, schema_version=SCHEMA_VERSION)
     with pytest.raises(WorkError, match="it has no column train_loss: another version"):
-        only(old, "encoder").read("encoder_epochs", schema.ENCODER_EPOCHS)
+        only(old, "encoder").read("encoder_epochs", encoder_schema.ENCODER_EPOCHS)

@@ -1,4 +1,4 @@
-"""What a file of TOML asks for, and what is said where it can't be."""
+"""Matrices read from TOML files, and messages for invalid ones."""
 
 import inspect
 import re
@@ -338,5 +338,5 @@ def test_a_matrix_that_is_not_there_is_named(tmp_path):
     with pytest.raises(RequestError, match=r"gone\.toml can't be read \(No such file"):
         read_matrix(str(tmp_path / "gone.toml"))
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(RequestError, match=r"bytes\.toml can't be read \(it is no text"):
+    with pytest.raises(RequestError, match=r"bytes\.toml can't be read \(it is not text"):
         read_matrix(str(tmp_path / "bytes.toml"))

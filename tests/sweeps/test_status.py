@@ -1,4 +1,4 @@
-"""How far the runs of a matrix are, and how long the rest takes, against numbers worked by hand."""
+"""Status of a matrix and time left, against numbers worked out by hand."""
 
 import pyarrow as pa
 import pytest
@@ -8,7 +8,7 @@ from jbench.sweeps.cell_status import cell_statuses, seconds_left
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.training.status import (
     failures_among,
-    is_elsewhere,
+    is_being_trained,
     record_failure,
     run_status,
 )
@@ -123,9 +123,9 @@ def test_a_failure_is_recorded_once_and_of_no_finished_run(results, cell):
     for run in (finished, failed, new):
         record_failure(run, results, "another reason")
     with results.record("run", held.id).lock():
-        assert is_elsewhere(held, results)
+        assert is_being_trained(held, results)
         record_failure(held, results, "another reason")
-    assert not is_elsewhere(held, results)
+    assert not is_being_trained(held, results)
     assert [run_status(run, results)[::2] for run in cell.runs] == [
         ("finished", ""),
         ("failed", "the first reason"),

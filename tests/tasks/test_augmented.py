@@ -11,6 +11,7 @@ from jbench.errors import WorkError
 from jbench.names import PHYSICS_STEPS
 from jbench.tasks import augmented, model
 from jbench.tasks.augmented import LEGS, Morphology
+from jbench.tasks.robots import load_model
 
 NONE = (0.0, 0.0, 0.0)
 EVERY_LEG = pytest.mark.parametrize("leg", LEGS)
@@ -40,7 +41,7 @@ def only(leg, shift):
 
 @pytest.fixture(scope="module")
 def plain():
-    return model.load()
+    return load_model()
 
 
 @pytest.fixture(scope="module")

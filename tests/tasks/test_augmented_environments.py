@@ -12,11 +12,12 @@ from jbench.names import TASKS
 from jbench.registration import environment_id
 from jbench.tasks import augmented, model
 from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.robots import load_model
 
 
 @pytest.fixture(scope="module")
 def plain():
-    return model.load()
+    return load_model()
 
 
 def bits(robot):
@@ -39,7 +40,7 @@ def final_positions(env, steps=50):
     [
         augmented.draw,
         augmented.augmented_model,
-        model.load,
+        load_model,
         lambda seed: JitterbugEnv("face_direction", augment=seed),
         lambda seed: gymnasium.make("AugmentedJitterbug/MoveToPose-v0", augment=seed),
         lambda seed: suite.load("augmented_jitterbug", "move_to_pose", {"augment": seed}),
@@ -54,13 +55,13 @@ def test_negative_seed_is_refused_in_one_sentence(make):
 
 def test_plain_robots_masses_do_not_vary():
     with pytest.raises(ValueError, match="give its seed"):
-        model.load(vary_masses=True)
+        load_model(vary_masses=True)
 
 
 def test_loaded_model_is_that_of_the_seed(plain):
-    assert bits(model.load(2)) == bits(augmented.augmented_model(2))
-    assert np.abs(model.load(2).geom_pos - plain.geom_pos).max() > 1e-3
-    assert bits(model.load()) == bits(plain)
+    assert bits(load_model(2)) == bits(augmented.augmented_model(2))
+    assert np.abs(load_model(2).geom_pos - plain.geom_pos).max() > 1e-3
+    assert bits(load_model()) == bits(plain)
 
 
 def test_suite_lists_the_domains_tasks_beside_the_plain_ones():

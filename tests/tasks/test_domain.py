@@ -9,7 +9,7 @@ from dm_control import suite
 from dm_env import specs
 
 from jbench.names import TASKS
-from jbench.tasks import features, model
+from jbench.tasks import features, model, rewards
 from jbench.tasks.features import Target
 
 COMMON = {"position": 7, "velocity": 6, "motor_position": 1, "motor_velocity": 1}
@@ -116,7 +116,7 @@ def test_reward_is_that_of_the_state_at_the_end_of_the_step(task):
     env = load(task, random=4)
     time_step = roll_out(env, 30)[-1]
     state, target = env.physics.robot_state(), env.physics.target()
-    assert time_step.reward == features.reward(task, state, target)
+    assert time_step.reward == rewards.reward(task, state, target)
     np.testing.assert_array_equal(flat(time_step), features.observation(task, state, target))
 
 

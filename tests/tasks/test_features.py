@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
 from jbench.tasks import features, model
+from jbench.tasks.robots import load_model
 from tests.tasks.robot_states import (
     REST,
     convert,
@@ -165,7 +166,7 @@ def test_velocity_of_centre_of_mass_by_hand(yaw, velocity):
 
 @given(quaternions(), vectors(6, 35.0))
 def test_velocity_of_centre_of_mass_is_mujocos_sensor(quaternion, velocity):
-    robot = model.load()
+    robot = load_model()
     data = mujoco.MjData(robot)
     model.place(data, quaternion)
     data.qvel[:6] = velocity

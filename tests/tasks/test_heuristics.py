@@ -5,8 +5,10 @@ import pytest
 
 from jbench.names import TASKS
 from jbench.simulation import Robots
-from jbench.tasks import features, model, resets
+from jbench.tasks import features, resets
 from jbench.tasks.heuristics import heuristic
+from jbench.tasks.rewards import reward
+from jbench.tasks.robots import load_model
 
 # What changes its sign in a mirror that swaps left and right (the robot faces -y).
 MIRROR = {
@@ -80,9 +82,9 @@ def test_the_task_is_done(task):
     policy = heuristic(task)
     policy.reset(6)
     rewards = []
-    with Robots(model.load(), 6, threads=2) as robots:
+    with Robots(load_model(), 6, threads=2) as robots:
         state = robots.reset(np.array([resets.draw_quaternion(random) for _ in range(6)]))
         for _ in range(steps):
             state = robots.step(policy.act(features.observation(task, state, target))[:, 0])
-            rewards.append(features.reward(task, state, target))
+            rewards.append(reward(task, state, target))
     assert np.median(np.mean(rewards[-50:], axis=0)) > least

@@ -6,6 +6,7 @@ import pytest
 
 from jbench.names import PHYSICS_STEPS
 from jbench.tasks import model
+from jbench.tasks.robots import load_model
 
 MASSES = {
     "jitterbug": 0.00499303,
@@ -63,7 +64,7 @@ SOLIDS = {
 
 @pytest.fixture(scope="module")
 def robot():
-    return model.load()
+    return load_model()
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
-from jbench.tasks import features
+from jbench.tasks import rewards
 from jbench.tasks.features import Target
 from tests.tasks.robot_states import (
     convert,
@@ -57,10 +57,10 @@ def test_terms_are_dm_controls_tolerances(kind, state, goal):
     expected = expected_terms(state, goal)
     state, goal = convert(state, kind), convert(goal, kind)
     found = {
-        "upright": features.upright_reward(state),
-        "near": features.near_reward(state, goal),
-        "heading": features.heading_reward(state, goal),
-        "speed": features.speed_reward(state, goal),
+        "upright": rewards.upright_reward(state),
+        "near": rewards.near_reward(state, goal),
+        "heading": rewards.heading_reward(state, goal),
+        "speed": rewards.speed_reward(state, goal),
     }
     assert {name: float(value) for name, value in found.items()} == pytest.approx(
         {name: expected[name] for name in found}, abs=1e-12
@@ -73,7 +73,7 @@ def test_terms_are_dm_controls_tolerances(kind, state, goal):
 def test_reward_is_the_product_of_its_terms(task, kind, state, goal):
     terms = expected_terms(state, goal)
     expected = math.prod(terms[name] for name in PRODUCTS[task])
-    found = float(features.reward(task, convert(state, kind), convert(goal, kind)))
+    found = float(rewards.reward(task, convert(state, kind), convert(goal, kind)))
     assert found == pytest.approx(expected, abs=1e-12)
     assert 0 <= found <= 1
 
@@ -88,12 +88,12 @@ def test_upright_by_hand(degrees, axis, reward):
     quaternion = [math.cos(math.radians(degrees / 2)), 0, 0, 0]
     quaternion[axis] = math.sin(math.radians(degrees / 2))
     tilted = rest(position=[0, 0, 0.035, *quaternion])
-    assert features.upright_reward(tilted) == pytest.approx(reward, rel=1e-12)
+    assert rewards.upright_reward(tilted) == pytest.approx(reward, rel=1e-12)
 
 
 @pytest.mark.parametrize("yaw", [0.3, PI / 2, PI, 5])
 def test_turning_on_the_spot_stays_upright(yaw):
-    assert features.upright_reward(turned(yaw)) == 1
+    assert rewards.upright_reward(turned(yaw)) == 1
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_turning_on_the_spot_stays_upright(yaw):
     ],
 )
 def test_near_by_hand(place, reward):
-    assert features.near_reward(rest(), target(*place)) == pytest.approx(reward, rel=1e-12)
+    assert rewards.near_reward(rest(), target(*place)) == pytest.approx(reward, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_near_by_hand(place, reward):
     ],
 )
 def test_heading_by_hand(yaw, reward):
-    assert features.heading_reward(rest(), target(yaw=yaw)) == pytest.approx(reward, abs=1e-15)
+    assert rewards.heading_reward(rest(), target(yaw=yaw)) == pytest.approx(reward, abs=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_heading_by_hand(yaw, reward):
     ],
 )
 def test_speed_by_hand(velocity, yaw, reward):
-    found = features.speed_reward(rest(torso_velocity=velocity), target(yaw=yaw))
+    found = rewards.speed_reward(rest(torso_velocity=velocity), target(yaw=yaw))
     assert found == pytest.approx(reward, abs=1e-15)
 
 
@@ -163,20 +163,20 @@ def test_reward_by_hand(task, goal, reward, degrees, upright):
     # Rolled about y, the axis along which it looks: the heading keeps.
     position = [0, 0, 0.035, math.cos(half), 0, math.sin(half), 0]
     state = rest(position=position, torso_velocity=[0.03, 0, 0])
-    assert features.reward(task, state, goal) == pytest.approx(reward * upright, rel=1e-12)
+    assert rewards.reward(task, state, goal) == pytest.approx(reward * upright, rel=1e-12)
 
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
 def test_reward_of_many_robots_is_that_of_each(task, kind):
     many, goals = (convert(part, kind) for part in random_states((2, 3)))
-    together = features.reward(task, many, goals)
+    together = rewards.reward(task, many, goals)
     assert tuple(together.shape) == (2, 3)
     assert len(np.unique(together)) > 1
     for index in np.ndindex(2, 3):
         one, goal = (type(part)(*(a[index] for a in part)) for part in (many, goals))
         assert float(together[index]) == pytest.approx(
-            float(features.reward(task, one, goal)), abs=1e-15
+            float(rewards.reward(task, one, goal)), abs=1e-15
         )
 
 
@@ -186,7 +186,7 @@ def test_one_target_serves_many_robots(task):
     goal = target(0.1, 0.05, yaw=1.0)
     repeated = Target(*(np.broadcast_to(a, (20, *a.shape)) for a in goal))
     np.testing.assert_array_equal(
-        features.reward(task, many, goal), features.reward(task, many, repeated)
+        rewards.reward(task, many, goal), rewards.reward(task, many, repeated)
     )
 
 
@@ -194,14 +194,14 @@ def test_one_target_serves_many_robots(task):
 def test_many_targets_serve_one_robot(task):
     state, _ = random_states(())
     _, goals = random_states((20,), seed=1)
-    each = [features.reward(task, state, Target(*pair)) for pair in zip(*goals, strict=True)]
-    np.testing.assert_allclose(features.reward(task, state, goals), each, atol=1e-15)
+    each = [rewards.reward(task, state, Target(*pair)) for pair in zip(*goals, strict=True)]
+    np.testing.assert_allclose(rewards.reward(task, state, goals), each, atol=1e-15)
 
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
 def test_reward_of_single_precision_stays_single(task, kind):
     many, goals = random_states((20,))
-    single = features.reward(task, *(convert(part, kind, "float32") for part in (many, goals)))
+    single = rewards.reward(task, *(convert(part, kind, "float32") for part in (many, goals)))
     assert str(single.dtype).endswith("float32")
-    np.testing.assert_allclose(single, features.reward(task, many, goals), atol=1e-5)
+    np.testing.assert_allclose(single, rewards.reward(task, many, goals), atol=1e-5)

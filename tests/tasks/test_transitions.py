@@ -7,6 +7,7 @@ from dm_control import suite
 
 from jbench.names import PHYSICS_STEPS
 from jbench.tasks import model
+from jbench.tasks.robots import load_model
 
 EVERYTHING = mujoco.mjtState.mjSTATE_INTEGRATION  # what the next step depends on
 
@@ -46,7 +47,7 @@ def test_control_step_of_dm_control_is_50_steps_of_mujoco(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_fifty_steps_in_one_call_are_fifty_calls(seed):
-    robot = model.load()
+    robot = load_model()
     one, many = mujoco.MjData(robot), mujoco.MjData(robot)
     for data in (one, many):
         model.place(data, np.array([1.0, 0, 0, 0]))
@@ -59,7 +60,7 @@ def test_fifty_steps_in_one_call_are_fifty_calls(seed):
 
 
 def test_place_leaves_nothing_of_the_last_episode():
-    robot = model.load()
+    robot = load_model()
     used, new = mujoco.MjData(robot), mujoco.MjData(robot)
     step_one_by_one(robot, used, 1.0)
     for data in (used, new):

@@ -1,4 +1,4 @@
-"""Runs side by side on the batched engine give the rows that each would give alone."""
+"""Runs that share the batched engine give the same rows as separate runs."""
 
 import pytest
 import torch
@@ -130,7 +130,9 @@ def test_settings_and_devices_that_do_not_go_together_are_refused():
 
 def test_ppo_is_refused_in_bfloat16():
     assert settings("sac", precision="bfloat16").precision == "bfloat16"
-    with pytest.raises(ValueError, match="PPO does not learn in --precision bfloat16: type float3"):
+    with pytest.raises(
+        ValueError, match="PPO does not learn in bfloat16: precision must be float32"
+    ):
         settings("ppo", precision="bfloat16")
 
 

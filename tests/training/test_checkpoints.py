@@ -1,4 +1,4 @@
-"""Checkpoints of runs: what is written, what is refused, and from where a run goes on."""
+"""Checkpoints of runs: what is written, what is rejected, and where a run resumes."""
 
 import errno
 import json
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("short_episodes")
 
 
 def do(path, runs, **more):
-    """Does runs; returns what is told of those that were begun before."""
+    """Trains runs; returns the notices on resumed ones."""
     told = []
     more.setdefault("checkpoint_every", 0)
     failures = run_batch(
@@ -34,7 +34,7 @@ def do(path, runs, **more):
 
 
 def stop_at(path, runs, steps):
-    """Does runs until one of them begins the episode after the given control step."""
+    """Trains runs until one of them begins the episode after the given control step."""
 
     def stop(run, now, episode_return):
         if now > steps:
@@ -171,10 +171,10 @@ def test_a_run_whose_rows_are_damaged_starts_over(stopped):
     [
         (
             {"run": "face_direction/td3/full/s09-00000000"},
-            "it is one of face_direction/td3/full/s09",
+            "it belongs to face_direction/td3/full/s09",
         ),
-        ({"format": 99}, "it is of format 99, and this jbench has 1"),
-        ({"scalars": 3}, "it is none"),
+        ({"format": 99}, "it has format 99, but this jbench reads 1"),
+        ({"scalars": 3}, "its header is invalid"),
     ],
 )
 def test_a_checkpoint_of_something_else_is_refused(stopped, changes, reason):
@@ -228,7 +228,7 @@ def test_a_failed_run_goes_on_too(stopped):
 
 
 def test_a_run_is_never_in_more_than_some_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(log, "_MOST_PARTS", 3)
+    monkeypatch.setattr(log, "_MAX_PARTS", 3)
     monkeypatch.setattr(checkpoints, "_JOINED", 2)
     run = settings("td3", 1)
     do(tmp_path / "whole", [run], checkpoint_every=1000)
@@ -272,6 +272,6 @@ def test_another_device_since_the_beginning_is_reported(stopped):
     begun = {**record.manifest.provenance, "device": "cuda", "gpu": "NVIDIA H100"}
     record._update(provenance=begun)
     ((_, _, told),) = do(path, [run])
-    assert told.startswith("Since it began, device cuda is now cpu: its numbers may differ from")
+    assert told.startswith("Since it began, device cuda is now cpu: results may differ from")
     (resumed,) = only(path, run).manifest.provenance["continued"]
     assert resumed["changed"] == {"device": ["cuda", "cpu"]}

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from jbench import cli
 from jbench.cli import main
-from jbench.commands import sweep
+from jbench.commands.sweep import sweep
+from jbench.commands.train import train
 from jbench.store import Results
 from jbench.sweeps.executors import Local
 from jbench.training.status import plan
@@ -115,7 +115,6 @@ def test_failed_runs_are_retried_only_when_asked(tmp_path, capsys, monkeypatch):
 
 def test_train_and_sweep_write_checkpoints_equally_often():
     defaults = [
-        inspect.signature(verb).parameters["checkpoint_every"].default
-        for verb in (cli.train, sweep.sweep)
+        inspect.signature(verb).parameters["checkpoint_every"].default for verb in (train, sweep)
     ]
     assert defaults == [60.0, 60.0]

@@ -20,7 +20,7 @@ from jbench.report.data.returns import TRAINING
 from jbench.report.data.summaries import summary_table
 from jbench.settings.run import RunSettings
 from jbench.store import Results, query, schema
-from jbench.tasks import model
+from jbench.tasks.robots import load_model
 from jbench.training import sb3_run as running
 from jbench.training.environment import make_env
 from jbench.training.sb3_run import make_training_env, run
@@ -145,8 +145,8 @@ def test_the_robot_of_a_step(steps, robot):
 
 
 def test_one_augmented_robot_is_learned_and_evaluated_on_throughout(alone):
-    expected = shape(model.load(5))
-    assert not np.array_equal(expected, shape(model.load()))
+    expected = shape(load_model(5))
+    assert not np.array_equal(expected, shape(load_model()))
     assert all(np.array_equal(each, expected) for (each,) in alone.shapes.values())
     assert list(alone.evaluated) == [2000, 2100]
     assert all(np.array_equal(each, expected) for each in alone.evaluated.values())
@@ -168,8 +168,8 @@ def test_episodes_and_evaluations_count_through_both_robots(two):
     assert two.record.settings["robots"] == 2
 
 
-def test_the_robot_is_exchanged_when_it_has_had_its_share(two):
-    first, second = shape(model.load(5)), shape(model.load(6))
+def test_the_robot_is_switched_after_its_share_of_the_episodes(two):
+    first, second = shape(load_model(5)), shape(load_model(6))
     assert not np.array_equal(first, second)
     assert len(two.shapes) == 4200 - 4
     for step, (seen,) in two.shapes.items():
@@ -177,7 +177,7 @@ def test_the_robot_is_exchanged_when_it_has_had_its_share(two):
 
 
 def test_evaluations_are_with_the_robot_of_the_moment(two):
-    robots = [shape(model.load(seed)) for seed in (5, 6)]
+    robots = [shape(load_model(seed)) for seed in (5, 6)]
     chosen = {
         steps: [np.array_equal(seen, robot) for robot in robots].index(True)
         for steps, seen in two.evaluated.items()
@@ -220,7 +220,7 @@ def test_the_next_robot_draws_on_and_does_not_repeat_the_first_ones_episodes():
     # Pose and target are drawn alike for every robot.
     assert seen[sequence] == seen[plain]
     assert len(set(seen[plain])) == 3
-    assert np.array_equal(shape(sequence), shape(model.load(3)))
+    assert np.array_equal(shape(sequence), shape(load_model(3)))
 
 
 def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
@@ -229,7 +229,7 @@ def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
     watched = Watched(tmp_path, wanted)
     rows = watched.record.read("episodes", schema.EPISODES).to_pylist()
     assert [row["control_steps"] for row in rows] == [2000, 2000, 4000, 4000]
-    robots = [shape(model.load(seed)) for seed in (0, 1)]
+    robots = [shape(load_model(seed)) for seed in (0, 1)]
     assert max(watched.shapes) == 4200
     for step, seen in watched.shapes.items():
         expected = robots[0 if step <= 2000 else 1]
@@ -329,7 +329,7 @@ def test_the_authors_sequence_is_reported_beside_ours_and_beside_no_other(tmp_pa
     assert row["training_return_steps"] == 9_950_500
     assert row["published_median"] == pytest.approx(807.57, abs=0.01)
     assert row["published_figure"] == "augmented-sac"
-    assert "learned on 10 augmented robots in turn" in row["notes"]
+    assert "trained on 10 augmented robots in sequence" in row["notes"]
     # Figure 9 ends at 5e6 steps: beside the plain robot there is nothing.
     row = reported(tmp_path / "plain")
     assert np.isnan(row["published_median"])

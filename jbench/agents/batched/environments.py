@@ -14,8 +14,10 @@ from jbench.closing import Closing
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import Robots
-from jbench.tasks import model, resets
-from jbench.tasks.features import TASK_SPECS, State, observation, reward
+from jbench.tasks import resets
+from jbench.tasks.features import TASK_SPECS, State, observation
+from jbench.tasks.rewards import reward
+from jbench.tasks.robots import load_model
 
 Models = Callable[[int], mujoco.MjModel]
 """Maps an episode number, counted from 0, to its robot."""
@@ -172,5 +174,5 @@ class Environments(Closing):
 
 
 def _plain_robot() -> Models:
-    robot = model.load()
+    robot = load_model()
     return lambda episode: robot

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from jbench.encoders.kind import Batch, Learned, Weights, glorot, tanh, tanh_
+from jbench.encoders.batch import Batch
+from jbench.encoders.kind import Learned, Weights, glorot, tanh, tanh_
 from jbench.tasks.features import Array
 
 

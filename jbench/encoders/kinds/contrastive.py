@@ -13,7 +13,8 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from jbench.encoders.kind import Batch, Learned, Weights, tanh
+from jbench.encoders.batch import Batch
+from jbench.encoders.kind import Learned, Weights, tanh
 from jbench.encoders.kinds.vae import affine, layers
 from jbench.names import EPISODE_STEPS
 from jbench.tasks.features import Array

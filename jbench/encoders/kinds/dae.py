@@ -6,7 +6,8 @@ Its input is corrupted by Gaussian noise, and it learns to reconstruct the clean
 import torch
 from pydantic import Field
 
-from jbench.encoders.kind import Batch, standard_normal
+from jbench.encoders.batch import Batch
+from jbench.encoders.kind import standard_normal
 from jbench.encoders.kinds.ae import Autoencoder
 
 

@@ -11,7 +11,8 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from jbench.encoders.kind import Batch, Weights, tanh
+from jbench.encoders.batch import Batch
+from jbench.encoders.kind import Weights, tanh
 from jbench.encoders.kinds.vae import (
     VariationalAutoencoder,
     affine,

@@ -48,6 +48,7 @@ from jbench.tasks.features import (
     heading,
     rotation_matrix,
 )
+from jbench.tasks.robots import load_model
 
 if TYPE_CHECKING:
     from jbench.encoders.states import States
@@ -80,7 +81,7 @@ class PlanarReduction(Fitted):
         assert extremes is not None
         augment = states.dataset.record.settings.get("augment")
         return planar_weights(
-            states.task, states.scaling, extremes, model.torso_offset(model.load(augment))
+            states.task, states.scaling, extremes, model.torso_offset(load_model(augment))
         )
 
     def encode(self, weights: Weights, scaled: Array) -> Array:

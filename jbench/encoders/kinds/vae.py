@@ -10,7 +10,8 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from jbench.encoders.kind import Batch, Learned, Weights, glorot, standard_normal, tanh
+from jbench.encoders.batch import Batch
+from jbench.encoders.kind import Learned, Weights, glorot, standard_normal, tanh
 from jbench.tasks.features import Array
 
 

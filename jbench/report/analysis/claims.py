@@ -1,8 +1,8 @@
-"""The paper's claims, each with the comparison that tests it, stated before looking at data.
+"""The paper's claims, each with a test that was fixed before looking at data.
 
-A claim is tested on every pair of cells that it speaks of (`examine.py`). The statistic, the value
-that would refute it and the margin are fixed in code, and are the same for our runs and for the
-published curves, and for both kinds of return.
+A claim is tested on every pair of cells to which it applies (`examine.py`). The statistic, the
+value that would refute it and the margin are the same for our runs, for the published curves, and
+for both kinds of return.
 """
 
 from collections.abc import Sequence
@@ -32,12 +32,12 @@ HARDER, EASIER = "move_in_direction", "face_direction"
 
 @dataclass(frozen=True)
 class Claim:
-    """One sentence of the paper.
+    """A claim of the paper.
 
     Attributes:
-        letter: by which the report refers to it.
-        text: what is claimed.
-        test: what decides it, for a reader.
+        letter: letter of the claim in the report.
+        text: the claim.
+        test: description of the test.
     """
 
     letter: str
@@ -99,11 +99,11 @@ CLAIMS = {
 
 
 class SeedsNeeded(NamedTuple):
-    """How many seeds of each cell would decide a comparison, if the effect is what it seems now.
+    """Number of seeds that would decide a comparison, if the effect is as currently estimated.
 
     Attributes:
-        seeds: of each cell.
-        rule: what asks for them: a power of 80%, or the rule that fewer than six decide nothing.
+        seeds: number of seeds per cell.
+        rule: origin of the number: a power of 80%, or the rule that fewer than six decide nothing.
     """
 
     seeds: int
@@ -112,19 +112,19 @@ class SeedsNeeded(NamedTuple):
 
 @dataclass(frozen=True)
 class Finding:
-    """What one comparison says of a claim.
+    """Result of one comparison that tests a claim.
 
     Attributes:
-        claim: its letter.
-        compared: the cells, for a reader.
-        effect: the statistic of the claim, with the interval that decides.
-        seeds: the fewest of the cells compared; for (h), episodes.
-        verdict: on the claim, by this comparison.
-        seeds_needed: that would decide it; None if it is decided, or if no number is known.
-        returns: their kind.
-        control_steps: at which cells are compared; for (h), None.
+        claim: letter of the claim.
+        compared: names of the cells.
+        effect: the claim's statistic with the deciding interval.
+        seeds: smallest number of seeds of the cells; for (h), number of episodes.
+        verdict: verdict of this comparison.
+        seeds_needed: seeds that would decide it; None if it is decided or no number is known.
+        returns: kind of return.
+        control_steps: control steps at which cells are compared; None for (h).
         source: `ours`, or the figure of the paper.
-        remark: what a reader must know of this comparison; may be empty.
+        remark: remark on this comparison; may be empty.
     """
 
     claim: str
@@ -140,11 +140,11 @@ class Finding:
 
 
 def findings_frame(findings: Sequence[Finding]) -> pd.DataFrame:
-    """Returns a row for each finding: the exact numbers behind the tables.
+    """Returns a row per finding with the exact numbers of the tables.
 
-    Columns: claim (its letter), source, returns (their kind), compared, seeds, control_steps (at
-    which cells are compared), effect, low, high (ends of the interval: of 90% for claim a, else of
-    95%), verdict, seeds_needed, seeds_needed_by (what asks for them), remark.
+    Columns: claim (letter), source, returns (kind), compared, seeds, control_steps (at which cells
+    are compared), effect, low, high (ends of the interval: 90% for claim a, else 95%), verdict,
+    seeds_needed, seeds_needed_by (rule), remark.
     """
     rows = [
         (

@@ -1,4 +1,4 @@
-"""Two cells beside each other: how probable it is that one is better, and by how much."""
+"""Comparisons of two cells: probability of improvement, and differences of final returns."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,21 +12,21 @@ from jbench.report.data.cells import Cell
 from jbench.report.data.variants import variant_labels
 from jbench.settings.alike import comparable
 
-_MOST_NAMED = 8
+_MAX_NAMED = 8
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The final returns of two cells, at the last control step that every seed of both has.
+    """Final returns of two cells, at the last control step that every seed of both has reached.
 
     Attributes:
-        ours: the cell that the numbers speak for.
-        theirs: the cell that it is compared with.
-        control_steps: at which they are compared.
-        seeds: of ours and of theirs that have a final return.
+        ours: the first cell.
+        theirs: the second cell.
+        control_steps: control steps at which they are compared.
+        seeds: numbers of seeds of ours and of theirs with a final return.
         improvement: probability that a run of ours ends above one of theirs.
-        difference: of the interquartile means, ours less theirs.
-        medians: difference of the medians, ours less theirs.
+        difference: difference of the interquartile means, ours minus theirs.
+        medians: difference of the medians, ours minus theirs.
     """
 
     ours: Cell
@@ -39,7 +39,7 @@ class Comparison:
 
     @property
     def cut(self) -> int:
-        """How many control steps of the longest run of both are not compared."""
+        """Number of control steps of the longest run that are not compared."""
         longest = max(float(np.nanmax(c.control_steps)) for c in (self.ours, self.theirs))
         return int(longest) - self.control_steps
 
@@ -53,15 +53,15 @@ def compare(ours: Cell, theirs: Cell) -> Comparison:
         st.difference(st.interquartile_mean),
         st.difference(st.median),
     ]
-    made = st.estimates(statistics, *([group] for group in groups))
-    return Comparison(ours, theirs, common, (len(groups[0]), len(groups[1])), *made)
+    estimates = st.estimates(statistics, *([group] for group in groups))
+    return Comparison(ours, theirs, common, (len(groups[0]), len(groups[1])), *estimates)
 
 
 def within(cells: Sequence[Cell]) -> list[Comparison]:
-    """Compares the cells of results with each other, those that differ in one thing only.
+    """Compares the cells of results that differ in one respect only.
 
     Each representation is compared with the full observation, each algorithm with those after it in
-    the paper's order, and each variant with the first of its cell.
+    the paper's order, and each variant with the first variant.
     """
     return [compare(*pair) for pair in _pairs(cells)]
 
@@ -69,7 +69,7 @@ def within(cells: Sequence[Cell]) -> list[Comparison]:
 def across(
     ours: Sequence[Cell], theirs: Sequence[Cell], names: Collection[str]
 ) -> list[Comparison]:
-    """Compares the cells of two sides that differ in nothing but the settings of these names."""
+    """Compares the cells of two sides that differ only in the settings of these names."""
     keys = [
         [(comparable(cell.settings, *names), cell.settings) for cell in side]
         for side in (ours, theirs)
@@ -83,27 +83,25 @@ def across(
 
 
 def alone(cells: Sequence[Cell], found: Sequence[Comparison]) -> list[str]:
-    """Returns a sentence on the cells of one side that are in no comparison, if there are any."""
+    """Returns a sentence on the cells of one side without a comparison, if there are any."""
     left = _left(cells, found)
     if not left:
         return []
-    names = "; ".join(cell.name.removeprefix(cell.prefix) for cell in left[:_MOST_NAMED])
-    more = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
+    names = "; ".join(cell.name.removeprefix(cell.prefix) for cell in left[:_MAX_NAMED])
+    more = f"; and {len(left) - _MAX_NAMED} more" if len(left) > _MAX_NAMED else ""
     return [f"Only in {left[0].source}: {names}{more}."]
 
 
 def near_misses(
     ours: Sequence[Cell], theirs: Sequence[Cell], found: Sequence[Comparison]
 ) -> list[str]:
-    """Returns what sets cells of the same name apart that are in no comparison, a sentence each."""
+    """Returns a sentence for each two cells of the same name that can't be compared: why not."""
     notes = []
     others = _left(theirs, found)
     for cell in _left(ours, found):
         for other in (other for other in others if _named(other) == _named(cell)):
-            told = {"a": cell.settings, "b": other.settings}
-            labels = {
-                key: said.removesuffix(f" ({key})") for key, said in variant_labels(told).items()
-            }
+            labels = variant_labels({"a": cell.settings, "b": other.settings})
+            labels = {key: label.removesuffix(f" ({key})") for key, label in labels.items()}
             notes.append(
                 f"{' '.join(_named(cell))} is not compared: {cell.source} has {labels['a']}; "
                 f"{other.source} has {labels['b']}."
@@ -121,13 +119,12 @@ def _named(cell: Cell) -> tuple[str, str, str]:
 
 
 def comparisons_frame(found: Sequence[Comparison]) -> pd.DataFrame:
-    """Returns a row for each comparison: the exact numbers behind the tables.
+    """Returns a row per comparison with the exact numbers of the tables.
 
-    Columns: returns (their kind), task, and with the endings _a and _b source, algo,
-    representation, variant, settings and seeds; control_steps (at which they are compared), and
-    of a beside b: probability_of_improvement,
-    iqm_difference and median_difference of the final returns, each with the ends of its 95%
-    interval (…_low, …_high).
+    Columns: returns (kind), task; source, algo, representation, variant, settings and seeds, each
+    with the suffixes _a and _b; control_steps (at which they are compared); and for a against b,
+    probability_of_improvement, iqm_difference and median_difference of the final returns, each
+    with the ends of its 95% interval (…_low, …_high).
     """
     return pd.DataFrame([_row(one) for one in found])
 
@@ -164,10 +161,10 @@ def _pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
 
 
 def algorithm_pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
-    """Gives the cells that differ in nothing but the algorithm and what belongs to it.
+    """Yields the pairs of cells that differ only in the algorithm and its settings.
 
-    Where algorithms have variants, each is paired with the first of another algorithm only: of all
-    with all there would be too many for anyone to read.
+    If algorithms have variants, each is only paired with the first variant of the other algorithm,
+    to limit the number of pairs.
     """
     groups: dict[tuple[str, str], list[Cell]] = {}
     for cell in cells:
@@ -184,9 +181,8 @@ def algorithm_pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
 def best_of(cells: Sequence[Cell]) -> Cell | None:
     """Returns the cell whose median final return is above that of every other, or None.
 
-    Above means that the 95% interval of the difference of medians lies above 0, for every other
-    cell, and that both have seeds enough for an interval to decide: a cell that merely has the
-    largest number is not the best.
+    The 95% interval of the difference of medians must lie above 0 for every other cell, and both
+    cells must have at least `DECIDING_SEEDS` seeds. The largest median alone is not enough.
     """
     if len(cells) < 2:
         return None

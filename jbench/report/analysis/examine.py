@@ -1,4 +1,4 @@
-"""What runs say of the paper's claims: the comparisons that test them, on every pair of cells."""
+"""Tests the paper's claims on every pair of cells to which they apply."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -28,13 +28,10 @@ from jbench.report.formatting import steps
 
 
 def examine(cells: Sequence[Cell]) -> list[Finding]:
-    """Returns what runs say of the claims (a) to (g), in their order.
+    """Returns findings on the claims (a) to (g) in order, from cells of one kind of return.
 
-    Cells are compared where both are of the same results, on the plain robot, and differ in nothing
-    else than the claim speaks of; each pair at the last control step that every seed of both has.
-
-    Args:
-        cells: of one kind of return.
+    Two cells are compared if they have the same source, use the plain robot, and differ only in
+    what the claim is about; each pair at the last control step that every seed of both has reached.
     """
     findings = []
     for source in dict.fromkeys(cell.source for cell in cells):
@@ -46,12 +43,12 @@ def examine(cells: Sequence[Cell]) -> list[Finding]:
 
 def _solved(cell: Cell) -> Finding:
     scores = scores_of(cell, common_steps(cell))
-    found = _above("g", scores.name, scores.final, SOLVED, cell.kind)
-    return replace(found, control_steps=scores.control_steps, remark=_cut(cell))
+    finding = _above("g", scores.name, scores.final, SOLVED, cell.kind)
+    return replace(finding, control_steps=scores.control_steps, remark=_cut(cell))
 
 
 def _cut(*cells: Cell) -> str:
-    """Says what is left out where some seed has fewer control steps than others."""
+    """Returns a remark if some seeds have fewer control steps than others; else an empty text."""
     common = common_steps(*cells)
     longest = max(float(np.nanmax(cell.control_steps)) for cell in cells)
     if common == longest:
@@ -60,20 +57,20 @@ def _cut(*cells: Cell) -> str:
 
 
 def examine_heuristic(task: str, returns: FloatArray) -> Finding:
-    """Returns what the (episodes,) returns of a task's hand-written policy say of claim (h)."""
+    """Returns the finding on claim (h) from returns (episodes,) of a task's hand-written policy."""
     return _above("h", task, returns, SOLVED, EVALUATION)
 
 
 def decide(
     effect: st.Estimate, seeds: int, boundary: float, *, logarithmic: bool = False
 ) -> tuple[Verdict, SeedsNeeded | None]:
-    """Returns the verdict on a claim that an effect lies above a boundary, and the seeds it needs.
+    """Returns the verdict on a claim that an effect is above a boundary, and the seeds needed.
 
     Args:
-        effect: with its 95% interval.
-        seeds: of each group.
-        boundary: above which the claim holds.
-        logarithmic: whether the effect is a ratio, whose distances are those of its logarithm.
+        effect: the effect with its 95% interval.
+        seeds: number of seeds per group.
+        boundary: the claim holds above it.
+        logarithmic: whether the effect is a ratio, for which distances are logarithmic.
     """
     if seeds >= st.DECIDING_SEEDS and effect.low > boundary:
         return "supported", None
@@ -86,7 +83,7 @@ def decide(
 
 
 def _needed(by_power: int | None, seeds: int) -> SeedsNeeded | None:
-    """Returns the seeds that a power calculation asks for, or six where fewer would be enough."""
+    """Returns the seeds needed according to a power calculation, but at least six."""
     if by_power is None:
         return None
     if seeds < st.DECIDING_SEEDS and by_power <= st.DECIDING_SEEDS:
@@ -97,12 +94,12 @@ def _needed(by_power: int | None, seeds: int) -> SeedsNeeded | None:
 def decide_similar(
     inner: st.Estimate, outer: st.Estimate, seeds: int
 ) -> tuple[Verdict, SeedsNeeded | None]:
-    """Returns the verdict on a claim that two are similar, and the seeds it needs.
+    """Returns the verdict on a claim that two groups are similar, and the seeds needed.
 
     Args:
         inner: the difference with its 90% interval.
         outer: the difference with its 95% interval.
-        seeds: of each group.
+        seeds: number of seeds per group.
     """
     if seeds >= st.DECIDING_SEEDS and inner.low > -MARGIN and inner.high < MARGIN:
         return "supported", None
@@ -113,7 +110,7 @@ def decide_similar(
 
 
 def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
-    """Gives (a) to (d): the reduced order against the full observation."""
+    """Yields findings on (a) to (d): the reduced order against the full observation."""
     pairs = list(_pairs(cells, _reduces))
     for full, reduced in pairs:
         yield from reduction_findings(full, reduced)
@@ -132,7 +129,7 @@ def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
 
 
 def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
-    """Returns what two cells that differ in their representation alone say of (a), (b) and (c)."""
+    """Returns findings on (a), (b) and (c) from two cells that differ in their representation."""
     theirs, ours = _compared(baseline, reduced)
     compared = f"{ours.name} against {theirs.representation}"
     seeds = min(len(theirs.final), len(ours.final))
@@ -151,7 +148,7 @@ def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
 
 
 def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
-    """Gives (e) and (f): off-policy algorithms against PPO."""
+    """Yields findings on (e) and (f): off-policy algorithms against PPO."""
     both = algorithm_pairs(cells)
     for ppo, other in (pair if pair[0].algo == ON_POLICY else pair[::-1] for pair in both):
         if ppo.algo != ON_POLICY or other.algo not in OFF_POLICY:
@@ -186,7 +183,7 @@ def _harder(one: Cell, other: Cell) -> bool:
 
 
 def _common(one: Cell, other: Cell) -> dict[str, Any]:
-    """Returns what all findings on two cells share."""
+    """Returns the fields that all findings on two cells share."""
     return {
         "returns": one.kind.name,
         "control_steps": common_steps(one, other),
@@ -195,7 +192,7 @@ def _common(one: Cell, other: Cell) -> dict[str, Any]:
 
 
 def _compared(one: Cell, other: Cell) -> tuple[Scores, Scores]:
-    """Returns the scores of two cells at the last control step that every seed of both has."""
+    """Returns the scores of two cells at the last control step that every seed has reached."""
     common = common_steps(one, other)
     return scores_of(one, common), scores_of(other, common)
 

@@ -1,4 +1,4 @@
-"""What the evaluations of the hand-written policies say of the claim on them."""
+"""Tests claim (h) on evaluations of the hand-written policies."""
 
 import json
 from collections.abc import Mapping
@@ -20,38 +20,36 @@ def findings(
 ) -> tuple[list[Finding], list[str]]:
     """Returns a finding for each task whose hand-written policy was evaluated, and notes.
 
-    Of several evaluations of a task, the one of most episodes counts, the newest of those. Only
-    the plain robot counts, and targets drawn as the task draws them.
+    The evaluation of a task with the most episodes counts, or the newest of several such. Only
+    evaluations on the plain robot with random targets count.
 
     Args:
-        tables: of the results, `policy_evaluations` and `policy_episodes` among them.
-        task: only this one.
+        tables: `policy_evaluations` and `policy_episodes` are used.
+        task: only this task; None for all.
     """
     if "policy_evaluations" not in tables:
         return [], []
     rows = tables["policy_evaluations"].to_pandas(use_threads=False)
     chosen = _chosen(rows[(rows["policy"] == _POLICY) & (rows["status"] == "finished")])
-    wanted = in_order(chosen if task is None else {task} & chosen.keys(), TASKS)
+    tasks = in_order(chosen if task is None else {task} & chosen.keys(), TASKS)
     episodes = tables["policy_episodes"].to_pandas(use_threads=False)
-    found = []
-    for name in wanted:
+    findings = []
+    for name in tasks:
         returns = episodes.loc[episodes["evaluation"] == chosen[name], "episode_return"]
         numbers = returns.to_numpy(np.float64)
-        found.append(examine_heuristic(name, numbers[np.isfinite(numbers)]))
+        findings.append(examine_heuristic(name, numbers[np.isfinite(numbers)]))
     missing = [name for name in (TASKS if task is None else (task,)) if name not in chosen]
-    notes = (
-        [
-            f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate --policy "
-            f"heuristic --task {missing[0]}`."
-        ]
-        if missing
-        else []
+    if not missing:
+        return findings, []
+    note = (
+        f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate --policy "
+        f"heuristic --task {missing[0]}`."
     )
-    return found, notes
+    return findings, [note]
 
 
 def _chosen(rows: pd.DataFrame) -> dict[str, str]:
-    """Returns the evaluation that counts, by task."""
+    """Returns the id of the evaluation that counts, by task."""
     plain = [
         settings.get("augment") is None and settings.get("target_yaw") is None
         for settings in map(json.loads, rows["settings"])

@@ -1,11 +1,11 @@
-"""What the paper's own curves say of its claims: strictly, of medians and bands and no more.
+"""Tests the paper's claims on its own curves, which give only medians and bands.
 
-Of ten seeds, the band from the 10th to the 90th percentile holds the second to the ninth of them
-(numpy's linear method puts the 10th percentile between the first and the second). So it holds the
-median of all seeds there could be with a probability of 1 - 22/1024 = 97.9%, whatever their
-distribution, and can stand for an interval of the median. Two such bands that do not overlap order
-two medians with 95.7%. A quartile band holds the fourth to the seventh: 65.6%, too little for a
-verdict. And no band says how certain its own width is.
+With ten seeds, the band from the 10th to the 90th percentile covers the second to the ninth of them
+(numpy's linear method puts the 10th percentile between the first and the second). It therefore
+contains the population median with a probability of 1 - 22/1024 = 97.9% for any distribution, and
+serves as a confidence interval of the median. If two such bands do not overlap, the order of the
+medians is known with 95.7%. A quartile band covers the fourth to the seventh seed: 65.6%, too
+little for a verdict. The uncertainty of a band's width is unknown.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,30 +31,30 @@ from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import TRAINING
 
 SEEDS = 10
-"""Of the paper's Figures 8 and 9."""
+"""Number of seeds in the paper's Figures 8 and 9."""
 
-_BAND = "the interval is made of the 10-90 band, which holds the median of all seeds with 97.9%"
-_NO_WIDTH = "a published band does not say how certain its width is"
+_BAND = "the interval is the 10-90 band, which contains the population median with 97.9%"
+_NO_WIDTH = "the uncertainty of a published band's width is unknown"
 _QUARTILES = (
-    "medians and quartile bands are published, from which no 95% interval can be made (a quartile "
-    "band holds the median with 65.6% only)"
+    "only medians and quartile bands are published, which give no 95% interval (a quartile band "
+    "contains the median with only 65.6%)"
 )
-_ONE_SEED = "one seed each is published, which says nothing of others"
+_ONE_SEED = "only one seed each is published"
 _PRINTED_STEPS = "PPO's steps are taken as printed"
 
 
 def examine_published(curves: Sequence[PublishedCurve]) -> list[Finding]:
-    """Returns what the published curves say of the claims (a) to (g), in their order.
+    """Returns findings on the claims (a) to (g) in order, from the published training returns.
 
-    They are training returns. Those at the end of training are compared; of the whole of training,
-    means of medians.
+    Returns at the end of training are compared; for (c) and (d), the mean of the median over
+    training.
     """
-    found = [
+    findings = [
         *_of_figure_9([curve for curve in curves if curve.figure == "fig9"]),
         *_of_figures_7_and_8([curve for curve in curves if curve.figure in ("fig7", "fig8")]),
     ]
     other = {c.task: float(c.quantiles[50][-1]) for c in curves if _is_paper_ddpg(c)}
-    return sorted((_with_other_baseline(f, curves, other) for f in found), key=lambda f: f.claim)
+    return sorted((_with_other_baseline(f, curves, other) for f in findings), key=lambda f: f.claim)
 
 
 def _of_figure_9(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
@@ -114,7 +114,7 @@ def _of_figures_7_and_8(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
 def _with_other_baseline(
     finding: Finding, curves: Sequence[PublishedCurve], ends: dict[str, float]
 ) -> Finding:
-    """Says beside Figure 8 what Figure 9 shows for the same task and algorithm."""
+    """Adds to findings from Figure 8 what Figure 9 shows for the same task and algorithm."""
     theirs = [c for c in curves if c.figure == "fig8" and c.representation == FULL]
     if finding.claim not in "ac" or finding.source != "Figure 8" or HARDER not in ends:
         return finding

@@ -1,8 +1,8 @@
-"""Does reduction help? Every representation against the full and against the scaled observation.
+"""Compares every representation with the full and with the scaled observation.
 
-An encoder scales its inputs before it reduces them. A difference from `full` is therefore of
+An encoder scales its inputs before it reduces them. A difference from `full` is therefore due to
 scaling and reduction together; a difference from `scaled`, the observation with the same scaling,
-is of reduction alone.
+is due to reduction alone.
 """
 
 from collections.abc import Sequence
@@ -22,17 +22,17 @@ from jbench.settings.alike import comparable
 
 SCALED = "scaled"
 BASELINES = (FULL, SCALED)
-"""What each reduced representation is compared with: without the encoders' scaling, and with it."""
+"""Baselines of reduced representations, without and with the encoders' scaling."""
 
 
 class Reduction(NamedTuple):
-    """A representation compared with a baseline, all other settings being equal.
+    """Comparison of a representation with a baseline, with all other settings equal.
 
     Attributes:
-        cell: of the representation.
+        cell: cell of the representation.
         baseline: `full` or `scaled`.
-        findings: on the claims (a), (b) and (c).
-        seeds: of the representation and of the baseline that have a final return.
+        findings: findings on the claims (a), (b) and (c).
+        seeds: numbers of seeds of representation and baseline with a final return.
     """
 
     cell: Cell
@@ -45,8 +45,8 @@ class Point(NamedTuple):
     """Final returns of a representation.
 
     Attributes:
-        cell: of the representation.
-        numbers: how many its agents see; None for the full observation.
+        cell: cell of the representation.
+        numbers: size of the agents' input; None for the full observation.
         final: (seeds,) final returns.
         estimate: their interquartile mean with its 95% interval.
     """
@@ -58,11 +58,11 @@ class Point(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Cells that differ in their representation alone, compared at the same control step.
+    """Cells that differ only in their representation, compared at the same control step.
 
     Attributes:
-        points: of each cell that has reached the control step.
-        control_steps: at which they are compared.
+        points: one per cell that has reached the control step.
+        control_steps: control steps at which they are compared.
         short: cells whose seeds have not reached it.
     """
 
@@ -72,7 +72,7 @@ class Group(NamedTuple):
 
 
 def numbers_seen(representation: str, task: str) -> int | None:
-    """Returns how many numbers an agent sees; None for the full observation.
+    """Returns the size of an agent's input; None for the full observation.
 
     Features learned with the agent that outnumber the observation are appended to it.
     """
@@ -82,7 +82,7 @@ def numbers_seen(representation: str, task: str) -> int | None:
     numbers = int(representation.removeprefix(kind))
     if kind != OFE:
         return numbers
-    # Imported only here: the package brings dm_control with it.
+    # Imported here because the package imports dm_control.
     from jbench.tasks.features import feature_labels
 
     observed = len(feature_labels(task))
@@ -90,11 +90,7 @@ def numbers_seen(representation: str, task: str) -> int | None:
 
 
 def reductions(cells: Sequence[Cell]) -> list[Reduction]:
-    """Returns the comparisons of each reduced representation with each baseline that there is.
-
-    Args:
-        cells: of one kind of return.
-    """
+    """Returns the comparisons of each reduced representation with each available baseline."""
     found = []
     for group in _alike(cells):
         baselines = {kind_of(c.representation): c for c in reversed(group)}
@@ -110,9 +106,10 @@ def reductions(cells: Sequence[Cell]) -> list[Reduction]:
 
 
 def groups(cells: Sequence[Cell]) -> list[Group]:
-    """Returns the groups with a baseline and a reduced representation, to be drawn.
+    """Returns the groups that have a baseline and a reduced representation.
 
-    The control step of a group is the last one of most of its cells; of several such, the latest.
+    The control step of a group is the most frequent last step of its cells; if several are equally
+    frequent, the latest.
     """
     found = []
     for group in _alike(cells):
@@ -133,7 +130,7 @@ def _point(cell: Cell, control_steps: int) -> Point:
 
 
 def _alike(cells: Sequence[Cell]) -> list[list[Cell]]:
-    """Returns the cells of one robot that differ in nothing but their representation."""
+    """Returns groups of cells on the plain robot that differ only in their representation."""
     found: dict[tuple[str, str], list[Cell]] = {}
     for cell in (cell for cell in cells if not cell.robots):
         key = cell.source, comparable(cell.settings, "representation")
@@ -142,10 +139,10 @@ def _alike(cells: Sequence[Cell]) -> list[list[Cell]]:
 
 
 def frame(found: Sequence[Group]) -> pd.DataFrame:
-    """Returns what is drawn of the groups.
+    """Returns the numbers of the groups' figures.
 
-    Columns: source, task, algo, representation, settings (those that set a variant apart), returns
-    (their kind), latents, control_steps, seeds, iqm, low, high (ends of its 95% interval), median.
+    Columns: source, task, algo, representation, settings (those that distinguish a variant),
+    returns (kind), latents, control_steps, seeds, iqm, low and high (95% interval), median.
     """
     return pd.DataFrame(
         [

@@ -1,4 +1,4 @@
-"""What the seeds of a cell came to: numbers for each seed, and statistics of them across seeds."""
+"""Scores of each seed of a cell, and their statistics across seeds."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,29 +15,29 @@ from jbench.report.data.published import PublishedCurve, best_at_end
 from jbench.report.data.returns import TRAINING
 
 UNCERTAINTY = "uncertainty (95% interval)"
-"""What the ends of an interval are called wherever one stands."""
+"""Name of intervals in legends and data files."""
 
 SPREADS = {
     "interquartile_range": st.interquartile_range,
     "standard_deviation": st.standard_deviation,
     "ten_to_ninety": st.ten_to_ninety,
 }
-"""How seeds differ from each other: the statistics of spread."""
+"""Statistics of the spread between seeds."""
 
 _LOCATIONS = {"median": st.median, "interquartile_mean": st.interquartile_mean}
 
 
 class Scores(NamedTuple):
-    """What the seeds of a cell came to, up to the same control step as those compared with it.
+    """Scores of a cell's seeds up to a control step.
 
     Attributes:
-        task: what was learned.
-        algo: by which algorithm.
+        task: task of the runs.
+        algo: algorithm of the runs.
         representation: `full`, or an encoder's kind and size.
-        label: the settings that set the cell apart from its variants; may be empty.
+        label: settings that distinguish the variant; may be empty.
         final: (seeds,) final returns; see `returns.Returns.final`.
-        area: (seeds,) mean return over the whole run.
-        control_steps: up to which these are, at most.
+        area: (seeds,) mean return over the run.
+        control_steps: maximum control steps of the scores.
     """
 
     task: str
@@ -50,7 +50,7 @@ class Scores(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Names the cell for a reader."""
+        """Name of the cell in tables."""
         return " ".join(filter(None, (self.task, self.algo, self.representation, self.label)))
 
 
@@ -58,16 +58,15 @@ class Statistic(NamedTuple):
     """A statistic of a cell's seeds.
 
     Attributes:
-        measure: what each seed has: `final_return`, `area`, `steps_to_solved` or
+        measure: number of each seed: `final_return`, `area`, `steps_to_solved` or
             `steps_to_half_best`.
-        statistic: of them: `median`, `interquartile_mean`, one of `SPREADS`, or such a one as a
-            multiple of the full observation's: `standard_deviation_ratio`.
-        estimate: with its interval.
-        seeds: that it is of; of a ratio, the fewer of both cells.
-        reached: seeds that reach the threshold; None where there is none.
+        statistic: `median`, `interquartile_mean`, one of `SPREADS`, or the ratio of one to that of
+            the full observation, such as `standard_deviation_ratio`.
+        estimate: value with its interval.
+        seeds: number of seeds; for a ratio, the smaller number of the two cells.
+        reached: number of seeds that reach the threshold; None without a threshold.
         threshold: episode return to reach, or None.
-        control_steps: that it is from, the most of a seed; both cells' seeds have them, in a
-            ratio.
+        control_steps: maximum control steps of a seed; for a ratio, common to both cells.
     """
 
     measure: str
@@ -84,9 +83,9 @@ class Summary:
     """All statistics of a cell.
 
     Attributes:
-        cell: whose.
+        cell: the cell.
         statistics: see `Statistic`.
-        baseline: the cell of the full observation that it is compared with, or None.
+        baseline: cell of the full observation for ratios, or None.
     """
 
     cell: Cell
@@ -94,22 +93,22 @@ class Summary:
     baseline: Cell | None
 
     def get(self, measure: str, statistic: str) -> Statistic | None:
-        """Returns one of the statistics, or None where there is none."""
-        found = (s for s in self.statistics if (s.measure, s.statistic) == (measure, statistic))
-        return next(found, None)
+        """Returns one of the statistics, or None."""
+        matches = (s for s in self.statistics if (s.measure, s.statistic) == (measure, statistic))
+        return next(matches, None)
 
 
 def scores_of(cell: Cell, control_steps: int | None = None) -> Scores:
-    """Returns the scores of a cell up to a control step, or of all that there is."""
+    """Returns the scores of a cell up to a control step; None: over the whole runs."""
     lengths = cell.lengths_up_to(control_steps)
     if control_steps is None:
         control_steps = int(np.nanmax(cell.control_steps))
     within = np.arange(cell.returns.shape[1]) < lengths[:, None]
     returns = np.where(within, cell.returns, np.nan)
     final = final_returns(returns, cell.control_steps, lengths, cell.kind.final_points)[0]
-    there = np.isfinite(returns).sum(axis=1)
+    counts = np.isfinite(returns).sum(axis=1)
     area = np.divide(
-        np.nansum(returns, axis=1), there, np.full(len(returns), np.nan), where=there > 0
+        np.nansum(returns, axis=1), counts, np.full(len(returns), np.nan), where=counts > 0
     )
     known = np.isfinite(final) & np.isfinite(area)
     names = cell.task, cell.algo, cell.representation, cell.label
@@ -117,7 +116,7 @@ def scores_of(cell: Cell, control_steps: int | None = None) -> Scores:
 
 
 def baseline_of(cell: Cell, cells: Sequence[Cell]) -> Cell | None:
-    """Returns the cell that differs in nothing but that its agents see the full observation."""
+    """Returns the cell with the full observation and otherwise the same settings, or None."""
     if cell.representation == FULL:
         return None
     return next(
@@ -142,26 +141,26 @@ def summaries(
 ) -> list[Summary]:
     """Returns the statistics of each cell, in the same order."""
     cells = [item.cell for item in learned]
-    found = []
+    summaries = []
     for item in learned:
         baseline = baseline_of(item.cell, cells)
-        # What is published are training returns.
+        # The published curves are training returns.
         theirs = published if item.cell.kind is TRAINING else ()
         best = best_at_end(theirs, item.cell.task)
         half = None if best is None else best / 2
         parts = (*_locations(item, half), *_spreads(item.cell), *_ratios(item.cell, baseline))
-        found.append(Summary(item.cell, parts, baseline))
-    return found
+        summaries.append(Summary(item.cell, parts, baseline))
+    return summaries
 
 
-def statistics_frame(found: Sequence[Summary]) -> pd.DataFrame:
-    """Returns a row for each statistic of each cell: the exact numbers behind the tables.
+def statistics_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
+    """Returns a row per statistic of each cell with the exact numbers of the tables.
 
-    Columns: returns (their kind), source, task, algo, representation, variant, settings, measure,
-    statistic, value, low, high (ends of the 95% interval), interval (what these are), seeds,
-    reached (seeds that reach the threshold), threshold (return), control_steps (up to which),
-    compared_with (variant of the cell of the full observation, for ratios). An infinite number of
-    steps is later than the runs' end.
+    Columns: returns (kind), source, task, algo, representation, variant, settings, measure,
+    statistic, value, low, high (ends of the 95% interval), interval (name of the interval), seeds,
+    reached (number of seeds that reach the threshold), threshold (return), control_steps (maximum),
+    compared_with (variant of the full observation's cell, for ratios). An infinite number of steps
+    means after the runs' end.
     """
     rows = [
         (
@@ -179,7 +178,7 @@ def statistics_frame(found: Sequence[Summary]) -> pd.DataFrame:
             if summary.baseline and one.statistic.endswith("_ratio")
             else None,
         )
-        for summary in found
+        for summary in summaries
         for one in summary.statistics
     ]
     columns = ["returns", "source", "task", "algo", "representation", "variant", "settings"]
@@ -192,7 +191,7 @@ _CELL = ("source", "task", "algo", "representation", "variant", "label")
 
 
 def _locations(item: LearnedCurve, half_best: float | None) -> Iterator[Statistic]:
-    """Gives where the seeds' scores lie; robots learned on in turn have no steps to a return."""
+    """Yields medians and IQMs; sequences of robots have no number of steps to a return."""
     cell, curve = item
     whole = scores_of(cell)
     yield from _of_seeds("final_return", whole.final, _LOCATIONS, whole.control_steps)
@@ -200,7 +199,7 @@ def _locations(item: LearnedCurve, half_best: float | None) -> Iterator[Statisti
     thresholds = {"steps_to_solved": float(SOLVED), "steps_to_half_best": half_best}
     for measure, threshold in thresholds.items():
         if threshold is not None and cell.robots <= 1:
-            # A single episode at an end of the run is no moving average.
+            # Windows that are cut off at the ends of a run don't count.
             each, at = curve.each[:, curve.full], curve.control_steps[curve.full]
             steps = st.steps_to_threshold(each, at, threshold)
             yield from _of_seeds(measure, steps, _LOCATIONS, whole.control_steps, threshold)
@@ -220,9 +219,9 @@ def _ratios(cell: Cell, baseline: Cell | None) -> Iterator[Statistic]:
     seeds = min(len(ours), len(theirs))
     if seeds < 2:
         return
-    named = {f"{name}_ratio": st.ratio(spread) for name, spread in SPREADS.items()}
-    made = st.estimates(list(named.values()), [ours], [theirs])
-    for name, estimate in zip(named, made, strict=True):
+    ratios = {f"{name}_ratio": st.ratio(spread) for name, spread in SPREADS.items()}
+    estimates = st.estimates(list(ratios.values()), [ours], [theirs])
+    for name, estimate in zip(ratios, estimates, strict=True):
         yield Statistic("final_return", name, estimate, seeds, None, None, common)
 
 

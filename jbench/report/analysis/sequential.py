@@ -1,20 +1,20 @@
-"""A group-sequential test: two cells are compared while seeds are still being added.
+"""A group-sequential test, which compares two cells while seeds are still being added.
 
 Seeds come in blocks of five. After each block there is a look at the data, and the comparison stops
 as soon as it is decided. The test is a permutation test whose labels are exchanged within blocks,
 as in AdaStop (Mathieu et al., *AdaStop: adaptive statistical testing for sound comparisons of Deep
-RL agents*, TMLR 2024, section 4), so that it holds for five seeds and for any distribution. Which
-share of the error rate is spent up to each look is fixed in advance: it grows in proportion to the
+RL agents*, TMLR 2024, section 4), so that it is valid for five seeds and for any distribution. The
+share of the error rate spent up to each look is fixed in advance: it grows in proportion to the
 seeds (Lan and DeMets, *Discrete sequential boundaries for clinical trials*, Biometrika 70, 1983;
 this spending function: Kim and DeMets, *Design and analysis of group sequential tests based on the
 type I error spending rate function*, Biometrika 74, 1987). The tests of all shifts together give
 repeated confidence intervals (Jennison and Turnbull, *Interim analyses: the repeated confidence
-interval approach*, J. R. Statist. Soc. B 51, 1989), and decisions are those of the intervals.
+interval approach*, J. R. Statist. Soc. B 51, 1989), on which decisions are based.
 
-What is controlled: if the seeds of two cells have the same distribution but for a shift, the
-intervals of all looks contain that shift with probability 1 - error rate. A decision is therefore
-wrong with at most the probability of the error rate. Between cells whose distributions differ in
-more than a shift this holds approximately, since both have equally many seeds in each block.
+If the distributions of two cells differ only in a shift, the intervals of all looks contain that
+shift with probability 1 - error rate. The probability of a wrong decision is therefore at most the
+error rate. For distributions that differ in more than a shift this holds approximately, since both
+cells have equally many seeds in each block.
 """
 
 import itertools
@@ -30,26 +30,26 @@ BLOCK = 5
 """Seeds of each cell between two looks."""
 
 ERROR_RATE = 0.05
-"""Probability of any wrong decision, over all looks and all comparisons asked for."""
+"""Probability of any wrong decision, over all looks and all requested comparisons."""
 
 RELABELLINGS = 63_504
-"""Of a test: all that there are of two blocks of 5 + 5 seeds; of more blocks so many are drawn."""
+"""Relabellings of a test: all of two blocks of 5 + 5 seeds; with more blocks, a random sample."""
 
-_BISECTIONS = 16  # of an interval's end: to 1e-4 of the range of the seeds
+_BISECTIONS = 16  # per end of an interval: precision of 1e-4 of the range of the seeds
 
 Verdict = Literal["larger", "smaller", "equal", "undecided"]
 
 
 class Decision(NamedTuple):
-    """What the seeds of two cells say after the look that decides, or after the last one so far.
+    """Outcome of a comparison at the deciding look, or at the last one so far.
 
     Attributes:
         verdict: ours is larger or smaller than theirs, equal within the margin, or undecided.
-        seeds: of each cell at that look; 0 before the first block is complete.
-        difference: of the means, ours less theirs; NaN without seeds.
-        low: lower end of the repeated confidence interval; -inf where there is none yet.
-        high: its upper end.
-        spent: part of the error rate that is spent up to that look.
+        seeds: number of seeds per cell at that look; 0 before the first block is complete.
+        difference: difference of the means, ours minus theirs; NaN without seeds.
+        low: lower end of the repeated confidence interval; -inf if it is unbounded.
+        high: upper end.
+        spent: part of the error rate spent up to that look.
     """
 
     verdict: Verdict
@@ -65,13 +65,14 @@ def compare(
 ) -> Decision:
     """Compares two cells block by block, and stops at the look that decides.
 
+    Only blocks that are complete in both cells count.
+
     Args:
-        ours: (seeds,) a number for each seed, in the order of the seeds; an incomplete block at the
-            end is left out.
-        theirs: (seeds,) likewise; blocks that the other cell does not have are left out.
+        ours: (seeds,) a number per seed, in the order of the seeds.
+        theirs: (seeds,) the same for the other cell.
         margin: two cells that differ by less are equal.
-        error_rate: of this comparison over all looks; two-sided.
-        looks: that are planned.
+        error_rate: two-sided error rate of this comparison over all looks.
+        looks: number of planned looks.
     """
     blocks = min(len(ours) // BLOCK, len(theirs) // BLOCK, looks)
     if not blocks:
@@ -101,11 +102,11 @@ def first_looks(
 
     Args:
         ours: (..., seeds) numbers of the seeds in complete blocks.
-        theirs: (..., seeds) likewise, as many.
+        theirs: (..., seeds) the same for the other cell.
         margin: two cells that differ by less are equal.
-        error_rate: over all looks; two-sided.
-        looks: that are planned.
-        relabellings: that are drawn where there are more.
+        error_rate: two-sided error rate over all looks.
+        looks: number of planned looks.
+        relabellings: maximum number of relabellings, sampled if there are more.
     """
 
     def above(one: FloatArray, other: FloatArray) -> IntArray:
@@ -136,20 +137,20 @@ def first_above(
     """Returns the look (...) at which ours is found to be above theirs, one-sided; 0 if at none.
 
     The statistic is the difference of the means. If both cells have the same distribution, the
-    seeds of a block could as well have the other cell's labels. A look rejects if the observed
-    labels are among the relabellings with the largest differences, as many as the error rate spent
-    so far allows, less those that earlier looks reject. Ties at the boundary do not reject.
+    labels within a block are exchangeable. A look rejects if the observed labels are among the
+    relabellings with the largest differences. Their number is what the error rate spent so far
+    allows, minus those that earlier looks reject. Ties at the boundary do not reject.
 
     Args:
         ours: (..., seeds) numbers of the seeds in complete blocks.
-        theirs: (..., seeds) likewise, as many.
-        error_rate: over all looks.
-        looks: that are planned; the seeds may be of fewer.
+        theirs: (..., seeds) the same for the other cell.
+        error_rate: one-sided error rate over all looks.
+        looks: number of planned looks; the seeds may cover fewer.
         block: seeds of each cell in a block.
-        relabellings: that are drawn where there are more.
+        relabellings: maximum number of relabellings, sampled if there are more.
     """
     shape = (*ours.shape[:-1], -1, block)
-    # Sorted, because a draw of relabellings must not depend on the order of the seeds in a block.
+    # Sorted, because sampled relabellings must not depend on the order of the seeds in a block.
     pooled = np.concatenate(
         [np.sort(ours.reshape(shape), axis=-1), np.sort(theirs.reshape(shape), axis=-1)], axis=-1
     )
@@ -173,7 +174,7 @@ def first_above(
 
 
 def _boundary(sums: FloatArray, crossed: NDArray[np.bool_], allowed: int) -> FloatArray:
-    """Returns (..., 1) what at most so many relabellings exceed, those crossed before included."""
+    """Returns the value (..., 1) that at most `allowed` relabellings exceed or have exceeded."""
     ordered = np.sort(np.where(crossed, -np.inf, sums), axis=-1)
     left = np.maximum(allowed - crossed.sum(axis=-1, keepdims=True), 0)
     return np.take_along_axis(ordered, ordered.shape[-1] - 1 - left, axis=-1)
@@ -182,15 +183,15 @@ def _boundary(sums: FloatArray, crossed: NDArray[np.bool_], allowed: int) -> Flo
 def interval(
     ours: FloatArray, theirs: FloatArray, error_rate: float, looks: int
 ) -> tuple[float, float]:
-    """Returns the repeated confidence interval of ours less theirs at the last look.
+    """Returns the repeated confidence interval of ours minus theirs at the last look.
 
     It contains the shifts that no look up to this one rejects.
 
     Args:
         ours: (seeds,) numbers of the seeds in complete blocks.
-        theirs: (seeds,) likewise, as many.
-        error_rate: over all looks; two-sided.
-        looks: that are planned.
+        theirs: (seeds,) the same for the other cell.
+        error_rate: two-sided error rate over all looks.
+        looks: number of planned looks.
     """
     low = _lowest(ours, theirs, error_rate / 2, looks)
     return low, -_lowest(theirs, ours, error_rate / 2, looks)
@@ -215,9 +216,9 @@ def _lowest(ours: FloatArray, theirs: FloatArray, error_rate: float, looks: int)
 
 @lru_cache
 def _weights(block: int) -> FloatArray:
-    """Returns (relabellings, 2 block) weights of a block's seeds in its difference of means.
+    """Returns weights (relabellings, 2 block) of a block's seeds in its difference of means.
 
-    The first are those of the observed labels.
+    The first row is that of the observed labels.
     """
     ours = list(itertools.combinations(range(2 * block), block))
     weights = np.full((len(ours), 2 * block), -1 / block)
@@ -227,18 +228,18 @@ def _weights(block: int) -> FloatArray:
 
 
 @lru_cache
-def _tables(count: int, blocks: int, most: int) -> list[NDArray[np.int64]]:
-    """Returns tables (blocks, relabellings) of which relabelling each block has.
+def _tables(count: int, blocks: int, max_size: int) -> list[NDArray[np.int64]]:
+    """Returns tables (blocks, relabellings) with the index of each block's relabelling.
 
-    Of one block there is a table of all relabellings, likewise of two and so on while there are no
-    more than `most`; then one of random draws for all blocks. A later look finds in its table what
-    the earlier looks reject. The first relabelling is that of the observed labels, in the draws as
-    well, without which a permutation test that draws would reject too often.
+    There is a table of all relabellings for one block, for two, and so on, while their number is at
+    most `max_size`; then one random sample for all blocks. A later look repeats the earlier looks
+    in its own table. The first relabelling is always that of the observed labels, without which a
+    sampled permutation test would reject too often.
     """
     tables = []
     for complete in range(1, blocks + 1):
-        if count**complete > most:
-            drawn = [np.random.default_rng(j).integers(count, size=most) for j in range(blocks)]
+        if count**complete > max_size:
+            drawn = [np.random.default_rng(j).integers(count, size=max_size) for j in range(blocks)]
             tables.append(np.stack(drawn))
             tables[-1][:, 0] = 0
             break

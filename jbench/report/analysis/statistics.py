@@ -1,10 +1,11 @@
-"""What the seeds of a cell say: estimates with intervals, in the manner of Agarwal et al. (2021).
+"""Estimates with bootstrap intervals, following Agarwal et al. (2021).
 
-Seeds are the only unit of replication: whatever happens within a run is averaged within it first.
-Tasks are strata: a resample draws seeds with replacement within each task, never across tasks.
+Seeds are the only unit of replication: values within a run are averaged first. Tasks are strata: a
+resample draws seeds with replacement within each task, never across tasks.
 
 Every statistic takes a list of strata, each (..., seeds) with the same leading axes, and returns
-(...): with none it gives the estimate, with one of resamples the bootstrap's distribution.
+(...). Without leading axes it returns the estimate; with an axis of resamples, the bootstrap
+distribution.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,34 +17,34 @@ from numpy.typing import NDArray
 from jbench.report.data.curves import FloatArray
 
 Strata = Sequence[FloatArray]
-"""One array for each task: its seeds' scores, (..., seeds)."""
+"""One array of scores (..., seeds) per task."""
 
 Statistic = Callable[..., FloatArray]
 """Takes as many `Strata` as there are groups to compare; returns (...)."""
 
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
-LEAST_SEEDS = 3
-"""Seeds of every stratum from which an interval is given."""
+MIN_SEEDS = 3
+"""Minimum number of seeds per stratum for an interval."""
 DECIDING_SEEDS = 6
-"""Seeds from which an interval decides: of fewer, even the lowest and the highest do not hold the
-median with 95% (1 - 2^(1 - n): 75% of three seeds, 94% of five, 97% of six)."""
+"""Minimum number of seeds for a verdict. With fewer, not even the range of all seeds contains the
+population median with 95% (1 - 2^(1 - n): 75% for three seeds, 94% for five, 97% for six)."""
 
-_NUMBERS_AT_A_TIME = 1 << 21  # of resampled scores: what stays in a processor's cache, about
+_NUMBERS_AT_A_TIME = 1 << 21  # resampled scores that fit into a processor's cache, about
 
-# Quantiles of the normal distribution: of a two-sided test at 5%, and of a power of 80%.
+# Quantiles of the normal distribution, for a two-sided test at 5% and for a power of 80%.
 _SIGNIFICANCE, _POWER = 1.959964, 0.841621
-_MOST_SEEDS = 1_000_000  # that anyone could be told to train
+_MAX_SEEDS = 1_000_000  # limit of a recommendation
 
 
 class Estimate(NamedTuple):
-    """A number with its uncertainty.
+    """A number with its uncertainty, which is NaN with fewer than `MIN_SEEDS` seeds.
 
     Attributes:
-        value: of the statistic on all seeds.
-        low: lower end of the interval; NaN with fewer than `LEAST_SEEDS` seeds.
-        high: upper end of the interval; NaN with fewer than `LEAST_SEEDS` seeds.
-        standard_error: standard deviation of the bootstrap's distribution; NaN likewise.
+        value: the statistic of all seeds.
+        low: lower end of the interval.
+        high: upper end of the interval.
+        standard_error: standard deviation of the bootstrap distribution.
     """
 
     value: float
@@ -64,12 +65,12 @@ def mean(strata: Strata) -> FloatArray:
 
 
 def median_of_means(strata: Strata) -> FloatArray:
-    """Returns the median over tasks of the mean over seeds: what rliable calls the median."""
+    """Returns the median over tasks of the mean over seeds, which rliable calls the median."""
     return _over_tasks(np.median, [np.mean(seeds, axis=-1) for seeds in strata])
 
 
 def interquartile_mean(strata: Strata) -> FloatArray:
-    """Returns the mean of what is left when the lowest and highest quarter are left out.
+    """Returns the mean without the lowest and highest quarter.
 
     Of n scores, n // 4 are left out at each end (Agarwal et al., 2021, section 4.3).
     """
@@ -99,10 +100,10 @@ def standard_deviation(strata: Strata) -> FloatArray:
 
 
 def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:
-    """Returns how probable it is that a run of ours beats one of theirs, averaged over tasks.
+    """Returns the probability that a run of ours beats one of theirs, averaged over tasks.
 
-    Ties count half: the Mann-Whitney U statistic as a share of all pairs (Agarwal et al., 2021,
-    section 4.3), from the sum of ranks, since the pairs of hundreds of seeds are many.
+    Ties count half. It is the Mann-Whitney U statistic as a share of all pairs (Agarwal et al.,
+    2021, section 4.3), computed from the sum of ranks, which is faster than all pairs.
     """
     shares = []
     for x, y in zip(ours, theirs, strict=True):
@@ -113,12 +114,12 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:
 
 
 def difference(statistic: Statistic) -> Statistic:
-    """Returns the statistic of ours less that of theirs."""
+    """Returns the difference of a statistic, ours minus theirs."""
     return lambda ours, theirs: statistic(ours) - statistic(theirs)
 
 
 def ratio(statistic: Statistic) -> Statistic:
-    """Returns the statistic of ours as a multiple of that of theirs; NaN where both are 0."""
+    """Returns the ratio of a statistic, ours to theirs; NaN if both are 0."""
 
     def divided(ours: Strata, theirs: Strata) -> FloatArray:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -142,10 +143,10 @@ def bootstrap(
     """Returns each statistic of the same resampled groups, (resamples, ...).
 
     Args:
-        statistics: of as many groups.
-        groups: to compare, each resampled on its own within each of its strata.
-        resamples: how many.
-        seed: of the resampling; the same seed gives the same numbers.
+        statistics: statistics that take as many groups.
+        groups: groups to compare, each resampled independently within each of its strata.
+        resamples: number of resamples.
+        seed: random seed.
     """
     random = np.random.default_rng(np.random.SeedSequence(seed))
     width = sum(len(seeds) for strata in groups for seeds in strata)
@@ -168,16 +169,13 @@ def estimate(
     """Returns a statistic with its interval: percentiles of the stratified bootstrap.
 
     Args:
-        statistic: of as many groups, each a number for a group's scores (seeds,) by task.
-        groups: to compare.
-        resamples: of the bootstrap.
-        confidence: that the interval shall have.
-        seed: of the resampling.
+        statistic: statistic that takes as many groups.
+        groups: groups to compare, each with scores (seeds,) by task.
+        resamples: number of resamples.
+        confidence: confidence level of the interval.
+        seed: random seed.
     """
-    (found,) = estimates(
-        [statistic], *groups, resamples=resamples, confidence=confidence, seed=seed
-    )
-    return found
+    return estimates([statistic], *groups, resamples=resamples, confidence=confidence, seed=seed)[0]
 
 
 def estimates(
@@ -187,18 +185,18 @@ def estimates(
     confidence: float = CONFIDENCE,
     seed: int = 0,
 ) -> list[Estimate]:
-    """Returns several statistics with their intervals, all from the same resamples; `estimate`."""
+    """Returns several statistics with intervals from the same resamples; see `estimate`."""
     if min(seeds.shape[-1] for strata in groups for seeds in strata) == 0:
         return [Estimate(np.nan, np.nan, np.nan, np.nan)] * len(statistics)
     values = [float(statistic(*groups)) for statistic in statistics]
-    if min(seeds.shape[-1] for strata in groups for seeds in strata) < LEAST_SEEDS:
+    if min(seeds.shape[-1] for strata in groups for seeds in strata) < MIN_SEEDS:
         return [Estimate(value, np.nan, np.nan, np.nan) for value in values]
     drawn = bootstrap(statistics, *groups, resamples=resamples, seed=seed)
     return [_with_interval(*pair, confidence) for pair in zip(values, drawn, strict=True)]
 
 
 def _with_interval(value: float, drawn: FloatArray, confidence: float) -> Estimate:
-    # Seeds that never reach a threshold make infinite scores, which can't be interpolated.
+    # Seeds that never reach a threshold have infinite scores, which can't be interpolated.
     drawn = drawn[~np.isnan(drawn)]
     if not len(drawn):
         return Estimate(value, np.nan, np.nan, np.nan)
@@ -211,43 +209,42 @@ def _with_interval(value: float, drawn: FloatArray, confidence: float) -> Estima
 def steps_to_threshold(
     returns: FloatArray, control_steps: FloatArray, threshold: float
 ) -> FloatArray:
-    """Returns the control steps after which each seed first reaches a return, (seeds,).
+    """Returns the control steps (seeds,) after which each seed first reaches a return.
 
-    A seed that never does is kept, as infinity: its true value is later than its end.
+    A seed that never does counts as infinity: its true value is later than its end.
 
     Args:
-        returns: (seeds, points) smoothed episode returns; NaN past a run's end.
+        returns: (seeds, points) smoothed episode returns; NaN after a run's end.
         control_steps: (points,) or (seeds, points).
-        threshold: to reach.
+        threshold: the return to reach.
     """
     reached = np.nan_to_num(returns, nan=-np.inf) >= threshold
     first = np.argmax(reached, axis=1)
     steps = np.broadcast_to(control_steps, returns.shape)
-    found = np.take_along_axis(steps, first[:, None], axis=1)[:, 0]
-    return np.where(reached.any(axis=1), found, np.inf)
+    first_steps = np.take_along_axis(steps, first[:, None], axis=1)[:, 0]
+    return np.where(reached.any(axis=1), first_steps, np.inf)
 
 
 def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int | None:
-    """Returns how many seeds would decide a comparison with a power of 80% at 5%, two-sided.
+    """Returns the seeds per group that decide a comparison with a power of 80% at 5%, two-sided.
 
-    The standard error falls with the root of the number of seeds; the effect is taken to be what
-    was seen (Cohen, 1988, chapter 2, by the normal approximation).
+    The standard error falls with the root of the number of seeds; the true effect is assumed to
+    equal the observed one (Cohen, 1988, chapter 2, by the normal approximation).
 
     Args:
-        distance: of the effect from the value that would decide it.
-        standard_error: of the effect, at that number of seeds.
-        seeds: of each group at present.
+        distance: distance of the effect from the deciding value.
+        standard_error: standard error of the effect at the present number of seeds.
+        seeds: present number of seeds per group.
 
     Returns:
-        Seeds for each group, or None where no number would do: no distance, nothing known, or more
-        than a million.
+        None if the distance is 0 or unknown, or if more than a million seeds were needed.
     """
     if not (np.isfinite(distance) and np.isfinite(standard_error)) or distance == 0:
         return None
     root = abs((_SIGNIFICANCE + _POWER) * standard_error / distance)
-    if root > np.sqrt(_MOST_SEEDS / seeds):
+    if root > np.sqrt(_MAX_SEEDS / seeds):
         return None
-    return max(LEAST_SEEDS, int(np.ceil(seeds * root**2)))
+    return max(MIN_SEEDS, int(np.ceil(seeds * root**2)))
 
 
 def _over_tasks(average: Callable[..., FloatArray], values: Sequence[FloatArray]) -> FloatArray:
@@ -265,19 +262,19 @@ def _range(strata: Strata, low: float, high: float) -> FloatArray:
 
 
 def _sum_of_ranks(values: FloatArray, first: int) -> FloatArray:
-    """Returns the sum of the ranks, from 1, of the first so many values of the last axis.
+    """Returns the sum of the ranks (from 1) of the first `first` values of the last axis.
 
     Equal values share the mean of their ranks.
     """
     order = np.argsort(values, axis=-1)
     ordered = np.take_along_axis(values, order, axis=-1)
-    places = np.arange(values.shape[-1])
+    positions = np.arange(values.shape[-1])
     new = np.ones(values.shape, bool)
     new[..., 1:] = ordered[..., 1:] != ordered[..., :-1]
     last = np.ones(values.shape, bool)
     last[..., :-1] = new[..., 1:]
-    lowest = np.maximum.accumulate(np.where(new, places, 0), axis=-1)
-    backwards = np.where(last, places, values.shape[-1])[..., ::-1]
+    lowest = np.maximum.accumulate(np.where(new, positions, 0), axis=-1)
+    backwards = np.where(last, positions, values.shape[-1])[..., ::-1]
     highest = np.minimum.accumulate(backwards, axis=-1)[..., ::-1]
     total: FloatArray = np.sum((1 + (lowest + highest) / 2) * (order < first), axis=-1)
     return total

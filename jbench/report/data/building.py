@@ -1,4 +1,4 @@
-"""From rows of the database to cells: which runs belong together, and what is special of them."""
+"""Builds cells from rows of the database, with notes on unusual runs."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ _KEY = ["task", "algo", "representation", "variant"]
 
 
 class Recorded(NamedTuple):
-    """The points of a run, in their order; each (points,)."""
+    """Points of a run in order; each array is (points,)."""
 
     returns: FloatArray
     control_steps: FloatArray
@@ -31,15 +31,15 @@ _NOTHING = Recorded(*(np.empty(0) for _ in Recorded._fields))
 
 
 def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
-    """Returns the runs that belong to a cell, and a sentence for each that doesn't."""
+    """Returns the runs that belong to a cell, and a sentence for each other run."""
     frame = runs.to_pandas(use_threads=False)
-    wanting = frame[[*_KEY, "seed"]].isna().any(axis=1)
+    incomplete = frame[[*_KEY, "seed"]].isna().any(axis=1)
     problems = [
-        f"The run {run} says no task, algo, representation or seed in its settings; "
-        "it is not reported."
-        for run in frame.loc[wanting, "run"]
+        f"The settings of the run {run} lack a task, algo, representation or seed; it is not "
+        "reported."
+        for run in frame.loc[incomplete, "run"]
     ]
-    return frame[~wanting].astype({"seed": np.int64}), problems
+    return frame[~incomplete].astype({"seed": np.int64}), problems
 
 
 def build_cells(
@@ -47,14 +47,14 @@ def build_cells(
 ) -> tuple[list[Cell], list[str]]:
     """Returns the cells in the order of the paper, and notes on runs that are in none.
 
-    The runs of one setting make a cell of their training returns and, if any was evaluated, one of
-    their evaluation returns.
+    Runs with the same settings form a cell of training returns and, if any was evaluated, a cell of
+    evaluation returns.
 
     Args:
-        runs: rows of the table `runs`, as `usable_runs` returns them.
-        episodes: the table `episodes`, of these runs and perhaps of others.
-        evaluations: the table `evaluations`, likewise.
-        source: of the cells.
+        runs: rows of the table `runs`; see `usable_runs`.
+        episodes: the table `episodes`; may contain other runs.
+        evaluations: the table `evaluations`; may contain other runs.
+        source: source of the cells.
     """
     trained, evaluated = _training_points(episodes), _evaluation_points(evaluations)
     runs = runs.assign(
@@ -79,11 +79,11 @@ def build_cells(
 
 
 class _Seeds:
-    """The runs of one setting: the longest of each seed is chosen.
+    """Runs with the same settings, of which the longest of each seed is used.
 
     Attributes:
-        runs: rows of all of them.
-        chosen: rows of those that make the cell, by rising seed.
+        runs: rows of all runs.
+        chosen: rows of the runs in the cell, by ascending seed.
     """
 
     def __init__(self, runs: pd.DataFrame) -> None:
@@ -92,9 +92,9 @@ class _Seeds:
         self.chosen = self.runs.drop_duplicates("seed")
 
     def diverged_too_early(self) -> bool:
-        """Returns whether all were to be evaluated, and diverged."""
-        asked = [run.evaluate_episodes for run in _settings(self.chosen)]
-        return bool(self.chosen["divergence"].notna().all()) and all(asked)
+        """Returns whether evaluations were planned for all runs, but all diverged."""
+        planned = [run.evaluate_episodes for run in _settings(self.chosen)]
+        return bool(self.chosen["divergence"].notna().all()) and all(planned)
 
 
 def _build_cell(
@@ -102,10 +102,10 @@ def _build_cell(
 ) -> Cell:
     chosen, notes = seeds.chosen, []
     if kind is EVALUATION:
-        there = chosen["run"].isin(list(recorded)) | chosen["divergence"].notna()
-        if not there.all():
-            notes.append(f"{(~there).sum()} of {len(chosen)} seeds have no evaluation")
-        chosen = chosen[there]
+        usable = chosen["run"].isin(list(recorded)) | chosen["divergence"].notna()
+        if not usable.all():
+            notes.append(f"{(~usable).sum()} of {len(chosen)} seeds have no evaluation")
+        chosen = chosen[usable]
     stacked = _stacked([recorded.get(run, _NOTHING) for run in chosen["run"]], kind)
     absent = (np.isnan(stacked.returns) & np.isfinite(stacked.control_steps)).sum(axis=1)
     planned = int(chosen["steps"].fillna(0).max())
@@ -140,7 +140,7 @@ def _build_cell(
 
 
 def _stacked(runs: Sequence[Recorded], kind: Returns) -> Recorded:
-    """Returns the points of runs below each other, (seeds, points) each; NaN where there is none.
+    """Returns the points of runs stacked, (seeds, points) each, padded with NaN.
 
     Training episodes are aligned by their index, evaluations by the control steps before them.
     """
@@ -160,9 +160,9 @@ def _stacked(runs: Sequence[Recorded], kind: Returns) -> Recorded:
 def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -> IntArray:
     """Returns the control steps that each seed was trained for."""
     ends = control_steps[np.arange(len(chosen)), lengths - 1].astype(np.int64)
-    asked = chosen["steps"].fillna(0).to_numpy(np.int64)
-    finished = (chosen["status"] == "finished").to_numpy() & (asked > 0)
-    steps = np.where(finished, asked, ends)
+    planned = chosen["steps"].fillna(0).to_numpy(np.int64)
+    finished = (chosen["status"] == "finished").to_numpy() & (planned > 0)
+    steps = np.where(finished, planned, ends)
     diverged = chosen["divergence"].notna().to_numpy()
     if diverged.any() and not diverged.all():
         steps[diverged] = np.maximum(steps[diverged], steps[~diverged].max())
@@ -170,14 +170,13 @@ def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -
 
 
 def _settings(runs: pd.DataFrame) -> list[Run]:
-    """Returns the settings of each run."""
     return [read_run(json.loads(text)) for text in runs["settings"]]
 
 
 def _notes(
     runs: pd.DataFrame, chosen: pd.DataFrame, divergences: Sequence[Divergence | None]
 ) -> list[str]:
-    """Says what is special about the runs of a cell; `runs` holds those of the same seed too."""
+    """Returns notes on unusual runs of a cell; `runs` contains the unused ones as well."""
     notes = []
     if len(chosen) < 3:
         seeds = "1 seed" if len(chosen) == 1 else "2 seeds"
@@ -194,10 +193,10 @@ def _notes(
         seed: str(one) for seed, one in zip(chosen["seed"], divergences, strict=True) if one
     }
     if diverged:
-        which = ", ".join(f"seed {seed} {said}" for seed, said in diverged.items())
+        which = ", ".join(f"seed {seed} {text}" for seed, text in diverged.items())
         notes.append(
             f"{len(diverged)} of {len(chosen)} diverged ({which}): from its divergence on, a seed "
-            "counts with return 0, the least possible"
+            "counts with return 0, the minimum"
         )
     others = chosen[~chosen["seed"].isin(list(diverged))]
     for status in ("failed", "unfinished"):
@@ -212,23 +211,23 @@ def _notes(
 def _notes_on_points(
     chosen: pd.DataFrame, control_steps: FloatArray, absent: IntArray, kind: Returns
 ) -> list[str]:
-    """Says which returns are left out, and which seeds were evaluated at other steps."""
-    said = "returns" if kind is TRAINING else "evaluations"
+    """Returns notes on non-finite returns, and on evaluations at different steps."""
+    name = "returns" if kind is TRAINING else "evaluations"
     notes = [
-        f"seed {seed} has {count} {said} that are not numbers and are left out"
+        f"seed {seed} has {count} {name} that are not numbers and are left out"
         for seed, count in zip(chosen["seed"], absent, strict=True)
         if count
     ]
-    # A run that ended has no points to its right; one between others of the same seed is missing.
-    there = np.isfinite(control_steps)
-    ended = ~np.logical_or.accumulate(there[:, ::-1], axis=1)[:, ::-1]
-    if kind is EVALUATION and not (there | ended).all():
+    # A gap after a run's last point is its end; a gap before it is a missing evaluation.
+    present = np.isfinite(control_steps)
+    ended = ~np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]
+    if kind is EVALUATION and not (present | ended).all():
         notes.append("seeds were evaluated after different numbers of control steps")
     return notes
 
 
 def _training_points(episodes: pa.Table) -> dict[str, Recorded]:
-    """Returns the training episodes of each run, in their order."""
+    """Returns the training episodes of each run in order."""
     names, codes = _coded(episodes["run"])
     order = np.lexsort((episodes["episode"].to_numpy(), codes))
     columns = (_numbers(episodes, name)[order] for name in _POINT)
@@ -236,21 +235,21 @@ def _training_points(episodes: pa.Table) -> dict[str, Recorded]:
 
 
 def _evaluation_points(evaluations: pa.Table) -> dict[str, Recorded]:
-    """Returns the evaluations of each run, in their order, each the mean of its episodes."""
+    """Returns the evaluations of each run in order, each the mean over its episodes."""
     names, codes = _coded(evaluations["run"])
     frame = pd.DataFrame({name: _numbers(evaluations, name) for name in _POINT})
     keys = [codes, evaluations["evaluation"].to_numpy()]
     how = {"episode_return": "mean", "control_steps": "max", "processor_time": "max"}
-    made = frame.groupby(keys).agg(how)  # leaves out NaN, and sorts by run and evaluation
-    columns = (made[name].to_numpy(np.float64) for name in _POINT)
-    return _by_run(names, made.index.get_level_values(0).to_numpy(), columns)
+    means = frame.groupby(keys).agg(how)  # ignores NaN, and sorts by run and evaluation
+    columns = (means[name].to_numpy(np.float64) for name in _POINT)
+    return _by_run(names, means.index.get_level_values(0).to_numpy(), columns)
 
 
 _POINT = ("episode_return", "control_steps", "processor_time")
 
 
 def _coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:
-    """Returns the ids of runs, and for each row the index of its own."""
+    """Returns the ids of runs, and for each row the index of its run."""
     if pa.types.is_dictionary(run.type):
         coded = run.unify_dictionaries().combine_chunks()
     else:
@@ -259,14 +258,14 @@ def _coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:
 
 
 def _numbers(table: pa.Table, name: str) -> FloatArray:
-    """Returns a column, NaN where it is not finite."""
+    """Returns a column with non-finite values replaced by NaN."""
     values = table[name].to_numpy().astype(np.float64)
     values[~np.isfinite(values)] = np.nan
     return np.asarray(values, np.float64)
 
 
 def _by_run(names: Sequence[str], codes: IntArray, columns: Any) -> dict[str, Recorded]:
-    """Returns the sorted rows of each run that has any."""
+    """Splits sorted rows by run; runs without rows are left out."""
     ends = np.cumsum(np.bincount(codes, minlength=len(names)))[:-1]
     parts = zip(*(np.split(column, ends) for column in columns), strict=True)
     split = dict(zip(names, (Recorded(*part) for part in parts), strict=False))

@@ -1,4 +1,4 @@
-"""Cells: the runs of a database that share all their settings but seed and steps."""
+"""Cells: the runs of a database that share all settings except seed and steps."""
 
 import re
 from collections.abc import Iterable
@@ -18,36 +18,36 @@ SOLVED = 900
 """Episode return from which a task counts as solved (paper, Figure 9)."""
 
 OURS = "ours"
-"""The source of the runs of the results that are reported."""
+"""Source of the runs in the reported results."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One run for each seed of a task, algorithm, representation and variant: one kind of return.
+    """One run per seed of a task, algorithm, representation and variant, for one kind of return.
 
-    A point is a training episode, or an evaluation. A seed that diverged counts with return 0, the
-    least possible, in every point after its divergence, and reaches as far as the other seeds.
+    A point is a training episode or an evaluation. A seed that diverged counts with return 0, the
+    minimum, at every point after its divergence, up to the end of the other seeds.
 
     Attributes:
-        kind: of its returns.
-        task: what was learned.
-        algo: by which algorithm.
-        representation: `full`, or an encoder's kind and size: `dae12`.
-        variant: hash of the settings but seed and steps.
-        label: the settings that set it apart from the other variants; empty where there are none.
-        seeds: (seeds,) rising.
-        returns: (seeds, points) returns; NaN past a run's end, or if not finite.
-        control_steps: (seeds, points) of the run at each point; NaN past the run's end.
-        lengths: (seeds,) points up to each run's end.
-        steps: (seeds,) control steps that each seed was trained for: of a finished run those asked
-            for, of others those of its episodes.
+        kind: kind of return.
+        task: task of the runs.
+        algo: algorithm of the runs.
+        representation: `full`, or an encoder's kind and size, such as `dae12`.
+        variant: hash of the settings without seed and steps.
+        label: settings that distinguish the variant from others; may be empty.
+        seeds: (seeds,) in ascending order.
+        returns: (seeds, points) returns; NaN after a run's end, or if not finite.
+        control_steps: (seeds, points) control steps at each point; NaN after the run's end.
+        lengths: (seeds,) number of points of each run.
+        steps: (seeds,) control steps of training: as planned for finished runs, else up to the last
+            episode.
         diverged: (seeds,) whether the run diverged.
-        notes: what a reader should know, a clause each.
-        robots: augmented robots that were learned on in turn; 0 for the plain robot.
-        robot_episodes: episodes with each of them, in the longest run.
-        processor_time: (seeds, points) s of processor time at each point; NaN if not recorded.
-        settings: of its runs, one seed's.
-        source: whose runs they are: `OURS`, or another name.
+        notes: notes for the reader, a clause each.
+        robots: number of augmented robots in sequence; 0 for the plain robot.
+        robot_episodes: episodes with each robot, in the longest run.
+        processor_time: (seeds, points) processor time at each point in s; NaN if not recorded.
+        settings: settings of the run with the first seed.
+        source: `OURS`, or the name of another source.
     """
 
     kind: Returns
@@ -71,33 +71,33 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """Names the cell for a reader."""
+        """Name of the cell in notes."""
         name = f"{self.task} {self.algo} {self.representation} {self.label or self.variant}"
         return f"{self.prefix}{name}"
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:
-        """What the cells of both kinds of return of the same runs share, and no others."""
+        """Key that the cells of both kinds of return of the same runs share."""
         return self.task, self.algo, self.representation, self.variant, self.source
 
     @property
     def prefix(self) -> str:
-        """Whose runs they are, in front of a name; nothing for ours."""
+        """Prefix of names for the source; empty for our runs."""
         return "" if self.source == OURS else f"{self.source}: "
 
     @property
-    def seen(self) -> str:
-        """What its agents see, and the settings that set it apart from other variants."""
+    def representation_label(self) -> str:
+        """The representation, and the settings that distinguish the variant."""
         return ", ".join(filter(None, (self.representation, self.label)))
 
     @property
     def last_step(self) -> float:
-        """The last control step that every seed has a point at or after."""
+        """The last control step that every seed has reached."""
         ends = self.control_steps[np.arange(len(self.lengths)), self.lengths - 1]
         return float(ends.min())
 
     def lengths_up_to(self, control_steps: float | None) -> IntArray:
-        """Returns each seed's points up to a control step, or all of them, (seeds,)."""
+        """Returns the number of points (seeds,) up to a control step; None: of all points."""
         if control_steps is None:
             return self.lengths
         points = np.arange(1, self.returns.shape[1] + 1)
@@ -105,13 +105,8 @@ class Cell:
         return np.asarray(np.max(np.where(within, points, 0), axis=1), np.int64)
 
     def same_but(self, other: "Cell", *names: str) -> bool:
-        """Returns whether two cells differ in nothing else than these settings.
-
-        Seeds, steps and how often agents are evaluated are no difference; nor is what can't stay
-        the same where a named setting does not, as the encoder of another representation.
-        """
-        mine, others = (comparable(cell.settings, *names) for cell in (self, other))
-        return mine == others
+        """Returns whether two cells differ only in these settings; see `alike.comparable`."""
+        return comparable(self.settings, *names) == comparable(other.settings, *names)
 
 
 def of_kind(cells: Iterable[Cell], kind: Returns) -> list[Cell]:
@@ -120,13 +115,13 @@ def of_kind(cells: Iterable[Cell], kind: Returns) -> list[Cell]:
 
 
 def in_order(names: Iterable[str], known: tuple[str, ...]) -> list[str]:
-    """Returns distinct names: the known ones in their order, then the others in the alphabet's."""
+    """Returns distinct names: the known ones in their order, then the others alphabetically."""
     distinct = set(names)
     return [name for name in known if name in distinct] + sorted(distinct - set(known))
 
 
 def file_name(*parts: str) -> str:
-    """Returns a file name that starts with these parts, whatever they hold."""
+    """Returns a valid and unique file name that starts with these parts."""
     plain = "-".join(re.sub(r"[^A-Za-z0-9_.]", "_", part)[:60] for part in parts)
     if plain == "-".join(parts):
         return plain
@@ -134,8 +129,8 @@ def file_name(*parts: str) -> str:
 
 
 def paper_order(cell: Cell) -> tuple[Any, ...]:
-    """Returns what cells are sorted by: task, algorithm and representation as in the paper."""
-    # Stable, so that variants stay in the order of their labels.
+    """Returns the sort key of a cell: task, algorithm and representation as in the paper."""
+    # The sort is stable: variants stay in the order of their labels.
     return (
         (TASKS.index(cell.task), "") if cell.task in TASKS else (len(TASKS), cell.task),
         (ALGORITHMS.index(cell.algo), "")
@@ -148,7 +143,7 @@ def paper_order(cell: Cell) -> tuple[Any, ...]:
 
 
 class LearnedCurve(NamedTuple):
-    """A cell and the curve that its runs give."""
+    """A cell and its learning curve."""
 
     cell: Cell
     curve: Curve

@@ -21,20 +21,20 @@ WINDOW = 100
 
 @dataclass(frozen=True)
 class Curve:
-    """Quantiles of the return across seeds, one point for each window.
+    """Quantiles of the return across seeds, one point per window.
 
-    Windows are centred on their points, from the first episode to the last one. Near the two ends
-    of a run the part of a window that lies beyond is cut off: at an end, half of it is left.
+    Windows are centered on their points, from the first episode to the last one. At the two ends of
+    a run, windows are cut off, down to half of their width.
 
     Attributes:
-        order: which of the two orders made it.
-        window: episodes averaged in a point, but for the ends.
-        control_steps: (points,) centre of each window, all environments.
-        seeds: (points,) seeds that went through the whole window and have a return in it.
+        order: order of quantiles and smoothing.
+        window: episodes averaged in a point, except near the ends.
+        control_steps: (points,) center of each window, over all environments.
+        seeds: (points,) number of seeds that completed the window and have a return in it.
         quantiles: (5, points) returns, a row for each of `QUANTILES`.
-        each: (seeds of the cell, points) mean return of each seed over the window; NaN where it
-            has not gone through all of it.
-        widths: (points,) episodes averaged in each point: `window`, or less at the ends.
+        each: (seeds of the cell, points) mean return of each seed over the window; NaN if the seed
+            has not completed it.
+        widths: (points,) episodes averaged in each point: `window`, or fewer near the ends.
     """
 
     order: Order
@@ -52,7 +52,7 @@ class Curve:
 
     @property
     def full(self) -> BoolArray:
-        """Which points average a whole window, (points,)."""
+        """Whether each point (points,) averages a whole window."""
         whole: BoolArray = self.widths == self.window
         return whole
 
@@ -64,20 +64,20 @@ def learning_curve(
     order: Order = "quantile-first",
     window: int = WINDOW,
 ) -> Curve:
-    """Aggregates the runs of one cell, a run for each seed.
+    """Aggregates the runs of one cell, one per seed.
 
     Args:
-        returns: (seeds, episodes) returns; NaN past a run's end, and where there is none.
-        control_steps: (seeds, episodes) of the run at each episode's end; NaN past its end.
-        lengths: (seeds,) episodes of each run.
+        returns: (seeds, episodes) returns; NaN after a run's end, and if missing.
+        control_steps: (seeds, episodes) control steps at each episode's end; NaN after a run's end.
+        lengths: (seeds,) number of episodes of each run.
         order: see `jbench.names.ORDERS`.
-        window: episodes to average; see `fitting_window` for what short runs get instead.
+        window: episodes to average; fewer for short runs, see `fitting_window`.
     """
     window = fitting_window(lengths, window)
     episodes = returns.shape[1]
     first = np.arange(episodes + 2 * (window // 2) - window + 1) - window // 2
     last = np.minimum(first + window, episodes) - 1
-    # A run that ended has no window past its end, though part of one has returns.
+    # A run has no windows after its end, although some of them contain returns.
     each = np.where(last >= lengths[:, None], np.nan, sliding_average(returns, window))
     if order == "quantile-first":
         quantiles = sliding_average(quantiles_across_seeds(returns), window)
@@ -95,56 +95,57 @@ def learning_curve(
 
 
 def fitting_window(lengths: IntArray, window: int) -> int:
-    """Returns the window, or a quarter of the longest run where that has less than four of it.
+    """Returns the window, but at most a quarter of the longest run.
 
-    Not of the shortest: a seed that has just begun would tear the smooth curve of the others.
+    The shortest run does not count: a seed that has just begun would make the curve of the others
+    noisy.
     """
     longest = int(lengths.max())
     return window if longest >= 4 * window else max(1, longest // 4)
 
 
 def moving_average(values: FloatArray, window: int) -> FloatArray:
-    """Returns the mean over each full window of the last axis, NaN left out.
+    """Returns the mean over each full window of the last axis, ignoring NaN.
 
     Args:
         values: (..., episodes).
         window: at least 1 and at most `episodes`.
 
     Returns:
-        (..., episodes - window + 1); NaN where a window holds nothing else.
+        (..., episodes - window + 1); NaN if a window contains only NaN.
     """
-    there = np.isfinite(values)
-    if there.all():
+    present = np.isfinite(values)
+    if present.all():
         return _window_sums(values, window) / window
-    sums = _window_sums(np.where(there, values, 0.0), window)
-    counts = _window_sums(there.astype(np.float64), window)
+    sums = _window_sums(np.where(present, values, 0.0), window)
+    counts = _window_sums(present.astype(np.float64), window)
     means: FloatArray = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
     return means
 
 
 def sliding_average(values: FloatArray, window: int) -> FloatArray:
-    """Returns the mean over each centred window of the last axis, cut off at its ends.
+    """Returns the mean over each centered window of the last axis, cut off at its ends.
 
     Args:
         values: (..., episodes).
         window: at least 1 and at most `episodes`.
 
     Returns:
-        (..., points), one for each episode, and one more if the window is even; NaN where a
-        window holds nothing else.
+        (..., points), one per episode, and one more if the window is even; NaN if a window
+        contains only NaN.
     """
     outside = np.full((*values.shape[:-1], window // 2), np.nan)
     return moving_average(np.concatenate([outside, values, outside], axis=-1), window)
 
 
 def centres(values: FloatArray, window: int) -> FloatArray:
-    """Returns the value at the centre of each window of `sliding_average`, (points,).
+    """Returns the value at the center of each window of `sliding_average`, (points,).
 
-    Of a whole window that is the mean; of one that is cut off, the value in the middle of the
-    whole one, which is not before the first episode and not after the last.
+    For a whole window this is the mean. For a cut-off window it is the interpolated value at the
+    center of the whole window, clamped to the first and last episode.
 
     Args:
-        values: (episodes,) rising.
+        values: (episodes,) in ascending order.
         window: at least 1 and at most `episodes`.
     """
     cut = window // 2
@@ -158,8 +159,8 @@ def centres(values: FloatArray, window: int) -> FloatArray:
 def _window_sums(values: FloatArray, window: int) -> FloatArray:
     """Returns the sum over each full window of the last axis.
 
-    Sums of 1, 2, 4, … values are added up to the window. A running sum would be as quick, but leave
-    rounding errors where returns are 0.
+    Sums of 1, 2, 4, … values are combined. A running sum would be as fast, but would leave rounding
+    errors where returns are 0.
     """
     count = values.shape[-1] - window + 1
     total: FloatArray | None = None
@@ -177,18 +178,18 @@ def _window_sums(values: FloatArray, window: int) -> FloatArray:
 
 
 def quantiles_across_seeds(values: FloatArray) -> FloatArray:
-    """Returns the `QUANTILES` of each column by numpy's linear method, NaN left out.
+    """Returns the `QUANTILES` of each column by numpy's linear method, ignoring NaN.
 
     Args:
         values: (seeds, columns).
 
     Returns:
-        (5, columns); NaN where a column holds nothing else.
+        (5, columns); NaN if a column contains only NaN.
     """
     ordered = np.sort(values, axis=0)  # puts NaN last
     counts = np.isfinite(values).sum(axis=0)
     result = np.full((len(QUANTILES), values.shape[1]), np.nan)
-    # Columns with the same number of seeds go together: np.nanquantile goes one by one.
+    # Columns with the same number of seeds are computed together; np.nanquantile is slower.
     for count in np.unique(counts[counts > 0]):
         columns = counts == count
         result[:, columns] = np.percentile(ordered[:count, columns], QUANTILES, axis=0)
@@ -199,23 +200,23 @@ def final_returns(
     returns: FloatArray,
     control_steps: FloatArray,
     lengths: IntArray,
-    most: int = FINAL_EPISODES,
+    max_points: int = FINAL_EPISODES,
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns each seed's mean return at its end, and the control steps that it stands for.
+    """Returns each seed's final return, and the control steps at which it is measured.
 
-    The end of a run is its last quarter, and no more than its last `most` points.
+    It is the mean over the last quarter of the points, but over at most `max_points`.
 
     Args:
         returns: (seeds, points) returns, as for `learning_curve`.
-        control_steps: (seeds, points) of the run at each point.
-        lengths: (seeds,) points of each run.
-        most: points; see `returns.Returns.final_points`.
+        control_steps: (seeds, points) control steps at each point.
+        lengths: (seeds,) number of points of each run.
+        max_points: see `returns.Returns.final_points`.
 
     Returns:
-        Final returns (seeds,), NaN for a seed without any return there; and the centres of the
-        points that they are the mean of, in control steps (seeds,).
+        Final returns (seeds,), NaN for a seed without a return there; and the mean control steps
+        of the averaged points (seeds,).
     """
-    last = final_episodes(lengths, most)
+    last = final_episodes(lengths, max_points)
     points = np.arange(returns.shape[1])
     end = (points < lengths[:, None]) & (points >= (lengths - last)[:, None])
     width = returns.shape[1]

@@ -1,7 +1,7 @@
-"""How a run that diverged counts: with return 0, the least possible, from its divergence on.
+"""Treatment of diverged runs: they count with return 0, the minimum, from their divergence on.
 
-To leave such a seed out would make an algorithm that diverges half of the time look as good as one
-that never does.
+If diverged seeds were left out, an algorithm that diverges half of the time would look as good as
+one that never does.
 """
 
 import json
@@ -18,12 +18,12 @@ from jbench.report.data.returns import TRAINING, Returns
 
 @dataclass(frozen=True)
 class Divergence:
-    """Where a run diverged.
+    """The divergence of a run.
 
     Attributes:
-        control_steps: of the run until then.
-        update: of its weights; None if it is not recorded.
-        what: was not finite, as `critic_loss`; empty if it is not recorded.
+        control_steps: control steps until then.
+        update: number of the update; None if it is not recorded.
+        what: the quantity that was not finite, such as `critic_loss`; empty if not recorded.
     """
 
     control_steps: int
@@ -31,18 +31,17 @@ class Divergence:
     what: str
 
     def __str__(self) -> str:
-        """Says where, for a reader."""
         update = f"update {self.update:,}" if self.update is not None else ""
         more = ", ".join(filter(None, (update, self.what)))
         return f"after {self.control_steps:,} control steps" + (f", {more}" if more else "")
 
 
 def divergence_of(text: str | None) -> Divergence | None:
-    """Returns what the column `diverged` of the table `runs` says; anyone may have written it."""
+    """Parses the column `diverged` of the table `runs`, which is untrusted."""
     if not isinstance(text, str):
         return None
-    said: Any = json.loads(text)
-    steps, update, what = (said.get(name) for name in ("control_steps", "update", "what"))
+    recorded: Any = json.loads(text)
+    steps, update, what = (recorded.get(name) for name in ("control_steps", "update", "what"))
     return Divergence(
         control_steps=steps if _is_count(steps) else 0,
         update=update if _is_count(update) else None,
@@ -55,7 +54,7 @@ def _is_count(value: Any) -> bool:
 
 
 class Counted(NamedTuple):
-    """Points of the seeds of a cell, (seeds, points) each."""
+    """Points of a cell's seeds, (seeds, points) each."""
 
     returns: FloatArray
     control_steps: FloatArray
@@ -70,15 +69,15 @@ def count_divergence(
     planned: int,
     kind: Returns,
 ) -> Counted:
-    """Returns the points of a cell with those of diverged seeds up to the end of the others.
+    """Returns the points of a cell, with diverged seeds extended to the end of the others.
 
     Args:
-        returns: (seeds, points), NaN where there is none.
-        control_steps: (seeds, points), NaN past a run's end.
-        processor_time: (seeds, points), NaN where it is not recorded.
-        divergences: of each seed; None for a seed that did not diverge.
-        planned: control steps asked for, up to which all count if all diverged.
-        kind: of the returns.
+        returns: (seeds, points), NaN if missing.
+        control_steps: (seeds, points), NaN after a run's end.
+        processor_time: (seeds, points), NaN if not recorded.
+        divergences: one per seed; None if it did not diverge.
+        planned: planned control steps, to which all seeds are extended if all diverged.
+        kind: kind of return.
     """
     counted = Counted(returns, control_steps, processor_time)
     planned = max([planned, *(one.control_steps for one in divergences if one)])
@@ -87,26 +86,26 @@ def count_divergence(
     if not any(divergences):
         return counted
     returns, control_steps, _ = counted
-    there = np.isfinite(control_steps)
-    grid = np.max(np.where(there, control_steps, -np.inf), axis=0)
+    present = np.isfinite(control_steps)
+    grid = np.max(np.where(present, control_steps, -np.inf), axis=0)
     empty = np.isinf(grid)
     grid[empty] = _further_steps(grid[~empty], int(empty.sum()), planned, kind)
     for row, divergence in enumerate(divergences):
         if divergence is None:
             continue
-        late = ~there[row] & (grid >= divergence.control_steps)
-        if not (there[row] | late).any():
+        late = ~present[row] & (grid >= divergence.control_steps)
+        if not (present[row] | late).any():
             late[-1] = True
         control_steps[row, late] = grid[late]
         returns[row, late] = 0.0
-        returns[row, there[row] & (control_steps[row] > divergence.control_steps)] = 0.0
+        returns[row, present[row] & (control_steps[row] > divergence.control_steps)] = 0.0
     return counted
 
 
 def _widened(
     values: FloatArray, control_steps: FloatArray, planned: int, kind: Returns
 ) -> FloatArray:
-    """Returns the values with room for the points up to the control steps asked for."""
+    """Returns the values, padded with NaN to the points up to the planned control steps."""
     points = values.shape[1]
     if kind is TRAINING:
         more = max(1, -(-planned // EPISODE_STEPS)) - points
@@ -116,7 +115,7 @@ def _widened(
 
 
 def _further_steps(grid: FloatArray, count: int, planned: int, kind: Returns) -> FloatArray:
-    """Returns the control steps of points that no seed has recorded."""
+    """Returns the control steps of further points, which no seed has recorded."""
     if kind is TRAINING:
         return np.asarray((len(grid) + 1.0 + np.arange(count)) * EPISODE_STEPS)
     return np.full(count, float(planned))

@@ -1,4 +1,4 @@
-"""The paper's learning curves, beside which ours are drawn and tabled."""
+"""The paper's learning curves, for comparison with ours."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -11,14 +11,14 @@ from jbench.names import EPISODE_STEPS, FULL
 from jbench.report.data.curves import FloatArray
 
 PPO_ENVIRONMENTS = 8
-"""Environments of the paper's PPO; its figures probably count the steps of one of them."""
+"""Parallel environments of the paper's PPO; its figures probably count the steps of only one."""
 
 SEQUENCE_ROBOTS = 10
-"""Augmented robots that the authors' SAC learned on in turn, 1e6 control steps on each."""
+"""Number of augmented robots in the authors' SAC sequence, with 1e6 control steps each."""
 
 _SEQUENCE = "augmented-sac"
 
-# That sequence of robots, and Figure 8 once more with a wider, estimated band.
+# The sequence of robots, and Figure 8 with a wider, estimated band.
 _NOT_COMPARED = (_SEQUENCE, "fig8-10-90")
 
 
@@ -27,13 +27,13 @@ class PublishedCurve:
     """One learning curve of the paper.
 
     Attributes:
-        figure: of the paper: `fig7`, `fig8` or `fig9`; else `augmented-sac`.
-        task: what was learned.
-        algo: by which algorithm.
+        figure: figure of the paper (`fig7`, `fig8` or `fig9`), or `augmented-sac`.
+        task: task of the runs.
+        algo: algorithm of the runs.
         representation: `full` or `dae12`.
-        control_steps: (points,) centre of the window, as printed.
-        quantiles: (points,) episode returns, by percent; 50 is always there.
-        sequence: whether it goes through several augmented robots.
+        control_steps: (points,) center of the window, as printed.
+        quantiles: (points,) episode returns by percent; always contains 50.
+        sequence: whether training goes through several augmented robots.
     """
 
     figure: str
@@ -46,14 +46,14 @@ class PublishedCurve:
 
     @property
     def figure_name(self) -> str:
-        """Names the figure as the paper does: `Figure 9`."""
+        """Name of the figure in the paper, such as `Figure 9`."""
         return self.figure.replace("fig", "Figure ").replace(_SEQUENCE, "augmented SAC")
 
     def median_at(self, control_steps: float) -> float | None:
-        """Returns the median there, interpolated; None where the curve does not reach.
+        """Returns the interpolated median at a control step; None if the curve does not reach it.
 
-        The ends are taken to within an episode: the paper's windows are counted from the start of
-        an episode, ours from its end.
+        The curve's ends have a tolerance of an episode, because the paper's windows are counted
+        from the start of an episode and ours from its end.
         """
         low, high = self.control_steps[0] - EPISODE_STEPS, self.control_steps[-1] + EPISODE_STEPS
         if not low <= control_steps <= high:
@@ -68,9 +68,9 @@ def read_published(table: pa.Table) -> list[PublishedCurve]:
 
 
 def read_sequences(table: pa.Table) -> list[PublishedCurve]:
-    """Returns the curve of SAC on ten augmented robots in turn, from the table `published`.
+    """Returns the curve of SAC on ten augmented robots in sequence, from the table `published`.
 
-    Its moving average is over 20 episodes, and of one robot's at a time.
+    Its moving average is over 20 episodes, within each robot.
     """
     frame: pd.DataFrame = table.to_pandas(use_threads=False)
     curves = _curves(frame[frame["figure"] == _SEQUENCE])
@@ -105,15 +105,15 @@ def best_median(
     *,
     sequence: bool = False,
 ) -> tuple[float, str] | None:
-    """Returns the best published median after so many control steps, and the figure's id.
+    """Returns the best published median at a control step, and the figure's id.
 
     Args:
-        curves: of the paper.
-        task: what was learned.
-        algo: by which algorithm.
+        curves: the paper's curves.
+        task: task of the curve.
+        algo: algorithm of the curve.
         representation: `full` or `dae12`.
-        control_steps: centre of a window.
-        sequence: whether on several augmented robots in turn, or on the plain one.
+        control_steps: center of a window.
+        sequence: whether to use the curve of several augmented robots, or of the plain robot.
     """
     medians = [
         (median, curve.figure)
@@ -126,6 +126,6 @@ def best_median(
 
 
 def best_at_end(curves: Iterable[PublishedCurve], task: str) -> float | None:
-    """Returns the best published median of a task at the end of training, on the plain robot."""
+    """Returns a task's best published median at the end of training on the plain robot."""
     medians = [float(c.quantiles[50][-1]) for c in curves if c.task == task and not c.sequence]
     return max(medians, default=None)

@@ -1,7 +1,7 @@
 """The two kinds of return that a run records: of its training episodes and of its evaluations.
 
-A cell is of one kind, and every function of cells, curves and statistics serves both: the kind
-says only how they are smoothed, which of them are the end of a run, and what they are called.
+A cell has one kind. Cells, curves and statistics use the same code for both kinds; the kind only
+determines the smoothing, the number of final points, and the names.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ class Returns:
     """A kind of return.
 
     Attributes:
-        name: what it is called in files and options.
-        long: what it is called in a caption or a sentence.
-        axis: what it is called on an axis, in two lines.
-        final: how a seed's final return is defined.
-        up_to: how it is defined up to a control step within a run.
-        over_run: how a seed's return over its whole run is defined.
-        final_points: points at the end of a run, at most, whose mean is its final return.
-        smoothed: whether a curve is a moving average; an evaluation is a mean of episodes already.
+        name: name in files and options.
+        long: name in captions and sentences.
+        axis: name on an axis, in two lines.
+        final: definition of a seed's final return.
+        up_to: definition of the final return up to a control step within a run.
+        over_run: definition of a seed's return over its whole run.
+        final_points: maximum number of points that are averaged in a final return.
+        smoothed: whether a curve is a moving average; an evaluation is already a mean of episodes.
     """
 
     name: ReturnsName
@@ -36,7 +36,7 @@ class Returns:
 
     @property
     def plural(self) -> str:
-        """Names several of them: `evaluation returns`."""
+        """Plural, such as `evaluation returns`."""
         return f"{self.name} returns"
 
 
@@ -44,9 +44,9 @@ TRAINING = Returns(
     name="training",
     long="training return, exploration included",
     axis="training return\n(exploration included)",
-    final="A final training return is the mean of a run's last 100 training episodes, or of its "
-    "last quarter where that is less; the actions are those of training, exploration included.",
-    up_to="the mean of the last 100 training episodes up to there, or of their last quarter",
+    final="A final training return is the mean over a run's last 100 training episodes, or over "
+    "its last quarter if that is shorter; actions include exploration.",
+    up_to="the mean of the last 100 training episodes up to that step, or of their last quarter",
     over_run="the mean over all training episodes of a run",
     final_points=FINAL_EPISODES,
     smoothed=True,
@@ -55,15 +55,15 @@ EVALUATION = Returns(
     name="evaluation",
     long="evaluation return of the deterministic policy",
     axis="evaluation return\n(deterministic policy)",
-    final="A final evaluation return is the mean of the episodes of a run's last evaluation, in "
+    final="A final evaluation return is the mean over the episodes of a run's last evaluation, in "
     "which the policy is deterministic.",
-    up_to="the mean of the last evaluation up to there",
+    up_to="the mean of the last evaluation up to that step",
     over_run="the mean over all evaluations of a run",
     final_points=1,
     smoothed=False,
 )
 KINDS: dict[ReturnsName, Returns] = {kind.name: kind for kind in (EVALUATION, TRAINING)}
-"""Both kinds by name, that of evaluations first."""
+"""Both kinds by name, evaluations first."""
 
 
 def in_order_of(lead: ReturnsName) -> list[Returns]:

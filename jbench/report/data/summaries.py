@@ -1,4 +1,4 @@
-"""The rows of all curves and cells, and what a reader should know of them."""
+"""Rows of all curves and cells, and notes on them."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -58,20 +58,20 @@ def aggregate_curves(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
 def summary_table(
     learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], window: int
 ) -> pd.DataFrame:
-    """Returns a row for each cell: what its seeds came to, beside what the paper's did.
+    """Returns a row per cell: the final returns of its seeds, and the published median.
 
-    Columns: task, algo, representation, variant, source (ours, or another), settings
-    (those that set a variant apart), seeds, diverged (seeds that did), steps_min and steps_max
-    (control steps that seeds were trained for), episodes_min, episodes_max, and of evaluation
-    returns and of training returns: …_return_median, …_return_q10, …_return_q90 (of the final
-    returns across seeds) and …_return_steps (control steps that they stand for, the seeds'
-    median); published_median and published_figure (best of the paper at training_return_steps;
-    missing where its curves don't reach; on robots in turn where ours is), notes.
+    Columns: task, algo, representation, variant, source (ours, or another), settings (those that
+    distinguish a variant), seeds, diverged (number of seeds), steps_min and steps_max (control
+    steps of training), episodes_min, episodes_max, and for evaluation and for training returns:
+    …_return_median, …_return_q10, …_return_q90 (of the final returns across seeds) and
+    …_return_steps (control steps at which they are measured, median over seeds);
+    published_median and published_figure (the paper's best at training_return_steps; missing if
+    its curves don't reach it; for a sequence of robots, of the paper's sequence), notes.
 
     Args:
         learned: the curves of both kinds of return.
         published: the paper's curves.
-        window: episodes that were to be averaged.
+        window: requested number of episodes in a moving average.
     """
     rows: dict[tuple[str, ...], dict[str, Any]] = {}
     for item in learned:
@@ -87,7 +87,7 @@ def summary_table(
 
 
 def published_beside(cell: Cell, published: Sequence[PublishedCurve]) -> tuple[float, str] | None:
-    """Returns the paper's best median where a cell of training returns ends, and its figure."""
+    """Returns the paper's best median at the end of a cell of training returns, and its figure."""
     if cell.kind is not TRAINING:
         return None
     return best_median(
@@ -110,7 +110,7 @@ def _final(cell: Cell) -> dict[str, float]:
 
 
 def cell_notes(item: LearnedCurve, published: Sequence[PublishedCurve], window: int) -> list[str]:
-    """Returns what a reader of a cell's curve should know, a clause each."""
+    """Returns notes on a cell's curve, a clause each."""
     cell, curve = item
     notes = list(cell.notes)
     if cell.kind is not TRAINING:
@@ -133,14 +133,14 @@ def cell_notes(item: LearnedCurve, published: Sequence[PublishedCurve], window: 
 
 
 def _robot_notes(cell: Cell, compared: Collection[tuple[str, str, str]]) -> list[str]:
-    """Says how a cell of augmented robots relates to what was published for its like."""
+    """Returns notes on how a cell of augmented robots relates to published curves."""
     if not cell.robots or (cell.task, cell.algo, cell.representation) not in compared:
         return []
     if cell.robots == 1:
-        return ["learned on an augmented robot, but the published curves are of the plain one"]
+        return ["trained on an augmented robot, but the published curves are of the plain one"]
     return [
-        f"learned on {cell.robots} augmented robots in turn: what is published beside it, if "
-        f"anything, is of {SEQUENCE_ROBOTS} other ones, 1000000 control steps each"
+        f"trained on {cell.robots} augmented robots in sequence: the published curve, if there is "
+        f"one, is of {SEQUENCE_ROBOTS} other robots, 1000000 control steps each"
     ]
 
 

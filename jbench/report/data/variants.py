@@ -1,4 +1,4 @@
-"""Labels of variants: the settings in which they differ, as a reader sees them."""
+"""Labels of variants: the settings in which they differ."""
 
 import json
 import math
@@ -13,13 +13,13 @@ _VALUE_LENGTH = 34
 
 
 def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str, str]:
-    """Returns a label for each variant: the settings that differ, as `learning_rate=0.001`.
+    """Returns a label for each variant: the settings that differ, such as `learning_rate=0.001`.
 
     Args:
-        settings: of a run, or of something else, by variant.
+        settings: settings of a run, or of another record, by variant.
 
     Returns:
-        Labels by variant, in the order of the values that differ; "" for a lone variant.
+        Labels by variant, in the order of the values that differ; "" for a single variant.
     """
     flat = {variant: flatten(values) for variant, values in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
@@ -39,14 +39,14 @@ def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str,
         )
         for variant, values in rows
     }
-    # More settings than a label can name, or names cut short, must not make two curves one.
+    # Labels must stay distinct, even if settings are left out or values are cut short.
     if len(differing) > _NAMED_SETTINGS or len(set(labels.values())) < len(labels):
         labels = {variant: f"{label}, … ({variant})" for variant, label in labels.items()}
     return labels
 
 
 def _short_names(paths: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
-    """Names a setting by its last part alone, where that is enough."""
+    """Returns the last part of each path if it is unique, else the whole path."""
     last = [path[-1] for path in paths]
     return {path: path[-1] if last.count(path[-1]) == 1 else ".".join(path) for path in paths}
 
@@ -60,7 +60,7 @@ def _text(value: Any) -> str:
 
 
 def value_text(value: Any) -> str:
-    """Returns a setting's value for a reader: 3e-04, not 0.00030000000000000003."""
+    """Formats a setting's value, such as 3e-04 instead of 0.00030000000000000003."""
     if isinstance(value, float) and math.isfinite(value):
         mantissa, exponent = f"{value:.5e}".split("e")
         if value and int(exponent) < -3:
@@ -74,6 +74,6 @@ def _exact(value: Any) -> str | None:
 
 
 def _rank(value: Any) -> tuple[int, float, str]:
-    """Sorts numbers by size, before all else."""
+    """Returns a sort key: numbers by size, then everything else."""
     number = isinstance(value, int | float)
     return (0, value, "") if number else (1, 0.0, _text(value))

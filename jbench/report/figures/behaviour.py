@@ -1,4 +1,4 @@
-"""What policies do: the paper's Figures 4 and 5, from the states that `jbench evaluate` kept."""
+"""Behaviour of policies: the paper's Figures 4 and 5, from states saved by `jbench evaluate`."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,15 +12,15 @@ from jbench.report.figure import Axis, Figure, HeatMap, Panel, Series, Style, pa
 from jbench.store import Record, Results, schema
 
 _COLORS = ("#009e73", "#e69f00", "#0072b2", "#cc79a7")
-_REACH = 2.0  # m from the origin; a second of the quickest gait is .14 m
+_REACH = 2.0  # m from the origin; the fastest gait moves 0.14 m in a second
 _MOTOR_NOTE = (
-    "The distribution of the motor's velocity over all states of the evaluated episodes (the "
-    "paper's Figure 4): below as observed, 1 at 180 rad/s, above in rad/s. The axis of the density "
-    "is logarithmic."
+    "Distribution of the motor's velocity over all states of the evaluated episodes (the paper's "
+    "Figure 4). The lower axis shows it as observed (1 at 180 rad/s), the upper one in rad/s. The "
+    "density axis is logarithmic."
 )
 _POSITION_NOTE = (
-    "Where the robot was over all states of the evaluated episodes (the paper's Figure 5), from "
-    "its start at the cross; the arrow is the target's direction where it was fixed."
+    "Positions of the robot over all states of the evaluated episodes (the paper's Figure 5). It "
+    "starts at the cross; the arrow is the target's direction, if it was fixed."
 )
 _SHOWN = 4  # policies in a figure
 _START = Series(np.zeros(1), np.zeros(1), Style("#d00000", dash="", marker="+", size=9))
@@ -30,14 +30,14 @@ class Behaviour(NamedTuple):
     """The states of one evaluated policy.
 
     Attributes:
-        task: that it did.
-        policy: its name.
-        median: of the episode returns.
-        episodes: how many.
+        task: task of the evaluation.
+        policy: name of the policy.
+        median: median episode return.
+        episodes: number of episodes.
         target_yaw: fixed direction of the target (rad), or None.
         motor_velocity: (states,) rad/s.
-        x: (states,) m in the world.
-        y: (states,) m in the world.
+        x: (states,) m, in world coordinates.
+        y: (states,) m, in world coordinates.
     """
 
     task: str
@@ -51,13 +51,13 @@ class Behaviour(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What a figure calls it."""
+        """Label in figures."""
         return f"{self.policy} (median return {self.median:.0f}, {self.episodes} episodes)"
 
 
 def behaviours(results: Results, task: str | None = None) -> tuple[list[Behaviour], list[str]]:
-    """Returns the newest kept states of each policy, on a task or all, and what can't be read."""
-    found: dict[tuple[str, str], Behaviour] = {}
+    """Returns the newest saved states of each policy and task, and sentences on read errors."""
+    newest: dict[tuple[str, str], Behaviour] = {}
     problems = []
     for record in results.scan("evaluation")[0]:
         settings = record.settings
@@ -70,12 +70,12 @@ def behaviours(results: Results, task: str | None = None) -> tuple[list[Behaviou
         except WorkError as error:
             problems.append(str(error))
             continue
-        found[behaviour.task, behaviour.policy] = behaviour
-    return list(found.values()), problems
+        newest[behaviour.task, behaviour.policy] = behaviour
+    return list(newest.values()), problems
 
 
 def _behaviour(record: Record) -> Behaviour:
-    """Reads the states of an evaluation; its manifest may come from a stranger and say anything."""
+    """Reads the states of an evaluation, whose manifest is untrusted."""
     states = record.read("policy_states", schema.POLICY_STATES)
     settings, yaw = record.settings, record.settings.get("target_yaw")
     try:
@@ -89,24 +89,24 @@ def _behaviour(record: Record) -> Behaviour:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise WorkError(
-            f"The evaluation {record.id} has settings that can't be ({error}); delete "
-            f"{record.path} to make it again."
+            f"The evaluation {record.id} has invalid settings ({error}); delete {record.path} to "
+            "make it again."
         ) from None
 
 
-def figures(all_of_them: Sequence[Behaviour]) -> dict[str, Figure]:
-    """Returns Figures 4 and 5 for each task, by file name; none where no states were kept."""
-    found = {}
-    for task in dict.fromkeys(behaviour.task for behaviour in all_of_them):
-        chosen = _telling([b for b in all_of_them if b.task == task])
-        found[file_name("figure4", task)] = motor_figure(task, chosen)
-        found[file_name("figure5", task)] = position_figure(task, chosen)
-    return found
+def figures(behaviours: Sequence[Behaviour]) -> dict[str, Figure]:
+    """Returns Figures 4 and 5 for each task with saved states, by file name."""
+    by_name = {}
+    for task in dict.fromkeys(behaviour.task for behaviour in behaviours):
+        selected = _select_policies([b for b in behaviours if b.task == task])
+        by_name[file_name("figure4", task)] = motor_figure(task, selected)
+        by_name[file_name("figure5", task)] = position_figure(task, selected)
+    return by_name
 
 
-def _telling(of_task: Sequence[Behaviour]) -> list[Behaviour]:
-    """Returns the policies to draw, by rising return: the worst, and the best of the others."""
-    ranked = sorted(of_task, key=lambda behaviour: behaviour.median)
+def _select_policies(behaviours: Sequence[Behaviour]) -> list[Behaviour]:
+    """Returns the policies to draw, by ascending return: the worst, and the best of the others."""
+    ranked = sorted(behaviours, key=lambda behaviour: behaviour.median)
     return ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
 
 
@@ -115,7 +115,7 @@ def motor_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
 
     The lower axis is the observation of the motor's velocity, 1 at 180 rad/s, the upper rad/s.
     """
-    # The tasks bring dm_control with them, which most reports do without.
+    # Imported here because the package imports dm_control, which most reports don't need.
     from jbench.tasks.features import RANGES
 
     full_speed = RANGES["motor_velocity"][1][0]  # rad/s, an observation of 1
@@ -129,17 +129,14 @@ def motor_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
     x = Axis(
         "motor velocity, as observed (1 = 180 rad/s)", padded(edges), opposite=("rad/s", full_speed)
     )
-    # Policies that rest have a spike at 0 which would flatten all else.
+    # Logarithmic, because resting policies have a spike at 0 that would flatten everything else.
     densities = np.concatenate([one.y for one in series])
     y = Axis("probability density", padded(densities, log=True), log=True)
     return Figure(f"Motor velocities: {task}", [Panel("", x, y, series)], notes=[_MOTOR_NOTE])
 
 
 def position_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
-    """Returns where each policy's robots were (paper, Figure 5): a heat map of the torso's place.
-
-    The arrow shows the target's direction where it was fixed; every robot starts at the origin.
-    """
+    """Returns a heat map of the torso's position for each policy (paper, Figure 5)."""
     farthest = max(float(np.quantile(np.hypot(b.x, b.y), 0.995)) for b in chosen)
     reach = float(np.clip(farthest * 1.05, 0.1, _REACH))
     panels = [_position_panel(b, reach) for b in chosen]

@@ -1,4 +1,4 @@
-"""Learning curves as series of a figure: ours, the paper's, and the key that explains both."""
+"""Series of learning curves, ours and the paper's, and their key."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,18 +11,18 @@ from jbench.report.data.published import PublishedCurve
 from jbench.report.figure import DOTS, Axis, Band, Dash, ReferenceLine, Series, Shade, Style
 
 BAND_SEEDS = 3
-"""Seeds from which a band is drawn: fewer have no spread worth the name."""
+"""Minimum number of seeds for a band."""
 
 SOLVED_STYLE = Style("#d00000", width=0.9)
 SOLVED_LINE = ReferenceLine(SOLVED, SOLVED_STYLE)
 SOLVED_KEY = (f"solved: a return of {SOLVED}", SOLVED_STYLE)
 
-# Neither dashed, which is for published curves, nor dotted, for what fewer seeds have reached.
+# Dashed lines are for published curves, dotted ones for points that not all seeds have reached.
 LINE_STYLES: tuple[Dash, ...] = ("-", "-.", (0, (8, 1.5)), (0, (6, 1.5, 1, 1.5, 1, 1.5)))
 _MARKERS = ("", "o", "s", "^", "v")
 
 _EDGES: dict[bool, Dash] = {False: "-", True: (0, (4, 3))}
-"""Style of the edges of a published band, by whether single seeds are drawn."""
+"""Style of the edges of a published band, depending on whether single seeds are drawn."""
 
 _WIDTH = 1.7
 _BAND_ALPHA = 0.13
@@ -30,11 +30,11 @@ _MAX_POINTS = 600
 _MAX_MARKED = 40
 
 KEY_COLOR = "0.25"
-"""Of lines in a key that stand for curves of every colour."""
+"""Color of lines in a key that represent curves of any color."""
 
 
 class Look(NamedTuple):
-    """Colour and line style of a curve."""
+    """Color and line style of a curve."""
 
     color: str
     style: int
@@ -49,7 +49,7 @@ def returns_axis(label: str) -> Axis:
 
 
 def steps_axis(end: float) -> Axis:
-    """Returns the axis of control steps up to the last one that is shown."""
+    """Returns the axis of control steps up to `end`."""
     unit, name = (1e-6, "millions") if end >= 1e6 else (1e-3, "thousands")
     return Axis(f"control steps ({name})", (0, end), unit=unit)
 
@@ -62,29 +62,27 @@ def learned_series(
     *,
     each_seed: bool = False,
 ) -> list[Series]:
-    """Returns a curve as a series, after a thin one for each seed if they are asked for.
-
-    The label names what the curve is, its seeds, and its window where evaluations have none.
+    """Returns a curve as a series, preceded by a thin one per seed if `each_seed` is set.
 
     Args:
         item: the curve.
-        look: of its line.
-        bands: percentiles, the widest first.
-        name: of the curve.
-        each_seed: whether every seed is drawn, too.
+        look: color and style of the line.
+        bands: percentiles of the bands, the widest first.
+        name: beginning of the label.
+        each_seed: whether every seed is drawn as well.
     """
     curve = item.curve
     shown = thinned(len(curve.control_steps), _MAX_POINTS, curve.window // 4)
     x, seeds = curve.control_steps[shown], curve.seeds[shown]
     enough = seeds >= BAND_SEEDS
     ends = ([np.where(enough, curve.quantile(p)[shown], np.nan) for p in band] for band in bands)
-    # The points of evaluations are few, and nothing is known of what lies between.
+    # Evaluations have few points, and the values between them are unknown.
     few = len(x) == 1 or (not item.cell.kind.smoothed and len(x) <= _MAX_MARKED)
     style = Style(
         look.color,
         LINE_STYLES[look.style % len(LINE_STYLES)],
         _WIDTH,
-        # A run that is just long enough for one point would not show without a marker.
+        # A single point would be invisible without a marker.
         marker=_MARKERS[look.style // len(LINE_STYLES) % len(_MARKERS)] or ("o" if few else ""),
         size=3 if few else 4,
         every=1 if few else max(1, len(x) // 10),
@@ -113,7 +111,7 @@ def published_series(
 ) -> list[Series]:
     """Returns one of the paper's curves, and the edges of its band.
 
-    Beside single seeds, which are thin lines too, the edges are dashed.
+    The edges are dashed if single seeds are drawn, which are thin lines as well.
     """
     x = curve.control_steps
     edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.4)
@@ -126,17 +124,17 @@ def published_series(
 def curve_key(
     bands: Sequence[tuple[int, int]], figure_names: Sequence[str], *, each_seed: bool = False
 ) -> list[tuple[str, Style | Shade]]:
-    """Returns the key of the kinds of lines and bands, in no curve's colour.
+    """Returns the key of the kinds of lines and bands.
 
     Args:
-        bands: of ours, the narrowest first, which is that of the published curves too.
-        figure_names: of the paper, whose curves are shown.
+        bands: bands of our curves, the narrowest first; published curves have only that one.
+        figure_names: figures of the paper whose curves are shown.
         each_seed: whether single seeds are shown.
     """
     color = KEY_COLOR
     key: list[tuple[str, Style | Shade]] = [
         ("ours: median across seeds", Style(color, width=_WIDTH)),
-        ("ours: not all seeds got here", Style(color, DOTS, _WIDTH)),
+        ("ours: not reached by all seeds", Style(color, DOTS, _WIDTH)),
     ]
     if each_seed:
         key.append(("ours: a single seed", Style(color, width=0.5, alpha=0.6)))
@@ -166,19 +164,19 @@ def _label(item: LearnedCurve, name: str) -> str:
     return f"{cell.prefix}{name}{settings} ({seeds})"
 
 
-def thinned(points: int, most: int, longest: int | None = None) -> IntArray:
-    """Returns the indices of points to draw: every k-th and the last, `most` to twice as many.
+def thinned(points: int, enough: int, max_step: int | None = None) -> IntArray:
+    """Returns the indices of points to draw: every k-th and the last.
 
     Args:
-        points: of a curve.
-        most: as many as a smooth line needs.
-        longest: the largest k; None: any.
+        points: number of points of a curve.
+        enough: number of points of a smooth line; at least so many are drawn, if there are.
+        max_step: maximum of k; None for any.
     """
-    step = max(1, min(points // most, points if longest is None else longest))
+    step = max(1, min(points // enough, points if max_step is None else max_step))
     indices: IntArray = np.unique(np.r_[0:points:step, points - 1])
     return indices
 
 
 def percentiles(band: tuple[int, int]) -> str:
-    """Names a band for a reader."""
+    """Returns the name of a band."""
     return f"{band[0]}th\N{EN DASH}{band[1]}th percentile"

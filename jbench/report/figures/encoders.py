@@ -1,4 +1,4 @@
-"""How many dimensions the robot has: the error of every kind of encoder against its latents."""
+"""Figures of encoders: errors and predictions against the number of latents."""
 
 import json
 
@@ -43,7 +43,7 @@ _LOOKS = {
 }
 _OTHER = ("#cc79a7", "p")
 _FLOOR = 1e-3
-"""Fraction of the variance below which an error is drawn as this: nothing is lost."""
+"""Smaller fractions of unexplained variance are drawn at this value."""
 
 _DATA: dict[str, Dash] = {"test": "-", "heuristic": "--"}
 _LABELS = {"test": "held-out episodes of the dataset", "heuristic": "episodes of the heuristic"}
@@ -56,26 +56,22 @@ _PREDICTED: dict[str, Dash] = {
     "tilt_rate": "-.",
     "reward": ":",
 }
-"""What is predicted of the next control step, and the style of its line."""
+"""Predicted quantities of the next control step, and their line styles."""
 
 
 def look_of(kind: str) -> tuple[str, str]:
-    """Returns the colour and marker of a kind of representation, the same in every figure."""
+    """Returns the color and marker of a kind of representation, which all figures share."""
     return _LOOKS.get(kind, _OTHER)
 
 
 def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.DataFrame:
-    """Returns a row for each finished task, kind, variant and number of latents.
+    """Returns a row per task, kind, variant and number of latents of finished encoders.
 
-    Columns: task, kind, settings (the options that set a variant apart), latents, seeds, and the
-    medians across seeds of test_mse and of the fractions of the variance that are not explained:
-    test, pca and random (held-out episodes), heuristic and pca_heuristic (the heuristic's); the
-    medians of the R² of yaw_rate, forward_speed, tilt_rate and reward, and of the effective_rank,
-    NaN for encoders that were trained before these were measured.
-
-    Args:
-        tables: of the database.
-        task: only this one.
+    Columns: task, kind, settings (the options that distinguish a variant), latents, seeds, and the
+    medians across seeds of test_mse; of the unexplained fractions of the variance test, pca and
+    random (held-out episodes), heuristic and pca_heuristic (the heuristic's); of the R² of
+    yaw_rate, forward_speed, tilt_rate and reward; and of the effective_rank. The last five are NaN
+    for encoders that were trained before they were measured.
     """
     encoders, errors = (tables[name].to_pandas() for name in ("encoders", "encoder_errors"))
     finished = encoders[(encoders["status"] == "finished") & encoders["kind"].notna()]
@@ -113,10 +109,10 @@ def figures(table: pd.DataFrame) -> dict[str, Figure]:
     if table.empty:
         return {}
     predicted = table[table["yaw_rate"].notna()]
-    found = {"encoders": _error_figure(table)}
+    by_name = {"encoders": _error_figure(table)}
     if not predicted.empty:
-        found["encoder_predictions"] = _prediction_figure(predicted)
-    return found
+        by_name["encoder_predictions"] = _prediction_figure(predicted)
+    return by_name
 
 
 def _prediction_figure(table: pd.DataFrame) -> Figure:
@@ -136,8 +132,9 @@ def _prediction_figure(table: pd.DataFrame) -> Figure:
         y_axis = Axis("R² of the next control step", (-0.03, 1.03))
         panels.append(Panel(task, _latents_axis(rows), y_axis, series))
     note = (
-        "How well a small network with fixed settings predicts the next control step from latents "
-        "and action, on held-out episodes; medians across seeds. Below 0 is drawn at 0."
+        "R² of a small network with fixed settings that predicts the next control step from "
+        "latents and action, on held-out episodes; medians across seeds. Values below 0 are drawn "
+        "at 0."
     )
     key = [(name.replace("_", " "), Style(KEY_COLOR, dash)) for name, dash in _PREDICTED.items()]
     return Figure("Predictions against number of latents", panels, key, [note])
@@ -157,22 +154,22 @@ def _error_figure(table: pd.DataFrame) -> Figure:
         for data, dash in _DATA.items()
     ]
     note = (
-        "The fraction of the variance of the scaled features, all together, that the encoder does "
-        "not give back; medians across seeds. A ddae is held against the state some steps later, "
-        f"of which some can't be foreseen. Fractions below {_FLOOR:g} are drawn there."
+        "Unexplained fraction of the variance of all scaled features; medians across seeds. ddae "
+        "is scored on the state some steps later, part of which is unpredictable. Fractions below "
+        f"{_FLOOR:g} are drawn at {_FLOOR:g}."
     )
     return Figure("Error against number of latents", panels, key, [note])
 
 
 def _error_series(rows: pd.DataFrame) -> list[Series]:
-    """Returns the kinds of encoders of a task."""
+    """Returns the series of a task, two for each kind of encoder."""
     variants: dict[str, int] = {}
     series = []
     for (kind, settings), group in rows.groupby(["kind", "settings"], sort=False):
         color, marker = look_of(str(kind))
-        # Variants of a kind have its colour; all but the first have thinner lines.
+        # Variants of a kind share its color; all but the first have thinner lines.
         nth = variants[str(kind)] = variants.get(str(kind), -1) + 1
-        # The first kinds, which are ours and learned, lie above the others.
+        # The first kinds are drawn above the others.
         zorder = 10 - 0.1 * len(variants) - 0.01 * nth
         for data, dash in _DATA.items():
             test = data == "test"
@@ -201,7 +198,7 @@ def _name(kind: object, settings: object) -> str:
 
 
 def _labels(rows: pd.DataFrame) -> list[str]:
-    """Returns what sets the variant of each row apart within its task and kind, or nothing."""
+    """Returns the options that distinguish each row's variant within its task and kind."""
     recorded = [json.loads(text) for text in rows["settings"]]
     kept = [{n: v for n, v in one.items() if n not in ENCODER_VARIANT} for one in recorded]
     hashes = [settings_hash(variant) for variant in kept]

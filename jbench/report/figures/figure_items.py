@@ -1,4 +1,4 @@
-"""The figures of a report, with their captions and the numbers drawn."""
+"""Figures of a report, with their titles and numbers."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -30,7 +30,7 @@ from jbench.report.views import View
 def of_curves(
     view: View, published: Sequence[PublishedCurve], aggregate: pd.DataFrame, request: Request
 ) -> Iterator[FigureItem]:
-    """Gives the learning curves: all, full against encoded, and robots learned on in turn."""
+    """Yields the learning curves: all, full against encoded, and sequences of robots."""
     kind, one_robot = view.kind, _on_one_robot(view)
     options = one_robot, published, request.order, request.window
     training, each_seed = kind is TRAINING, request.each_seed
@@ -47,18 +47,18 @@ def of_curves(
         yield FigureItem(file_name(name, task, algo), title, figure, data)
     if not training:
         return
-    in_turn = sequences.sequence_figures(
+    sequence_figures = sequences.sequence_figures(
         view.learned, published, request.order, each_seed=each_seed
     )
-    for (task, algo), figure in in_turn.items():
-        title = f"Robots in turn: {task}, {display_name(algo)}"
+    for (task, algo), figure in sequence_figures.items():
+        title = f"Sequence of robots: {task}, {display_name(algo)}"
         data = _rows(aggregate, task, algo)
         yield FigureItem(file_name("robots", task, algo), title, figure, data)
 
 
 def of_returns(view: View) -> Iterator[FigureItem]:
-    """Gives the matrix of cells and the performance profiles; there is at least one cell."""
-    title = f"All cells at a glance: final {view.kind.plural}"
+    """Yields the matrix of cells and the performance profiles, of at least one cell."""
+    title = f"Overview of all cells: final {view.kind.plural}"
     data = heat_map.matrix_frame(view.cells)
     yield FigureItem("matrix", title, heat_map.matrix_figure(view.cells), data)
     one_robot = [item.cell for item in _on_one_robot(view)]
@@ -69,7 +69,7 @@ def of_returns(view: View) -> Iterator[FigureItem]:
 
 
 def of_reduction(view: View) -> Iterator[FigureItem]:
-    """Gives the final returns of representations against how many numbers an agent sees."""
+    """Yields the final returns of representations against the size of the agent's input."""
     if view.groups:
         figure = reduction_figure.reduction_figure(view.groups)
         title = f"Final {view.kind.plural} by number of latents"
@@ -77,7 +77,7 @@ def of_reduction(view: View) -> Iterator[FigureItem]:
 
 
 def of_time(view: View, runs: pd.DataFrame) -> Iterator[FigureItem]:
-    """Gives the returns against processor time."""
+    """Yields the returns against processor time."""
     one_robot = _on_one_robot(view)
     figure = processor.processor_time_figure(one_robot, processors(runs))
     if figure is not None:
@@ -91,27 +91,27 @@ def _on_one_robot(view: View) -> list[LearnedCurve]:
 
 
 def of_encoders(table: pd.DataFrame) -> Iterator[FigureItem]:
-    """Gives the errors of encoders, and their predictions, against their latents."""
+    """Yields the errors and predictions of encoders against their number of latents."""
     titles = {
         "encoders": "Error of encoders against number of latents",
-        "encoder_predictions": "What latents tell of the next control step",
+        "encoder_predictions": "Prediction of the next control step from latents",
     }
     for name, figure in encoders.figures(table).items():
         yield FigureItem(name, titles[name], figure, table)
 
 
-def of_behaviour(seen: Sequence[Behaviour]) -> Iterator[FigureItem]:
-    """Gives what policies do: motor velocities and positions."""
+def of_behaviour(behaviours: Sequence[Behaviour]) -> Iterator[FigureItem]:
+    """Yields the motor velocities and positions of policies."""
     titles = {"figure4": "Motor velocities", "figure5": "Positions"}
-    for name, figure in behaviour.figures(seen).items():
+    for name, figure in behaviour.figures(behaviours).items():
         kind, _, task = name.partition("-")
         yield FigureItem(name, f"{titles[kind]}: {task}", figure)
 
 
 def processors(runs: pd.DataFrame) -> list[str]:
-    """Returns the processors that runs were made on, each once."""
-    said = [_processor(text) for text in runs["provenance"]] if len(runs) else []
-    return sorted({name for name in said if name})
+    """Returns the names of the processors of runs, each once."""
+    names = {_processor(text) for text in runs["provenance"]} if len(runs) else set()
+    return sorted(names - {""})
 
 
 def _processor(provenance: str) -> str:

@@ -1,4 +1,4 @@
-"""The matrix of cells: what has been learned by what, at a glance."""
+"""The matrix of cells: an overview of final returns."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,27 +11,26 @@ from jbench.report import formatting
 from jbench.report.analysis.scores import scores_of
 from jbench.report.data.cells import Cell, in_order
 from jbench.report.figure import Axis, CellText, Figure, HeatMap, Panel
-from jbench.report.formatting import display_name
 from jbench.report.tables import values
 
 _BRIGHT = 450
-"""Median return above which a cell's colour is bright enough for black text."""
+"""Median return above which a cell's color is bright enough for black text."""
 
 
 def caption(cells: Sequence[Cell]) -> str:
-    """Says what the matrix of these cells, of one kind of return, shows."""
+    """Returns the caption of the matrix."""
     kind, steps = cells[0].kind, compared_steps(cells)
     others = any(_steps(cell) != steps for cell in cells)
     colored = (
         f"cells of {formatting.steps(steps)} control steps" if steps else "cells of equal steps"
     )
     return (
-        f"Each cell: the median final {kind.name} return across seeds, in brackets the 10th and "
-        "90th percentile (spread), the control steps that the seeds were trained for, and the "
-        f"number of seeds n. {kind.final} The colour is that of the median, on a scale that "
-        f"colour-blind readers can tell apart and that prints in grey. Only {colored} are "
-        "coloured, the number of most cells: others are not comparable with them"
-        f"{', and stand on white' if others else ''}. Hatched: no runs."
+        f"Each cell: median final {kind.name} return across seeds, in brackets the 10th and 90th "
+        "percentile (spread), the control steps of training, and the number of seeds n. "
+        f"{kind.final} The colour shows the median, on a scale that is safe for colour-blind "
+        f"readers and prints in grey. Only {colored} are coloured, the most frequent number: "
+        f"others are not comparable with them{' and are white' if others else ''}. Hatched: no "
+        "runs."
         + (
             " A seed that diverged counts with return 0 from then on."
             if any(cell.diverged.any() for cell in cells)
@@ -41,20 +40,19 @@ def caption(cells: Sequence[Cell]) -> str:
 
 
 def compared_steps(cells: Sequence[Cell]) -> int | None:
-    """Returns the control steps that most cells were trained for; of several, the most steps.
+    """Returns the most frequent number of control steps of cells; of several, the largest.
 
-    None where the seeds of every cell were trained for different numbers of them.
+    None if every cell has seeds with different numbers of control steps.
     """
     counts = Counter(steps for cell in cells if (steps := _steps(cell)) is not None)
     return max(counts, key=lambda steps: (counts[steps], steps), default=None)
 
 
 def matrix_frame(cells: Sequence[Cell]) -> pd.DataFrame:
-    """Returns what is drawn.
+    """Returns the numbers of the figure.
 
-    Columns: task, source, algo, representation, returns (their kind), steps_min and steps_max
-    (control steps that seeds were trained for), seeds, diverged, median, q10, q90 (NaN without any
-    final return).
+    Columns: task, source, algo, representation, returns (kind), steps_min and steps_max (control
+    steps of training), seeds, diverged, median, q10, q90 (NaN without a final return).
     """
     rows = []
     for cell in cells:
@@ -63,7 +61,7 @@ def matrix_frame(cells: Sequence[Cell]) -> pd.DataFrame:
         rows.append(
             {
                 **{name: getattr(cell, name) for name in ("task", "source", "algo")},
-                **{"representation": cell.seen, "returns": cell.kind.name},
+                **{"representation": cell.representation_label, "returns": cell.kind.name},
                 **{"steps_min": cell.steps.min(), "steps_max": cell.steps.max()},
                 **{"seeds": len(final), "diverged": int(cell.diverged.sum())},
                 **dict(zip(("median", "q10", "q90"), quantiles, strict=True)),
@@ -73,18 +71,18 @@ def matrix_frame(cells: Sequence[Cell]) -> pd.DataFrame:
 
 
 def matrix_figure(cells: Sequence[Cell]) -> Figure:
-    """Returns a row for each algorithm and representation, a column for each task.
+    """Returns a heat map with a row per algorithm and representation, and a column per task.
 
     Args:
-        cells: of one kind of return, at least one.
+        cells: at least one cell; all of one kind of return.
     """
     tasks = in_order({cell.task for cell in cells}, TASKS)
-    rows = list(dict.fromkeys(_row(cell) for cell in cells))
+    rows = list(dict.fromkeys(values.algorithm_name(cell) for cell in cells))
     medians = np.full((len(rows), len(tasks)), np.nan)
     texts = []
     colored_steps = compared_steps(cells)
     for cell in cells:
-        row, column = rows.index(_row(cell)), tasks.index(cell.task)
+        row, column = rows.index(values.algorithm_name(cell)), tasks.index(cell.task)
         final = scores_of(cell).final
         if not len(final):
             continue
@@ -94,7 +92,7 @@ def matrix_figure(cells: Sequence[Cell]) -> Figure:
         colored = colored_steps is not None and _steps(cell) == colored_steps
         if colored:
             medians[row, column] = median
-        # Viridis is dark below, bright above.
+        # Viridis is dark for low values and bright for high ones.
         color = "white" if colored and median <= _BRIGHT else "black"
         texts.append(CellText(row, column, text, color, framed=not colored))
     x, y = (np.arange(len(names) + 1, dtype=np.float64) - 0.5 for names in (tasks, rows))
@@ -110,10 +108,5 @@ def matrix_figure(cells: Sequence[Cell]) -> Figure:
 
 
 def _steps(cell: Cell) -> int | None:
-    """Returns the control steps that all seeds of a cell were trained for; None if they differ."""
+    """Returns the control steps of training of a cell; None if its seeds differ."""
     return int(cell.steps[0]) if (cell.steps == cell.steps[0]).all() else None
-
-
-def _row(cell: Cell) -> str:
-    name = f"{display_name(cell.algo)}, {cell.seen}"
-    return f"{cell.prefix}{name}"

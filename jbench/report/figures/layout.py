@@ -1,4 +1,4 @@
-"""Sizes of figures for a screen and for a paper, and the places of panels, legends and notes."""
+"""Sizes of figures for a screen or a paper, and positions of panels, legends and notes."""
 
 from collections.abc import Sequence
 from textwrap import wrap
@@ -12,14 +12,14 @@ _TITLE_HEIGHT, _LINE_HEIGHT = 0.45, 0.165
 MARGIN = 0.15
 
 SMALL = 8.0
-"""Points: size of most texts."""
+"""Font size of most texts, in points."""
 
-_TINY = 5.5  # points: in narrow cells
-_CHARACTERS = 16  # of the small size in an inch
+_TINY = 5.5  # points; font size in narrow cells
+_CHARACTERS = 16  # characters of the small size per inch
 
 
 class _Form(NamedTuple):
-    """How panels are laid out: sizes in inches, and characters in a line of a legend."""
+    """Arrangement of panels: sizes in inches, and characters in a line of a legend."""
 
     columns: int
     width: float
@@ -33,13 +33,13 @@ class _Form(NamedTuple):
 
 
 class Sheet(NamedTuple):
-    """What a figure is made for.
+    """Format of a figure for a medium.
 
     Attributes:
-        grid: form of several panels.
-        single: form of a lone panel.
-        paper: whether it is a paper, which has title and notes in its caption.
-        stacked: whether the key of a lone panel is below the legend, not beside it.
+        grid: arrangement of several panels.
+        single: arrangement of a single panel.
+        paper: whether it is for a paper, where title and notes belong in the caption.
+        stacked: whether the key of a single panel is below the legend instead of beside it.
     """
 
     grid: _Form
@@ -79,17 +79,17 @@ class Box(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Places in a figure with a key, in inches.
+    """Positions in a figure with a key, in inches.
 
     Attributes:
-        width: of the figure.
-        height: of the figure.
-        panels: the axes.
+        width: width of the figure.
+        height: height of the figure.
+        panels: boxes of the axes.
         legends: upper left corners of the panels' legends.
         key: upper left corner of the key.
         notes: upper left corner of the notes.
-        lines: of the notes.
-        characters: in a line of a legend.
+        lines: lines of the notes.
+        characters: maximum characters in a line of a legend.
     """
 
     width: float
@@ -103,13 +103,13 @@ class Layout(NamedTuple):
 
 
 def lay_out(figure: Figure, sheet: Sheet, *, text: bool) -> Layout:
-    """Returns the places of panels, with a legend below each, of the key and of the notes.
+    """Returns the positions of panels (each with a legend below), key and notes.
 
-    The sizes follow from the lines of text, so that no legend or note is cut or covers a curve.
+    The sizes follow from the lines of text, so that no legend or note is cut off or covers a curve.
 
     Args:
-        figure: with a key.
-        sheet: what it is made for.
+        figure: a figure with a key.
+        sheet: its format.
         text: whether it has title and notes.
     """
     lone = len(figure.panels) == 1
@@ -132,7 +132,7 @@ def lay_out(figure: Figure, sheet: Sheet, *, text: bool) -> Layout:
             key = Box(lefts[0] + form.width / 2, below)
             height = max(height, key_height)
         elif len(row) < form.columns:
-            # In the place after the last panel.
+            # In the free space after the last panel.
             key = Box(lefts[len(row)], top + _TOP)
         top = below + height + MARGIN
     if key is None:
@@ -140,15 +140,15 @@ def lay_out(figure: Figure, sheet: Sheet, *, text: bool) -> Layout:
         top = key.top + key_height + (MARGIN if sheet.stacked else 0.0)
     characters = int((width - 2 * MARGIN) * _CHARACTERS)
     notes = [line for note in figure.notes for line in wrap(note, characters)] if text else []
-    place = Box(MARGIN, top + MARGIN)
-    total = place.top + _LINE_HEIGHT * len(notes) + MARGIN
-    return Layout(width, total, panels, legends, key, place, notes, form.characters)
+    corner = Box(MARGIN, top + MARGIN)
+    total = corner.top + _LINE_HEIGHT * len(notes) + MARGIN
+    return Layout(width, total, panels, legends, key, corner, notes, form.characters)
 
 
 def free_size(figure: Figure, sheet: Sheet, *, text: bool) -> tuple[int, float, float]:
-    """Returns columns of panels, and width and height (inches), of a figure without a key.
+    """Returns columns of panels, width and height (inches) of a figure without a key.
 
-    matplotlib finds the places in such a figure.
+    matplotlib lays out such a figure.
     """
     count, heat_map = len(figure.panels), figure.panels[0].heat_map
     columns = min(count, 2) if sheet.paper else count
@@ -164,18 +164,18 @@ def free_size(figure: Figure, sheet: Sheet, *, text: bool) -> tuple[int, float, 
 
 
 def cell_text_size(heat_map: HeatMap, sheet: Sheet) -> float:
-    """Returns the size of the texts in and beside the cells of a table (points)."""
+    """Returns the font size in and beside the cells of a table, in points."""
     columns = len(heat_map.x) - 1
     return SMALL if _table_width(heat_map, sheet) / (columns + 1.5) > 0.8 else _TINY
 
 
 def in_lines(text: str, characters: int) -> str:
-    """Returns a text in lines; its own lines end where they did."""
+    """Wraps a text; its own line breaks are kept."""
     return "\n".join(line for part in text.split("\n") for line in wrap(part, characters)) or " "
 
 
 def free_characters(sheet: Sheet, columns: int) -> int:
-    """Returns how many characters fit a line of a legend or title in a figure without a key."""
+    """Returns the characters in a line of a legend or title in a figure without a key."""
     return int(15 * sheet.grid.whole_width / columns) - 8 if sheet.paper else 1000
 
 

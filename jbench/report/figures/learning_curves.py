@@ -1,4 +1,4 @@
-"""The report's figures: a grid of tasks as in Figure 9, comparisons as in Figures 7 and 8."""
+"""Learning curves: a grid of tasks as in Figure 9, and comparisons as in Figures 7 and 8."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from jbench.report.figure import Axis, Figure, Panel, Series
 from jbench.report.figures import curve_series
 from jbench.report.formatting import display_name
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart too.
+# Okabe and Ito's palette, which is safe for color-blind readers.
 ALGORITHM_COLORS = {"ddpg": "#0072B2", "ppo": "#E69F00", "sac": "#009E73", "td3": "#CC79A7"}
 _FURTHER_COLORS = ("#56B4E9", "#000000", "#F0E442", "#D55E00")
 
@@ -21,8 +21,8 @@ FULL_COLOR = "#E69F00"
 ENCODED_COLORS = ("#009E73", "#0072B2", "#CC79A7", "#56B4E9", "#000000")
 
 _PPO_NOTE = (
-    f"Published PPO curves: their steps are probably per environment, of which there were "
-    f"{PPO_ENVIRONMENTS}; ours count the steps of all environments."
+    f"Published PPO curves: their steps are probably those of one of {PPO_ENVIRONMENTS} "
+    "environments; ours count the steps of all environments."
 )
 _CUT_NOTE = "Published curves are shown up to the last step of ours."
 
@@ -35,21 +35,21 @@ def grid_figure(
     *,
     each_seed: bool = False,
 ) -> Figure:
-    """Returns a panel for each task and a curve for each algorithm, as the paper's Figure 9.
+    """Returns a panel per task with a curve per algorithm, as the paper's Figure 9.
 
-    The paper's curves are of training returns, and are drawn beside such only. Encoded observations
-    are in the comparisons; here they stand in where an algorithm has no runs with the full
-    observation. Cells on several robots in turn are in `sequences`.
+    The paper's curves are only drawn with training returns. Encoded observations are drawn here
+    only if an algorithm has no runs with the full observation; otherwise they are in the
+    comparisons. Sequences of robots are in `sequences`.
 
     Args:
-        learned: our curves, of one kind of return, in the order of the paper; at least one.
+        learned: our curves of one kind of return, in the order of the paper; at least one.
         published: the paper's curves.
-        order: of quantiles and smoothing in ours.
-        window: episodes that were to be averaged.
-        each_seed: whether every seed is drawn, too.
+        order: order of quantiles and smoothing.
+        window: requested number of episodes in a moving average.
+        each_seed: whether every seed is drawn as well.
     """
     kind = learned[0].cell.kind
-    published = _beside(published, kind)
+    published = _comparable(published, kind)
     present = in_order({cell.task for cell, _ in learned}, TASKS)
     tasks = present if len(present) == 1 else in_order({*present, *TASKS}, TASKS)
     colors = algorithm_colors([cell.algo for cell, _ in learned])
@@ -82,25 +82,25 @@ def comparison_figures(
     *,
     each_seed: bool = False,
 ) -> dict[tuple[str, str], Figure]:
-    """Returns full against encoded observations, as the paper's Figures 7 and 8.
+    """Returns figures of full against encoded observations, as the paper's Figures 7 and 8.
 
     Args:
-        learned: our curves, of one kind of return, in the order of the paper.
+        learned: our curves of one kind of return, in the order of the paper.
         published: the paper's curves.
-        order: of quantiles and smoothing in ours.
-        window: episodes that were to be averaged.
-        each_seed: whether every seed is drawn, too.
+        order: order of quantiles and smoothing.
+        window: requested number of episodes in a moving average.
+        each_seed: whether every seed is drawn as well.
 
     Returns:
-        Figures by task and algorithm: of those with several representations or sources, or with one
-        and a figure in the paper to set it beside.
+        Figures by task and algorithm, for those with several representations or sources, or with a
+        published figure.
     """
     figures = {}
     for task, algo in dict.fromkeys((cell.task, cell.algo) for cell, _ in learned):
         ours = [item for item in learned if (item.cell.task, item.cell.algo) == (task, algo)]
         theirs = [
             curve
-            for curve in _beside(published, ours[0].cell.kind)
+            for curve in _comparable(published, ours[0].cell.kind)
             if (curve.task, curve.algo) == (task, algo) and curve.figure in ("fig7", "fig8")
         ]
         kinds = {(item.cell.representation, item.cell.source) for item in ours}
@@ -110,7 +110,7 @@ def comparison_figures(
 
 
 def algorithm_colors(algorithms: Sequence[str]) -> dict[str, str]:
-    """Returns the paper's algorithms in their fixed colours, and any others in what is left."""
+    """Returns the fixed colors of the paper's algorithms, and further colors for others."""
     others = in_order(set(algorithms) - set(ALGORITHMS), ())
     further = {name: _FURTHER_COLORS[i % len(_FURTHER_COLORS)] for i, name in enumerate(others)}
     return ALGORITHM_COLORS | further
@@ -210,13 +210,13 @@ def _comparison_figure(
     )
 
 
-def _beside(published: Sequence[PublishedCurve], kind: Returns) -> Sequence[PublishedCurve]:
-    """Returns the paper's curves that can stand beside ours: training returns."""
+def _comparable(published: Sequence[PublishedCurve], kind: Returns) -> Sequence[PublishedCurve]:
+    """Returns the paper's curves that can be compared with ours, which are training returns."""
     return published if kind is TRAINING else ()
 
 
 def curve_text(learned: Sequence[LearnedCurve], order: Order, window: int) -> str:
-    """Says for a reader which returns curves show and how they are averaged."""
+    """Returns a note on the returns of curves and their averaging."""
     kind = learned[0].cell.kind
     shown = f"Shown: the {kind.long}."
     diverged = (
@@ -232,33 +232,32 @@ def curve_text(learned: Sequence[LearnedCurve], order: Order, window: int) -> st
 
 
 def order_text(order: Order, window: int) -> str:
-    """Says for a reader in which order quantiles and smoothing were taken."""
+    """Returns a note on the order of quantiles and smoothing."""
     first = (
         "quantiles across seeds per episode, then a moving average"
         if order == "quantile-first"
         else "a moving average per seed, then quantiles across seeds"
     )
     return (
-        f"Order: {order}, {first}. Window: {window} episodes, or a quarter of the longest run "
-        "where that is less; near the first and the last episode it shrinks, to half of "
-        "that."
+        f"Order: {order}, {first}. Window: {window} episodes, but at most a quarter of the longest "
+        "run; it shrinks to half of that at the first and the last episode."
     )
 
 
 def band_text(bands: Sequence[tuple[int, int]]) -> str:
-    """Says for a reader what the bands are."""
+    """Returns a note on the bands."""
     names = " and, lighter, ".join(curve_series.percentiles(band) for band in bands)
     return (
-        f"Bands: {names} across seeds: spread, not a confidence interval; drawn from "
-        f"{curve_series.BAND_SEEDS} seeds up."
+        f"Bands: {names} across seeds (spread, not a confidence interval), for at least "
+        f"{curve_series.BAND_SEEDS} seeds."
     )
 
 
 def _published_text(published: Sequence[PublishedCurve]) -> list[str]:
     texts = {
-        "fig7": "Published Figure 7: training returns, one seed each, so no spread; how it was "
-        "smoothed is not said.",
-        "fig8": "Published Figure 8: training returns, 10 seeds, smooth-first, 100 episodes; that "
+        "fig7": "Published Figure 7: training returns, one seed each (no spread), unknown "
+        "smoothing.",
+        "fig8": "Published Figure 8: training returns, 10 seeds, smooth-first, 100 episodes; this "
         "order gives narrower bands than quantile-first.",
     }
     return [f"{texts[figure]} {_CUT_NOTE}" for figure in sorted({c.figure for c in published})]

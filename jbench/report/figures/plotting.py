@@ -1,4 +1,4 @@
-"""Figures drawn with matplotlib, and their files."""
+"""Draws figures with matplotlib, and writes their files."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -23,15 +23,15 @@ from jbench.report.figures import layout
 from jbench.report.figures.layout import SCREEN, SMALL, Box, Sheet
 
 KEPT = "heat-map"
-"""How ids of elements of an SVG begin that have the same colours on a dark page."""
+"""Prefix of the ids of SVG elements that keep their colors on a dark page."""
 
 _MEDIUM, _LARGE = 9.0, 12.0  # points
 _PNG_DPI = 150
-_PICTURE_DPI = 200  # of pictures in SVG and PDF files
-_PICTURE_CELLS = 1000  # a larger heat map is a picture: each cell would be a path of 200 bytes
+_PICTURE_DPI = 200  # resolution of rasterized parts in SVG and PDF files
+_PICTURE_CELLS = 1000  # larger heat maps are rasterized: each cell would be a path of 200 bytes
 _INTERVAL_ALPHA = 0.18
 _COMPACT = {"borderaxespad": 0, "borderpad": 0, "labelspacing": 0.35, "handlelength": 3.2}
-"""Measures of a legend, in sizes of its font."""
+"""Spacing of a legend, in units of its font size."""
 
 _ARROW = {"arrowstyle": "->", "color": "#d00000", "linewidth": 1.6}
 
@@ -39,13 +39,13 @@ _ARROW = {"arrowstyle": "->", "color": "#d00000", "linewidth": 1.6}
 def draw(
     figure: Figure, sheet: Sheet = SCREEN, *, text: bool = True, picture: bool = False
 ) -> Drawn:
-    """Draws a figure; the first of its axes are the panels, in their order.
+    """Draws a figure; the first of its axes are the panels in order.
 
     Args:
-        figure: to draw.
-        sheet: what it is made for.
-        text: whether it has title and notes; those of a paper are in its caption.
-        picture: whether lines and areas become a picture in SVG and PDF files.
+        figure: the figure.
+        sheet: its format.
+        text: whether to draw title and notes; ignored for a paper, which has them in its caption.
+        picture: whether to rasterize lines and areas in SVG and PDF files.
     """
     text = text and not sheet.paper
     make = _with_key if figure.key else _without_key
@@ -58,26 +58,26 @@ def draw(
 
 
 def to_png(drawn: Drawn) -> bytes:
-    """Returns the figure as PNG, without a time or a version in it."""
+    """Returns the figure as PNG, without a timestamp or version."""
     return _saved(drawn, format="png", dpi=_PNG_DPI, metadata={"Software": None})
 
 
 def to_svg(drawn: Drawn) -> bytes:
-    """Returns the figure as SVG: the same bytes for the same figure."""
+    """Returns the figure as reproducible SVG."""
     with matplotlib.rc_context({"svg.hashsalt": "jbench", "svg.fonttype": "path"}):
         metadata = {"Date": None, "Creator": None}
         return _saved(drawn, format="svg", dpi=_PICTURE_DPI, metadata=metadata)
 
 
 def to_pdf(drawn: Drawn) -> bytes:
-    """Returns the figure as PDF, with fonts that a publisher takes and without a time in it."""
+    """Returns the figure as PDF with TrueType fonts, as publishers require, and no timestamp."""
     with matplotlib.rc_context({"pdf.fonttype": 42}):
         metadata = {"CreationDate": None, "Creator": None, "Producer": None}
         return _saved(drawn, format="pdf", dpi=_PICTURE_DPI, metadata=metadata)
 
 
 FORMATS: dict[str, Callable[[Drawn], bytes]] = {"png": to_png, "svg": to_svg, "pdf": to_pdf}
-"""What makes the files of a figure, by their ending."""
+"""Writers of figure files by suffix."""
 
 
 def _saved(drawn: Drawn, **options: Any) -> bytes:
@@ -87,7 +87,7 @@ def _saved(drawn: Drawn, **options: Any) -> bytes:
 
 
 def _with_key(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Drawn:
-    """Draws a figure whose size follows from its legends."""
+    """Draws a figure whose size depends on its legends."""
     laid = layout.lay_out(figure, sheet, text=text)
     width, height = laid.width, laid.height
     drawn = Drawn((width, height), facecolor="white")
@@ -116,16 +116,16 @@ def _with_key(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Dra
 
 
 def _without_key(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Drawn:
-    """Draws a figure in which matplotlib finds the places; its panels share a colour bar."""
+    """Draws a figure that matplotlib lays out; its panels share a color bar."""
     columns, *size = layout.free_size(figure, sheet, text=text)
     drawn = Drawn((size[0], size[1]), facecolor="white", layout="constrained")
     FigureCanvasAgg(drawn)
     rows = -(-len(figure.panels) // columns)
-    places = list(drawn.subplots(rows, columns, squeeze=False).flat)
-    for unused in places[len(figure.panels) :]:
+    all_axes = list(drawn.subplots(rows, columns, squeeze=False).flat)
+    for unused in all_axes[len(figure.panels) :]:
         unused.set_axis_off()
     characters = layout.free_characters(sheet, columns)
-    for axes, panel in zip(places, figure.panels, strict=False):
+    for axes, panel in zip(all_axes, figure.panels, strict=False):
         handles = _draw_panel(axes, panel, sheet, picture=picture)
         labels = [layout.in_lines(label, characters) for label in panel.labels]
         _legend(drawn, handles, labels, loc="outside lower center")
@@ -135,7 +135,7 @@ def _without_key(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> 
         bottom = heat_map.is_map and sheet.paper
         bar = drawn.colorbar(
             ScalarMappable(norm, "viridis"),
-            ax=places,
+            ax=all_axes,
             shrink=0.8 if heat_map.is_map else 0.9,
             location="bottom" if bottom else "right",
         )
@@ -147,7 +147,7 @@ def _without_key(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> 
 
 
 def _draw_panel(axes: Axes, panel: Panel, sheet: Sheet, *, picture: bool) -> list[Artist]:
-    """Draws a panel; returns the artists of its labels."""
+    """Draws a panel; returns the artists for its legend."""
     _style_panel(axes, panel, sheet)
     if panel.heat_map is not None:
         _draw_heat_map(axes, panel.heat_map, sheet)
@@ -184,7 +184,7 @@ def _draw_series(axes: Axes, series: Series, *, picture: bool) -> Artist:
     partial_ = np.zeros(len(x), bool) if series.partial is None else series.partial
     (line,) = axes.plot(x, np.where(partial_, np.nan, series.y), **_look(style), **more)
     if partial_.any():
-        # A dotted stretch begins and ends on the points of the solid ones beside it.
+        # Dotted parts include the neighbouring solid points, so that there are no gaps.
         dotted = partial_ | np.r_[partial_[1:], False] | np.r_[False, partial_[:-1]]
         y = np.where(dotted, series.y, np.nan)
         axes.plot(x, y, color=style.color, ls=DOTS, lw=style.width, **more)
@@ -216,7 +216,7 @@ def _draw_heat_map(axes: Axes, heat_map: HeatMap, sheet: Sheet) -> None:
 
 
 def _style_panel(axes: Axes, panel: Panel, sheet: Sheet) -> None:
-    """Gives a panel its title, axes and grid."""
+    """Sets title, axes and grid of a panel."""
     flat = panel.heat_map is not None
     if panel.title:
         title = (
@@ -286,7 +286,6 @@ def _handle(look: Style | Shade) -> Artist:
 
 
 def _legend(drawn: Drawn, handles: Sequence[Artist], labels: Sequence[str], **place: Any) -> None:
-    """Adds a legend to a figure."""
     if not handles:
         return
     legend = drawn.legend(handles, labels, fontsize=SMALL, frameon=False, **place)

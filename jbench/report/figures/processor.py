@@ -1,4 +1,4 @@
-"""Return against processor time: what learning costs."""
+"""Figure of return against processor time."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from jbench.report.data.curves import FloatArray, centres
 from jbench.report.figure import Axis, Figure, Panel, Series, Style
 from jbench.report.figures import curve_series
 from jbench.report.figures.learning_curves import algorithm_colors
-from jbench.report.formatting import display_name
+from jbench.report.tables.values import algorithm_name
 
 _UNITS = ((7200.0, 3600.0, "hours"), (120.0, 60.0, "minutes"), (0.0, 1.0, "seconds"))
 _MAX_POINTS = 400
@@ -27,11 +27,11 @@ def processor_time_figure(
     """Returns the figure of median return against the median processor time of the seeds.
 
     Args:
-        learned: curves of one kind of return, of one robot each.
-        processors: that the runs were made on.
+        learned: curves of one kind of return, without sequences of robots.
+        processors: names of the runs' processors.
 
     Returns:
-        The figure, with a panel for each task; None where no run has recorded its times.
+        The figure, with a panel per task; None if no run has recorded its times.
     """
     timed = [(item, *timed_curve(item)) for item in learned]
     timed = [one for one in timed if len(one[1])]
@@ -41,11 +41,11 @@ def processor_time_figure(
     tasks = in_order({item.cell.task for item, *_ in timed}, TASKS)
     colors = algorithm_colors([item.cell.algo for item, *_ in timed])
     note = (
-        f"Shown: the {kind.long}. Processor time is that of a seed since its run began, over all "
-        "cores, evaluations included: seeds that learn together in one process share its time "
-        f"evenly. It is of the processor that is named ({'; '.join(processors) or 'none is'}); "
-        "another one takes another time. A line ends where the first of its seeds does; a seed "
-        "that diverged counts with return 0 from then on, and not in the time."
+        f"Shown: the {kind.long}. Processor time of a seed is counted since its run began, over "
+        "all cores, evaluations included; seeds that are trained in one process share its time "
+        f"equally. It was measured on: {'; '.join(processors) or 'unknown processor'}. A line ends "
+        "where its first seed ends; a seed that diverged counts with return 0 from then on, and "
+        "not in the time."
     )
     return Figure(
         f"{kind.name.capitalize()} return against processor time",
@@ -82,21 +82,21 @@ def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
 
 
 def timed_curve(item: LearnedCurve) -> tuple[FloatArray, FloatArray]:
-    """Returns the median processor time (s) at each point, and the median return there.
+    """Returns the median processor time (s) and the median return at each point.
 
-    The time of a point is that at the centre of its window, as its control steps are. Points count
-    where every seed has a time: the median of other seeds further on could be earlier. A seed that
-    diverged has none afterwards, and is in the return only.
+    The time of a point is that at the center of its window, as for control steps. Only points at
+    which every seed has a time count; otherwise the median could decrease. A seed that diverged
+    has no time afterwards, and counts only in the return.
     """
     cell, curve = item
     times = cell.processor_time[~cell.diverged]
     if not len(times):
         return np.empty(0), np.empty(0)
-    median = np.median(times, axis=0)  # NaN where a seed has none
-    # In a window that lacks some times, the mean of the others is not that of its centre.
+    median = np.median(times, axis=0)  # NaN if a seed has none
+    # If some times of a window are missing, the mean of the others is not the time at its center.
     known = centres(np.isfinite(median).astype(np.float64), curve.window) == 1
-    there = known & np.isfinite(curve.quantile(50))
-    return centres(median, curve.window)[there], curve.quantile(50)[there]
+    usable = known & np.isfinite(curve.quantile(50))
+    return centres(median, curve.window)[usable], curve.quantile(50)[usable]
 
 
 def left_out(cells: Sequence[Cell]) -> list[str]:
@@ -113,15 +113,15 @@ def left_out(cells: Sequence[Cell]) -> list[str]:
 
 
 def processor_time_frame(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
-    """Returns what is drawn.
+    """Returns the numbers of the figure.
 
-    Columns: task, source, algo, representation, returns (their kind), processor_time (s), median.
+    Columns: task, source, algo, representation, returns (kind), processor_time (s), median.
     """
     parts = []
     for item in learned:
         times, median = timed_curve(item)
         names = {name: getattr(item.cell, name) for name in ("task", "source", "algo")}
-        names |= {"representation": item.cell.seen, "returns": item.cell.kind.name}
+        names |= {"representation": item.cell.representation_label, "returns": item.cell.kind.name}
         parts.append(pd.DataFrame({**names, "processor_time": times, "median": median}))
     return pd.concat(parts, ignore_index=True)
 
@@ -130,5 +130,4 @@ def _label(item: LearnedCurve) -> str:
     cell = item.cell
     seeds = "1 seed" if len(cell.seeds) == 1 else f"{len(cell.seeds)} seeds"
     seeds += f", {int(cell.diverged.sum())} diverged" if cell.diverged.any() else ""
-    name = f"{display_name(cell.algo)}, {cell.seen} ({seeds})"
-    return f"{cell.prefix}{name}"
+    return f"{algorithm_name(cell)} ({seeds})"

@@ -1,4 +1,4 @@
-"""Performance profiles: which share of runs ends above any return one may ask for."""
+"""Performance profiles: the share of runs that end above each return."""
 
 from collections.abc import Sequence
 
@@ -29,20 +29,20 @@ from jbench.report.tables.values import trained
 THRESHOLDS: FloatArray = np.linspace(0, 1000, 201)
 """Episode returns at which a profile is drawn."""
 
-_RESAMPLES = 1000  # for a band; an interval in a table has more
+_RESAMPLES = 1000  # for a band; intervals in tables use more
 _ALL = "all tasks together"
 _NAMES = ("task", "source", "algo", "representation", "steps")
 
 _Kind = tuple[str, str, str, str]
-"""Source, algorithm, what is seen, and for how many control steps the seeds were trained."""
+"""Source, algorithm, representation, and control steps of training."""
 
 
 def profiles_figure(cells: Sequence[Cell]) -> Figure | None:
     """Returns the performance profiles of cells of one kind of return (Agarwal et al., 2021, 4.2).
 
-    A panel for each task, and one for all tasks together with those algorithms and representations
-    that have learned each of them; there, every task counts the same. None where no seed of these
-    cells has a final return.
+    There is a panel per task, and one for all tasks together, with the algorithms and
+    representations that were trained on each of them; every task has the same weight. None if no
+    seed has a final return.
     """
     groups = _groups(cells)
     if not groups:
@@ -67,18 +67,18 @@ def profiles_figure(cells: Sequence[Cell]) -> Figure | None:
         SOLVED_KEY,
     ]
     note = (
-        "Read upwards from a return: the share of runs that end above it. A line above another "
-        "everywhere belongs to the better runs; lines that cross are better in different ways. "
-        f"Bands: uncertainty (95% interval) at each return alone, drawn from {st.LEAST_SEEDS} "
-        f"seeds up. {returns.final} Runs end after the number of control steps in the legend."
+        "Share of runs that end above a return. Runs are better if their line is above another one "
+        "everywhere; if lines cross, neither is better in every respect. Bands: uncertainty (95% "
+        f"interval, pointwise), for at least {st.MIN_SEEDS} seeds. {returns.final} Runs end after "
+        "the number of control steps in the legend."
     )
     return Figure(f"Performance profiles of final {returns.plural}", panels, key, [note])
 
 
 def profiles_frame(cells: Sequence[Cell]) -> pd.DataFrame:
-    """Returns what is drawn.
+    """Returns the numbers of the figure.
 
-    Columns: task, source, algo, representation, steps (trained for), returns (their kind), seeds,
+    Columns: task, source, algo, representation, steps (of training), returns (kind), seeds,
     final_return, share_above.
     """
     parts = [
@@ -98,14 +98,14 @@ def profiles_frame(cells: Sequence[Cell]) -> pd.DataFrame:
 
 
 def _groups(cells: Sequence[Cell]) -> dict[str, dict[_Kind, list[FloatArray]]]:
-    """Returns the final returns by task and kind; a stratum for each task."""
+    """Returns the final returns by task and kind, with a stratum per task."""
     finals: dict[str, dict[_Kind, list[FloatArray]]] = {}
     tasks = in_order({cell.task for cell in cells}, TASKS)
     for task in tasks:
         for cell in (cell for cell in cells if cell.task == task):
             final = scores_of(cell).final
             if len(final):
-                kind = cell.source, cell.algo, cell.seen, trained(cell).text
+                kind = cell.source, cell.algo, cell.representation_label, trained(cell).text
                 finals.setdefault(task, {}).setdefault(kind, []).append(final)
     if len(finals) > 1:
         shared = [k for k in next(iter(finals.values())) if all(k in f for f in finals.values())]
@@ -119,7 +119,7 @@ def _dash(kinds: Sequence[_Kind], kind: _Kind) -> Dash:
 
 
 def _series(kind: _Kind, strata: Sequence[FloatArray], style: Style) -> Series:
-    enough = min(len(seeds) for seeds in strata) >= st.LEAST_SEEDS
+    enough = min(len(seeds) for seeds in strata) >= st.MIN_SEEDS
     share = st.performance_profile(strata, THRESHOLDS)
     bands = [Band(*_interval(strata))] if enough else []
     return Series(THRESHOLDS, share, style, _label(kind, strata), bands)
@@ -128,8 +128,8 @@ def _series(kind: _Kind, strata: Sequence[FloatArray], style: Style) -> Series:
 def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Returns the ends of the 95% interval at each threshold, by the stratified bootstrap.
 
-    At one threshold, how many of n resampled seeds lie above it is a binomial number, so that no
-    seeds need to be drawn.
+    The number of n resampled seeds above a threshold has a binomial distribution, so that no seeds
+    need to be resampled.
     """
     random = np.random.default_rng(np.random.SeedSequence(0))
     size = _RESAMPLES, len(THRESHOLDS)
@@ -142,8 +142,9 @@ def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
 
 
 def _label(kind: _Kind, strata: Sequence[FloatArray]) -> str:
-    source, algo, seen, steps = kind
+    source, algo, representation, steps = kind
     runs = sum(len(seeds) for seeds in strata)
     counted = f"{runs} seeds" if len(strata) == 1 else f"{runs} runs on {len(strata)} tasks"
-    name = f"{display_name(algo)}, {seen}, {steps} steps ({'1 seed' if runs == 1 else counted})"
+    counted = "1 seed" if runs == 1 else counted
+    name = f"{display_name(algo)}, {representation}, {steps} steps ({counted})"
     return name if source == OURS else f"{source}: {name}"

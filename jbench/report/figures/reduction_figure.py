@@ -1,4 +1,4 @@
-"""The figure of "Does reduction help?": final returns against how many numbers an agent sees."""
+"""Figure of final returns against the size of the agent's input."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from jbench.names import FULL, kind_of
 from jbench.report import formatting
 from jbench.report.analysis.reduction import BASELINES, SCALED, Group, Point
-from jbench.report.analysis.statistics import LEAST_SEEDS
+from jbench.report.analysis.statistics import MIN_SEEDS
 from jbench.report.figure import (
     Axis,
     Band,
@@ -25,16 +25,16 @@ from jbench.report.tables import values
 
 _BASELINE_STYLES = {FULL: Style("#595959"), SCALED: Style("#b8a200", "--")}
 _WIDTH = 0.7
-"""Of the unit between two numbers of latents, the part in which their kinds are drawn."""
+"""Width of the group of points of a size, as a fraction of the distance between sizes."""
 
 
-def reduction_figure(found: Sequence[Group]) -> Figure:
+def reduction_figure(groups: Sequence[Group]) -> Figure:
     """Returns a panel for each group: its baselines as bands, its representations as points.
 
     Args:
-        found: groups of cells of one kind of return; at least one.
+        groups: groups of cells of one kind of return; at least one.
     """
-    kind = found[0].points[0].cell.kind
+    kind = groups[0].points[0].cell.kind
     key: list[tuple[str, Style | Shade]] = [
         *(
             (f"{name}: interquartile mean; band: 95% interval", style)
@@ -48,18 +48,22 @@ def reduction_figure(found: Sequence[Group]) -> Figure:
         curve_series.SOLVED_KEY,
     ]
     steps = ", ".join(
-        dict.fromkeys(f"{formatting.steps(group.control_steps)} control steps" for group in found)
+        dict.fromkeys(f"{formatting.steps(group.control_steps)} control steps" for group in groups)
     )
-    short = [cell.name for group in found for cell in group.short]
+    short = [cell.name for group in groups for cell in group.short]
     note = (
         f"{kind.final} Points and lines: interquartile means across seeds; bars and bands: their "
-        f"95% intervals (uncertainty), from {LEAST_SEEDS} seeds up. Full is the "
-        "observation itself; scaled is the observation with the encoders' scaling, so that a "
-        f"difference from it is of reduction alone. At {steps}."
-        + (f" Left out, since some seed has not come as far: {'; '.join(short)}." if short else "")
+        f"95% intervals (uncertainty), for at least {MIN_SEEDS} seeds. Full is the observation "
+        "itself; scaled is the observation with the encoders' scaling, so that a difference from "
+        f"it is due to reduction alone. Measured at {steps}."
+        + (
+            f" Left out because some seed has not reached them: {'; '.join(short)}."
+            if short
+            else ""
+        )
     )
     title = f"Does reduction help? Final {kind.plural}"
-    return Figure(title, [_panel(group) for group in found], key, [note])
+    return Figure(title, [_panel(group) for group in groups], key, [note])
 
 
 def _panel(group: Group) -> Panel:
@@ -76,7 +80,7 @@ def _panel(group: Group) -> Panel:
     return Panel(
         f"{first.prefix}{first.task}, {display_name(first.algo)}",
         Axis(
-            "numbers that the agent sees",
+            "size of the agent's input",
             (-0.5, len(sizes) - 0.5),
             ticks=range(len(sizes)),
             names=[str(size) for size in sizes],
@@ -88,22 +92,22 @@ def _panel(group: Group) -> Panel:
 
 
 def _baseline(name: str, point: Point) -> ReferenceLine:
-    found = point.estimate
-    interval = (found.low, found.high) if _has_interval(point) else None
-    return ReferenceLine(found.value, _BASELINE_STYLES[name], _label(point), interval=interval)
+    one = point.estimate
+    interval = (one.low, one.high) if _has_interval(point) else None
+    return ReferenceLine(one.value, _BASELINE_STYLES[name], _label(point), interval=interval)
 
 
 def _point_series(x: float, point: Point) -> list[Series]:
     """Returns the seeds of a representation, and their interquartile mean with its interval."""
     color, marker = look_of(kind_of(point.cell.representation))
-    found = point.estimate
-    bar = Band(np.array([found.low]), np.array([found.high]), bars=True)
+    one = point.estimate
+    bar = Band(np.array([one.low]), np.array([one.high]), bars=True)
     seed = Style(color, "", marker=marker, size=2.5, alpha=0.5)
     return [
         Series(np.full(len(point.final), x), point.final, seed),
         Series(
             np.array([x]),
-            np.array([found.value]),
+            np.array([one.value]),
             Style(color, marker=marker, size=6),
             _label(point),
             [bar] if _has_interval(point) else [],
@@ -117,4 +121,4 @@ def _has_interval(point: Point) -> bool:
 
 def _label(point: Point) -> str:
     cell = point.cell
-    return f"{cell.seen} ({values.count_of(cell, len(point.final))})"
+    return f"{cell.representation_label} ({values.count_of(cell, len(point.final))})"

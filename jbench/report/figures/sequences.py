@@ -1,4 +1,4 @@
-"""Learning through a sequence of augmented robots, beside the authors' own sequence."""
+"""Training on a sequence of augmented robots, compared with the authors' sequence."""
 
 from collections.abc import Sequence
 
@@ -14,19 +14,15 @@ from jbench.report.figures.learning_curves import ALGORITHM_COLORS, band_text, o
 from jbench.report.formatting import display_name
 
 SEQUENCE_WINDOW = 20
-"""Episodes in a moving average, which is of one robot's episodes only (the authors' script)."""
+"""Episodes in a moving average, within each robot's episodes (the authors' script)."""
 
 _BAND = (10, 90)
 
 
 def sequence_curve(cell: Cell, order: Order) -> Curve:
-    """Aggregates runs through several robots, each robot's episodes on their own.
+    """Aggregates runs on several robots, each robot's episodes separately.
 
-    A moving average over the change from one robot to the next would hide the change.
-
-    Args:
-        cell: of runs on `cell.robots` robots, `cell.robot_episodes` episodes on each.
-        order: of quantiles and smoothing.
+    A moving average across the switch from one robot to the next would hide it.
     """
     parts = []
     for first in range(0, cell.returns.shape[1], cell.robot_episodes):
@@ -52,13 +48,13 @@ def sequence_figures(
     *,
     each_seed: bool = False,
 ) -> dict[tuple[str, str], Figure]:
-    """Returns the figures of cells that went through several robots, by task and algorithm.
+    """Returns the figures of cells with several robots, by task and algorithm.
 
     Args:
-        learned: our curves of training returns, of which those on several robots are drawn.
-        published: the paper's curves, of which those on several robots are drawn beside.
-        order: of quantiles and smoothing in ours.
-        each_seed: whether every seed is drawn, too.
+        learned: our curves of training returns; those with several robots are drawn.
+        published: the paper's curves; those with several robots are drawn.
+        order: order of quantiles and smoothing.
+        each_seed: whether every seed is drawn as well.
     """
     several = [item.cell for item in learned if item.cell.robots > 1]
     figures = {}
@@ -93,7 +89,7 @@ def _figure(
     notes = [
         f"Shown: the {cells[0].kind.long}. {order_text(order, SEQUENCE_WINDOW)} "
         f"{band_text([_BAND])}",
-        "Grey lines: the next robot; every average is of one robot's episodes.",
+        "Grey lines: switch to the next robot; averages are within one robot's episodes.",
     ]
     if published:
         notes.append(
@@ -101,7 +97,7 @@ def _figure(
             f"window of {SEQUENCE_WINDOW} episodes; shown up to the last step of ours."
         )
     panel = Panel(
-        f"{task}, {display_name(algo)}, augmented robots in turn",
+        f"{task}, {display_name(algo)}, sequence of augmented robots",
         curve_series.steps_axis(end),
         curve_series.returns_axis(cells[0].kind.axis),
         series,
@@ -110,4 +106,4 @@ def _figure(
     key = curve_series.curve_key(
         [_BAND], [curve.figure_name for curve in published], each_seed=each_seed
     )
-    return Figure("Learning through a sequence of robots", [panel], key, notes)
+    return Figure("Training on a sequence of robots", [panel], key, notes)

@@ -1,4 +1,4 @@
-"""The report's page: one HTML file with everything in it. See `render_document`."""
+"""The report's page, a self-contained HTML file. See `render_document`."""
 
 from jbench.report.page.whole import render_document, still
 

@@ -1,12 +1,12 @@
-"""How the room in a page is shared, so that it stays small enough to be sent and opened."""
+"""Limits the size of a page, so that it can be sent and opened."""
 
 from collections.abc import Sequence
 
 
 def share_each(sizes: Sequence[int], total: int) -> int:
-    """Returns how much each of these may take, so that all together take `total` or less.
+    """Returns the maximum size of each item so that all together take at most `total`.
 
-    Small ones take what they need, and the large ones share what is left equally.
+    Small items take what they need, and the large ones share the rest equally.
     """
     left = total
     ordered = sorted(sizes)

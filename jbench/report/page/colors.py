@@ -1,21 +1,20 @@
-"""Colours of figures on a dark page: what was drawn on white must be seen on nearly black."""
+"""Colors of figures on a dark page."""
 
 from collections.abc import Iterable
 
 PAPER = (24, 27, 33)
-"""Red, green and blue (0 to 255) below a figure on the dark page; `style.css` has the same."""
+"""Background (red, green and blue, 0 to 255) of figures on the dark page, as in `style.css`."""
 
 INK = (230, 233, 237)
-"""Red, green and blue of what is drawn black on the light page."""
+"""Color on the dark page of what is black on the light page."""
 
-_CONTRAST = 4.0  # WCAG 2.2 asks for 3 of graphics
+_CONTRAST = 4.0  # WCAG 2.2 requires 3 for graphics
 
 
 def on_dark(color: str) -> str:
-    """Returns a colour of a figure, "#rrggbb", as the dark page shows it.
+    """Returns the color on the dark page for a color of a figure, "#rrggbb".
 
-    Greys change places, from black on white to white on black. Other colours keep their hue, and
-    are lightened until they stand out.
+    Greys are inverted. Other colors keep their hue, and are lightened until they stand out.
     """
     rgb = tuple(int(color[i : i + 2], 16) for i in (1, 3, 5))
     if max(rgb) - min(rgb) <= 2:
@@ -31,12 +30,12 @@ def on_dark(color: str) -> str:
 
 
 def both(color: str) -> str:
-    """Returns the CSS for a colour of a figure on either page."""
+    """Returns the CSS for a figure's color on the light and on the dark page."""
     return f"light-dark({color},{on_dark(color)})"
 
 
 def rules(colors: Iterable[str]) -> str:
-    """Returns the style sheet that shows these colours of figures, "#rrggbb", on either page."""
+    """Returns the style sheet for these colors of figures, "#rrggbb", on both pages."""
     lines = [
         f".drawing [{name}='{color}']{{{name}:{both(color)}}}"
         for color in sorted(set(colors))
@@ -50,13 +49,13 @@ def _hex(rgb: Iterable[int]) -> str:
 
 
 def _contrast(one: tuple[int, ...], other: tuple[int, ...]) -> float:
-    """Returns the contrast ratio of two colours (WCAG 2.2, "contrast ratio")."""
+    """Returns the contrast ratio of two colors (WCAG 2.2, "contrast ratio")."""
     high, low = sorted((_luminance(one), _luminance(other)), reverse=True)
     return (high + 0.05) / (low + 0.05)
 
 
 def _luminance(rgb: tuple[int, ...]) -> float:
-    """Returns the relative luminance of a colour (WCAG 2.2, "relative luminance")."""
+    """Returns the relative luminance of a color (WCAG 2.2, "relative luminance")."""
     linear = [
         c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (i / 255 for i in rgb)
     ]

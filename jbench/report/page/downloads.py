@@ -1,4 +1,4 @@
-"""Data to download from a page: links that hold the rows themselves, and need no script."""
+"""Data to download from a page, contained in data URLs."""
 
 import base64
 import gzip
@@ -13,31 +13,30 @@ from jbench.report.page.text import html
 from jbench.store import query
 
 CELLS = 600_000
-"""Cells of all tables to download from one page together, each of 2 to 6 bytes when packed."""
+"""Maximum cells of all tables in one page, each of 2 to 6 bytes when compressed."""
 
 PACKED = 50_000
-"""Bytes of CSV from which it is packed; a script unpacks it, and without one it is a .gz file."""
+"""Bytes from which CSV is compressed; the script decompresses it, else it is a .gz file."""
 
-_DIGITS = 9  # significant, of each number
+_DIGITS = 9  # significant digits
 
 
 def link(name: str, frame: pd.DataFrame, cells: int) -> str:
     """Returns a link to a table as CSV, as HTML.
 
     Args:
-        name: of the file, without its ending.
-        frame: the rows, with `Value` cells or without.
-        cells: the most that go into the page. Of a larger table every k-th row does, and the link
-            says so.
+        name: stem of the file.
+        frame: the rows; may contain `Value` cells.
+        cells: maximum number of cells. A larger table is reduced to every k-th row, with a note.
     """
     if frame.empty:
         return ""
     step = -(-frame.size // cells)
-    # Surrogates that are no text can't be encoded.
+    # Lone surrogates can't be encoded.
     content = query.to_csv(flat(frame.iloc[::step])).encode(errors="backslashreplace")
-    said = f"CSV, {_size(len(content))}"
+    note = f"CSV, {_size(len(content))}"
     if step > 1:
-        said += f"; row 1 of every {step} of {len(frame):,}, to keep the page small"
+        note += f"; row 1 of every {step} of {len(frame):,}, to keep the page small"
     if len(content) >= PACKED:
         ending = ".csv.gz"
         packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
@@ -48,12 +47,12 @@ def link(name: str, frame: pd.DataFrame, cells: int) -> str:
         address = f"data:text/csv;charset=utf-8,{safe}"
     return (
         f'<a class="download" download="{html(name)}{ending}" href="{html(address)}">'
-        f'Download data</a> <span class="soft">({said})</span>'
+        f'Download data</a> <span class="soft">({note})</span>'
     )
 
 
 def flat(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns a table as data, its numbers with as many digits as a page has room for."""
+    """Returns a table as data, with rounded numbers."""
     data = data_frame(frame)
     columns = {i: data.iloc[:, i] for i in range(data.shape[1])}
     rounded = {
@@ -64,7 +63,7 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _rounded(values: "np.ndarray[Any, np.dtype[np.float64]]") -> Any:
-    """Returns numbers of so many digits, which take half the room of all 17."""
+    """Rounds numbers to `_DIGITS`, which take half the space of all 17."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         digits = _DIGITS - 1 - np.floor(np.log10(np.abs(values)))
         scale = 10.0 ** np.abs(digits)

@@ -1,4 +1,4 @@
-"""Tables of a page, which sort where scripts run."""
+"""Tables of a page, sortable if scripts are enabled."""
 
 import math
 from collections.abc import Sequence
@@ -10,22 +10,22 @@ import pandas as pd
 from jbench.report.document import Value
 from jbench.report.page.text import html
 
-_WORDY = 36  # characters from which a cell has several lines
-_NAME = 12  # characters from which a heading has room for two words beside each other
-_LONG = 200  # characters from which it is a box that scrolls
+_WORDY = 36  # characters from which a cell is wrapped
+_NAME = 12  # characters from which a heading has two words per line
+_LONG = 200  # characters from which a cell scrolls
 _PAGE = 132  # characters of a line on paper
-_COLUMN = 16  # characters that a text is broken into
+_COLUMN = 16  # characters of a line of wrapped text
 
 
 def table(frame: pd.DataFrame, label: str) -> str:
-    """Returns a table as HTML, in a box that scrolls where the page is too narrow for it.
+    """Returns a table as HTML, in a box that scrolls if the page is too narrow.
 
-    Each cell that can't be sorted by its text says in `data-sort` what it is sorted by; a missing
-    one has `data-missing` and comes last.
+    The attribute `data-sort` of a cell is its sort key, if that is not its text; a missing cell has
+    `data-missing` and is sorted last.
 
     Args:
         frame: as in `document.TableItem`.
-        label: what a screen reader calls the box.
+        label: name of the box for screen readers.
     """
     columns = [frame.iloc[:, i].tolist() for i in range(frame.shape[1])]
     numeric = [_is_numeric(column) for column in columns]
@@ -58,12 +58,12 @@ def table(frame: pd.DataFrame, label: str) -> str:
 
 
 def is_wide(frame: pd.DataFrame) -> bool:
-    """Says whether a table needs a page turned on its side when it is printed."""
+    """Returns whether a table is printed in landscape format."""
     width = 0
     for i, name in enumerate(frame.columns):
         cells = frame.iloc[:, i].tolist()
         texts = ["" if _is_missing(cell) else _shown(cell)[0] for cell in cells]
-        # Headings and texts break between words, numbers don't.
+        # Headings and texts wrap between words; numbers don't.
         words = max(map(len, str(name).split()), default=0)
         longest = max(map(len, texts), default=0)
         width += max(words, longest if _is_numeric(cells) else min(_COLUMN, longest)) + 2
@@ -71,7 +71,7 @@ def is_wide(frame: pd.DataFrame) -> bool:
 
 
 def number_text(value: Any) -> str:
-    """Returns a number as a reader wants it: the data to download keep the exact one."""
+    """Formats a number; the data to download contain more digits."""
     if isinstance(value, int | np.integer) or (value == round(value) and abs(value) < 1e15):
         return f"{int(value):,}"
     return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
@@ -97,7 +97,7 @@ def _cell(cell: Any, right: bool, first: bool) -> str:
 
 
 def _shown(cell: Any) -> tuple[str, float | str | None]:
-    """Returns a cell's text, and what it is sorted by if that is not the text."""
+    """Returns a cell's text, and its sort key if that is not the text."""
     if isinstance(cell, Value):
         return cell.text, cell.sort if isinstance(cell.sort, str) else float(cell.sort)
     if isinstance(cell, bool | np.bool_):
@@ -115,7 +115,7 @@ def _is_missing(cell: Any) -> bool:
 
 
 def _is_numeric(column: Sequence[Any]) -> bool:
-    """Says whether all that is there in a column is sorted as a number."""
+    """Returns whether all present values of a column are sorted as numbers."""
     present = [cell for cell in column if not _is_missing(cell)]
     sorts = [_shown(cell)[1] for cell in present]
     return bool(sorts) and all(isinstance(sort, float) for sort in sorts)

@@ -1,4 +1,4 @@
-"""The values under the pointer: numbers of a figure's series and heat maps, thinned, as JSON."""
+"""Values for the tooltips of figures: thinned series and heat maps as JSON."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -13,22 +13,22 @@ from jbench.report.page.colors import both
 from jbench.report.page.text import plain
 
 MAX_POINTS = 400
-"""Points of a series that the page keeps: about one for each pixel of a panel."""
+"""Maximum points of a series: about one per pixel of a panel."""
 
 PAGE_POINTS = 60_000
-"""Points that a page keeps of all series of all figures together, each about 30 bytes."""
+"""Maximum points of all series of a page, each about 30 bytes."""
 
 MAX_CELLS = 10_000
-"""Cells of the largest heat map whose values the page keeps."""
+"""Maximum cells of a heat map with values."""
 
-_DIGITS = 7  # significant, of each value
+_DIGITS = 7  # significant digits
 
 Box = tuple[float, float, float, float]
 """Left, top, right and lower edge of a panel, in points of the SVG."""
 
 
 def points_each(figures: Iterable[Figure]) -> int:
-    """Returns how many points of each series a page of these figures keeps."""
+    """Returns the maximum number of points per series for a page with these figures."""
     series = sum(
         bool(s.label) for figure in figures for panel in figure.panels for s in panel.series
     )
@@ -36,17 +36,16 @@ def points_each(figures: Iterable[Figure]) -> int:
 
 
 def panels(figure: Figure, boxes: Sequence[Box], points: int = MAX_POINTS) -> list[dict[str, Any]]:
-    """Returns the panels that hold values, for `script.js`.
+    """Returns the panels that have values, for `script.js`.
 
-    Each has `title`; `box`; its axes `x` and `y`; and `lines` and `grid`, of which one is empty.
+    Each has `title`, `box`, its axes `x` and `y`, and `lines` and `grid`, one of which is empty.
 
     Args:
         figure: the figure.
-        boxes: of its panels.
-        points: the most that are kept of a series. Of a longer one every k-th is kept, and the
-            last.
+        boxes: boxes of its panels.
+        points: maximum points of a series; a longer one is reduced to every k-th and the last.
     """
-    found = [
+    described = [
         {
             "title": plain(panel.title),
             "box": [round(edge, 2) for edge in box],
@@ -57,17 +56,17 @@ def panels(figure: Figure, boxes: Sequence[Box], points: int = MAX_POINTS) -> li
         }
         for panel, box in zip(figure.panels, boxes, strict=True)
     ]
-    return [panel for panel in found if panel["lines"] or panel["grid"]]
+    return [panel for panel in described if panel["lines"] or panel["grid"]]
 
 
-def thinned(indices: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """Returns every k-th of these, and the last, so that there are `most` of them or fewer."""
-    step = -(-(len(indices) - 1) // max(1, most - 1)) or 1
+def thinned(indices: NDArray[np.intp], max_points: int) -> NDArray[np.intp]:
+    """Returns every k-th index and the last, at most `max_points` of them."""
+    step = -(-(len(indices) - 1) // max(1, max_points - 1)) or 1
     return np.unique(np.r_[indices[::step], indices[-1]])
 
 
 def _axis(axis: Axis) -> dict[str, Any]:
-    """Returns an axis: `ticks` are places with their names, `unit` is that of `Axis`."""
+    """Returns an axis: `ticks` are positions with their names, `unit` is that of `Axis`."""
     names = None if axis.names is None else [plain(name) for name in axis.names]
     return {
         "label": plain(axis.label),
@@ -106,7 +105,7 @@ def _line(series: Series, shown: NDArray[np.intp]) -> dict[str, Any]:
 
 
 def _on_axis(values: FloatArray, axis: Axis) -> NDArray[np.bool_]:
-    """Returns which values have a place on an axis: on a logarithmic one the positive ones."""
+    """Returns whether values are finite, and on a logarithmic axis positive."""
     shown: NDArray[np.bool_] = np.isfinite(values) & ((values > 0) | (not axis.log))
     return shown
 
@@ -124,5 +123,5 @@ def _grid(heat_map: HeatMap | None) -> dict[str, Any] | None:
 
 
 def _numbers(values: FloatArray) -> list[float | None]:
-    """Returns rounded numbers, None for NaN."""
+    """Returns rounded numbers; None for NaN."""
     return [float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None for value in values]

@@ -1,7 +1,7 @@
-"""Figures as SVG inside a page: no ids that clash, no styles of their own, colours for dark pages.
+"""Converts matplotlib's SVG for a page: unique ids, no inline styles, colors for dark pages.
 
-A page whose Content-Security-Policy allows no inline style would show matplotlib's SVG in black, as
-it says every colour in a `style` attribute. Here these become attributes of SVG itself.
+The page's Content-Security-Policy forbids inline styles, in which matplotlib writes every color.
+They become attributes of SVG here.
 """
 
 import re
@@ -15,14 +15,14 @@ from jbench.report.page.text import html
 from jbench.report.page.values import Box
 
 CORNERS = 250_000
-"""Points of the lines and areas of all figures of a page together, each about 14 bytes."""
+"""Maximum points of the lines and areas of all figures in a page, each about 14 bytes."""
 
 _COLOR = re.compile(r"#[0-9a-f]{6}")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
-_DECIMALS = re.compile(r"(?<=\.\d)\d+")  # a tenth of a point is less than the eye sees
-# What XML can't hold: matplotlib writes every text into a comment as it is.
+_DECIMALS = re.compile(r"(?<=\.\d)\d+")  # a tenth of a point is precise enough
+# Characters that are invalid in XML: matplotlib writes every text into a comment unchanged.
 _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
-# Of the style sheet that matplotlib puts into each SVG; every element inherits it here.
+# From the style sheet that matplotlib puts into each SVG; here, elements inherit it from the root.
 _INHERITED = {"stroke-linejoin": "round", "stroke-linecap": "butt"}
 _NOT_ATTRIBUTES = ("font", "mix-blend-mode", "-inkscape-stroke")
 
@@ -32,10 +32,10 @@ class Drawing(NamedTuple):
 
     Attributes:
         svg: the element, with a `viewBox` in points (1/72 inch).
-        colors: all of its colours, "#rrggbb", that a dark page has to change.
-        width: in points.
-        height: in points.
-        boxes: of its panels.
+        colors: its colors, "#rrggbb", that differ on a dark page.
+        width: width in points.
+        height: height in points.
+        boxes: boxes of its panels.
     """
 
     svg: str
@@ -46,22 +46,22 @@ class Drawing(NamedTuple):
 
 
 def element(
-    figure: Figure, prefix: str, title: str, sheet: Sheet = SCREEN, most: int = CORNERS
+    figure: Figure, prefix: str, title: str, sheet: Sheet = SCREEN, max_points: int = CORNERS
 ) -> Drawing:
-    """Returns a figure as an element for a page: the same bytes for the same figure.
+    """Returns a figure as a reproducible SVG element for a page, without title and notes.
 
     Args:
-        figure: to draw, without its title and notes, which the page has beside it.
-        prefix: of every id in the element, unique in the page.
-        title: what a screen reader says instead of the picture.
-        sheet: what the figure is made for.
-        most: points; the lines and areas of a figure with more become a picture.
+        figure: the figure.
+        prefix: prefix of every id in the element, unique in the page.
+        title: text for screen readers.
+        sheet: format of the figure.
+        max_points: lines and areas of a figure with more points are rasterized.
     """
-    drawn = draw(figure, sheet, text=False, picture=figure.corners > most)
+    drawn = draw(figure, sheet, text=False, picture=figure.corners > max_points)
     root = ElementTree.fromstring(_NOT_XML.sub("", to_svg(drawn).decode()))
     width, height = (float(part) for part in root.attrib["viewBox"].split()[2:])
     colors: set[str] = set()
-    # What hatches a heat map is not in it, but among the definitions.
+    # The hatch pattern of a heat map is among the definitions.
     heat_map = any(panel.heat_map is not None for panel in figure.panels)
     _clean(root, prefix, colors, (KEPT, "h") if heat_map else (KEPT,), False)
     _drop_ids(root)
@@ -78,14 +78,14 @@ def element(
 def _clean(
     element: ElementTree.Element, prefix: str, colors: set[str], keep: tuple[str, ...], kept: bool
 ) -> None:
-    """Makes an element of a page of matplotlib's SVG, and notes the colours in it.
+    """Converts an element and its children in place, and collects their colors.
 
     Args:
-        element: to change, with all in it.
-        prefix: of ids.
-        colors: gets the colours that a dark page has to change.
-        keep: how ids of elements begin whose colours are kept.
-        kept: whether an element around this one keeps its colours.
+        element: element to convert.
+        prefix: prefix of ids.
+        colors: receives the colors that differ on a dark page.
+        keep: prefixes of the ids of elements that keep their colors.
+        kept: whether a parent keeps its colors.
     """
     element.tag = element.tag.rpartition("}")[2]
     element.text = element.tail = None
@@ -104,19 +104,19 @@ def _clean(
         elif _COLOR.fullmatch(color):
             colors.add(color)
     if begins and element.get("fill") is None:
-        element.set("fill", _unmatched("#000000"))  # what no fill means, where a page sets another
+        element.set("fill", _unmatched("#000000"))  # the default, which the page's CSS changes
     for child in element:
         _clean(child, prefix, colors, keep, kept)
 
 
 def _attributes(name: str, value: str, prefix: str) -> dict[str, str]:
-    """Returns what an attribute of matplotlib's SVG is in a page."""
+    """Returns the attributes in a page for an attribute of matplotlib's SVG."""
     if name == "style":
         pairs = [part.split(":", 1) for part in value.split(";") if ":" in part]
-        said = {key.strip(): text.strip() for key, text in pairs}
+        styles = {key.strip(): text.strip() for key, text in pairs}
         return {
             key: _REFERENCE.sub(rf"url(#{prefix}\1)", text)
-            for key, text in said.items()
+            for key, text in styles.items()
             if key not in _NOT_ATTRIBUTES
         }
     if name == "id":
@@ -129,7 +129,7 @@ def _attributes(name: str, value: str, prefix: str) -> dict[str, str]:
 
 
 def _drop_ids(root: ElementTree.Element) -> None:
-    """Takes away the ids that nothing refers to, which are most."""
+    """Removes the ids that nothing refers to, which are most."""
     used = {
         name
         for element in root.iter()
@@ -142,5 +142,5 @@ def _drop_ids(root: ElementTree.Element) -> None:
 
 
 def _unmatched(color: str) -> str:
-    """Returns a colour in words that the dark page's style sheet does not look for."""
+    """Returns a color in a notation that the dark page's style sheet does not match."""
     return f"rgb({','.join(str(int(color[i : i + 2], 16)) for i in (1, 3, 5))})"

@@ -1,4 +1,4 @@
-"""The page as a whole: one HTML file that needs nothing else and asks no network for anything."""
+"""Renders the page as a self-contained HTML file that loads nothing from the network."""
 
 import base64
 import hashlib
@@ -14,31 +14,29 @@ from jbench.report.page import colors, downloads, tables, values, vector
 from jbench.report.page.budget import share_each
 from jbench.report.page.text import html, identifier, json_block, paragraphs
 
-_PROVENANCE = "Where each run comes from: what made it, with which versions, on which machine."
+_PROVENANCE = "Command, versions and machine of each run."
 _ABOUT = (
-    "Everything is in this one file; it loads nothing and sends nothing. Values under the pointer "
-    "are those of single points, at most {} of each line, evenly taken; the data to download have "
-    "the others."
+    "This file is self-contained: it loads nothing and sends nothing. Tooltips show at most {} "
+    "evenly spaced points of each line; the data to download contain the others."
 )
 _SOURCE = "The published curves were read from the figures of: {}"
-_PAPER = (515, 570)  # points: width and height of a figure on paper, and
-_PAPER_TURNED = (770, 425)  # those of one on a page turned on its side
-_PIXELS = 4 / 3  # of a point
+_PAPER = (515, 570)  # points; maximum width and height of a figure on paper in portrait format
+_PAPER_TURNED = (770, 425)  # points; the same in landscape format
+_PIXELS = 4 / 3  # pixels per point
 _RELOAD = '<meta http-equiv="refresh" content="30">\n'
 
 
 def render_document(document: Document, *, sheet: Sheet = SCREEN, reloads: bool = False) -> str:
-    """Returns the page of a report as HTML: the same text for the same document.
+    """Returns the page of a report as reproducible HTML.
 
-    Everything is in it: style, script, figures and the data to download. Its
-    Content-Security-Policy allows this very style and script and nothing else, so that nothing
-    is loaded, nothing is sent, and text in the results can't become a script. Without a script it
-    is a plain document.
+    It contains style, script, figures and the data to download. Its Content-Security-Policy allows
+    only its own style and script, so that nothing is loaded or sent, and text in the results can't
+    become a script. It is readable without scripts.
 
     Args:
-        document: what it says.
-        sheet: what the figures are made for.
-        reloads: whether a browser that shows it reads it again twice a minute.
+        document: content of the page.
+        sheet: format of the figures.
+        reloads: whether the page reloads itself twice a minute.
     """
     parts = _Parts(document, sheet)
     body = "\n".join(_body(document, parts))
@@ -75,20 +73,20 @@ def render_document(document: Document, *, sheet: Sheet = SCREEN, reloads: bool 
 
 
 def still(page: bytes) -> bytes:
-    """Returns a page that reloads itself as one that does not."""
+    """Returns a page without its automatic reload."""
     return page.replace(_RELOAD.encode(), b"", 1)
 
 
 class _Parts:
-    """What the parts of a page share: ids, room for data, and the styles that they need.
+    """State that the parts of a page share: ids, size limits, and styles.
 
     Attributes:
-        sheet: what the figures are made for.
-        cells: of a table to download.
-        corners: of a figure before it becomes a picture.
-        points: of a line under the pointer.
-        colors: of all figures.
-        styles: rules of single figures.
+        sheet: format of the figures.
+        cells: maximum cells of a table to download.
+        corners: maximum points of a figure that is not rasterized.
+        points: maximum points of a line in tooltips.
+        colors: colors of all figures.
+        styles: CSS rules of single figures.
     """
 
     def __init__(self, document: Document, sheet: Sheet) -> None:
@@ -106,7 +104,7 @@ class _Parts:
         self._ids = {"to-summary", "to-problems", "to-notes", "to-provenance"}
 
     def id(self, name: str) -> str:
-        """Returns an id of the page like a name, that no other part has."""
+        """Returns a unique id that resembles a name."""
         base = new = identifier(name)
         count = 1
         while new in self._ids:
@@ -159,7 +157,7 @@ def _figure(item: FigureItem, made: str, parts: _Parts) -> Iterator[str]:
     id = parts.id(item.name)
     drawing = vector.element(item.figure, f"{id}-", item.title, parts.sheet, parts.corners)
     parts.colors |= drawing.colors
-    # A phone shows a figure no smaller than can be read, and scrolls it.
+    # On a phone, figures stay readable and scroll.
     parts.styles.append(
         f"#{id} svg{{width:{drawing.width * _PIXELS:.0f}px}}"
         f"@media screen and (max-width:48rem){{#{id} svg{{width:{drawing.width:.0f}px}}}}"
@@ -176,7 +174,7 @@ def _figure(item: FigureItem, made: str, parts: _Parts) -> Iterator[str]:
 
 
 def _is_wide(drawing: vector.Drawing) -> bool:
-    """Says whether a figure is printed much larger on a page that is turned on its side."""
+    """Returns whether a figure is much larger when printed in landscape format."""
     upright, turned = (
         min(1, width / drawing.width, height / drawing.height)
         for width, height in (_PAPER, _PAPER_TURNED)
@@ -206,7 +204,7 @@ def _provenance(frame: pd.DataFrame, made: str, parts: _Parts) -> Iterator[str]:
 
 
 def _foot(name: str, frame: pd.DataFrame | None, made: str, parts: _Parts) -> str:
-    """Returns what stands below an item: its data, and the command that made it."""
+    """Returns the footer of an item: its data, and the command that made it."""
     link = "" if frame is None else downloads.link(name, frame, parts.cells)
     data = f'<p class="data">{link}</p>' if link else ""
     return f'<div class="foot">{data}{made}</div>'
@@ -223,6 +221,6 @@ def _asset(name: str) -> str:
 
 
 def _hash(content: str) -> str:
-    """Returns the content of an element as a Content-Security-Policy names it."""
+    """Returns the hash of an element's content for a Content-Security-Policy."""
     digest = hashlib.sha256(content.encode()).digest()
     return f"sha256-{base64.b64encode(digest).decode()}"

@@ -1,4 +1,4 @@
-"""The tables of the claims: verdicts, and the comparisons behind them."""
+"""Tables of the claims: verdicts, and the underlying comparisons."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from jbench.report.tables import values
 
 
 def verdicts(findings: Sequence[Finding]) -> TableItem:
-    """Returns the table of claims: how often each is supported, by whose runs and which returns."""
+    """Returns the table of claims, with the verdicts for each source and kind of return."""
     rows = []
     for letter, claim in CLAIMS.items():
         tested = [f for f in findings if f.claim == letter]
@@ -32,18 +32,18 @@ def verdicts(findings: Sequence[Finding]) -> TableItem:
     return TableItem(
         "verdicts",
         "Verdicts on the paper's claims",
-        "How many comparisons support, contradict or leave open each claim, of whose runs, and by "
-        "which returns: those of training episodes, exploration included, or those of evaluations "
-        "of the deterministic policy. The paper's are of training.",
+        "Number of comparisons that support, contradict or leave open each claim, by source of the "
+        "runs and kind of return: training episodes (exploration included) or evaluations of the "
+        "deterministic policy. The paper's returns are of training.",
         pd.DataFrame(rows),
     )
 
 
 def findings_table(findings: Sequence[Finding]) -> TableItem | None:
-    """Returns the table of each comparison that tests a claim; None where there is none."""
+    """Returns the table of all comparisons that test a claim; None if there are none."""
     if not findings:
         return None
-    say = {
+    formats = {
         "b": formatting.ratio,
         "f": formatting.ratio,
         "g": formatting.whole,
@@ -56,7 +56,7 @@ def findings_table(findings: Sequence[Finding]) -> TableItem | None:
             "returns": one.returns,
             "compared": one.compared,
             "n": one.seeds,
-            "effect": values.estimate(one.effect, say.get(one.claim, formatting.signed)),
+            "effect": values.estimate(one.effect, formats.get(one.claim, formatting.signed)),
             "verdict": one.verdict,
             "seeds that would decide": _seeds_needed(one),
             "remark": one.remark,
@@ -66,13 +66,12 @@ def findings_table(findings: Sequence[Finding]) -> TableItem | None:
     return TableItem(
         "claims",
         "Each comparison behind the verdicts",
-        "The effect is what the claim speaks of: a difference of returns for (a), (c), (d) and "
-        "(e), a ratio of standard deviations for (b) and (f), a median return for (g) and (h). In "
-        "brackets its uncertainty (95% interval; 90% for (a), where two one-sided tests at 5% are "
-        'meant). Seeds that would decide an undecided comparison, of each cell: "80% power" is a '
-        'power calculation, for an effect that is what it seems to be now; "six-seed rule" says '
-        f"that this effect would need fewer, but that fewer than {DECIDING_SEEDS} seeds decide "
-        "nothing.",
+        "The effect is a difference of returns for (a), (c), (d) and (e), a ratio of standard "
+        "deviations for (b) and (f), and a median return for (g) and (h). In brackets its "
+        "uncertainty (95% interval; 90% for (a), which corresponds to two one-sided tests at 5%). "
+        'Seeds per cell that would decide an undecided comparison: "80% power" is a power '
+        'calculation for the effect as currently estimated; "six-seed rule" means that this effect '
+        f"would need fewer, but that fewer than {DECIDING_SEEDS} seeds decide nothing.",
         pd.DataFrame(rows),
     )
 

@@ -1,4 +1,4 @@
-"""Files of the tables of a document: Markdown and LaTeX to paste, CSV to compute with."""
+"""Files of a document's tables: Markdown, LaTeX and CSV."""
 
 import math
 import re
@@ -18,7 +18,7 @@ _MARKDOWN = re.compile(r"([\\|*`<]|(?<=\])\()")
 
 
 def to_markdown(item: TableItem) -> str:
-    """Returns a table in the Markdown of GitHub, its caption above; the best in bold."""
+    """Returns a table in GitHub's Markdown with its caption above; the best values are bold."""
     frame = item.frame
     numeric = [_is_numeric(frame[name]) for name in frame]
     lines = [_row([_markdown(str(name)) for name in frame])]
@@ -32,7 +32,7 @@ def to_markdown(item: TableItem) -> str:
 
 
 def to_latex(item: TableItem) -> str:
-    """Returns a table for LaTeX with the package booktabs, its caption above; the best in bold."""
+    """Returns a table for LaTeX's booktabs with its caption above; the best values are bold."""
     frame = item.frame
     columns = "".join("r" if _is_numeric(frame[name]) else "l" for name in frame)
     lines = [_latex_row([_latex(str(name)) for name in frame]), r"\midrule"]
@@ -62,16 +62,16 @@ def to_latex(item: TableItem) -> str:
 
 
 def to_csv(item: TableItem) -> str:
-    """Returns a table as CSV: every number in a column of its own."""
+    """Returns a table as CSV with one number per column."""
     return data_frame(item.frame).to_csv(index=False, lineterminator="\n")
 
 
 FORMATS = {"md": to_markdown, "tex": to_latex, "csv": to_csv}
-"""What makes the files of a table, by their ending."""
+"""Writers of table files by suffix."""
 
 
 def text_of(cell: Any) -> str:
-    """Returns a cell as a reader wants it; what is missing as nothing."""
+    """Formats a cell; a missing value is an empty text."""
     if isinstance(cell, Value):
         return cell.text
     if cell is None or cell is pd.NA or (isinstance(cell, float) and math.isnan(cell)):
@@ -80,12 +80,12 @@ def text_of(cell: Any) -> str:
 
 
 def is_best(cell: Any) -> bool:
-    """Returns whether a cell is shown as the best of its kind."""
+    """Returns whether a cell is highlighted as the best of its kind."""
     return isinstance(cell, Value) and cell.best
 
 
 def _is_numeric(column: "pd.Series[Any]") -> bool:
-    """Returns whether a column is aligned to the right: numbers, and what is sorted by numbers."""
+    """Returns whether a column is right-aligned: numbers, and values sorted by numbers."""
     cells = [cell for cell in column if text_of(cell)]
     kinds = [cell.sort if isinstance(cell, Value) else cell for cell in cells]
     return bool(cells) and all(not isinstance(kind, str) for kind in kinds)
@@ -105,5 +105,5 @@ def _latex(text: str) -> str:
 
 def _latex_row(texts: list[str]) -> str:
     line = " & ".join(texts)
-    # After the end of a row, a bracket or a star would be taken for an option of it.
+    # LaTeX would take a bracket or star after the end of a row for an option of the row.
     return rf"{'{}' if line.startswith(('[', '*')) else ''}{line} \\"

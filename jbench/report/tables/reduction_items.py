@@ -1,4 +1,4 @@
-"""Does reduction help? A sentence for each claim and the table of all comparisons."""
+"""Answers to whether reduction helps: a sentence per claim, and a table of all comparisons."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,7 +12,7 @@ from jbench.report.data.returns import Returns
 from jbench.report.document import TableItem, Value
 from jbench.report.tables import values
 
-_SAID = {
+_OUTCOMES = {
     "a": {"higher": f"higher by more than {MARGIN:g}", "lower": f"lower by more than {MARGIN:g}"},
     "b": {"supported": "less spread", "contradicted": "more spread"},
     "c": {"supported": "faster", "contradicted": "slower"},
@@ -26,45 +26,41 @@ _HEADINGS = ("difference of the IQM", "ratio of standard deviations", "differenc
 
 
 def sentences(found: Sequence[Reduction], kind: Returns) -> list[str]:
-    """Returns a sentence for each of the claims (a) to (c): which representations do what."""
-    return [sentence(letter, found, kind) for letter in _SAID] if found else []
+    """Returns a sentence for each of the claims (a) to (c)."""
+    return [sentence(letter, found, kind) for letter in _OUTCOMES] if found else []
 
 
 def sentence(letter: str, found: Sequence[Reduction], kind: Returns) -> str:
-    """Returns what all comparisons say of a claim.
-
-    Args:
-        letter: of the claim: a, b or c.
-        found: at least one comparison.
-        kind: of the returns.
-    """
-    there = [name for name in BASELINES if any(one.baseline == name for one in found)]
-    against = [f"against {name}, {'; '.join(_by_outcome(letter, found, name))}" for name in there]
+    """Returns a sentence on a claim (a, b or c), from at least one comparison."""
+    baselines = [name for name in BASELINES if any(one.baseline == name for one in found)]
+    against = [
+        f"against {name}, {'; '.join(_by_outcome(letter, found, name))}" for name in baselines
+    ]
     measured = _MEASURES[letter].format(kind=kind.name)
     return f"({letter}) {measured}: {'; '.join(against)}."
 
 
 def _by_outcome(letter: str, found: Sequence[Reduction], baseline: str) -> Iterator[str]:
-    """Gives the representations of each outcome, the decided ones first."""
+    """Yields the representations of each outcome, the decided ones first."""
     named: dict[str, list[str]] = {}
     for one in (one for one in found if one.baseline == baseline):
         finding = next(f for f in one.findings if f.claim == letter)
         named.setdefault(outcome(finding), []).append(_named(one, finding))
-    order = [*_SAID[letter].values(), "similar", "undecided"]
+    order = [*_OUTCOMES[letter].values(), "similar", "undecided"]
     for name in sorted(named, key=order.index):
         yield f"{name}: {', '.join(named[name])}"
 
 
 def outcome(finding: Finding) -> str:
-    """Returns what a finding says of a representation: `slower`, `similar`, `undecided`."""
-    said, verdict = _SAID[finding.claim], finding.verdict
+    """Returns the outcome for a representation, such as `slower`, `similar` or `undecided`."""
+    outcomes, verdict = _OUTCOMES[finding.claim], finding.verdict
     if verdict == "undecided":
         return "undecided"
     if finding.claim != "a":
-        return said[verdict]
+        return outcomes[verdict]
     if verdict == "supported":
         return "similar"
-    return said["higher" if finding.effect.value > 0 else "lower"]
+    return outcomes["higher" if finding.effect.value > 0 else "lower"]
 
 
 def _named(one: Reduction, finding: Finding) -> str:
@@ -74,18 +70,12 @@ def _named(one: Reduction, finding: Finding) -> str:
 
 
 def _effect(finding: Finding) -> Value | None:
-    say = formatting.ratio if finding.claim == "b" else formatting.signed
-    return values.estimate(finding.effect, say)
+    form = formatting.ratio if finding.claim == "b" else formatting.signed
+    return values.estimate(finding.effect, form)
 
 
 def table(found: Sequence[Reduction], kind: Returns, name: str) -> TableItem | None:
-    """Returns the table of all comparisons; None where there is none.
-
-    Args:
-        found: comparisons of one kind of return.
-        kind: of the returns.
-        name: of its files.
-    """
+    """Returns the table of all comparisons of one kind of return; None if there are none."""
     if not found:
         return None
     rows = []
@@ -103,10 +93,10 @@ def table(found: Sequence[Reduction], kind: Returns, name: str) -> TableItem | N
     return TableItem(
         name,
         f"Every representation against {FULL} and {SCALED}: {kind.plural}",
-        f"By how much the interquartile mean of the final {kind.name} return differs from that of "
-        f"the baseline (90% interval, for the test whether it is within {MARGIN:g}); the standard "
-        "deviation across seeds as a multiple of the baseline's, and by how much the return over "
-        "the run differs (95% intervals). The tests are those of the claims: "
-        + " ".join(f"({letter}) {CLAIMS[letter].test}" for letter in _SAID),
+        f"Difference of the interquartile mean of the final {kind.name} return from that of the "
+        f"baseline (90% interval, for the test whether it is within {MARGIN:g}); ratio of the "
+        "standard deviation across seeds to the baseline's, and difference of the return over the "
+        "run (95% intervals). The tests are those of the claims: "
+        + " ".join(f"({letter}) {CLAIMS[letter].test}" for letter in _OUTCOMES),
         pd.DataFrame(rows),
     )

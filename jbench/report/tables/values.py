@@ -12,21 +12,21 @@ from jbench.report.document import Value
 from jbench.report.formatting import display_name, steps, whole
 
 
-def estimate(found: Estimate | None, form: Callable[[float], str] = whole) -> Value | None:
+def estimate(one: Estimate | None, form: Callable[[float], str] = whole) -> Value | None:
     """Formats a number with its 95% interval, if it has one: `668 [640, 690]`."""
-    if found is None or math.isnan(found.value):
+    if one is None or math.isnan(one.value):
         return None
-    ends = (found.low, found.high)
+    ends = (one.low, one.high)
     known = {
         name: None if math.isnan(x) else x for name, x in zip(("low", "high"), ends, strict=True)
     }
-    numbers: dict[str, float | None] = {"": found.value, **known}
-    text = _bounded(found.value, form, "infinite")
-    # An interval that begins where nothing is reached says nothing more.
-    if not (np.isnan(ends).any() or math.isinf(found.low)):
-        low, high = form(found.low), _bounded(found.high, form, "no upper bound")
+    numbers: dict[str, float | None] = {"": one.value, **known}
+    text = _bounded(one.value, form, "infinite")
+    # An interval that begins at infinity adds no information.
+    if not (np.isnan(ends).any() or math.isinf(one.low)):
+        low, high = form(one.low), _bounded(one.high, form, "no upper bound")
         text = f"{text} [{low}, {high}]"
-    return Value(text, found.value, numbers=numbers)
+    return Value(text, one.value, numbers=numbers)
 
 
 def of_statistic(one: Statistic | None, form: Callable[[float], str] = whole) -> Value | None:
@@ -57,7 +57,12 @@ def spread(cell: Cell, *, best: bool = False) -> Value | None:
 
 def cell_name(cell: Cell) -> str:
     """Names a cell in a sentence."""
-    return f"{cell.prefix}{cell.task} {display_name(cell.algo)} {cell.seen}"
+    return f"{cell.prefix}{cell.task} {display_name(cell.algo)} {cell.representation_label}"
+
+
+def algorithm_name(cell: Cell) -> str:
+    """Names a cell within a task: its source, algorithm and representation."""
+    return f"{cell.prefix}{display_name(cell.algo)}, {cell.representation_label}"
 
 
 def count_of(cell: Cell, seeds: int) -> str:
@@ -74,8 +79,8 @@ def trained(cell: Cell) -> Value:
     """Formats the number of control steps for which the seeds of a cell were trained."""
     low, high = int(cell.steps.min()), int(cell.steps.max())
     numbers = {"least": low, "most": high}
-    said = dict.fromkeys((steps(low), steps(high)))
-    return Value("\N{EN DASH}".join(said), high, numbers=numbers)
+    texts = dict.fromkeys((steps(low), steps(high)))
+    return Value("\N{EN DASH}".join(texts), high, numbers=numbers)
 
 
 def names(cells: Sequence[Cell], *, task: bool = True) -> list[dict[str, object]]:
@@ -86,7 +91,7 @@ def names(cells: Sequence[Cell], *, task: bool = True) -> list[dict[str, object]
             **({"runs": cell.source} if sources else {}),
             **({"task": cell.task} if task else {}),
             "algorithm": display_name(cell.algo),
-            "observation": cell.seen,
+            "observation": cell.representation_label,
         }
         for cell in cells
     ]

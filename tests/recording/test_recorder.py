@@ -25,7 +25,8 @@ from jbench.settings.external import ExternalSettings
 from jbench.settings.run import read_run
 from jbench.simulation import Robots, rollout
 from jbench.store import Results, schema
-from jbench.tasks import model, resets
+from jbench.tasks import resets
+from jbench.tasks.robots import load_model
 from tests.documentation import ROOT
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -156,7 +157,7 @@ def test_the_kept_policy_acts_as_the_actor(finished, copy, capsys):
     episodes = jbench.open(copy).query("FROM policy_episodes ORDER BY episode")
     starts = resets.draw_starts("face_direction", [resets.episode_generator(5, i) for i in (0, 1)])
     total = np.zeros(2)
-    with Robots(model.load(None), 2, 1) as robots:
+    with Robots(load_model(None), 2, 1) as robots:
         # Not the torch module itself: its rounding differs, and the motion is chaotic.
         for transition in rollout("face_direction", robots, starts, kept.act):
             total += transition.rewards

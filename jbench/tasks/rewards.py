@@ -1,0 +1,78 @@
+"""Rewards of the five tasks, as pure functions on batches of robots, like their observations.
+
+The formulas are those of the paper (section 4.2) in dm_control's reward conventions
+(arXiv:1801.00690, section 2).
+"""
+
+import math
+from collections.abc import Callable
+
+from array_api_compat import array_namespace
+
+from jbench.tasks.features import (
+    TASK_SPECS,
+    Array,
+    State,
+    Target,
+    angle_to_target,
+    speed_in_target_frame,
+)
+
+# A Gaussian that decays to 0.1 at the margin: exp(-(GAUSSIAN_SCALE * distance / margin)^2 / 2).
+_GAUSSIAN_SCALE = math.sqrt(-2 * math.log(0.1))
+_UPRIGHT_MARGIN = 0.5  # of the cosine of the torso's tilt
+_NEAR_MARGIN = 0.05  # m
+_FULL_SPEED = 0.1  # m/s
+
+
+def upright_reward(state: State) -> Array:
+    """Returns a Gaussian tolerance of the cosine of the torso's tilt; 1 if upright."""
+    x, y = state.position[..., 4], state.position[..., 5]
+    return _gaussian(2 * (x * x + y * y), _UPRIGHT_MARGIN)
+
+
+def near_reward(state: State, target: Target) -> Array:
+    """Returns a Gaussian tolerance of the 3D distance to the target; 0.1 at 5 cm."""
+    xp = array_namespace(state.position)
+    to_target = target.position - state.position[..., :3]
+    return _gaussian(xp.sqrt(xp.sum(to_target * to_target, axis=-1)), _NEAR_MARGIN)
+
+
+def heading_reward(state: State, target: Target) -> Array:
+    """Returns (1 + cos 2a) / 2 for an angle to the target |a| < pi / 2, otherwise 0."""
+    xp = array_namespace(state.position)
+    angle = angle_to_target(state, target)
+    facing = (1 + xp.cos(2 * angle)) / 2
+    return xp.where(xp.abs(angle) < math.pi / 2, facing, xp.zeros_like(facing))
+
+
+def speed_reward(state: State, target: Target) -> Array:
+    """Returns the speed along the target's x axis divided by 0.1 m/s, clipped to [0, 1]."""
+    xp = array_namespace(state.torso_velocity)
+    return xp.clip(speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED, 0, 1)
+
+
+_REWARDS: dict[str, Callable[[State, Target], Array]] = {
+    "away": lambda state, target: 1 - near_reward(state, target),
+    "upright": lambda state, _: upright_reward(state),
+    "near": near_reward,
+    "heading": heading_reward,
+    "speed": speed_reward,
+}
+
+
+def reward(task: str, state: State, target: Target) -> Array:
+    """Returns the reward (...) of a task, in [0, 1], at the end of a control step.
+
+    Args:
+        target: its axes broadcast against the state's.
+    """
+    terms = [_REWARDS[name](state, target) for name in TASK_SPECS[task].rewards]
+    return math.prod(terms)
+
+
+def _gaussian(distance: Array, margin: float) -> Array:
+    """Returns dm_control's Gaussian tolerance: 1 at distance 0, 0.1 at the margin."""
+    xp = array_namespace(distance)
+    scaled = distance * (_GAUSSIAN_SCALE / margin)
+    return xp.exp(-0.5 * scaled * scaled)

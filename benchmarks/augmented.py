@@ -1,8 +1,8 @@
-"""Tries the augmented robots of many seeds: `python benchmarks/augmented.py --seeds 1000`.
+"""Checks the augmented robots of many seeds: `python benchmarks/augmented.py --seeds 1000`.
 
-Every seed's robot is drawn, stands for a second, and lives another under random torque. Prints how
-many seeds gave no robot, how many redraws there were, how the robots stand, how often MuJoCo warned
-of a bad state, and in how many robots two parts touched each other at the end of a control step.
+Each robot is simulated for a second without torque and for a second of random torque. Prints the
+number of seeds without a robot, the redraws, the upright rewards without torque, MuJoCo's warnings
+of bad states, and the number of robots in which two parts were in contact after a control step.
 """
 
 import argparse
@@ -21,23 +21,23 @@ THREADS = 2
 
 
 class Trial(NamedTuple):
-    """What one seed's robot did.
+    """Outcome for the robot of one seed.
 
     Attributes:
-        redraws: draws before it that gave no robot that stands; -1 if none ever did.
-        standing: its upright reward after a second without torque.
+        redraws: draws that were rejected before this robot; -1 if there is no robot.
+        upright: its upright reward after a second without torque.
         warnings: MuJoCo's warnings in a second of random torque.
-        touches: pairs of its own parts in contact, summed over the control steps of that second.
+        touches: contacts between its own parts, summed over the control steps of that second.
     """
 
     redraws: int
-    standing: float = 1.0
+    upright: float = 1.0
     warnings: int = 0
     touches: int = 0
 
 
 def attempt(seed: int, vary_masses: bool) -> Trial:
-    """Returns what the robot of a seed does."""
+    """Simulates the robot of a seed."""
     try:
         morphology = augmented.draw(seed, vary_masses=vary_masses)
     except WorkError:
@@ -56,20 +56,24 @@ def attempt(seed: int, vary_masses: bool) -> Trial:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=1000, help="seeds 0 to this are tried")
-    parser.add_argument("--vary-masses", action="store_true", help="draw densities and gear, too")
+    parser.add_argument("--seeds", type=int, default=1000, help="number of seeds, from 0")
+    parser.add_argument(
+        "--vary-masses", action="store_true", help="randomise densities and gear too"
+    )
     arguments = parser.parse_args()
     with ThreadPoolExecutor(THREADS) as threads:
         trials = list(
             threads.map(lambda seed: attempt(seed, arguments.vary_masses), range(arguments.seeds))
         )
     robots = [trial for trial in trials if trial.redraws >= 0]
-    standing = np.array([trial.standing for trial in robots])
+    upright = np.array([trial.upright for trial in robots])
     print(f"{len(trials)} seeds, {len(trials) - len(robots)} of them without a robot")
     print(f"{sum(trial.redraws for trial in robots)} redraws")
-    print(f"upright reward when standing: lowest {standing.min():.4f}, mean {standing.mean():.4f}")
+    print(f"upright reward without torque: lowest {upright.min():.4f}, mean {upright.mean():.4f}")
     print(f"{sum(trial.warnings for trial in robots)} warnings under random torque")
-    print(f"{sum(trial.touches > 0 for trial in robots)} robots with parts that touched each other")
+    print(
+        f"{sum(trial.touches > 0 for trial in robots)} robots with contacts between their own parts"
+    )
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
-"""Measures what checkpoints cost: `python benchmarks/checkpoint.py`.
+"""Measures the cost of checkpoints: `python benchmarks/checkpoint.py`.
 
-Five seeds, which is what a process has of ten on two cores, at the paper's settings and with a full
-replay buffer of a million transitions. In turns: some control steps of training, and a checkpoint
-of all seeds after as many new rows as an episode has. Printed is the time of the checkpoints as a
-part of that of the training between them, at the shortest distance there is: one episode. `jbench
-train` makes them no more often than once in a minute, and never gives them more than 2% of its
-time. Then a run makes the checkpoints of a million control steps, without the training: bytes
-written, and how often each row of the replay buffer was.
+Five seeds (a process has five of ten seeds on two cores) train with the paper's settings and a full
+replay buffer of a million transitions. Training alternates with a checkpoint of all seeds after
+each episode, the shortest interval possible. The first figure is the time of the checkpoints
+relative to that of the training. `jbench train` makes at most one checkpoint per minute and limits
+them to 2% of its time. The second part writes the checkpoints of a million control steps without
+training and prints the bytes written and how often each row of the replay buffer was written.
 """
 
 import argparse
@@ -31,13 +30,13 @@ from jbench.training.checkpoints import save
 from jbench.training.log import RunLog
 
 SEEDS = 5
-TRAINED = 100  # control steps of a turn: DDPG's updates come that far apart
+TRAINED = 100  # control steps between DDPG's updates
 FULL = 1_001_000  # rows of a million transitions: an episode of 1000 has 1001
 MILLION = 1_000_000
 
 
 class Written:
-    """Counts the bytes that are written from now on, by what they are."""
+    """Counts the bytes written after its creation, by kind of file."""
 
     def __init__(self) -> None:
         self.bytes: dict[str, int] = {}
@@ -52,7 +51,7 @@ class Written:
 
 
 def settings_of(algo: str, seed: int) -> RunSettings:
-    """Returns a run of the paper's settings, whose updates begin at once."""
+    """Returns a run with the paper's settings whose updates begin immediately."""
     overrides = {"learning_starts": 256} if algo == "td3" else {}
     return RunSettings(
         task="face_direction",
@@ -67,13 +66,13 @@ def settings_of(algo: str, seed: int) -> RunSettings:
 
 
 def begin(path: Path, run: RunSettings) -> tuple[Record, RunLog]:
-    """Begins a run's record."""
+    """Creates the record of a run."""
     record = Results(path).create("run", run.id, run.model_dump(mode="json"))
     return record, RunLog(record)
 
 
 def cost(algo: str, rounds: int) -> None:
-    """Prints the time of checkpoints beside that of training."""
+    """Prints the time of checkpoints relative to that of training."""
     runs = [settings_of(algo, seed) for seed in range(SEEDS)]
     shares, times = [], []
     with (
@@ -85,32 +84,32 @@ def cost(algo: str, rounds: int) -> None:
             for seed in range(SEEDS):
                 engine.restore_rows(seed, torch.randn(1, FULL, 18), FULL)
             engine.replay.begin(engine.environments.observations)
-            # TD3 learns a thousand times after a thousand steps.
+            # TD3 makes a thousand updates after every thousand steps.
             engine.control_steps = MILLION
         steps = engine.learn(10**12)
-        turn = EPISODE_STEPS if algo in ("td3", "ppo") else TRAINED
+        measured = EPISODE_STEPS if algo in ("td3", "ppo") else TRAINED
         for number in range(rounds + 1):
             clock = time.perf_counter()
-            for _ in range(turn):
+            for _ in range(measured):
                 next(steps)
-            training = (time.perf_counter() - clock) * EPISODE_STEPS / turn
+            training = (time.perf_counter() - clock) * EPISODE_STEPS / measured
             clock = time.perf_counter()
-            for place, (record, log) in enumerate(begun):
-                log.episode(number, 500.0, EPISODE_STEPS, engine.losses(place))
-                save(record, log, engine, place)
+            for index, (record, log) in enumerate(begun):
+                log.episode(number, 500.0, EPISODE_STEPS, engine.losses(index))
+                save(record, log, engine, index)
             checkpoint = time.perf_counter() - clock
             if number:  # the first one writes the whole buffer
                 shares.append(checkpoint / training)
                 times.append(checkpoint / SEEDS)
     print(
-        f"{algo:5} a checkpoint of a seed takes {1000 * median(times):.1f} ms; one after each "
-        f"episode of each seed: {100 * median(shares):.2f}% of the training",
+        f"{algo:5} a checkpoint of a seed takes {1000 * median(times):.1f} ms; after every "
+        f"episode, checkpoints take {100 * median(shares):.2f}% of the training time",
         flush=True,
     )
 
 
 def volume(algo: str) -> None:
-    """Prints what the checkpoints of a million control steps write, one for each episode."""
+    """Prints what the checkpoints of a million control steps write, with one per episode."""
     run = settings_of(algo, 0)
     written = Written()
     with tempfile.TemporaryDirectory() as folder, engine_of(run, [0], None, "cpu") as engine:
@@ -128,8 +127,8 @@ def volume(algo: str) -> None:
             log.episode(engine.control_steps, 500.0, EPISODE_STEPS, {})
             save(record, log, engine, 0)
             most = max(most, len(record.manifest.files))
-    told = ", ".join(f"{kind} {size / 1e6:.0f} MB" for kind, size in written.bytes.items())
-    print(f"{algo:5} a million control steps, {number} checkpoints: {told}; {most} files at most")
+    sizes = ", ".join(f"{kind} {size / 1e6:.0f} MB" for kind, size in written.bytes.items())
+    print(f"{algo:5} a million control steps, {number} checkpoints: {sizes}; at most {most} files")
     if "replay" in written.bytes:
         times = written.bytes["replay"] / (4 * 18 * engine.replay.row)
         print(f"{algo:5} each row of the replay buffer is written {times:.2f} times")

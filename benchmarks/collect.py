@@ -1,14 +1,14 @@
 """Measures collection and closed-loop stepping against the physics: `python benchmarks/collect.py`.
 
-In rounds, one after the other: a bare loop of `mujoco.mj_step(model, data, nstep=50)` with random
-controls and nothing else on the same number of threads; `jbench.datasets.collect` with everything
-(features, targets, compression, writing to the disk); `jbench.simulation.Robots` in a closed loop
-of observation, policy, step and reward; and a plain dm_control loop on its one thread. What is
-measured is compared to the bare loops just before and after it; a ratio is the median of the rounds
-[lowest, highest], so that a busy neighbour spoils a round and not the result. Processor time per
-step says what the overhead is where neighbours take the processor.
+Each round measures, one after the other: a bare loop of `mujoco.mj_step(model, data, nstep=50)`
+with random controls on the same number of threads; `jbench.datasets.collect` with all its work
+(features, targets, compression, writing to disk); `jbench.simulation.Robots` in a closed loop of
+observation, policy, step and reward; and a plain single-threaded dm_control loop. Each is compared
+with the bare loops before and after it. A ratio is the median over the rounds [lowest, highest], so
+that other work on the machine affects single rounds only. The processor time per step shows the
+overhead on a busy machine.
 
-`--memory 50000 1000000` prints instead the peak resident memory of collections of these lengths.
+`--memory 50000 1000000` prints the peak resident memory of collections of these lengths instead.
 """
 
 import argparse
@@ -40,12 +40,12 @@ from jbench.tasks.robots import load_model
 TASK = "move_from_origin"
 BARE_EPISODES = 8  # on each thread, in one measurement
 CLOSED_STEPS = 16_384  # control steps of all robots, in one measurement
-WARM_UP = 50  # control steps that are not counted: robots that fall into place cost more
+WARM_UP = 50  # control steps that are not counted: falling robots take longer
 DM_CONTROL_STEPS = 2_000
 
 
 def bare(threads: int, seed: int) -> Callable[[], int]:
-    """Returns the bare loop, drawn beforehand; called, it returns its control steps."""
+    """Returns the bare loop with its random numbers drawn; it returns its control steps."""
     robot = load_model()
     random = np.random.default_rng(seed)
     actions = random.uniform(-1, 1, (threads, BARE_EPISODES, EPISODE_STEPS)).tolist()
@@ -68,21 +68,21 @@ def bare(threads: int, seed: int) -> Callable[[], int]:
     return measured
 
 
-def collection(threads: int, steps: int, seed: int, place: Path) -> Callable[[], int]:
-    """Returns a collection, from its settings to its last file."""
+def collection(threads: int, steps: int, seed: int, path: Path) -> Callable[[], int]:
+    """Returns a complete collection."""
 
     def measured() -> int:
-        collect(DatasetSettings(seed=seed, steps=steps), Results(place), threads)
+        collect(DatasetSettings(seed=seed, steps=steps), Results(path), threads)
         return steps
 
     return measured
 
 
 class ClosedLoop:
-    """Robots whose actions depend on what they observe, and are spread like random ones."""
+    """Robots whose actions depend on the observations and are distributed like random ones."""
 
     def __init__(self, count: int, threads: int) -> None:
-        """Makes the robots and lets them fall into place."""
+        """Makes the robots and simulates their fall to the floor."""
         random = np.random.default_rng(count)
         self.robots = Robots(load_model(), count, threads)
         self.target = features.Target(np.zeros((count, 3)), np.zeros(count))
@@ -93,21 +93,21 @@ class ClosedLoop:
         self.run(WARM_UP)
 
     def run(self, steps: int) -> None:
-        """Takes all robots through control steps."""
+        """Steps all robots."""
         for _ in range(steps):
             observed = features.observation(TASK, self.state, self.target)
             self.state = self.robots.step(2 * (observed @ self.weights % 1) - 1)
             rewards.reward(TASK, self.state, self.target)
 
     def __call__(self) -> int:
-        """Returns the control steps that it took, over all robots."""
+        """Returns the number of control steps over all robots."""
         count = len(self.target.yaw)
         self.run(CLOSED_STEPS // count)
         return CLOSED_STEPS // count * count
 
 
 def dm_control_loop() -> Callable[[], int]:
-    """Returns a plain loop of dm_control with random actions, on one thread as it is."""
+    """Returns a plain single-threaded dm_control loop with random actions."""
     env = suite.load("jitterbug", TASK, task_kwargs={"random": 0})
     random = np.random.default_rng(0)
 
@@ -121,11 +121,11 @@ def dm_control_loop() -> Callable[[], int]:
 
 
 class Measured(NamedTuple):
-    """What some work took.
+    """Speed of some work.
 
     Attributes:
         rate: control steps per second.
-        cpu: seconds of processor time for each of them, all threads together.
+        cpu: seconds of processor time per control step, over all threads.
     """
 
     rate: float
@@ -133,7 +133,7 @@ class Measured(NamedTuple):
 
 
 def measure(work: Callable[[], int]) -> Measured:
-    """Does some work, which says how many control steps it was."""
+    """Measures some work, which returns its number of control steps."""
     began, cpu = time.perf_counter(), time.process_time()
     steps = work()
     return Measured(steps / (time.perf_counter() - began), (time.process_time() - cpu) / steps)
@@ -142,7 +142,7 @@ def measure(work: Callable[[], int]) -> Measured:
 def measure_all(
     threads: int, rounds: int, steps: int, counts: list[int]
 ) -> dict[str, NDArray[np.float64]]:
-    """Returns by name, for each round: rate, its ratio to the bare loop's, and that of the CPU."""
+    """Returns (rounds, 3) by name: rate, and ratios of rate and CPU time to the bare loop."""
     closed = {f"closed loop, {count} robots": ClosedLoop(count, threads) for count in counts}
     plain = {"plain dm_control loop": dm_control_loop()}
     found: dict[str, list[tuple[float, float, float]]] = {}
@@ -178,12 +178,12 @@ def show(found: dict[str, NDArray[np.float64]], threads: int) -> None:
             )
         )
     rates = ("control steps/s", "physics steps/s")
-    ratios = ("rate: of bare", "CPU per step: of bare", "rate: of plain dm_control")
+    ratios = ("rate / bare", "CPU per step / bare", "rate / plain dm_control")
     Output().table(f"{threads} threads; medians of rounds", ("", *rates, *ratios), rows)
 
 
 def peak_memory(steps: int, threads: int) -> tuple[float, float]:
-    """Returns the peak resident memory (MB) and the seconds of a collection of its own process."""
+    """Returns the peak resident memory (MB) and the seconds of a collection in its own process."""
     with tempfile.TemporaryDirectory() as folder:
         command = ["collect", "--steps", str(steps), "--threads", str(threads)]
         began = time.perf_counter()
@@ -201,7 +201,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--steps", type=int, default=50_000, help="of a measured collection")
+    parser.add_argument("--steps", type=int, default=50_000, help="control steps of a collection")
     parser.add_argument("--robots", type=int, nargs="*", default=[8, 64, 256])
     parser.add_argument("--memory", type=int, nargs="*", help="lengths of collections")
     arguments = parser.parse_args()
@@ -211,7 +211,7 @@ def main() -> None:
         return
     for steps in arguments.memory:
         megabytes, seconds = peak_memory(steps, arguments.threads)
-        print(f"{steps:,} control steps: {megabytes:.0f} MB at most, {seconds:.0f} s")
+        print(f"{steps:,} control steps: at most {megabytes:.0f} MB, {seconds:.0f} s")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Measures the results database on generated results: `python benchmarks/database.py`.
 
-Makes results of 200 and of 2,000 runs of 5,000 episodes, and times opening and asking them: each
-measure in a process of its own, the sizes in turn, the median of several rounds. Prints seconds,
-and how many times as long a row takes in the larger results. Last, what joining a run's parts at
-its end saves. It writes and removes about 0.5 GB.
+Generates results of 200 and of 2,000 runs of 5,000 episodes and times loading and querying them:
+each measurement in a separate process, alternating between the sizes, as the median of several
+rounds. Prints seconds, and the time per row in the larger results relative to the smaller. Finally
+it measures what joining the parts of finished runs saves. It writes and removes about 0.5 GB.
 """
 
 import argparse
@@ -26,7 +26,7 @@ SQL = (
     "SELECT algo, representation, seed, avg(episode_return) AS mean FROM episodes JOIN runs "
     "USING (run) GROUP BY ALL ORDER BY ALL"
 )
-OPEN_AND_ASK = f"""
+LOAD_AND_QUERY = f"""
 import sys, time
 from pathlib import Path
 from jbench.store import Results, query
@@ -90,23 +90,23 @@ def generate(place: Path, runs: int, episodes: int) -> Results:
     return results
 
 
-def size_of(place: Path) -> tuple[int, float]:
-    """Returns how many files there are and how large they are together, in MB."""
-    found = [path for path in place.rglob("*") if path.is_file()]
-    return len(found), sum(path.stat().st_size for path in found) / 1e6
+def size_of(path: Path) -> tuple[int, float]:
+    """Returns the number of files and their total size in MB."""
+    found = [file for file in path.rglob("*") if file.is_file()]
+    return len(found), sum(file.stat().st_size for file in found) / 1e6
 
 
-def open_and_ask(place: Path) -> float:
-    """Seconds to open the results and to ask them in a process that has imported what it needs."""
-    command = [sys.executable, "-c", OPEN_AND_ASK, str(place)]
+def load_and_query(path: Path) -> float:
+    """Returns the seconds to load and query the results in a process, without its imports."""
+    command = [sys.executable, "-c", LOAD_AND_QUERY, str(path)]
     return float(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
 
 
-def typed(*arguments: str) -> Callable[[Path], float]:
-    """Returns what measures the seconds of a command, its start included."""
+def command_time(*arguments: str) -> Callable[[Path], float]:
+    """Returns a function that measures the seconds of a command, including its start."""
 
-    def measure(place: Path) -> float:
-        command = [*JBENCH, *arguments, "--results", str(place)]
+    def measure(path: Path) -> float:
+        command = [*JBENCH, *arguments, "--results", str(path)]
         began = time.perf_counter()
         subprocess.run(command, capture_output=True, check=True)
         return time.perf_counter() - began
@@ -115,40 +115,42 @@ def typed(*arguments: str) -> Callable[[Path], float]:
 
 
 MEASURES: dict[str, Callable[[Path], float]] = {
-    "opening and a grouped query, in Python": open_and_ask,
-    "jbench query, the same": typed("query", SQL),
-    "jbench runs": typed("runs"),
-    "jbench runs --returns": typed("runs", "--returns"),
-    "jbench verify": typed("verify"),
+    "loading and a grouped query, in Python": load_and_query,
+    "jbench query, the same": command_time("query", SQL),
+    "jbench runs": command_time("runs"),
+    "jbench runs --returns": command_time("runs", "--returns"),
+    "jbench verify": command_time("verify"),
 }
 
 
 def measure_sizes(directory: Path, sizes: list[int], episodes: int, rounds: int) -> None:
-    """Prints how long each measure takes at each size."""
-    places = {}
+    """Prints the time of each measure at each size."""
+    paths = {}
     for runs in sizes:
         began = time.perf_counter()
-        places[runs] = generate(directory / str(runs), runs, episodes).path
-        files, megabytes = size_of(places[runs])
+        paths[runs] = generate(directory / str(runs), runs, episodes).path
+        files, megabytes = size_of(paths[runs])
         print(
             f"{runs:,} runs x {episodes:,} episodes = {runs * episodes:,} rows: {files:,} files "
-            f"({files / runs:.1f} a run), {megabytes:,.0f} MB, made in "
+            f"({files / runs:.1f} per run), {megabytes:,.0f} MB, made in "
             f"{time.perf_counter() - began:.0f} s",
             flush=True,
         )
     for name, measure in MEASURES.items():
         times = {runs: [] for runs in sizes}
         for _ in range(rounds):
-            for runs, place in places.items():
-                times[runs].append(measure(place))
+            for runs, path in paths.items():
+                times[runs].append(measure(path))
         middle = {runs: statistics.median(times[runs]) for runs in sizes}
         ratio = middle[sizes[-1]] / middle[sizes[0]] / (sizes[-1] / sizes[0])
-        told = ", ".join(f"{seconds:.2f} s at {runs:,} runs" for runs, seconds in middle.items())
-        print(f"{name}: {told}; a row of the larger takes {ratio:.2f} times as long", flush=True)
+        at_sizes = ", ".join(
+            f"{seconds:.2f} s at {runs:,} runs" for runs, seconds in middle.items()
+        )
+        print(f"{name}: {at_sizes}; per row {ratio:.2f} times as long in the larger", flush=True)
 
 
 def measure_joining(directory: Path, runs: int, episodes: int) -> None:
-    """Prints what joining the parts of runs at their end saves."""
+    """Prints what joining the parts of finished runs saves."""
     results = Results(directory / "parts")
     records = []
     for number in range(runs):
@@ -159,10 +161,10 @@ def measure_joining(directory: Path, runs: int, episodes: int) -> None:
         records.append(record)
     for state in ("in parts", "joined"):
         files, megabytes = size_of(results.path)
-        seconds = statistics.median(open_and_ask(results.path) for _ in range(3))
+        seconds = statistics.median(load_and_query(results.path) for _ in range(3))
         print(
-            f"{runs} runs {state}: {files / runs:.1f} files and {megabytes / runs:.2f} MB a run, "
-            f"{seconds:.2f} s to open and ask",
+            f"{runs} runs {state}: {files / runs:.1f} files and {megabytes / runs:.2f} MB per run, "
+            f"{seconds:.2f} s to load and query",
             flush=True,
         )
         for record in records:

@@ -1,15 +1,15 @@
-"""How fast encoders are trained, beside the usual loops: `python benchmarks/encoders.py`.
+"""Measures the training of encoders against the usual loops: `python benchmarks/encoders.py`.
 
 One epoch of the denoising autoencoder (16 features, 12 latents, batches of 8192) over rows in
-memory, by three loops in turn, several times; the best time of each counts. Rates are of one run on
-one machine: what they say is their ratio.
+memory is trained by three loops alternately, several times; the best time of each counts. Only the
+ratios of the rates are meaningful.
 
 - a DataLoader over a TensorDataset, the usual loop;
 - a plain loop over one tensor: a random order, autograd, fused Adam;
 - ours, for the denoising autoencoder and for the other learned kinds.
 
-`--whole` makes a dataset of 5,000,000 control steps with made-up states in a temporary directory
-and trains on it by the command line: wall time, and the largest memory of the process.
+`--whole` writes a dataset of 5,000,000 control steps with random states to a temporary directory,
+trains on it from the command line, and prints the wall time and the peak memory of the process.
 """
 
 import argparse
@@ -44,7 +44,7 @@ KINDS = ("ae", "ddae", "vae", "lld-vae")
 
 
 class Network(nn.Module):
-    """The denoising autoencoder as one would write it."""
+    """The denoising autoencoder in plain torch."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -102,7 +102,7 @@ def ours(name: str, shard: Shard) -> Callable[[], None]:
 
 
 def best_rates(loops: dict[str, Callable[[], None]], rows: int, rounds: int) -> dict[str, float]:
-    """Returns the best rows/s of each loop, all of them once in each round."""
+    """Returns the best rows/s of each loop; each round runs every loop once."""
     best = dict.fromkeys(loops, 0.0)
     for _ in range(rounds):
         for name, epoch in loops.items():
@@ -148,21 +148,21 @@ def compare(rows: int, rounds: int, device: torch.device) -> None:
 
 
 def whole(epochs: int, device: str) -> None:
-    """Trains on 5,000,000 made-up control steps by the command line."""
-    with tempfile.TemporaryDirectory() as place:
-        make_dataset(Path(place), 5000)
-        command = ("train-dae", "--epochs", str(epochs), "--results", place, "--device", device)
+    """Trains on 5,000,000 random control steps from the command line."""
+    with tempfile.TemporaryDirectory() as path:
+        make_dataset(Path(path), 5000)
+        command = ("train-dae", "--epochs", str(epochs), "--results", path, "--device", device)
         began = time.perf_counter()
         subprocess.run([sys.executable, "-m", "jbench.cli", *command], check=True)
         wall = time.perf_counter() - began
         memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
-        print(f"{epochs} epochs of 4,004,000 rows: {wall:.1f} s, at most {memory:.2f} GB of memory")
+        print(f"{epochs} epochs of 4,004,000 rows: {wall:.1f} s, at most {memory:.2f} GB")
 
 
-def make_dataset(place: Path, episodes: int) -> None:
-    """Writes a dataset of made-up states."""
+def make_dataset(path: Path, episodes: int) -> None:
+    """Writes a dataset of random states."""
     random = np.random.default_rng(0)
-    record = Results(place).create("dataset", "random/made-up", {})
+    record = Results(path).create("dataset", "random/synthetic", {})
     for first in range(0, episodes, FILE_EPISODES):
         shape = (FILE_EPISODES, STATES)
         quaternion = random.normal(size=(*shape, 4))
@@ -191,9 +191,14 @@ def make_dataset(place: Path, episodes: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=int, default=1_000_000, help="in memory")
-    parser.add_argument("--rounds", type=int, default=5, help="of all loops in turn")
+    parser.add_argument("--rounds", type=int, default=5, help="rounds of all loops")
     parser.add_argument("--device", default="cpu", help="auto, cpu or cuda")
-    parser.add_argument("--whole", type=int, metavar="EPOCHS", help="on 5M steps by jbench")
+    parser.add_argument(
+        "--whole",
+        type=int,
+        metavar="EPOCHS",
+        help="train on 5M control steps from the command line",
+    )
     arguments = parser.parse_args()
     if arguments.whole:
         whole(arguments.whole, arguments.device)

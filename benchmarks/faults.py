@@ -1,11 +1,11 @@
-"""Makes each system call of each verb that writes fail, and counts what goes wrong.
+"""Makes each system call of each verb that writes fail, and counts broken promises.
 
     python benchmarks/faults.py                    every call with every error
-    python benchmarks/faults.py --one-error        every call with one error, in turn
+    python benchmarks/faults.py --one-error        every call with one of the errors
     python benchmarks/faults.py --verbs train,merge
 
-The cases and what is checked after each are those of `tests/faults/fault_harness.py`. It prints
-each case in which a promise was broken, and the table of docs/database.md: cases, or `wrong of
+`tests/faults/fault_harness.py` defines the cases and the checks after each. This script prints each
+case that breaks a promise, and the table of docs/database.md: the number of cases, or `wrong of
 cases`, for each verb and call.
 """
 
@@ -34,7 +34,7 @@ def main() -> int:
     parser.add_argument("--verbs", help="Only these, separated by commas.")
     parser.add_argument("--calls", help="Only these, separated by commas.")
     parser.add_argument("--one-error", action="store_true", help="One error for each call.")
-    parser.add_argument("--sample", type=int, help="So many cases of each verb, drawn at random.")
+    parser.add_argument("--sample", type=int, help="Number of cases of each verb, drawn at random.")
     options = parser.parse_args()
     verbs = options.verbs.split(",") if options.verbs else VERBS
     request = {

@@ -1,9 +1,9 @@
-"""What features that are learned with the agent cost: TD3's updates in turns, on one thread.
+"""Measures the cost of features learned with the agent: TD3's updates on one thread.
 
     python benchmarks/features.py
 
-Published settings on face_direction, 10 updates of each representation at a time. Processor time is
-counted, so that other work on the machine disturbs less.
+Published settings on face_direction; representations alternate after 10 updates. It measures
+processor time, which depends less on other work on the machine.
 """
 
 import statistics
@@ -25,7 +25,7 @@ _ROUNDS, _UPDATES = 7, 10
 
 
 def main() -> None:
-    """Measures, and prints a line for each representation."""
+    """Prints a line for each representation."""
     torch.set_num_threads(1)
     settings = TD3Settings()
     learners: dict[str, OffPolicyLearner] = {"full": TD3(settings, _SIZE, Tensors(1).of(0))}
@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def _seconds(learner: OffPolicyLearner, batch: Batch) -> float:
-    """Returns the processor time of an update, the actor's and targets' in every other one."""
+    """Returns the processor time of an update; every other update is delayed."""
     began = time.process_time()
     for number in range(_UPDATES):
         learner.update(batch, delayed=number % 2 == 1)

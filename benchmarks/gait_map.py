@@ -1,4 +1,4 @@
-"""Draws which pulse of the motor moves the robot how: `python benchmarks/gait_map.py`.
+"""Draws how pulses of the motor move the robot: `python benchmarks/gait_map.py`.
 
 Swings, torque = amplitude sin(2 pi t / period) - 0.5 sin(mass - centre), are mapped by amplitude,
 period and centre; whirls, a constant torque, by that torque. Drift and yaw rate are means over
@@ -20,8 +20,8 @@ from jbench.tasks import features
 Array = NDArray[np.float64]
 
 SPRING = 0.5  # share of the full torque that pulls the mass to the centre of its swing
-STEPS = 300  # control steps that a robot is watched
-SETTLING = 50  # of them, those that are not counted
+STEPS = 300  # control steps of a robot
+SETTLING = 50  # first control steps, which are not counted
 EPISODES = 6  # robots for each point of the map
 AMPLITUDES = (0.4, 0.6, 0.8, 1.0)  # share of the full torque
 PERIODS = np.arange(0.06, 0.221, 0.02)  # s
@@ -33,7 +33,7 @@ MARKERS = "os^D"
 BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15), "frameon": False}
 
 
-def watch(amplitude: Array, period: Array, centre: Array) -> tuple[NDArray[Any], Array]:
+def simulate(amplitude: Array, period: Array, centre: Array) -> tuple[NDArray[Any], Array]:
     """Returns drift (m/s; forward + 1j left) and yaw rate (rad/s), each (points, EPISODES).
 
     Args:
@@ -64,7 +64,7 @@ def watch(amplitude: Array, period: Array, centre: Array) -> tuple[NDArray[Any],
 def draw_periods(axes: Any) -> None:
     """Draws drift against the period of swings forwards, for each amplitude."""
     grid = np.array([(a, p) for a in AMPLITUDES for p in PERIODS])
-    drift, _ = watch(grid[:, 0], grid[:, 1], np.zeros(len(grid)))
+    drift, _ = simulate(grid[:, 0], grid[:, 1], np.zeros(len(grid)))
     rows = np.median(drift.real, 1).reshape(len(AMPLITUDES), -1)
     for amplitude, row, colour, marker in zip(AMPLITUDES, rows, COLOURS, MARKERS, strict=True):
         axes.plot(PERIODS * 1000, 100 * row, color=colour, marker=marker, label=f"{amplitude:.1f}")
@@ -75,7 +75,7 @@ def draw_periods(axes: Any) -> None:
 def draw_centres(axes: Any) -> None:
     """Draws drift and yaw rate against the centre of the best swings."""
     points = np.ones(len(CENTRES))
-    drift, yaw = watch(BEST[0] * points, BEST[1] * points, CENTRES)
+    drift, yaw = simulate(BEST[0] * points, BEST[1] * points, CENTRES)
     drift *= np.exp(-1j * CENTRES)[:, None]
     curves = (
         (100 * drift.real, "towards the centre (cm/s)"),
@@ -99,7 +99,7 @@ def draw_centres(axes: Any) -> None:
 def draw_whirls(axes: Any) -> None:
     """Draws yaw rate and drift against a constant torque."""
     points = np.ones(len(WHIRLS))
-    drift, yaw = watch(WHIRLS, np.inf * points, 0 * points)
+    drift, yaw = simulate(WHIRLS, np.inf * points, 0 * points)
     curves = ((yaw, "yaw rate (rad/s)"), (10 * np.abs(drift), "drift (0.1 m/s)"))
     for (values, label), colour, marker in zip(curves, COLOURS, MARKERS, strict=False):
         low, median, high = np.percentile(values, [10, 50, 90], axis=1)

@@ -1,9 +1,9 @@
 """Measures the power of the group-sequential test: `python benchmarks/sequential.py`.
 
-Simulates seeds of two cells, normally distributed with the same standard deviation, and looks at
+Simulates the seeds of two cells, normally distributed with the same standard deviation, and tests
 them after each block of five, as `jbench sweep --until-decided` does. Prints how often a shift is
-found and how many seeds that takes on average, those of undecided comparisons included; likewise
-how often cells without a difference are found equal within the margin.
+found and the mean number of seeds, undecided comparisons included, and how often cells without a
+difference are found equal within the margin.
 """
 
 import argparse
@@ -25,11 +25,11 @@ def simulate(
     """Returns how often a difference is found, how often equality, and the mean number of seeds.
 
     Args:
-        arguments: of the command line.
-        comparisons: that share the error rate.
-        shift: of the means, in the unit of the margin.
-        spread: standard deviation, likewise.
-        margin: of equality; infinite to ask for differences alone.
+        arguments: command-line arguments.
+        comparisons: number of comparisons that share the error rate.
+        shift: of the means, in units of the margin.
+        spread: standard deviation, in the same units.
+        margin: of equality; infinite to test for differences only.
     """
     random = np.random.default_rng(0)
     looks = arguments.max_seeds // sequential.BLOCK

@@ -3,11 +3,11 @@
 Copies the rows of the finished runs of a results directory into `jbench/reference/`, with the
 encoders that they use. `jbench report --reference` shows them. Of each cell (settings without seed
 and steps) one policy is kept, that of the run whose last evaluation has the highest mean return:
-`jbench render --policy reference/ID` shows it. Checkpoints are left out, and so is the command that
-made a run, for it names directories. A run whose manifest still names one is refused.
+`jbench render --policy reference/ID` shows it. Checkpoints are left out, and so is the command of
+a run, which names directories. A run whose manifest still names one is refused.
 
-What is there already stays, except for the policy of a run that another run of its cell surpasses.
-Type it again after more runs have finished.
+Shipped runs stay, except for the policy of a run that another run of its cell surpasses. Run the
+script again after more runs have finished.
 """
 
 import argparse
@@ -88,7 +88,7 @@ def copy(record: Record, target: Results, listed: tuple[FileEntry, ...]) -> None
 
 
 def ship_encoder(id: str | None, source: Results, target: Results) -> bool:
-    """Ships the encoder of a run if it is not there yet.
+    """Ships the encoder of a run if it is not shipped yet.
 
     Returns:
         Whether the shipped encoder is the one that the run's policy was trained on: encoders of one

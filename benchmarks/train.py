@@ -1,17 +1,17 @@
 """Measures how fast agents train, beside stable-baselines3 and SBX: `python benchmarks/train.py`.
 
-Whole training on `face_direction` with the published networks and one update for each control
-step: two processes of one thread with half of ten seeds each, against two of the libraries with a
-seed each. All wait in memory and are let go in turns of a few seconds, so that what else the
-machine does disturbs all alike; a ratio is the median of those of neighbours in time. Rates are
-told by the clock and, for a machine that others use, by the processor's time. Then, which part of
-the rate of its own products of matrices DDPG's update reaches, and how many updates a second.
+It measures whole training on `face_direction` with the published networks and one update per
+control step: two single-threaded processes with five of ten seeds each, against two processes of
+each library with one seed each. All processes stay in memory and run alternately for a few seconds,
+so that other work on the machine affects them equally; a ratio is the median over the rounds. Rates
+are per second of wall time and per second of processor time, which other processes do not take.
+Then it measures DDPG's update relative to its own matrix products.
 
-SBX, which is JAX, needs an environment of its own: `--make-sbx DIR` makes it and compares with it,
-`--sbx-python DIR/bin/python` uses it again.
+SBX is built on JAX and needs a separate environment: `--make-sbx DIR` creates it and compares with
+it, `--sbx-python DIR/bin/python` reuses it.
 
-With --device cuda: updates a second of 10 and 40 seeds, and whole training of ten seeds with one
-and eight environments each, with where the time goes.
+With --device cuda it measures updates per second of 10 and 40 seeds, and whole training of ten
+seeds with one and eight environments each, with a breakdown of the time.
 """
 
 import argparse
@@ -42,27 +42,27 @@ class Contender(NamedTuple):
     processes: list[subprocess.Popen[str]]
 
     def run(self, seconds: float) -> dict[str, float]:
-        """Returns the control steps a second of all its seeds, by each of the clocks."""
+        """Returns the control steps per second over all its seeds, by clock."""
         for process in self.processes:
             assert process.stdin is not None
             process.stdin.write(json.dumps({"seconds": seconds}) + "\n")
             process.stdin.flush()
-        answers = [_hear(process) for process in self.processes]
+        answers = [_read_answer(process) for process in self.processes]
         return {clock: sum(answer[clock] for answer in answers) for clock in CLOCKS}
 
 
-def _hear(process: subprocess.Popen[str]) -> dict[str, Any]:
+def _read_answer(process: subprocess.Popen[str]) -> dict[str, Any]:
     assert process.stdout is not None
     line = process.stdout.readline()
     if not line:
-        raise SystemExit(f"A process ended without a word: {process.args}")
+        raise SystemExit(f"A process ended without an answer: {process.args}")
     answer: dict[str, Any] = json.loads(line)
     return answer
 
 
 @contextmanager
 def contender(name: str, python: str, requests: list[Request]) -> Iterator[Contender]:
-    """Starts the processes of a contender, and waits until they are ready."""
+    """Starts the processes of a contender and waits until they are ready."""
     environment = {
         **os.environ,
         **dict.fromkeys(THREADS, "1"),
@@ -83,7 +83,7 @@ def contender(name: str, python: str, requests: list[Request]) -> Iterator[Conte
     ]
     try:
         for process in processes:
-            _hear(process)
+            _read_answer(process)
         yield Contender(name, processes)
     finally:
         for process in processes:
@@ -92,7 +92,7 @@ def contender(name: str, python: str, requests: list[Request]) -> Iterator[Conte
 
 
 def contenders_of(algo: str, sbx_python: str | None) -> list[tuple[str, str, list[Request]]]:
-    """Returns names, interpreters and requests of those that are compared on one algorithm."""
+    """Returns names, interpreters and requests of the contenders on one algorithm."""
     cores = sorted(os.sched_getaffinity(0))[:2]
 
     def requests(kind: str, seeds: Sequence[Sequence[int]], **more: Any) -> list[Request]:
@@ -107,7 +107,7 @@ def contenders_of(algo: str, sbx_python: str | None) -> list[tuple[str, str, lis
     found = [
         ("stable-baselines3", sys.executable, requests("sb3", one)),
         ("batched, 10 seeds", sys.executable, requests("batched", shares)),
-        ("… 1 seed a core", sys.executable, requests("batched", one)),
+        ("… 1 seed per core", sys.executable, requests("batched", one)),
     ]
     if algo != "ppo":  # refused in bfloat16
         found.append(("… in bfloat16", sys.executable, requests("batched", shares, **low)))
@@ -117,7 +117,7 @@ def contenders_of(algo: str, sbx_python: str | None) -> list[tuple[str, str, lis
 
 
 def compare(algo: str, arguments: argparse.Namespace) -> None:
-    """Prints the control steps a second of all contenders, and those of a library as 1."""
+    """Prints the control steps per second of all contenders and their ratios to the libraries."""
     with ExitStack() as stack:
         wanted = contenders_of(algo, arguments.sbx_python)
         contenders = [stack.enter_context(contender(*each)) for each in wanted]
@@ -126,18 +126,18 @@ def compare(algo: str, arguments: argparse.Namespace) -> None:
             for _ in range(arguments.rounds)
         ]
     for name in rounds[0]:
-        told = f"{algo:5} {name:18}"
+        line = f"{algo:5} {name:18}"
         for clock in CLOCKS:
-            told += f" | {median(each[name][clock] for each in rounds):7.1f}/s by the {clock}"
+            line += f" | {median(each[name][clock] for each in rounds):7.1f}/s of {clock} time"
             for peer in ("stable-baselines3", "SBX"):
                 if peer in rounds[0]:
                     ratio = median(each[name][clock] / each[peer][clock] for each in rounds)
-                    told += f", {ratio:4.2f} x {peer}"
-        print(told, flush=True)
+                    line += f", {ratio:4.2f} x {peer}"
+        print(line, flush=True)
 
 
 def make_sbx(directory: Path) -> str:
-    """Makes an environment with SBX and what our robots need; returns its interpreter."""
+    """Creates an environment with SBX and the physics; returns its interpreter."""
     needed = [f"{name}=={version(name)}" for name in ("mujoco", "dm-control", "array-api-compat")]
     subprocess.run([sys.executable, "-m", "venv", directory], check=True)
     python = str(directory / "bin" / "python")
@@ -147,11 +147,11 @@ def make_sbx(directory: Path) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--algos", default="ddpg,td3,sac,ppo", help="those to compare")
+    parser.add_argument("--algos", default="ddpg,td3,sac,ppo", help="algorithms to compare")
     parser.add_argument("--sbx-python", help="interpreter of an environment with SBX")
-    parser.add_argument("--make-sbx", type=Path, metavar="DIR", help="makes such an environment")
-    parser.add_argument("--rounds", type=int, default=7, help="turns of each contender")
-    parser.add_argument("--seconds", type=float, default=3.0, help="that a turn takes")
+    parser.add_argument("--make-sbx", type=Path, metavar="DIR", help="create such an environment")
+    parser.add_argument("--rounds", type=int, default=7, help="rounds of all contenders")
+    parser.add_argument("--seconds", type=float, default=3.0, help="per contender and round")
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     arguments = parser.parse_args()
     from update_rates import cpu_rows, cuda_rows

@@ -1,11 +1,10 @@
-"""A process that trains on one core while it is told to, for `benchmarks/train.py`.
+"""A process that trains on one core on request, for `benchmarks/train.py`.
 
     python benchmarks/train_worker.py '{"kind": "sb3", "algo": "td3", "seeds": [0], "core": 0}'
 
-It says {"ready": true} once all that happens only once has happened. Then it reads lines like
-{"seconds": 2} and answers each with the control steps of that time, by the clock and by the
-processor's time, which others on the machine do not take from it. SBX, which is JAX, lives in an
-environment of its own: only what a kind needs is imported.
+It prints {"ready": true} after its warm-up. Then it reads lines like {"seconds": 2} and answers
+each with its control steps per second of wall time and per second of processor time. Each kind
+imports only what it needs, since SBX has a separate environment.
 """
 
 import json
@@ -20,11 +19,11 @@ WARM_UP = 300  # control steps of each seed; updates begin after 256
 
 Request = dict[str, Any]
 Run = Callable[[float], int]
-"""Trains for some seconds, and returns the control steps that were made."""
+"""Trains for some seconds and returns the number of control steps."""
 
 
 def settings_of(request: Request) -> Any:
-    """Returns the published settings, but with one update for each control step."""
+    """Returns the published settings with one update per control step."""
     from jbench.settings.algorithms import algorithm_settings
 
     every = {"train_freq": 1, "gradient_steps": 1, "learning_starts": 256, "buffer_size": 100_000}
@@ -33,7 +32,7 @@ def settings_of(request: Request) -> Any:
 
 
 def batched(request: Request) -> Run:
-    """Our engine: whole training of some seeds."""
+    """Returns whole training on the batched engine."""
     from jbench.agents.batched.make import make_engine
 
     engine = make_engine(
@@ -53,7 +52,7 @@ def batched(request: Request) -> Run:
 
 
 def library(agent: Any) -> Run:
-    """An agent of stable-baselines3, or of SBX which has the same interface."""
+    """Returns training of an agent of stable-baselines3 or SBX, which have the same interface."""
     from stable_baselines3.common.callbacks import BaseCallback
 
     class Until(BaseCallback):
@@ -87,7 +86,7 @@ def environment(count: int = 1) -> Any:
 
 
 def sb3(request: Request) -> Run:
-    """stable-baselines3 as `jbench train --engine sb3` has it."""
+    """Returns training on stable-baselines3 as `jbench train --engine sb3` configures it."""
     from jbench.agents import sb3 as ours
 
     settings = settings_of(request)
@@ -96,7 +95,7 @@ def sb3(request: Request) -> Run:
 
 
 def sbx(request: Request) -> Run:
-    """SBX, with the same networks, batches and updates; its noise is left out."""
+    """Returns training on SBX with the same networks, batches and updates, without action noise."""
     import sbx as jax_agents
 
     algo = request["algo"]

@@ -1,4 +1,4 @@
-"""How fast updates are without the robots, and where the time of whole training goes.
+"""Measures updates without the robots, and the parts of whole training.
 
 `benchmarks/train.py` prints these rows.
 """
@@ -40,7 +40,7 @@ def engine_with_transitions(seeds: int, algo: str = "ddpg", **options: Any) -> O
 
 
 def products() -> Callable[[], None]:
-    """Returns a function that makes the products of matrices in an update of DDPG, no others."""
+    """Returns a function that computes only the matrix products of a DDPG update."""
 
     def matrix(*shape: int) -> Tensor:
         return torch.randn(*shape)
@@ -85,9 +85,9 @@ def products() -> Callable[[], None]:
 
 
 def fraction_of_products(seeds: int, **options: Any) -> tuple[float, float, float]:
-    """Returns seconds of an update, of its products alone, and the second as a part of the first.
+    """Returns the seconds of an update, those of its products alone, and their ratio.
 
-    Both are made in turns, by this thread's own time: others on the machine count little.
+    Both alternate, in processor time of this thread, which depends little on other processes.
     """
     engine, alone = engine_with_transitions(seeds, device="cpu", **options), products()
     times: list[tuple[float, float]] = []
@@ -110,13 +110,13 @@ def fraction_of_products(seeds: int, **options: Any) -> tuple[float, float, floa
 
 
 def cpu_rows() -> None:
-    """Prints the rows of one core, while a second process does the same on the next one."""
+    """Prints the rows of one core while a second process keeps the other core busy."""
     torch.set_num_threads(1)
     with subprocess.Popen([sys.executable, __file__], stdout=subprocess.DEVNULL) as other:
         for name, options in (("float32", {}), ("bfloat16", {"precision": "bfloat16"})):
             update, alone, part = fraction_of_products(5, **options)
             print(
-                f"DDPG's update in {name}: {update * 1e3:.2f} ms a core, its products alone in "
+                f"DDPG's update in {name}: {update * 1e3:.2f} ms per core, its products alone in "
                 f"float32 {alone * 1e3:.2f} ms: {part:.2f} of the rate of products",
                 flush=True,
             )
@@ -124,7 +124,7 @@ def cpu_rows() -> None:
 
 
 def cuda_rows(device: str = "cuda", seconds: float = 15.0) -> None:
-    """Prints the rows of a GPU; on the CPU, for a rehearsal, those of a stack."""
+    """Prints the rows of a GPU, or those of a stack on the CPU."""
     options: dict[str, Any] = {"device": device, "stacked": True}
     precisions = ("float32", "tf32", "bfloat16") if device == "cuda" else ("float32",)
     for algo, seeds, precision in product(("ddpg", "td3", "sac"), (10, 40), precisions):
@@ -135,7 +135,7 @@ def cuda_rows(device: str = "cuda", seconds: float = 15.0) -> None:
 
 
 def _updates_a_second(algo: str, seeds: int, **options: Any) -> float:
-    """Returns the updates a second of all seeds, without robots."""
+    """Returns the updates per second over all seeds, without robots."""
     engine = engine_with_transitions(seeds, algo, **options)
     (group,) = engine._groups
     rates = []
@@ -146,12 +146,12 @@ def _updates_a_second(algo: str, seeds: int, **options: Any) -> float:
         group.run()
         _wait(options["device"])
         rates.append(seeds * BURST / (time.perf_counter() - began))
-    # The first bursts load and record.
+    # The first bursts load kernels and capture the graph.
     return median(rates[3:])
 
 
 def _whole_training(algo: str, seconds: float, **options: Any) -> None:
-    """Prints the control steps a second of ten seeds, and where the time goes."""
+    """Prints the control steps per second of ten seeds and a breakdown of the time."""
     changes = {} if algo == "ppo" else {"learning_starts": 500, "buffer_size": TRANSITIONS}
     settings = algorithm_settings(algo, overrides=changes)
     with make_engine(algo, settings, "face_direction", range(SEEDS), **options) as engine:
@@ -178,19 +178,19 @@ def _wait(device: str) -> None:
 
 
 class Clock:
-    """Measures what the parts of an engine's loop take."""
+    """Measures the time of the parts of an engine's loop."""
 
     PARTS = ("_choose", "_remember", "_learn")
 
     def __init__(self, engine: Engine) -> None:
-        """Begins to measure."""
+        """Starts measuring."""
         self.spent: dict[str, float] = {}
         for name in self.PARTS:
             self._watch(engine, name, name.strip("_"))
         self._watch(engine.environments, "step", "robots")
 
     def reset(self) -> None:
-        """Forgets what was measured."""
+        """Resets the measured times."""
         self.spent = dict.fromkeys(self.spent, 0.0)
 
     def _watch(self, owner: Any, method: str, name: str) -> None:

@@ -102,13 +102,13 @@ class Session:
     Python blocks share their names, and shell blocks a directory. `jbench` is this checkout's.
 
     Attributes:
-        place: the directory, with the reference runs where a checkout has them.
+        directory: the directory, with the reference runs where a checkout has them.
         outputs: what the blocks printed, by their line.
     """
 
-    def __init__(self, place):
-        self.place, self.names, self.outputs = place, {"__name__": "page"}, {}
-        programs = place / "bin"
+    def __init__(self, directory):
+        self.directory, self.names, self.outputs = directory, {"__name__": "page"}, {}
+        programs = directory / "bin"
         programs.mkdir()
         jbench = programs / "jbench"
         jbench.write_text(
@@ -118,8 +118,8 @@ class Session:
         jbench.chmod(0o755)
         path = f"{programs}{os.pathsep}{os.environ['PATH']}"
         self.environment = {**os.environ, "PATH": path, "OMP_NUM_THREADS": "1"}
-        (place / "jbench").mkdir()
-        (place / "jbench" / "reference").symlink_to(ROOT / "jbench" / "reference")
+        (directory / "jbench").mkdir()
+        (directory / "jbench" / "reference").symlink_to(ROOT / "jbench" / "reference")
 
     def run(self, block):
         """Runs a block, and keeps what it prints; it raises what fails."""
@@ -135,7 +135,7 @@ class Session:
     def _sh(self, block):
         done = subprocess.run(
             ["bash", "-e", "-c", block.commands],
-            cwd=self.place,
+            cwd=self.directory,
             env=self.environment,
             capture_output=True,
             text=True,

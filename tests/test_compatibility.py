@@ -56,8 +56,8 @@ def test_the_fixture_has_finished_and_interrupted_runs_of_all_algorithms(results
 
 @pytest.mark.parametrize("kind", SETTINGS)
 def test_settings_have_the_ids_of_their_directories(kind, results):
-    for place in (results, Results(shipped())):
-        for record in place.scan(kind)[0]:
+    for database in (results, Results(shipped())):
+        for record in database.scan(kind)[0]:
             settings = SETTINGS[kind](**record.settings)
             assert settings.id == record.id
             assert settings.model_dump(mode="json") == record.settings

@@ -37,9 +37,9 @@ def pages(demo_results, tmp_path_factory):
     def outputs(page):
         if page not in done:
             session = Session(tmp_path_factory.mktemp("page"))
-            _fill(session.place / "results", demo_results.path)
+            _fill(session.directory / "results", demo_results.path)
             with pytest.MonkeyPatch.context() as patch:
-                patch.chdir(session.place)
+                patch.chdir(session.directory)
                 for block in BLOCKS[page]:
                     if block.illustration is None:
                         session.run(block)
@@ -49,20 +49,20 @@ def pages(demo_results, tmp_path_factory):
     return outputs
 
 
-def _fill(place, demo):
+def _fill(directory, demo):
     """Copies results, with what readers have to cope with.
 
     That is a file and a folder that no manifest lists, as a kill may leave them, and a manifest
     whose fields have other types than those of the others.
     """
-    shutil.copytree(demo, place)
-    manifest = next((place / "runs").rglob("manifest.json"))
+    shutil.copytree(demo, directory)
+    manifest = next((directory / "runs").rglob("manifest.json"))
     said = {**json.loads(manifest.read_text()), "provenance": {"packages": [{"a": 1}]}}
     manifest.write_text(json.dumps(said))
     run = manifest.parent
     rows = next(run.glob("episodes-*.parquet"))
     shutil.copy(rows, run / "episodes-00007-00000000.parquet")
-    left = place / "runs" / "face_direction" / "td3" / "full" / "s09-00000000"
+    left = directory / "runs" / "face_direction" / "td3" / "full" / "s09-00000000"
     left.mkdir()
     shutil.copy(rows, left)
 

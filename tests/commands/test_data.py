@@ -18,10 +18,10 @@ from tests.command_line import INTERRUPTIBLE
 @pytest.fixture(scope="module")
 def collected(tmp_path_factory):
     """A results directory with a plain dataset and an augmented one, which is newer."""
-    place = tmp_path_factory.mktemp("collected") / "results"
-    collect(DatasetSettings(steps=2000), Results(place), 2)
-    collect(DatasetSettings(steps=1000, seed=4, augment=11), Results(place), 2)
-    return place
+    path = tmp_path_factory.mktemp("collected") / "results"
+    collect(DatasetSettings(steps=2000), Results(path), 2)
+    collect(DatasetSettings(steps=1000, seed=4, augment=11), Results(path), 2)
+    return path
 
 
 @pytest.fixture

@@ -250,23 +250,23 @@ def test_a_killed_training_continues_to_the_same_bytes(results, tmp_path, capsys
     said = capsys.readouterr().out
     assert f"The encoder {row['encoder']} was interrupted; it resumes." in said
     assert main([*arguments, "--results", str(whole)]) == 0
-    kept = [Results(place).find("encoder", row["encoder"]) for place in (results, whole)]
+    kept = [Results(path).find("encoder", row["encoder"]) for path in (results, whole)]
     for name in (WEIGHTS, DESCRIPTION):
         assert kept[0].read_file(name) == kept[1].read_file(name)
     assert [record.rows("encoder_epochs") for record in kept] == [500, 500]
-    for place in (results, whole):
-        assert not list((place / "encoders").rglob("checkpoint*"))
+    for path in (results, whole):
+        assert not list((path / "encoders").rglob("checkpoint*"))
 
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
     """An environment in which the package is installed, as pip does it."""
-    place = tmp_path_factory.mktemp("site")
+    path = tmp_path_factory.mktemp("site")
     wheel = make_wheel(tmp_path_factory.mktemp("wheel"))
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
-    more = ("install", "--no-index", "--no-deps", "--target", str(place), str(wheel))
+    more = ("install", "--no-index", "--no-deps", "--target", str(path), str(wheel))
     subprocess.run([*pip, *more], check=True)
-    return {**os.environ, "PYTHONPATH": str(place)}
+    return {**os.environ, "PYTHONPATH": str(path)}
 
 
 def run_with(environment, *arguments, results):

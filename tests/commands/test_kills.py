@@ -1,4 +1,4 @@
-"""A verb that is killed (SIGKILL) leaves a database that reads, and goes on when typed again."""
+"""A verb that is killed (SIGKILL) leaves a readable database and resumes when typed again."""
 
 import signal
 import subprocess

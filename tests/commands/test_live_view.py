@@ -104,10 +104,10 @@ def test_a_long_forecast_names_what_makes_it_shorter(tmp_path, capsys):
         *(0, 0, 0, 4, 1_600_000, 700.0, "measured runs"),
     )
     TrainingView(Output()).forecast([status], 2)
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     # Four seeds share the two processes, so the cell's 700 s are those of the whole.
-    assert "about 2,286 steps/s" in told
-    assert told.endswith(
+    assert "about 2,286 steps/s" in printed
+    assert printed.endswith(
         "about 11 min 40 s. For less: fewer --steps (such as 300000), or fewer --seeds (such as "
         "0-2).\n"
     )

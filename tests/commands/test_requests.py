@@ -108,12 +108,12 @@ def test_a_results_directory_that_is_not_there_is_an_error(arguments, tmp_path, 
 
 @pytest.mark.parametrize("verb", ["collect", "train-dae", "train", "report", "query"])
 def test_a_results_directory_that_is_a_file_is_refused(verb, tmp_path, capsys):
-    place = tmp_path / "results"
-    place.write_text("mine")
+    path = tmp_path / "results"
+    path.write_text("mine")
     more = ("SELECT 1",) if verb == "query" else ()
-    assert main([verb, *more, "--results", str(place)]) == 2
+    assert main([verb, *more, "--results", str(path)]) == 2
     assert "is a file" in capsys.readouterr().err
-    assert place.read_text() == "mine"
+    assert path.read_text() == "mine"
 
 
 def test_a_results_directory_that_can_not_be_written_is_refused(tmp_path):

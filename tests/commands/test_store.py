@@ -154,9 +154,10 @@ def test_faults_are_named_run_by_run_and_repaired(results, typed):
     assert path.exists()
 
     code, out, _ = typed("repair", "--json", results=results)
-    told = json.loads(out)
-    assert (code, told["dry_run"], told["left"], len(told["moved"])) == (0, False, [], 4)
-    assert all(Path(one["to"]).exists() for one in told["moved"])
+    document = json.loads(out)
+    assert (code, document["dry_run"], document["left"]) == (0, False, [])
+    assert len(document["moved"]) == 4
+    assert all(Path(one["to"]).exists() for one in document["moved"])
 
     code, out, _ = typed("repair", results=results)
     assert (code, out) == (0, "Nothing to set aside.\n")
@@ -177,8 +178,8 @@ def test_repair_that_leaves_something_alone_says_so(results, typed):
 
 def test_results_are_merged_and_what_differs_is_named(tmp_path, results, typed):
     other, mine = Results(tmp_path / "other"), Results(tmp_path / "mine")
-    for place, returns in ((other, [1.0]), (mine, [2.0])):
-        add_whole_run(place, returns, seed=5)
+    for path, returns in ((other, [1.0]), (mine, [2.0])):
+        add_whole_run(path, returns, seed=5)
     code, out, _ = typed("merge", str(results.path), results=mine)
     assert code == 0
     assert out == f"Merged into {mine.path}: 6 copied.\n"

@@ -164,7 +164,7 @@ def test_two_sweeps_share_the_runs_and_one_takes_over_what_the_other_leaves(tmp_
     first = start(matrix, "--jobs", "1", results=results)
     wait_until(lambda: held([td3], results), first)
     (pid,) = workers(first)
-    os.kill(pid, signal.SIGSTOP)  # it goes on holding its run
+    os.kill(pid, signal.SIGSTOP)  # it still holds its run
     second = start(matrix, "--jobs", "1", results=results)
     wait_until(lambda: states([ppo], results) == ["finished"], second)
     assert held([td3], results) == [td3]

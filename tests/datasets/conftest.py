@@ -14,7 +14,7 @@ collecting = importlib.import_module("jbench.datasets.collect")
 
 @pytest.fixture(scope="session")
 def collect_in_files_of():
-    """Collects with so many episodes in a file."""
+    """Collects with a number of episodes per file."""
 
     def collect_in_files(episodes, path, steps, **options):
         with pytest.MonkeyPatch.context() as patch:

@@ -2,7 +2,7 @@
 
     python killed_collections.py DIRECTORY KILLS
 
-Prints a JSON document: how many episodes were committed at each kill, and the places of the
+Prints a JSON document: how many episodes were committed at each kill, and the paths of the
 collections that were finished in the end, after an uninterrupted one.
 """
 
@@ -28,12 +28,12 @@ collecting.EPISODE_STEPS = dataset_settings.EPISODE_STEPS = 20
 SETTINGS = DatasetSettings(seed=3, steps=30 * 20)
 
 
-def begin(place: Path, threads: int) -> int:
+def begin(path: Path, threads: int) -> int:
     """Returns the number of a process that collects; forked, for importing takes seconds."""
     process = os.fork()
     if process == 0:
         try:
-            collect(SETTINGS, Results(place), threads)
+            collect(SETTINGS, Results(path), threads)
         except BaseException as error:
             print(repr(error), file=sys.stderr, flush=True)
             os._exit(1)
@@ -49,26 +49,26 @@ def finished(process: int) -> bool:
     return code == 0
 
 
-def kill(process: int, place: Path, moments: random.Random) -> None:
-    """Kills it at a random moment: after so many files more than there are, and a little later."""
-    expected = files(place) + moments.randrange(7)
-    while files(place) < expected and not has_ended(process):
+def kill(process: int, path: Path, moments: random.Random) -> None:
+    """Kills it at a random moment: after a number of new files, and a little later."""
+    expected = files(path) + moments.randrange(7)
+    while files(path) < expected and not has_ended(process):
         time.sleep(0.001)
     time.sleep(moments.uniform(0, 0.03))
     os.kill(process, signal.SIGKILL)
 
 
-def files(place: Path) -> int:
-    return sum(1 for _ in place.rglob("*.parquet"))
+def files(path: Path) -> int:
+    return sum(1 for _ in path.rglob("*.parquet"))
 
 
 def has_ended(process: int) -> bool:
     return os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
-def check(place: Path) -> int:
+def check(path: Path) -> int:
     """Reads all that a killed collection has committed; returns its number of episodes."""
-    record = Results(place).find("dataset", SETTINGS.id)
+    record = Results(path).find("dataset", SETTINGS.id)
     if record is None:
         return 0
     for entry in record.manifest.files:
@@ -77,19 +77,19 @@ def check(place: Path) -> int:
 
 
 def main(root: Path, expected: int) -> None:
-    places = [root / "whole"]
-    assert finished(begin(places[0], 1))
+    paths = [root / "whole"]
+    assert finished(begin(paths[0], 1))
     moments = random.Random(0)
     committed: list[int] = []
     while len(committed) < expected:
-        places.append(root / f"killed-{len(places)}")
+        paths.append(root / f"killed-{len(paths)}")
         while True:
-            process = begin(places[-1], moments.choice([1, 2, 3]))
-            kill(process, places[-1], moments)
+            process = begin(paths[-1], moments.choice([1, 2, 3]))
+            kill(process, paths[-1], moments)
             if finished(process):
                 break
-            committed.append(check(places[-1]))
-    print(json.dumps({"committed": committed, "places": [str(place) for place in places]}))
+            committed.append(check(paths[-1]))
+    print(json.dumps({"committed": committed, "paths": [str(path) for path in paths]}))
 
 
 if __name__ == "__main__":

@@ -90,8 +90,8 @@ def test_states_are_a_simulation_of_the_augmented_robot(augmented):
     # The one task with a target that is not drawn: the origin.
     (block,) = Dataset(augmented).blocks("move_from_origin")
     np.testing.assert_array_equal(block.actions, actions)
-    place = np.broadcast_to([0, 0, model.REST_HEIGHT], (2, 1001, 3))
-    origin = features.Target(place, np.zeros((2, 1001)))
+    xyz = np.broadcast_to([0, 0, model.REST_HEIGHT], (2, 1001, 3))
+    origin = features.Target(xyz, np.zeros((2, 1001)))
     rewards = reward("move_from_origin", expected, origin)[:, 1:]
     np.testing.assert_allclose(block.rewards, rewards, atol=1e-5)
 

@@ -23,7 +23,7 @@ collecting._PART_EPISODES, collecting.EPISODE_STEPS = 1, 100
 from jbench.cli import main
 sys.exit(main(["collect", "--steps", "2000", "--seed", "3", "--results", sys.argv[1]]))
 """
-# The same where no file may be larger than so many bytes.
+# The same with a limit on the size of files in bytes.
 LIMITED = """
 import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
@@ -73,10 +73,10 @@ def test_killed_at_random_moments_the_dataset_has_the_same_bytes(tmp_path):
     said = json.loads(done.stdout)
     assert len(said["committed"]) >= KILLS
     assert len(set(said["committed"])) > 3  # not all of them before the first file
-    whole, *killed = (finished_dataset(Path(place)) for place in said["places"])
-    assert whole.rows("steps") == 30 * 21
+    uninterrupted, *killed = (finished_dataset(Path(path)) for path in said["paths"])
+    assert uninterrupted.rows("steps") == 30 * 21
     for record in killed:
-        assert checksums(record) == checksums(whole)
+        assert checksums(record) == checksums(uninterrupted)
 
 
 def one_sentence(text):

@@ -16,9 +16,9 @@ def made_up_states(episodes):
     shape = (episodes, 1001)
     quaternion = random.normal(size=(*shape, 4))
     quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    place = np.cumsum(random.normal(0, 1e-3, (*shape, 3)), axis=1)
+    xyz = np.cumsum(random.normal(0, 1e-3, (*shape, 3)), axis=1)
     return State(
-        position=np.concatenate([place, quaternion], -1),
+        position=np.concatenate([xyz, quaternion], -1),
         velocity=random.normal(size=(*shape, 6)),
         motor_position=random.uniform(-np.pi, np.pi, shape),
         motor_velocity=random.uniform(-150, 150, shape),
@@ -32,7 +32,7 @@ def made_up_actions(episodes):
 
 
 def make_dataset(results, id="random/a", state=None, episodes=5, each=25):
-    """A finished dataset of these states in files of so many episodes, targets at the origin."""
+    """A finished dataset of these states with targets at the origin."""
     state = made_up_states(episodes) if state is None else state
     episodes = len(state.motor_position)
     actions = made_up_actions(episodes)

@@ -138,7 +138,9 @@ def test_global_random_numbers_and_threads_do_not_matter(trained, results, tmp_p
 @pytest.mark.parametrize("kind", LEARNED)
 def test_interrupted_training_resumes_to_the_same_weights(trained, tmp_path, kind, commit_every):
     options = {**CHEAP, **LEARNED[kind]}
-    whole = train(trained.states, Results(tmp_path / "whole"), kind, options=options)
+    uninterrupted = train(
+        trained.states, Results(tmp_path / "uninterrupted"), kind, options=options
+    )
     results = Results(tmp_path / "stopped")
     more = {"options": options, "commit_every": commit_every}
     for stop in (1, 2):
@@ -149,11 +151,11 @@ def test_interrupted_training_resumes_to_the_same_weights(trained, tmp_path, kin
         assert begun.rows("encoder_epochs") == (stop if commit_every else 2 * stop)
     seen = []
     done = train(trained.states, results, kind, progress=seen.append, **more)
-    assert files(done) == files(whole)
+    assert files(done) == files(uninterrupted)
     assert seen[0] > 0
     assert seen[-1] == 5
     reported = ["epoch", "train_loss", "test_mse", "test_denoising_mse"]
-    assert rows(done)[reported].equals(rows(whole)[reported])
+    assert rows(done)[reported].equals(rows(uninterrupted)[reported])
     assert rows(done)["wall_time"].is_monotonic_increasing
     assert not done.has_checkpoint(CHECKPOINT)
 
@@ -164,24 +166,26 @@ def test_interrupted_streaming_training_resumes_to_the_same_weights(trained, tmp
     def streamed():
         return States(dataset, "face_direction", 2, memory=STREAMED)
 
-    whole = train(streamed(), Results(tmp_path / "whole"))
+    uninterrupted = train(streamed(), Results(tmp_path / "uninterrupted"))
     results = Results(tmp_path / "stopped")
     train_until(3, streamed(), results, commit_every=0.0)
-    assert files(train(streamed(), results)) == files(whole)
+    assert files(train(streamed(), results)) == files(uninterrupted)
     in_memory = train(States(dataset, "face_direction", 2), Results(tmp_path / "memory"))
-    errors = [record.manifest.summary["test_mse"] for record in (whole, in_memory)]
+    errors = [record.manifest.summary["test_mse"] for record in (uninterrupted, in_memory)]
     assert errors[0] == pytest.approx(errors[1], rel=0.2)
 
 
 def test_errors_are_committed_once_if_training_stops_after_them(trained, tmp_path):
-    whole = train(trained.states, Results(tmp_path / "whole"))
+    uninterrupted = train(trained.states, Results(tmp_path / "uninterrupted"))
     results = Results(tmp_path / "stopped")
     train_until(5, trained.states, results)
     (begun,) = results.scan("encoder")[0]
-    begun.append({"encoder_errors": whole.read("encoder_errors", encoder_schema.ENCODER_ERRORS)})
+    begun.append(
+        {"encoder_errors": uninterrupted.read("encoder_errors", encoder_schema.ENCODER_ERRORS)}
+    )
     done = train(trained.states, results)
     assert len(rows(done, "encoder_errors")) == 1
-    assert files(done) == files(whole)
+    assert files(done) == files(uninterrupted)
 
 
 def test_invalid_checkpoint_is_refused(trained, results):
@@ -239,14 +243,14 @@ def test_training_on_cuda_resumes_to_the_same_weights(trained, tmp_path, kind):
         return States(trained.dataset, "face_direction", 2)
 
     more = {"options": options, "device": cuda}
-    whole = train(states(), Results(tmp_path / "whole"), kind, **more)
+    uninterrupted = train(states(), Results(tmp_path / "uninterrupted"), kind, **more)
     results = Results(tmp_path / "stopped")
     train_until(3, states(), results, kind, commit_every=0.0, **more)
-    assert files(train(states(), results, kind, **more)) == files(whole)
+    assert files(train(states(), results, kind, **more)) == files(uninterrupted)
     on_cpu = train(states(), Results(tmp_path / "cpu"), kind, options=options)
-    errors = [rows(record)["test_mse"] for record in (whole, on_cpu)]
+    errors = [rows(record)["test_mse"] for record in (uninterrupted, on_cpu)]
     np.testing.assert_allclose(*errors, rtol=1e-3)
-    encoder, _ = load_encoder(results, whole.id)
+    encoder, _ = load_encoder(results, uninterrupted.id)
     batch = torch.rand(5, 16, device=cuda, dtype=torch.float64)
     found = encoder.encode(batch)
     assert (found.device.type, found.dtype) == ("cuda", torch.float64)
@@ -431,8 +435,8 @@ def test_held_out_episodes_are_not_used_in_training(results):
         state = made_up_states(5)
         state.velocity[held_out] *= share
         dataset = make_dataset(results, f"random/{share}", state)
-        place = Results(results.path / str(share))
-        records.append(train(States(dataset, "face_direction", 2), place))
+        path = Results(results.path / str(share))
+        records.append(train(States(dataset, "face_direction", 2), path))
     first, other = records
     assert first.read_file(WEIGHTS) == other.read_file(WEIGHTS)
     assert first.manifest.summary["test_mse"] != other.manifest.summary["test_mse"]

@@ -92,7 +92,7 @@ class Verb(NamedTuple):
 
     Attributes:
         command: as it is typed, but for --results; `resume` is `train` that finds a checkpoint.
-        before: what makes the results that it starts from: commands, or a function of their place.
+        before: what makes the results that it starts from: commands, or a function of their path.
         again: options that are added when it is typed again after a fault.
     """
 
@@ -101,29 +101,29 @@ class Verb(NamedTuple):
     again: tuple[str, ...] = ()
 
 
-def resumable(place):
+def resumable(path):
     """A training that stopped at a full disk, with a checkpoint to resume from."""
-    assert typed(TRAIN, place, Fault("rename", 12, errno.ENOSPC, lasting=True)).code == 1
-    assert list(place.rglob("checkpoint-*")), "the training has no checkpoint to resume from"
+    assert typed(TRAIN, path, Fault("rename", 12, errno.ENOSPC, lasting=True)).code == 1
+    assert list(path.rglob("checkpoint-*")), "the training has no checkpoint to resume from"
 
 
-def another_machine(place):
+def another_machine(path):
     """Results to merge, and an unfinished run that theirs replaces."""
     for command in (COLLECT, EVALUATE, TRAIN):
-        assert typed(command, place).code == 0
-    place.rename(place.parent / "other")
-    place.mkdir()
-    (place.parent / "other").rename(place / "other")
-    resumable(place)
+        assert typed(command, path).code == 0
+    path.rename(path.parent / "other")
+    path.mkdir()
+    (path.parent / "other").rename(path / "other")
+    resumable(path)
 
 
-def broken(place):
+def broken(path):
     """A damaged run, a record with leftovers beside its lock, and an intact one."""
     for command in (COLLECT, TRAIN, EVALUATE):
-        assert typed(command, place).code == 0
-    damaged = next((place / "runs").rglob("episodes-*.parquet"))
+        assert typed(command, path).code == 0
+    damaged = next((path / "runs").rglob("episodes-*.parquet"))
     damaged.write_bytes(damaged.read_bytes()[:-1])
-    record = next((place / "evaluations").rglob("manifest.json")).parent
+    record = next((path / "evaluations").rglob("manifest.json")).parent
     assert (record / "lock").exists()
     (record / "policy_episodes-00009-12345678.parquet").write_bytes(b"left")
 
@@ -135,12 +135,12 @@ VERBS = {
     "train": Verb(TRAIN, again=RETRY),
     "resume": Verb((*TRAIN, *RETRY), (resumable,)),
     "sweep": Verb(
-        ("sweep", "{place}/../small.toml", "--jobs", "1", "--checkpoint-every", "0"), again=RETRY
+        ("sweep", "{path}/../small.toml", "--jobs", "1", "--checkpoint-every", "0"), again=RETRY
     ),
     "evaluate": Verb(EVALUATE),
-    "merge": Verb(("merge", "{place}/other"), (another_machine,)),
+    "merge": Verb(("merge", "{path}/other"), (another_machine,)),
     "repair": Verb(("repair", "--threads", "1"), (broken,)),
-    "export": Verb(("export", "--out", "{place}/minari"), (COLLECT,)),
+    "export": Verb(("export", "--out", "{path}/minari"), (COLLECT,)),
     "report": Verb(("report", "--window", "2", "--format", "svg"), (TRAIN,)),
 }
 
@@ -186,7 +186,7 @@ class ForkedWorker:
 
 
 def _become(stdin, stdout, others, arguments):
-    """Goes on as a worker with these descriptors; does not return."""
+    """Becomes a worker with these descriptors; does not return."""
     code = 1
     try:
         os.dup2(stdin, 0)
@@ -203,12 +203,12 @@ def _become(stdin, stdout, others, arguments):
         os._exit(code)
 
 
-def typed(command, place, fault=None):
+def typed(command, path, fault=None):
     """Types a command in a process of its own, with a failing call or without."""
     with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as counted:
         process = os.fork()
         if process == 0:
-            _type(command, place, fault, said.fileno(), counted.fileno())
+            _type(command, path, fault, said.fileno(), counted.fileno())
         _, status = os.waitpid(process, 0)
         said.seek(0)
         counted.seek(0)
@@ -216,17 +216,17 @@ def typed(command, place, fault=None):
         return Ended(os.waitstatus_to_exitcode(status), said.read().decode(), counts)
 
 
-def _type(command, place, fault, said, counted):
+def _type(command, path, fault, said, counted):
     """Types a command in this process, which ends."""
     code = 70
     try:
         os.dup2(said, 1)
         os.dup2(said, 2)
         sys.stdout, sys.stderr = (os.fdopen(n, "w", 1, closefd=False) for n in (1, 2))
-        arguments = [word.format(place=place) for word in command]
+        arguments = [word.format(path=path) for word in command]
         sys.argv = ["jbench", *arguments]
-        injector = Injector(place, fault)
-        code = main([*arguments, "--results", str(place)])
+        injector = Injector(path, fault)
+        code = main([*arguments, "--results", str(path)])
         os.write(counted, json.dumps(injector.counts()).encode())
     except BaseException:
         traceback.print_exc()
@@ -236,14 +236,13 @@ def _type(command, place, fault, said, counted):
         os._exit(code)
 
 
-def content(place):
-    """What results hold, but for times: by record its status, and a digest of each table and file.
+def content(path):
+    """Returns the content of results without times: by record, its status and digests.
 
-    Of a report, the names of its files and the digests of its tables; of what was exported, the
-    names; of what was set aside, the digests.
+    Of a report and an export it has the names of the files, of files set aside the digests.
     """
     found = {}
-    results = Results(place)
+    results = Results(path)
     for kind in KINDS:
         records, unreadable = results.scan(kind)
         found[kind] = unreadable
@@ -254,15 +253,13 @@ def content(place):
                 {table: _digest(record, table) for table in tables},
                 {e.name: e.sha256 for e in record.manifest.files if not e.table},
             ]
-    report = place / "report"
-    found["report"] = sorted(path.name for path in report.glob("*"))
-    found["exported"] = sorted(
-        str(path.relative_to(place)) for path in (place / "minari").rglob("*")
-    )
+    report = path / "report"
+    found["report"] = sorted(file.name for file in report.glob("*"))
+    found["exported"] = sorted(str(file.relative_to(path)) for file in (path / "minari").rglob("*"))
     found["set aside"] = sorted(
-        hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in place.glob("set-aside/**/*")
-        if path.is_file()
+        hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in path.glob("set-aside/**/*")
+        if file.is_file()
     )
     return json.loads(json.dumps(found))
 
@@ -273,48 +270,48 @@ def _digest(record, table):
     return hashlib.sha256(repr(rows.to_pylist()).encode()).hexdigest()
 
 
-def problems(verb, fault, ended, place, whole):
+def problems(verb, fault, ended, path, expected):
     """Yields a sentence for each promise that a verb broke when it met a fault.
 
     Args:
         verb: that was typed.
         fault: that it met.
         ended: how it ended.
-        place: of the results, which are changed: the command is typed again.
-        whole: `content` of results that no fault disturbed.
+        path: of the results, which change: the command is typed again.
+        expected: `content` of results that no fault disturbed.
     """
     errors = [line for line in ended.said.splitlines() if line.startswith("Error: ")]
     if "Traceback" in ended.said or ended.code not in (0, 1, 2):
         yield f"exit code {ended.code}: {ended.said[-1500:]}"
     elif len(errors) != (ended.code != 0):
         yield f"exit code {ended.code} with {len(errors)} sentences: {ended.said[-500:]}"
-    first = typed(("verify", "--threads", "1"), place)
+    first = typed(("verify", "--threads", "1"), path)
     wrong = [line for line in first.said.splitlines() if line.startswith("  ")]
     damaged = [line for line in wrong if "is listed by no manifest" not in line]
     if damaged and verb != "repair":
         yield f"verify: {damaged}"
     command = VERBS[verb].command + (VERBS[verb].again if ended.code else ())
-    again = typed(command, place)
+    again = typed(command, path)
     exists = verb == "export" and ended.code == 0  # and is not overwritten
     if again.code != (2 if exists else 0):
         yield f"typed again, exit code {again.code}: {again.said[-1500:]}"
-    after = typed(("verify", "--threads", "1"), place)
+    after = typed(("verify", "--threads", "1"), path)
     if after.code != 0:
         yield f"verify, after the command was typed again: {after.said}"
     try:
-        found = content(place)
+        found = content(path)
     except WorkError as error:
         yield f"typed again, the results can't be read: {error}"
         return
     if verb == "merge":  # what was replaced before the fault is set aside by the second merge too
-        found["set aside"] = whole["set aside"] = []
-    differences = [name for name in {**found, **whole} if found.get(name) != whole.get(name)]
+        found["set aside"] = expected["set aside"] = []
+    differences = [name for name in {**found, **expected} if found.get(name) != expected.get(name)]
     if differences:
         yield f"typed again, other content than without a fault: {differences}"
 
 
 def faults(counts, calls, every_error):
-    """Returns the faults of a verb that makes so many calls: of each call one, or one per error."""
+    """Returns the faults of a verb with these counts of calls: one per call, or one per error."""
     made = []
     for call in calls:
         codes = {"read": (errno.EIO,), "close": (errno.EINTR,)}.get(call, ERRORS)
@@ -338,31 +335,31 @@ def prepared(name, folder):
             else:
                 ended = typed(step, start)
                 assert ended.code == 0, ended.said
-    place = start.parent / "place"
-    shutil.rmtree(place, ignore_errors=True)
-    shutil.copytree(start, place)
-    return place
+    path = start.parent / "path"
+    shutil.rmtree(path, ignore_errors=True)
+    shutil.copytree(start, path)
+    return path
 
 
 def undisturbed(name, folder):
     """Types a verb without a fault; returns how often it makes each call, and what came out."""
-    place = prepared(name, folder)
-    ended = typed(VERBS[name].command, place)
+    path = prepared(name, folder)
+    ended = typed(VERBS[name].command, path)
     assert ended.code == 0, ended.said
-    checked = typed(("verify", "--threads", "1"), place)
+    checked = typed(("verify", "--threads", "1"), path)
     assert checked.code == 0, checked.said
-    return ended.counts, content(place)
+    return ended.counts, content(path)
 
 
 def cases(verbs, calls, every_error, folder):
     """Yields (verb, fault, content without a fault) for all faults of verbs, or a sample."""
     draw = random.Random(0)
     for name, sample in verbs.items():
-        counts, whole = undisturbed(name, folder)
+        counts, expected = undisturbed(name, folder)
         all_faults = faults(counts, calls, every_error)
         few = all_faults if sample is None else draw.sample(all_faults, sample)
         for fault in few:
-            yield name, fault, whole
+            yield name, fault, expected
 
 
 def import_all():
@@ -389,10 +386,10 @@ def run(request):
     gc.collect()
     gc.freeze()
     with tempfile.TemporaryDirectory() as folder:
-        for name, fault, whole in cases(request["verbs"], calls, every_error, Path(folder)):
-            place = prepared(name, Path(folder))
-            ended = typed(VERBS[name].command, place, fault)
-            found = list(problems(name, fault, ended, place, whole))
+        for name, fault, expected in cases(request["verbs"], calls, every_error, Path(folder)):
+            path = prepared(name, Path(folder))
+            ended = typed(VERBS[name].command, path, fault)
+            found = list(problems(name, fault, ended, path, expected))
             yield {
                 "verb": name,
                 "call": fault.call,

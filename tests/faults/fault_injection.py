@@ -79,9 +79,9 @@ class Injector:
         """Counts a call; raises the error if it is the one that fails."""
         if not self._is_below(path):
             return
-        place = 8 * CALLS.index(call)
-        number = struct.unpack_from("q", self._counts, place)[0] + 1
-        struct.pack_into("q", self._counts, place, number)
+        offset = 8 * CALLS.index(call)
+        number = struct.unpack_from("q", self._counts, offset)[0] + 1
+        struct.pack_into("q", self._counts, offset, number)
         fault = self._fault
         if fault is None or fault.call != call:
             return

@@ -104,11 +104,13 @@ def test_neither_the_command_nor_a_checkpoint_is_shipped(script, source, target)
     assert kept.roles() == []
 
 
-@pytest.mark.parametrize("place", ["/home/ann/out", "see ~/out", "--results=/data/x", r"C:\out"])
-def test_a_run_that_names_a_directory_is_refused(script, source, target, place):
+@pytest.mark.parametrize(
+    "directory", ["/home/ann/out", "see ~/out", "--results=/data/x", r"C:\out"]
+)
+def test_a_run_that_names_a_directory_is_refused(script, source, target, directory):
     run = add_run(source, 0, [500])
     text = json.loads((run.path / "manifest.json").read_text())
-    text["provenance"]["continued"] = [{"at": "now", "changed": {"libraries": [None, place]}}]
+    text["provenance"]["continued"] = [{"at": "now", "changed": {"libraries": [None, directory]}}]
     (run.path / "manifest.json").write_text(json.dumps(text))
     (note,) = script.ship(source, target)
     assert run.id in note
@@ -128,21 +130,21 @@ class TestOfTwoCells:
     """Two seeds on the full observation, and two on 12 latents."""
 
     @pytest.fixture
-    def place(self, script, demo_results, target, monkeypatch):
+    def database(self, script, demo_results, target, monkeypatch):
         """What was shipped of them, as the package's own."""
         assert script.ship(demo_results, target) == []
         monkeypatch.setattr(find, "shipped", lambda: target.path)
         return target
 
-    def test_there_is_nothing_to_warn_of(self, place):
-        found = verify(place, 1)
+    def test_there_is_nothing_to_warn_of(self, database):
+        found = verify(database, 1)
         assert found.findings == []
         assert found.records == 5  # four runs and their encoder, without its dataset
         assert len(find.shipped_policies()) == 2
 
     @pytest.mark.parametrize("representation", ["full", "dae12"])
     def test_a_shipped_policy_acts_as_the_run_did(
-        self, place, representation, demo_results, tmp_path, capsys
+        self, database, representation, demo_results, tmp_path, capsys
     ):
         cell = f"reference/face_direction/td3/{representation}"
         (name,) = [one for one in find.shipped_policies() if one.startswith(cell)]
@@ -165,15 +167,15 @@ class TestOfTwoCells:
             ("reference/face_direction/td3", "{} is not unique; type one of {}."),
         ],
     )
-    def test_a_name_that_is_none_gets_those_that_are(self, place, name, says, capsys):
+    def test_a_name_that_is_none_gets_those_that_are(self, database, name, says, capsys):
         there = ", ".join(find.shipped_policies())
         assert main(["evaluate", "--policy", name]) == 2
         assert says.format(name, there) in capsys.readouterr().err
 
-    def test_a_run_without_its_policy_says_so(self, place, capsys):
-        (rows, *_) = [run.id for run in place.scan("run")[0] if not has_policy(run)]
-        assert main(["evaluate", "--policy", rows, "--results", str(place.path)]) == 2
-        assert f"The run {rows} in {place.path} was saved without its policy." in (
+    def test_a_run_without_its_policy_says_so(self, database, capsys):
+        (rows, *_) = [run.id for run in database.scan("run")[0] if not has_policy(run)]
+        assert main(["evaluate", "--policy", rows, "--results", str(database.path)]) == 2
+        assert f"The run {rows} in {database.path} was saved without its policy." in (
             capsys.readouterr().err
         )
 
@@ -183,27 +185,27 @@ class TestOfTwoCells:
         assert "this version of jbench ships none" in capsys.readouterr().err
 
     def test_the_encoder_of_runs_that_are_shipped_already_is_added(
-        self, script, place, demo_results
+        self, script, database, demo_results
     ):
-        (encoder,) = place.scan("encoder")[0]
+        (encoder,) = database.scan("encoder")[0]
         shutil.rmtree(encoder.path)
-        assert len(verify(place, 1).findings) == 2
-        assert script.ship(demo_results, place) == []
-        assert verify(place, 1).findings == []
+        assert len(verify(database, 1).findings) == 2
+        assert script.ship(demo_results, database) == []
+        assert verify(database, 1).findings == []
 
     def test_the_policy_of_a_run_on_another_encoder_is_not_shipped(
-        self, script, place, demo_results, tmp_path
+        self, script, database, demo_results, tmp_path
     ):
         """The encoder of an id, trained on two processors, may differ in its last digits."""
-        for record in place.scan("run")[0]:
+        for record in database.scan("run")[0]:
             shutil.rmtree(record.path)
-        (encoder,) = place.scan("encoder")[0]
+        (encoder,) = database.scan("encoder")[0]
         shutil.rmtree(encoder.path)
-        place.create("encoder", encoder.id, encoder.settings).finish({}, {"encoder.json": b"{}"})
-        notes = script.ship(demo_results, place)
+        database.create("encoder", encoder.id, encoder.settings).finish({}, {"encoder.json": b"{}"})
+        notes = script.ship(demo_results, database)
         assert len(notes) == 2
         assert all("the shipped encoder is another one" in note for note in notes)
-        (kept,) = [run for run in place.scan("run")[0] if has_policy(run)]
+        (kept,) = [run for run in database.scan("run")[0] if has_policy(run)]
         assert kept.settings["representation"] == "full"
 
 

@@ -76,14 +76,14 @@ def loop(recording, actor, episodes=2):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A finished run, and what its loop saw."""
-    place = tmp_path_factory.mktemp("recorded") / "results"
+    results = tmp_path_factory.mktemp("recorded") / "results"
     torch.manual_seed(0)
     actor = Actor()
-    with recorded(place) as recording:
+    with recorded(results) as recording:
         returns = loop(recording, actor)
         recording.keep_policy(actor)
     assert recording.finished
-    return place, recording.id, actor, returns
+    return results, recording.id, actor, returns
 
 
 @pytest.fixture
@@ -93,13 +93,13 @@ def copy(finished, tmp_path):
     return tmp_path / "results"
 
 
-def record_of(place, id):
-    return Results(place).find("run", id)
+def record_of(results, id):
+    return Results(results).find("run", id)
 
 
 def test_rows_are_what_the_environment_returned(finished):
-    place, id, _, returns = finished
-    rows = record_of(place, id).read("episodes", schema.EPISODES).to_pylist()
+    results, id, _, returns = finished
+    rows = record_of(results, id).read("episodes", schema.EPISODES).to_pylist()
     assert [row["episode_return"] for row in rows] == pytest.approx(returns, rel=1e-6)
     assert [(row["control_steps"], row["length"]) for row in rows] == [(1000, 1000), (2000, 1000)]
     # The losses of the step before the last: that of the last one comes after the episode's end.
@@ -108,20 +108,20 @@ def test_rows_are_what_the_environment_returned(finished):
 
 
 def test_the_first_episode_is_that_of_the_seed(finished, tmp_path):
-    place, id, actor, returns = finished
+    results, id, actor, returns = finished
     with recorded(tmp_path / "again") as recording:
         assert loop(recording, actor) == returns
     assert recording.id == id
     first, second = (
         record_of(where, id).read("evaluations", schema.EVALUATIONS)["episode_return"].to_pylist()
-        for where in (place, tmp_path / "again")
+        for where in (results, tmp_path / "again")
     )
     assert first == second
 
 
 def test_id_and_settings_are_those_that_were_passed(finished):
-    place, id, _, _ = finished
-    record = record_of(place, id)
+    results, id, _, _ = finished
+    record = record_of(results, id)
     wanted = {
         **{"task": "face_direction", "algo": "mine", "representation": "full", "encoder": None},
         **{"seed": 3, "steps": STEPS, "engine": "external", "time_limit": "bootstrap"},
@@ -139,18 +139,18 @@ def test_id_and_settings_are_those_that_were_passed(finished):
 
 
 def test_evaluations_come_when_they_are_due(finished):
-    place, id, _, _ = finished
-    rows = record_of(place, id).read("evaluations", schema.EVALUATIONS).to_pylist()
-    places = [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows]
-    assert places == [(0, 1000, 0), (0, 1000, 1), (1, 2000, 0), (1, 2000, 1)]
+    results, id, _, _ = finished
+    rows = record_of(results, id).read("evaluations", schema.EVALUATIONS).to_pylist()
+    steps = [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows]
+    assert steps == [(0, 1000, 0), (0, 1000, 1), (1, 2000, 0), (1, 2000, 1)]
 
 
 def test_the_kept_policy_acts_as_the_actor(finished, copy, capsys):
-    place, id, actor, _ = finished
+    results, id, actor, _ = finished
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
     with torch.no_grad():
         wanted = actor(torch.from_numpy(observations)).numpy()
-    kept = load_agent(Results(place), id)
+    kept = load_agent(Results(results), id)
     np.testing.assert_allclose(kept.act(observations), wanted, atol=1e-6)
     arguments = ("--episodes", "2", "--seed", "5", "--results", str(copy), "--json")
     assert main(["evaluate", "--policy", id, *arguments]) == 0

@@ -123,7 +123,7 @@ TABLE = pd.DataFrame(
 
 
 def provenance(count=3, name="face_direction/td3/full/s{:02d}-1f9a2c4e"):
-    """Returns so many rows of provenance, each with a long command."""
+    """Returns rows of provenance, each with a long command."""
     return pd.DataFrame(
         [
             {

@@ -137,8 +137,8 @@ def test_augmented_robots_are_cells_of_their_own_and_test_no_claim(fabric):
     assert not report.findings("a")
     # Of the three, only the cell on the plain robot.
     assert len(report.findings("g")) == 1
-    told = [row["notes"] for row in report.rows]
-    assert sum("trained on 2 augmented robots in sequence" in notes for notes in told) == 1
+    all_notes = [row["notes"] for row in report.rows]
+    assert sum("trained on 2 augmented robots in sequence" in notes for notes in all_notes) == 1
 
 
 def test_two_engines_are_two_variants(fabric):

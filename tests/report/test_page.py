@@ -79,8 +79,8 @@ class TestWhole:
     def test_the_summary_comes_first_and_provenance_last(self, rendered):
         order = ["<h1>", "No task is solved.", "The run a/b can", ">Final returns</h2>",
                  ">Curves</h2>", "Only 2 seeds", ">Provenance</h2>"]  # fmt: skip
-        places = [rendered.index(part) for part in order]
-        assert places == sorted(places)
+        positions = [rendered.index(part) for part in order]
+        assert positions == sorted(positions)
 
     def test_the_policy_allows_this_style_and_script_and_nothing_else(self, page):
         (policy,) = [

@@ -247,11 +247,11 @@ class TestFigures:
         assert (title, where) == (
             "face_direction", f"control steps (thousands): {data.control_steps / 1000:g}"
         )  # fmt: skip
-        told = dict(zip(values[::2], values[1::2], strict=True))
-        assert set(told) == {"TD3 (10 seeds)", "DDPG (10 seeds)"}
-        numbers = [float(text) for text in re.findall(r"[\d.]+", told["TD3 (10 seeds)"])]
+        shown = dict(zip(values[::2], values[1::2], strict=True))
+        assert set(shown) == {"TD3 (10 seeds)", "DDPG (10 seeds)"}
+        numbers = [float(text) for text in re.findall(r"[\d.]+", shown["TD3 (10 seeds)"])]
         assert numbers == pytest.approx([data.td3, data.td3_low, data.td3_high], rel=EXACT)
-        assert float(told["DDPG (10 seeds)"]) == pytest.approx(data.ddpg, rel=EXACT)
+        assert float(shown["DDPG (10 seeds)"]) == pytest.approx(data.ddpg, rel=EXACT)
         near = page.page.locator(".tip .near span").nth(1)
         expect(near).to_have_text("TD3 (10 seeds)")
 

@@ -13,10 +13,10 @@ def names(out):
 
 def test_files_that_the_new_report_does_not_have_are_removed(out):
     write(out, {"a.png": b"1", "b.png": b"2"})
-    paths, told = write(out, {"b.png": b"3", "c.png": b"4"})
+    paths, notes = write(out, {"b.png": b"3", "c.png": b"4"})
     assert names(out) == {"b.png", "c.png", LISTING}
     assert sorted(paths) == sorted(out.iterdir())
-    assert told == []
+    assert notes == []
     assert (out / "b.png").read_bytes() == b"3"
 
 
@@ -25,10 +25,10 @@ def test_what_is_not_ours_or_was_changed_is_left(out):
     (out / "notes.txt").write_text("mine")
     (out / "a.png").write_bytes(b"mine")
     (out / "gone.png").unlink()
-    _, (told,) = write(out, {"c.png": b"4"})
+    _, (note,) = write(out, {"c.png": b"4"})
     assert names(out) == {"a.png", "c.png", "notes.txt", LISTING}
-    assert told.startswith("a.png in ")
-    # It is left for good, and not told again.
+    assert note.startswith("a.png in ")
+    # It is left for good, and not reported again.
     assert write(out, {"c.png": b"4"})[1] == []
 
 

@@ -76,6 +76,6 @@ def give_up_rights():
 
 
 def leave_room(largest):
-    """From here on no file can grow beyond so many bytes: a write stops there, as if full."""
+    """Limits the size of files in bytes: a write stops there as on a full disk."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))

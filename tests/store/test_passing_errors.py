@@ -22,7 +22,7 @@ PASSING = ("EMFILE", "ENFILE", "EIO", "EROFS", "EDQUOT", "ESTALE", "EACCES", "EI
 
 @pytest.fixture
 def fail(monkeypatch):
-    """Makes a function of `os` fail for a path, so many times; 0 for always."""
+    """Makes a function of `os` fail for a path a number of times; 0 for always."""
 
     def arm(function, path, code, times=0):
         real, left = getattr(os, function), [times or 10**9]

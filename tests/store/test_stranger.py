@@ -138,8 +138,8 @@ def test_no_verb_reads_or_writes_outside_or_fails_without_a_sentence(
         ("merge", str(theirs.path)),
         ("repair",),
     ):
-        place = mine if verb[0] == "merge" else theirs.path
-        code = main([*verb, "--results", str(place)])
+        path = mine if verb[0] == "merge" else theirs.path
+        code = main([*verb, "--results", str(path)])
         printed = capsys.readouterr()
         assert code in (0, 1), printed.err
         assert "Traceback" not in printed.err

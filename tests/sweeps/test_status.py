@@ -33,7 +33,7 @@ def begin(results, run):
 
 
 def finish(results, run, wall_time, together=1):
-    """Finishes a run in so many seconds, as one of several in its process."""
+    """Finishes a run after some seconds, as one of several in its process."""
     record = begin(results, run)
     record.finish({"wall_time": wall_time, "steps_done": run.steps, "together": together})
     return record
@@ -52,7 +52,7 @@ def test_each_state_is_told_with_the_steps_that_are_left(results, cell):
     finished, partial, failed, _ = cell.runs
     finish(results, finished, 1.0)
     record = begin(results, partial)
-    add_episodes(record, partial, 4)  # of ten, with a checkpoint to go on from
+    add_episodes(record, partial, 4)  # of ten, with a checkpoint to resume from
     record = begin(results, failed)
     add_episodes(record, failed, 3)  # without one: from the beginning
     record.fail("no luck")

@@ -44,9 +44,9 @@ def random_states(shape, seed=0):
     random = np.random.default_rng(seed)
     quaternion = random.normal(size=(*shape, 4))
     quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    place = random.uniform(-0.2, 0.2, (*shape, 3))
+    xyz = random.uniform(-0.2, 0.2, (*shape, 3))
     state = State(
-        position=np.concatenate([place, quaternion], -1),
+        position=np.concatenate([xyz, quaternion], -1),
         velocity=random.uniform(-1, 1, (*shape, 6)),
         motor_position=random.uniform(-math.pi, math.pi, shape),
         motor_velocity=random.uniform(-150, 150, shape),

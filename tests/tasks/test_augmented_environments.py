@@ -116,10 +116,10 @@ def test_gymnasium_id_has_the_robot_of_its_seed():
 def test_same_actions_move_every_robot_differently():
     robots = [JitterbugEnv("face_direction", augment=augment) for augment in (None, 0, 1)]
     robots.append(JitterbugEnv("face_direction", augment=1, vary_masses=True))
-    places = np.array([final_positions(robot)[:3] for robot in robots])
-    for i in range(len(places)):
-        others = np.delete(places, i, axis=0)
-        assert np.linalg.norm(others - places[i], axis=1).min() > 1e-4
+    positions = np.array([final_positions(robot)[:3] for robot in robots])
+    for i in range(len(positions)):
+        others = np.delete(positions, i, axis=0)
+        assert np.linalg.norm(others - positions[i], axis=1).min() > 1e-4
 
 
 @pytest.mark.parametrize("seed", range(3))

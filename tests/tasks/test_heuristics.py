@@ -64,7 +64,7 @@ def test_a_robot_does_the_same_alone_and_among_others(task):
         assert alone.act(row[None]) == pytest.approx(action[None], abs=1e-12)
 
 
-# What the median of six robots earns at a step after so many of them; one may have fallen.
+# Median return of six robots per step after a number of steps; one may have fallen.
 DONE = {
     "move_from_origin": (150, 0.95),
     "face_direction": (250, 0.9),

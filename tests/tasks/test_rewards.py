@@ -97,7 +97,7 @@ def test_turning_on_the_spot_stays_upright(yaw):
 
 
 @pytest.mark.parametrize(
-    ("place", "reward"),
+    ("offset", "reward"),
     [
         ((0, 0, 0.035), 1),
         ((0.05, 0, 0.035), 0.1),
@@ -107,8 +107,8 @@ def test_turning_on_the_spot_stays_upright(yaw):
         ((0, 0.1, 0.035), 1e-4),
     ],
 )
-def test_near_by_hand(place, reward):
-    assert rewards.near_reward(rest(), target(*place)) == pytest.approx(reward, rel=1e-12)
+def test_near_by_hand(offset, reward):
+    assert rewards.near_reward(rest(), target(*offset)) == pytest.approx(reward, rel=1e-12)
 
 
 @pytest.mark.parametrize(

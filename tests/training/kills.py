@@ -4,8 +4,8 @@
 
 In DIR/whole the batch is done without a kill; then in DIR/0, DIR/1 … with kills. Each attempt is a
 process of its own: a fork of this one, which has imported everything but started no thread. With
-"at": "random" its parent kills it at a random moment, and goes on to the next folder until there
-were 20 kills. With "at": "writes" attempt n kills itself at its n-th point of writing, until one
+"at": "random" its parent kills it at a random moment and continues with the next folder until 20
+kills. With "at": "writes" attempt n kills itself at its n-th point of writing, until one
 gets to the end: before, within and after each write, and before and after each fsync and rename
 that `jbench/store/files.py` makes, which does all writing.
 

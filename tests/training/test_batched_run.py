@@ -47,9 +47,9 @@ def test_a_run_among_others_is_the_run_alone(algo, tmp_path):
 
 
 def test_rows_come_when_they_are_due(tmp_path):
-    results, told = Results(tmp_path), []
+    results, reported = Results(tmp_path), []
     run = settings(steps=3000, evaluate_every=2000)
-    run_batch([run], results, None, progress=lambda *now: told.append(now))
+    run_batch([run], results, None, progress=lambda *now: reported.append(now))
     record = results.find("run", run.id)
     episodes = record.read("episodes", schema.EPISODES).to_pylist()
     assert [(row["episode"], row["control_steps"]) for row in episodes] == [
@@ -57,7 +57,7 @@ def test_rows_come_when_they_are_due(tmp_path):
         (1, 2000),
         (2, 3000),
     ]
-    assert told == [(run, row["control_steps"], row["episode_return"]) for row in episodes]
+    assert reported == [(run, row["control_steps"], row["episode_return"]) for row in episodes]
     assert all(row["critic_loss"] > 0 for row in episodes)
     evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
     assert [(row["evaluation"], row["control_steps"]) for row in evaluations] == [

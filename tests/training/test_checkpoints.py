@@ -24,13 +24,17 @@ pytestmark = pytest.mark.usefixtures("short_episodes")
 
 def do(path, runs, **more):
     """Trains runs; returns the notices on resumed ones."""
-    told = []
+    notices = []
     more.setdefault("checkpoint_every", 0)
     failures = run_batch(
-        runs, Results(path), None, notice=lambda run, *rest: told.append((run.seed, *rest)), **more
+        runs,
+        Results(path),
+        None,
+        notice=lambda run, *rest: notices.append((run.seed, *rest)),
+        **more,
     )
     assert failures == {}
-    return told
+    return notices
 
 
 def stop_at(path, runs, steps):
@@ -59,14 +63,14 @@ def stopped(tmp_path):
     """A run that was stopped after 250 of 400 control steps, and what it should become."""
     run = settings("td3", 1)
     stop_at(tmp_path / "stopped", [run], 250)
-    do(tmp_path / "whole", [run])
-    return tmp_path / "stopped", run, outcome(tmp_path / "whole", run)
+    do(tmp_path / "uninterrupted", [run])
+    return tmp_path / "stopped", run, outcome(tmp_path / "uninterrupted", run)
 
 
 @pytest.mark.parametrize("which", ["checkpoint-", "replay-", "episodes-", "manifest.json"])
 @pytest.mark.parametrize("code", [errno.EMFILE, errno.EIO])
 def test_a_checkpoint_that_cannot_be_read_now_is_not_given_up(stopped, which, code, monkeypatch):
-    path, run, whole = stopped
+    path, run, uninterrupted = stopped
     before = only(path, run).roles()
     file = max(p for p in only(path, run).path.iterdir() if p.name.startswith(which))
     real = os.open
@@ -82,11 +86,11 @@ def test_a_checkpoint_that_cannot_be_read_now_is_not_given_up(stopped, which, co
     assert f"can't be read ({os.strerror(code)})" in str(failures[run.id])
     assert only(path, run).roles() == before
     assert do(path, [run]) == [(1, 250, "")]
-    assert outcome(path, run) == whole
+    assert outcome(path, run) == uninterrupted
 
 
 def test_a_run_that_cannot_note_that_it_resumes_keeps_its_checkpoint(stopped, monkeypatch):
-    path, run, whole = stopped
+    path, run, uninterrupted = stopped
     before, real, left = only(path, run).roles(), os.replace, [1]
 
     def full(source, target):
@@ -100,11 +104,11 @@ def test_a_run_that_cannot_note_that_it_resumes_keeps_its_checkpoint(stopped, mo
     assert "No room left to write manifest.json" in str(failures[run.id])
     assert only(path, run).roles() == before
     assert do(path, [run]) == [(1, 250, "")]
-    assert outcome(path, run) == whole
+    assert outcome(path, run) == uninterrupted
 
 
 def test_the_newest_two_checkpoints_are_kept_with_the_rows_before_them(stopped):
-    path, run, whole = stopped
+    path, run, uninterrupted = stopped
     record = only(path, run)
     assert sum(role.startswith("checkpoint-") for role in record.roles()) == 2
     checkpoint, refused = load(record)
@@ -119,7 +123,7 @@ def test_the_newest_two_checkpoints_are_kept_with_the_rows_before_them(stopped):
     assert checkpoint.replay_row == 255
     assert checkpoints.read_replay(record, 255).shape == (1, 255, 18)
     assert do(path, [run]) == [(1, 250, "")]
-    assert outcome(path, run) == whole
+    assert outcome(path, run) == uninterrupted
 
 
 def damage(path):
@@ -129,41 +133,41 @@ def damage(path):
 
 
 def test_instead_of_a_damaged_checkpoint_the_one_before_it_is_used(stopped):
-    path, run, whole = stopped
+    path, run, uninterrupted = stopped
     damage(file_of(only(path, run), "checkpoint-", -1))
-    ((_, steps, told),) = do(path, [run])
+    ((_, steps, sentence),) = do(path, [run])
     assert steps == 200
-    assert told.startswith(f"The checkpoint of {run.id} at 250 control steps is not used: ")
-    assert "its checksum differs" in told
-    assert outcome(path, run) == whole
+    assert sentence.startswith(f"The checkpoint of {run.id} at 250 control steps is not used: ")
+    assert "its checksum differs" in sentence
+    assert outcome(path, run) == uninterrupted
 
 
 def test_without_its_last_rows_the_replay_buffer_is_that_of_the_checkpoint_before(stopped):
-    path, run, whole = stopped
+    path, run, uninterrupted = stopped
     file_of(only(path, run), "replay-", -1).unlink()
-    ((_, steps, told),) = do(path, [run])
+    ((_, steps, sentence),) = do(path, [run])
     assert steps == 200
-    assert "No such file" in told
-    assert outcome(path, run) == whole
+    assert "No such file" in sentence
+    assert outcome(path, run) == uninterrupted
 
 
 def test_a_run_without_a_checkpoint_that_is_whole_starts_over(stopped):
-    path, run, whole = stopped
+    path, run, uninterrupted = stopped
     # The first piece of the replay buffer is needed by both.
     damage(file_of(only(path, run), "replay-", 0))
-    ((_, steps, told),) = do(path, [run])
+    ((_, steps, sentence),) = do(path, [run])
     assert steps == 0
-    assert told.count("is not used") == 2
-    assert outcome(path, run) == whole
+    assert sentence.count("is not used") == 2
+    assert outcome(path, run) == uninterrupted
 
 
 def test_a_run_whose_rows_are_damaged_starts_over(stopped):
-    path, run, whole = stopped
+    path, run, uninterrupted = stopped
     damage(next(only(path, run).path.glob("episodes-*")))
-    ((_, steps, told),) = do(path, [run])
+    ((_, steps, sentence),) = do(path, [run])
     assert steps == 0
-    assert "its checksum differs" in told
-    assert outcome(path, run) == whole
+    assert "its checksum differs" in sentence
+    assert outcome(path, run) == uninterrupted
 
 
 @pytest.mark.parametrize(
@@ -178,7 +182,7 @@ def test_a_run_whose_rows_are_damaged_starts_over(stopped):
     ],
 )
 def test_a_checkpoint_of_something_else_is_refused(stopped, changes, reason):
-    path, run, whole = stopped
+    path, run, uninterrupted = stopped
     record = only(path, run)
     role = [role for role in record.roles() if role.startswith("checkpoint-")][-1]
     tensors = safetensors.torch.load(record.read_file(role))
@@ -186,22 +190,22 @@ def test_a_checkpoint_of_something_else_is_refused(stopped, changes, reason):
     content = bytearray(json.dumps(said).encode())
     tensors["envelope"] = torch.frombuffer(content, dtype=torch.uint8)
     record.append({}, {role: safetensors.torch.save(tensors)})
-    ((_, steps, told),) = do(path, [run])
+    ((_, steps, sentence),) = do(path, [run])
     assert steps == 200
-    assert reason in told
-    assert outcome(path, run) == whole
+    assert reason in sentence
+    assert outcome(path, run) == uninterrupted
 
 
 def test_seeds_that_stopped_at_different_steps_go_on_together(tmp_path):
     runs = [settings("ddpg", seed) for seed in (0, 3, 5)]
-    do(tmp_path / "whole", runs)
+    do(tmp_path / "uninterrupted", runs)
     path = tmp_path / "stopped"
     stop_at(path, runs[:1], 300)
     stop_at(path, runs[1:2], 100)
     # The one that was never begun is new.
     assert sorted(do(path, runs)) == [(0, 300, ""), (3, 100, "")]
     for run in runs:
-        assert outcome(path, run) == outcome(tmp_path / "whole", run)
+        assert outcome(path, run) == outcome(tmp_path / "uninterrupted", run)
 
 
 def test_a_run_that_goes_on_with_other_versions_says_so(stopped):
@@ -210,10 +214,10 @@ def test_a_run_that_goes_on_with_other_versions_says_so(stopped):
     known = record.manifest.provenance
     packages = {**known["packages"], "torch": "2.0.0"}
     record._update(provenance={**known, "packages": packages, "processor": "a toaster"})
-    ((_, steps, told),) = do(path, [run])
+    ((_, steps, sentence),) = do(path, [run])
     assert steps == 250
-    assert "torch 2.0.0 is now" in told
-    assert "processor a toaster is now" in told
+    assert "torch 2.0.0 is now" in sentence
+    assert "processor a toaster is now" in sentence
     (continued,) = only(path, run).manifest.provenance["continued"]
     assert continued["control_steps"] == 250
     assert set(continued["changed"]) == {"torch", "processor"}
@@ -221,17 +225,17 @@ def test_a_run_that_goes_on_with_other_versions_says_so(stopped):
 
 
 def test_a_failed_run_goes_on_too(stopped):
-    path, run, whole = stopped
+    path, run, uninterrupted = stopped
     only(path, run).fail("the disk was full")
     assert do(path, [run]) == [(1, 250, "")]
-    assert outcome(path, run) == whole
+    assert outcome(path, run) == uninterrupted
 
 
 def test_a_run_is_never_in_more_than_some_files(tmp_path, monkeypatch):
     monkeypatch.setattr(log, "_MAX_PARTS", 3)
     monkeypatch.setattr(checkpoints, "_JOINED", 2)
     run = settings("td3", 1)
-    do(tmp_path / "whole", [run], checkpoint_every=1000)
+    do(tmp_path / "uninterrupted", [run], checkpoint_every=1000)
     stop_at(tmp_path / "stopped", [run], 300)
     record = only(tmp_path / "stopped", run)
     assert len(record.parts("episodes")) <= 3
@@ -240,7 +244,7 @@ def test_a_run_is_never_in_more_than_some_files(tmp_path, monkeypatch):
     # Two pieces of a size are one.
     assert sum(role.startswith("replay-") for role in record.roles()) == 1
     assert do(tmp_path / "stopped", [run]) == [(1, 300, "")]
-    assert outcome(tmp_path / "stopped", run) == outcome(tmp_path / "whole", run)
+    assert outcome(tmp_path / "stopped", run) == outcome(tmp_path / "uninterrupted", run)
 
 
 def test_pieces_of_a_size_are_joined_sixteen_at_a_time():
@@ -271,7 +275,7 @@ def test_another_device_since_the_beginning_is_reported(stopped):
     assert record.manifest.provenance["device"] == "cpu"
     begun = {**record.manifest.provenance, "device": "cuda", "gpu": "NVIDIA H100"}
     record._update(provenance=begun)
-    ((_, _, told),) = do(path, [run])
-    assert told.startswith("Since it began, device cuda is now cpu: results may differ from")
+    ((_, _, sentence),) = do(path, [run])
+    assert sentence.startswith("Since it began, device cuda is now cpu: results may differ from")
     (resumed,) = only(path, run).manifest.provenance["continued"]
     assert resumed["changed"] == {"device": ["cuda", "cpu"]}

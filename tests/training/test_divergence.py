@@ -42,16 +42,16 @@ def engines(monkeypatch):
 
 
 def train(path, runs, **more):
-    told = []
+    notices = []
     failures = run_batch(
         runs,
         Results(path),
         None,
         checkpoint_every=0,
-        notice=lambda run, *rest: told.append(rest),
+        notice=lambda run, *rest: notices.append(rest),
         **more,
     )
-    return failures, told
+    return failures, notices
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
@@ -93,8 +93,8 @@ def test_a_retried_run_starts_at_its_last_finite_checkpoint_and_diverges_again(t
     run = diverging("td3")
     train(tmp_path, [run])
     record = only(tmp_path, run)
-    failures, told = train(tmp_path, [run])
-    assert told == [(150, "")]
+    failures, notices = train(tmp_path, [run])
+    assert notices == [(150, "")]
     again = only(tmp_path, run)
     assert list(failures) == [run.id]
     assert again.manifest.summary == record.manifest.summary

@@ -31,11 +31,11 @@ def test_ten_seeds_are_too_few_to_speak_of_and_a_thousand_are_not():
     ten = [run(seed=seed) for seed in range(10)]
     assert memory_sentence(ten) is None
     # 7.2 GB
-    told = memory_sentence([run(seed=seed) for seed in range(100)])
-    assert told is not None
-    assert told.startswith("The replay buffers of 100 runs will take up to 7.2 GB of memory")
+    sentence = memory_sentence([run(seed=seed) for seed in range(100)])
+    assert sentence is not None
+    assert sentence.startswith("The replay buffers of 100 runs will take up to 7.2 GB of memory")
     # 72 TB are nowhere: half a million runs.
-    told = memory_sentence([run()] * 1_000_000)
-    assert "72000.0 GB" in told
-    assert "fewer --seeds at a time, or --set buffer_size=" in told
+    sentence = memory_sentence([run()] * 1_000_000)
+    assert "72000.0 GB" in sentence
+    assert "fewer --seeds at a time, or --set buffer_size=" in sentence
     assert memory_sentence([run(engine="sb3")] * 1000) is None

@@ -237,11 +237,11 @@ def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("robots", "steps", "told"),
+    ("robots", "steps", "wanted"),
     [(3, 4000, 6000), (2, 1000, 2000), (2, 3000, 4000), (4, 4500, 8000)],
 )
-def test_robots_that_do_not_share_the_episodes_are_refused(robots, steps, told):
-    with pytest.raises(ValidationError, match=f"steps must be {told},"):
+def test_robots_that_do_not_share_the_episodes_are_refused(robots, steps, wanted):
+    with pytest.raises(ValidationError, match=f"steps must be {wanted},"):
         settings(robots=robots, steps=steps)
 
 

@@ -28,9 +28,9 @@ def settings(algo="td3", overrides=None, **changes):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     results = Results(tmp_path_factory.mktemp("results"))
-    told = []
-    record = run(settings(), results, lambda *told_now: told.append(told_now))
-    return results, record, told
+    reported = []
+    record = run(settings(), results, lambda *now: reported.append(now))
+    return results, record, reported
 
 
 def test_every_training_episode_is_a_row(finished):
@@ -67,9 +67,9 @@ def test_evaluations_come_when_asked_for_and_at_the_end(finished):
 
 
 def test_progress_is_told_episode_by_episode(finished):
-    _, record, told = finished
+    _, record, reported = finished
     returns = record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
-    assert told == list(zip([1000, 2000, 3000], returns, strict=True))
+    assert reported == list(zip([1000, 2000, 3000], returns, strict=True))
 
 
 def test_a_finished_run_is_not_repeated(finished):
@@ -109,7 +109,7 @@ def test_the_kept_agent_repeats_an_evaluation(finished):
     results, record, _ = finished
     agent = load_agent(results, record.id)
     assert agent.task == "face_direction"
-    # The evaluation's environment goes on from episode to episode, from the seed of the run.
+    # The evaluation's environment continues from episode to episode, from the seed of the run.
     evaluation_seed = int(np.random.SeedSequence(0).generate_state(2)[1])
     env = make_env(settings(), None)
     env.reset(seed=evaluation_seed)

@@ -151,7 +151,7 @@ def all_cores(number: int) -> int:
     Raises:
         RequestError: if it is negative.
     """
-    from jbench.store.provenance import cores
+    from jbench.cores import cores
 
     if number < 0:
         raise RequestError(f"{number} at a time is not possible; type 0 for one per core.")

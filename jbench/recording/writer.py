@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
+from jbench.cores import cores
 from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import Network
@@ -16,7 +17,6 @@ from jbench.settings.external import ExternalSettings
 from jbench.simulation import Robots, rollout
 from jbench.simulation.rollout import Act
 from jbench.store import Record
-from jbench.store.provenance import cores
 from jbench.tasks import resets
 from jbench.training.evaluation import EvaluationSchedule, robot_model
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog

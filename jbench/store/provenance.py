@@ -1,7 +1,6 @@
 """Provenance of a record: versions, machine and command. It does not enter the id."""
 
 import importlib.metadata
-import math
 import os
 import platform
 import subprocess
@@ -10,6 +9,8 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from jbench.cores import cores
 
 if TYPE_CHECKING:
     import torch
@@ -92,35 +93,6 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, 
 def _packages(recorded: Mapping[str, Any]) -> Mapping[str, Any]:
     packages = recorded.get("packages")
     return packages if isinstance(packages, Mapping) else {}
-
-
-def cores() -> int:
-    """Returns the number of cores available to this process, by affinity and cgroup."""
-    if not hasattr(os, "sched_getaffinity"):
-        return os.cpu_count() or 1
-    return min([len(os.sched_getaffinity(0)), *_quotas()])
-
-
-def _quotas(
-    group: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")
-) -> list[int]:
-    """Returns the limits of this process's control group (version 2) in cores, rounded up.
-
-    Containers are limited in this way, although their processes see all cores of the machine.
-    """
-    quotas = []
-    try:
-        # 0::/path; the limits of parent groups apply too.
-        (path,) = [line[3:] for line in group.read_text().splitlines() if line.startswith("0::")]
-        own = root / path.strip("/")
-        for folder in (own, *own.parents):
-            limit = folder / "cpu.max"
-            if folder.is_relative_to(root) and limit.exists():
-                quota, period = limit.read_text().split()
-                quotas += [] if quota == "max" else [math.ceil(int(quota) / int(period))]
-    except (OSError, ValueError):
-        pass
-    return [max(1, count) for count in quotas]
 
 
 @cache

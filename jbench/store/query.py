@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from jbench.cores import cores
 from jbench.errors import RequestError, WorkError
 from jbench.names import FULL
 from jbench.store import schema
 from jbench.store.database import Results
-from jbench.store.provenance import cores
 from jbench.store.record import Record
 from jbench.store.rows import KINDS, Row, row_of
 

@@ -4,11 +4,12 @@ import statistics
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from jbench.cores import cores
 from jbench.errors import RequestError, WorkError
 from jbench.settings.alike import COST, SEED, alike
 from jbench.settings.run import RunSettings, read_run
 from jbench.store import Record, Results
-from jbench.store.provenance import cores, processor
+from jbench.store.provenance import processor
 from jbench.sweeps.cell import Cell
 from jbench.training.status import run_status
 

@@ -12,12 +12,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from jbench.cores import cores
 from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.alike import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.store.provenance import cores
 
 Message = dict[str, Any]
 """Message of a worker; see `jbench.training.worker`."""

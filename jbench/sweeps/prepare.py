@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
+from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
 from jbench.encoders.loop import find_device
 from jbench.encoders.settings import EncoderSettings
@@ -13,7 +14,6 @@ from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.locks import HeldError
-from jbench.store.provenance import cores
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.watcher import Watcher
 

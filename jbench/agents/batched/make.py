@@ -14,12 +14,12 @@ from jbench.agents.batched.rules import LEARNERS, ON_FEATURES
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
+from jbench.cores import cores
 from jbench.encoders import Encoder
 from jbench.errors import RequestError
 from jbench.names import DEVICES, EPISODE_STEPS, PRECISIONS, TimeLimit, one_of
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.ofe import OFESettings
-from jbench.store.provenance import cores
 
 
 def make_engine(

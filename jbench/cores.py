@@ -1,0 +1,34 @@
+"""The cores that this process may use."""
+
+import math
+import os
+from pathlib import Path
+
+
+def cores() -> int:
+    """Returns the number of cores available to this process, by affinity and cgroup."""
+    if not hasattr(os, "sched_getaffinity"):
+        return os.cpu_count() or 1
+    return min([len(os.sched_getaffinity(0)), *_quotas()])
+
+
+def _quotas(
+    group: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")
+) -> list[int]:
+    """Returns the limits of this process's control group (version 2) in cores, rounded up.
+
+    Containers are limited in this way, although their processes see all cores of the machine.
+    """
+    quotas = []
+    try:
+        # 0::/path; the limits of parent groups apply too.
+        (path,) = [line[3:] for line in group.read_text().splitlines() if line.startswith("0::")]
+        own = root / path.strip("/")
+        for folder in (own, *own.parents):
+            limit = folder / "cpu.max"
+            if folder.is_relative_to(root) and limit.exists():
+                quota, period = limit.read_text().split()
+                quotas += [] if quota == "max" else [math.ceil(int(quota) / int(period))]
+    except (OSError, ValueError):
+        pass
+    return [max(1, count) for count in quotas]

@@ -9,7 +9,7 @@ the paper's tasks (section 4.2) in dm_control's reward conventions (arXiv:1801.0
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -100,6 +100,11 @@ class TaskSpec:
         """Number of dimensions of the flat observation, the paper's dim(O)."""
         return sum(FEATURE_SIZES[name] for name in self.features)
 
+    @property
+    def target_numbers(self) -> tuple[str, ...]:
+        """The numbers of a target that are random, in order: x and y (m), and yaw (rad)."""
+        return ("x", "y") * self.draws_position + ("yaw",) * self.draws_yaw
+
 
 TASK_SPECS = {
     # "away" is what is left of 1 by "near", the target being at the origin.
@@ -178,6 +183,13 @@ def angle_to_target(state: State, target: Target) -> Array:
     return wrap_angle(target.yaw - heading(state))
 
 
+def distance_to_target(state: State, target: Target) -> Array:
+    """Returns the 3D distance (...) from the torso's frame to the target (m)."""
+    xp = array_namespace(state.position)
+    to_target = target.position - state.position[..., :3]
+    return xp.sqrt(xp.sum(to_target * to_target, axis=-1))
+
+
 def target_in_jitterbug_frame(state: State, target: Target) -> Array:
     """Returns the (..., 3) position of the target in the torso's frame (m)."""
     xp = array_namespace(state.position)
@@ -216,9 +228,13 @@ def observation(task: str, state: State, target: Target) -> Array:
     Args:
         target: with the state's leading axes.
     """
-    xp = array_namespace(state.position)
-    physical = xp.concat(list(features(task, state, target).values()), axis=-1)
-    return normalize(task, physical)
+    return flatten(task, features(task, state, target))
+
+
+def flatten(task: str, values: Mapping[str, Array]) -> Array:
+    """Returns the (..., dim(O)) observation that consists of the given `features`."""
+    xp = array_namespace(*values.values())
+    return normalize(task, xp.concat(list(values.values()), axis=-1))
 
 
 def normalize(task: str, physical: Array) -> Array:

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASKS
-from jbench.tasks import features, model, resets, rewards
+from jbench.tasks import features, model, resets
+from jbench.tasks.features import Target
+from jbench.tasks.outcome import outcome
 from jbench.tasks.robots import load_model
 
 
@@ -22,7 +24,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     Observations are the task's features, each mapped from its range to [-1, 1] and not clipped.
     The action is the motor's command, clipped to [-1, 1]. Episodes never terminate;
-    `gymnasium.make` truncates them at 1000 steps.
+    `gymnasium.make` truncates them at 1000 steps. `jbench.tasks.outcome.Outcome` lists what `info`
+    contains; at reset, its reward terms are those of the initial state.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - declared as in Gymnasium
@@ -92,13 +95,25 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Starts an episode with a random orientation at the origin and a random target."""
+        """Starts an episode with a random orientation at the origin and a random target.
+
+        Args:
+            seed: of the random numbers.
+            options: {"target": numbers} chooses the target, see `resets.target_numbers`; the other
+                random numbers, of this episode and the next ones, stay the same.
+
+        Raises:
+            RequestError: if an option does not exist or its value is wrong; a ValueError.
+        """
+        chosen = resets.option_target(self.task, options)
         super().reset(seed=seed)
         model.place(self._data, resets.draw_quaternion(self.np_random))
-        self._target = resets.draw_target(self.task, self.np_random)
-        self._show_target()
+        drawn = resets.draw_target(self.task, self.np_random)
+        self._target = drawn if chosen is None else chosen
+        self.show_target(self._target)
         self._render_human()
-        return self._observation(self._state()), {}
+        observation, _, info = self._outcome()
+        return observation, info
 
     def step(
         self, action: NDArray[np.float32]
@@ -106,10 +121,15 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Applies the action (1,) for one control step of 0.01 s."""
         self._data.ctrl[:] = np.clip(action, -1, 1)
         mujoco.mj_step(self._model, self._data, nstep=PHYSICS_STEPS)
-        state = self._state()
-        reward = float(rewards.reward(self.task, state, self._target))
+        observation, reward, info = self._outcome()
         self._render_human()
-        return self._observation(state), reward, False, False, {}
+        return observation, reward, False, False, info
+
+    def show_target(self, target: Target) -> None:
+        """Moves the target that is drawn, which has no influence on the robot."""
+        half = target.yaw / 2
+        self._model.body("target").pos = target.position
+        self._model.body("target").quat = [np.cos(half), 0, 0, np.sin(half)]
 
     def render(self) -> Any:
         """Returns an image (height, width, 3) in mode "rgb_array"; otherwise None.
@@ -142,16 +162,11 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._renderer.close()
             self._renderer = None
 
-    def _state(self) -> features.State:
-        return model.state_of(self._data.qpos, self._data.qvel, self._torso_offset)
-
-    def _observation(self, state: features.State) -> NDArray[np.float32]:
-        return np.asarray(features.observation(self.task, state, self._target), np.float32)
-
-    def _show_target(self) -> None:
-        half = self._target.yaw / 2
-        self._model.body("target").pos = self._target.position
-        self._model.body("target").quat = [np.cos(half), 0, 0, np.sin(half)]
+    def _outcome(self) -> tuple[NDArray[np.float32], float, dict[str, Any]]:
+        state = model.state_of(self._data.qpos, self._data.qvel, self._torso_offset)
+        observation, reward, info = outcome(self.task, state, self._target)
+        numbers = {key: value if key == "target" else float(value) for key, value in info.items()}
+        return observation, float(reward), numbers
 
     def _render_human(self) -> None:
         if self.render_mode == "human":

@@ -4,13 +4,15 @@ Generators are numpy's `Generator` or the `RandomState` that dm_control uses.
 """
 
 import math
-from collections.abc import Iterable
-from typing import NamedTuple, Protocol
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.tasks.features import TARGET_HEIGHT, TASK_SPECS, Target
+from jbench.errors import RequestError
+from jbench.names import one_of
+from jbench.tasks.features import TARGET_HEIGHT, TASK_SPECS, Array, Target
 
 _MAX_TILT = 0.025  # x and y components of the rotation axis, whose z component is 1
 _TARGET_RADIUS = (0.05, 0.2)  # m
@@ -80,3 +82,61 @@ def draw_target(task: str, random: Random) -> Target:
         yaw = random.uniform(0, 2 * math.pi)
     position = np.array([radius * math.cos(bearing), radius * math.sin(bearing), TARGET_HEIGHT])
     return Target(position, np.float64(yaw))
+
+
+def target_numbers(task: str, target: Target) -> Array:
+    """Returns the (..., n) random numbers of targets: x and y (m), yaw (rad), or all three."""
+    spec = TASK_SPECS[task]
+    if not spec.draws_yaw:
+        return target.position[..., :2].copy()
+    yaw = np.asarray(target.yaw)[..., None]
+    if not spec.draws_position:
+        return yaw.copy()
+    return np.concatenate([target.position[..., :2], yaw], axis=-1)
+
+
+def option_target(
+    task: str, options: Mapping[str, Any] | None, count: int | None = None
+) -> Target | None:
+    """Returns the target that the options of `reset` choose, or None if they choose none.
+
+    Args:
+        count: as in `chosen_target`.
+
+    Raises:
+        RequestError: if there is another option, or the target is wrong.
+    """
+    unknown = sorted(map(str, set(options or {}) - {"target"}))
+    if unknown:
+        raise RequestError(f"reset has no option {', '.join(unknown)}; it has target.")
+    return chosen_target(task, options["target"], count) if options else None
+
+
+def chosen_target(task: str, numbers: Any, count: int | None = None) -> Target:
+    """Returns the target with the given numbers, the inverse of `target_numbers`.
+
+    Args:
+        numbers: (n,), or (count, n) for a target for each of several robots.
+        count: number of robots, or None for a target without leading axes.
+
+    Raises:
+        RequestError: if the task has no random target, or the numbers are not those of a target.
+    """
+    names = TASK_SPECS[task].target_numbers
+    if not names:
+        raise RequestError(f"{task} has no target to choose: leave out the option target.")
+    shapes = [(len(names),)] if count is None else [(len(names),), (count, len(names))]
+    try:
+        chosen = np.atleast_1d(np.array(numbers, np.float64))
+    except (TypeError, ValueError):
+        chosen = np.empty(0)
+    if chosen.shape not in shapes or not np.isfinite(chosen).all():
+        raise RequestError(
+            f"The target of {task} is an array ({', '.join(names)}) of finite numbers, of shape "
+            f"{one_of(map(str, shapes))}, not {numbers!r}."
+        )
+    chosen = np.broadcast_to(chosen, shapes[-1])
+    by_name = dict(zip(names, np.moveaxis(chosen, -1, 0), strict=True))
+    zero = np.zeros(chosen.shape[:-1])
+    x, y, yaw = (by_name.get(name, zero) for name in ("x", "y", "yaw"))
+    return Target(np.stack([x, y, zero + TARGET_HEIGHT], axis=-1), np.array(yaw))

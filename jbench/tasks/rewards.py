@@ -15,6 +15,7 @@ from jbench.tasks.features import (
     State,
     Target,
     angle_to_target,
+    distance_to_target,
     speed_in_target_frame,
 )
 
@@ -33,15 +34,13 @@ def upright_reward(state: State) -> Array:
 
 def near_reward(state: State, target: Target) -> Array:
     """Returns a Gaussian tolerance of the 3D distance to the target; 0.1 at 5 cm."""
-    xp = array_namespace(state.position)
-    to_target = target.position - state.position[..., :3]
-    return _gaussian(xp.sqrt(xp.sum(to_target * to_target, axis=-1)), _NEAR_MARGIN)
+    return _gaussian(distance_to_target(state, target), _NEAR_MARGIN)
 
 
-def heading_reward(state: State, target: Target) -> Array:
+def heading_reward(state: State, target: Target, angle: Array | None = None) -> Array:
     """Returns (1 + cos 2a) / 2 for an angle to the target |a| < pi / 2, otherwise 0."""
     xp = array_namespace(state.position)
-    angle = angle_to_target(state, target)
+    angle = angle_to_target(state, target) if angle is None else angle
     facing = (1 + xp.cos(2 * angle)) / 2
     return xp.where(xp.abs(angle) < math.pi / 2, facing, xp.zeros_like(facing))
 
@@ -52,12 +51,12 @@ def speed_reward(state: State, target: Target) -> Array:
     return xp.clip(speed_in_target_frame(state, target)[..., 0] / _FULL_SPEED, 0, 1)
 
 
-_REWARDS: dict[str, Callable[[State, Target], Array]] = {
-    "away": lambda state, target: 1 - near_reward(state, target),
-    "upright": lambda state, _: upright_reward(state),
-    "near": near_reward,
+_REWARDS: dict[str, Callable[[State, Target, Array | None], Array]] = {
+    "away": lambda state, target, _: 1 - near_reward(state, target),
+    "upright": lambda state, *_: upright_reward(state),
+    "near": lambda state, target, _: near_reward(state, target),
     "heading": heading_reward,
-    "speed": speed_reward,
+    "speed": lambda state, target, _: speed_reward(state, target),
 }
 
 
@@ -67,8 +66,20 @@ def reward(task: str, state: State, target: Target) -> Array:
     Args:
         target: its axes broadcast against the state's.
     """
-    terms = [_REWARDS[name](state, target) for name in TASK_SPECS[task].rewards]
-    return math.prod(terms)
+    return math.prod(reward_terms(task, state, target).values())
+
+
+def reward_terms(
+    task: str, state: State, target: Target, angle: Array | None = None
+) -> dict[str, Array]:
+    """Returns the terms (...) by name whose product is the reward of a task, each in [0, 1].
+
+    Args:
+        target: its axes broadcast against the state's.
+        angle: `angle_to_target`, if it is known already, which saves time.
+    """
+    names = TASK_SPECS[task].rewards
+    return {name: _REWARDS[name](state, target, angle) for name in names}
 
 
 def _gaussian(distance: Array, margin: float) -> Array:

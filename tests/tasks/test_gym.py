@@ -1,6 +1,7 @@
 """The five tasks in Gymnasium: its contract, and the same robot as in dm_control."""
 
 import itertools
+import math
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -151,6 +152,73 @@ def test_returned_arrays_are_the_callers(task):
     env.step(np.ones(1, np.float32))[0][:] = 9
     assert tuple(kept) == expected[0]
     assert roll_out(env) == expected
+
+
+def terms_of(info):
+    return [value for key, value in info.items() if key.startswith("reward_")]
+
+
+@EVERY_TASK
+def test_info_has_the_target_of_the_episode_and_terms_that_multiply_to_the_reward(task):
+    env = JitterbugEnv(task)
+    info = env.reset(seed=3)[1]
+    assert all(type(value) is float for key, value in info.items() if key != "target")
+    begin = info.pop("target", None)
+    for _ in range(3):
+        _, reward, *_, after = env.step(np.ones(1, np.float32))
+        assert math.prod(terms_of(after)) == reward
+        np.testing.assert_array_equal(after.pop("target", None), begin)
+        assert after.keys() == info.keys()
+        assert after != info
+
+
+@pytest.mark.parametrize(
+    ("task", "target", "distance"),
+    [
+        ("face_direction", -1.0, None),
+        ("move_to_pose", (0.12, -0.05, 2.0), 0.13),
+        ("move_to_position", [0.03, 0.04], 0.05),
+    ],
+)
+def test_reset_takes_the_target_of_the_episode(task, target, distance):
+    env, plain = JitterbugEnv(task), JitterbugEnv(task)
+    before = plain.reset(seed=4)[0]
+    observation, info = env.reset(seed=4, options={"target": target})
+    assert info["target"].tolist() == np.atleast_1d(target).tolist()
+    # The pose is that of the seed; only what depends on the target differs.
+    np.testing.assert_array_equal(observation[:15], before[:15])
+    assert np.any(observation[15:] != before[15:])
+    if distance is not None:
+        # The horizontal distance as observed, up to the tilt of the pose: 1 means 3 m.
+        assert 3 * np.linalg.norm(observation[15:17]) == pytest.approx(distance, rel=2e-3)
+        assert info["distance"] == pytest.approx(distance, rel=1e-9)
+    assert env.step(np.ones(1, np.float32))[-1]["target"].tolist() == info["target"].tolist()
+    # The next episode is the one that would have followed anyway.
+    np.testing.assert_array_equal(env.reset()[0], plain.reset()[0])
+
+
+def test_target_of_an_info_repeats_the_episode():
+    env = JitterbugEnv("move_to_pose")
+    drawn, info = env.reset(seed=5)
+    chosen, _ = env.reset(seed=5, options={"target": info["target"]})
+    np.testing.assert_array_equal(chosen, drawn)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"goal": 1}, "reset has no option goal; it has target"),
+        ({"target": [1, 2]}, "The target of face_direction is an array"),
+    ],
+)
+def test_wrong_options_are_refused_and_change_nothing(options, says):
+    env, plain = JitterbugEnv("face_direction"), JitterbugEnv("face_direction")
+    for each in (env, plain):
+        each.reset(seed=1)
+    with pytest.raises(ValueError, match=says):
+        env.reset(seed=2, options=options)
+    action = np.ones(1, np.float32)
+    np.testing.assert_array_equal(env.step(action)[0], plain.step(action)[0])
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.tasks import resets
 
@@ -134,3 +135,54 @@ def test_only_the_given_generator_is_used(task, generator):
     assert draw(generator(5)) == first
     assert draw(generator(6)) != first
     assert draw(np.random.default_rng(5)) != draw(np.random.RandomState(5))
+
+
+@pytest.mark.parametrize(
+    ("task", "numbers", "position", "yaw"),
+    [
+        ("face_direction", 2, (0, 0, 0.035), 2),
+        ("move_in_direction", [-9], (0, 0, 0.035), -9),
+        ("move_to_position", (0.1, -0.2), (0.1, -0.2, 0.035), 0),
+        ("move_to_pose", np.array([0.1, -0.2, 3]), (0.1, -0.2, 0.035), 3),
+    ],
+)
+def test_chosen_target_by_hand(task, numbers, position, yaw):
+    target = resets.chosen_target(task, numbers)
+    assert tuple(target.position) == position
+    assert target.yaw == yaw
+    assert resets.target_numbers(task, target).tolist() == np.atleast_1d(numbers).tolist()
+
+
+def test_chosen_targets_of_several_robots():
+    each = [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]
+    targets = resets.chosen_target("move_to_pose", each, 2)
+    assert targets.position.tolist() == [[0.1, 0.2, 0.035], [0.4, 0.5, 0.035]]
+    assert targets.yaw.tolist() == [0.3, 0.6]
+    same = resets.chosen_target("face_direction", 1.5, 3)
+    assert same.position.shape == (3, 3)
+    assert same.yaw.tolist() == [1.5] * 3
+
+
+@pytest.mark.parametrize(
+    ("task", "numbers", "says"),
+    [
+        ("move_from_origin", [0, 0], "has no target to choose"),
+        ("face_direction", [1, 2], r"array \(yaw\) of finite numbers, of shape \(1,\)"),
+        ("move_to_position", 0.1, r"array \(x, y\) .* of shape \(2,\)"),
+        ("move_to_pose", [0.1, 0.2], r"\(x, y, yaw\) .*not \[0.1, 0.2\]"),
+        ("move_to_pose", [0.1, 0.2, math.nan], "finite"),
+        ("move_to_pose", [0.1, 0.2, math.inf], "finite"),
+        ("move_to_pose", "north", "not 'north'"),
+        ("move_to_pose", {"x": 1}, "not {'x': 1}"),
+        ("move_to_pose", [[0.1, 0.2, 0]], "shape"),
+        ("move_to_pose", None, "not None"),
+    ],
+)
+def test_wrong_target_is_refused(task, numbers, says):
+    with pytest.raises(RequestError, match=says):
+        resets.chosen_target(task, numbers)
+
+
+def test_one_target_too_few_is_refused():
+    with pytest.raises(RequestError, match=r"of shape \(1,\) or \(3, 1\)"):
+        resets.chosen_target("face_direction", [[1], [2]], 3)

@@ -1,0 +1,64 @@
+"""The `info` of an environment: by hand, and its terms against the reward."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from jbench.names import TASKS
+from jbench.tasks import features, rewards
+from jbench.tasks.outcome import outcome
+from tests.tasks.robot_states import random_states, rest, states, target, targets
+
+# At the origin, facing -y, with 0.05 m/s along the diagonal to (0.03, -0.04) and beyond.
+STATE = rest(torso_velocity=[0.03, -0.04, 0])
+GOAL = target(0.03, -0.04, yaw=-math.pi / 4)
+NEAR = {"distance": 0.05, "reward_near": 0.1}
+HEADING = {"angle": math.pi / 4, "reward_heading": 0.5}
+BY_HAND = {
+    "move_from_origin": {"distance": 0.05, "reward_away": 0.9},
+    "face_direction": {"target": [-math.pi / 4], **HEADING},
+    # The speed along the target is 0.07 / sqrt(2) m/s, of the full 0.1 m/s.
+    "move_in_direction": {
+        "target": [-math.pi / 4],
+        "angle": math.pi / 4,
+        "reward_speed": 0.7 / math.sqrt(2),
+    },
+    "move_to_position": {"target": [0.03, -0.04], **NEAR},
+    "move_to_pose": {"target": [0.03, -0.04, -math.pi / 4], **NEAR, **HEADING},
+}
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_info_by_hand(task):
+    info = outcome(task, STATE, GOAL).info
+    expected = {**BY_HAND[task], "reward_upright": 1}
+    assert {key: np.asarray(value).tolist() for key, value in info.items()} == {
+        key: pytest.approx(value, rel=1e-12) for key, value in expected.items()
+    }
+
+
+@pytest.mark.parametrize("task", TASKS)
+@given(states(), targets())
+def test_reward_is_the_product_of_the_terms_in_info(task, state, goal):
+    _, reward, info = outcome(task, state, goal)
+    terms = [float(value) for key, value in info.items() if key.startswith("reward_")]
+    assert math.prod(terms) == reward == rewards.reward(task, state, goal)
+    assert all(0 <= term <= 1 for term in terms)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_outcomes_of_many_robots_are_those_of_each(task):
+    many, goals = random_states((4,))
+    together = outcome(task, many, goals)
+    np.testing.assert_array_equal(
+        together.observation, features.observation(task, many, goals).astype(np.float32)
+    )
+    for i in range(4):
+        one = outcome(task, type(many)(*(x[i] for x in many)), type(goals)(*(x[i] for x in goals)))
+        np.testing.assert_array_equal(one.observation, together.observation[i])
+        assert one.reward == together.reward[i]
+        assert one.info.keys() == together.info.keys()
+        for key, value in one.info.items():
+            np.testing.assert_array_equal(value, together.info[key][i])

@@ -25,6 +25,7 @@ def register_environments() -> None:
                 register(
                     environment_id(task, augmented),
                     entry_point="jbench.tasks.gym:JitterbugEnv",
+                    vector_entry_point="jbench.simulation.vector_env:JitterbugVectorEnv",
                     kwargs={"task": task, **robot},
                     max_episode_steps=EPISODE_STEPS,
                     reward_threshold=_SOLVED,

@@ -136,6 +136,11 @@ class Robots(Closing):
         self._states[indices] = snapshot
         return self._state()
 
+    def load(self, index: int, data: mujoco.MjData) -> None:
+        """Copies the complete state of one robot into `data`, which is made of its model."""
+        self._check_idle()
+        mujoco.mj_setState(data.model, data, self._states[index], _STATE)
+
     def _work(self, data: mujoco.MjData) -> None:
         """Steps robots that no other thread has taken, one after another."""
         assert self._pending is not None

@@ -1,0 +1,253 @@
+"""The tasks as a Gymnasium vector environment, on robots that several threads step together.
+
+gymnasium.make_vec("Jitterbug/FaceDirection-v0", num_envs=64)
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from jbench.cores import cores
+from jbench.errors import RequestError
+from jbench.names import EPISODE_STEPS, one_of
+from jbench.simulation.robots import Robots
+from jbench.tasks import resets
+from jbench.tasks.features import State, Target
+from jbench.tasks.gym import JitterbugEnv
+from jbench.tasks.outcome import outcome
+
+Infos = dict[str, Any]
+Step = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]
+_UNLIMITED = np.iinfo(np.int64).max  # control steps
+
+
+class JitterbugVectorEnv(
+    gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]
+):
+    """Many environments of one task, stepped together.
+
+    For the same seeds, options and actions it returns the same as a `SyncVectorEnv` of as many
+    environments, bit for bit. Returned arrays belong to the caller.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - declared as in Gymnasium
+        **JitterbugEnv.metadata,
+        "render_modes": ["rgb_array"],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        max_episode_steps: int = EPISODE_STEPS,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        **settings: Any,
+    ) -> None:
+        """Initialises the environments.
+
+        Args:
+            max_episode_steps: control steps after which an episode is truncated; -1 for never.
+            autoreset_mode: when a finished episode is followed by the next, as in `SyncVectorEnv`.
+            threads: threads that step the robots, all cores by default; results are the same.
+            settings: of every environment, see `JitterbugEnv`.
+
+        Raises:
+            ValueError: if an argument is wrong.
+        """
+        modes = self.metadata["render_modes"]
+        if settings.get("render_mode") not in (None, *modes):
+            raise RequestError(
+                f"render_mode {settings['render_mode']!r} is not one of {one_of(modes)}; "
+                "gymnasium.make has more."
+            )
+        if num_envs < 1 or max_episode_steps < -1 or max_episode_steps == 0:
+            raise RequestError(
+                "num_envs and max_episode_steps must be at least 1, not "
+                f"{num_envs} and {max_episode_steps}."
+            )
+        # Never stepped: it has the model and the spaces, and draws.
+        self._single = JitterbugEnv(task, **settings)
+        self.num_envs = num_envs
+        self.render_mode = self._single.render_mode
+        self.single_observation_space = self._single.observation_space
+        self.single_action_space = self._single.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        self._task = task
+        self._limit = _UNLIMITED if max_episode_steps == -1 else max_episode_steps
+        self._robots = Robots(self._single.model, num_envs, threads or cores())
+        self._generators, self._seeds = map(
+            list, zip(*(seeding.np_random() for _ in range(num_envs)), strict=True)
+        )
+        self._targets = Target(np.zeros((num_envs, 3)), np.zeros(num_envs))
+        self._elapsed = np.zeros(num_envs, np.int64)
+        self._started = False
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generator of each environment."""
+        return tuple(self._generators)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each generator."""
+        return tuple(self._seeds)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> tuple[NDArray[np.float32], Infos]:
+        """Starts an episode in every environment.
+
+        Args:
+            seed: of the first environment, the next ones counting up; or a seed for each.
+            options: {"target": numbers} chooses the target of all environments (n,), or of each
+                (num_envs, n), see `JitterbugEnv.reset`; {"reset_mask": mask} (num_envs,) selects
+                the environments to reset.
+
+        Raises:
+            RequestError: if an option does not exist or its value is wrong; a ValueError.
+        """
+        given = dict(options or {})
+        mask = self._reset_mask(given.pop("reset_mask", None))
+        chosen = resets.option_target(self._task, given, self.num_envs)
+        self._seed(seed, mask)
+        state = self._restart(mask, chosen)
+        observations, _, info = outcome(self._task, state, self._targets)
+        self._started = True
+        return observations, _infos(info, mask)
+
+    def step(self, actions: NDArray[np.float32]) -> Step:
+        """Applies the actions (num_envs, 1) for one control step of 0.01 s."""
+        self._check(actions)
+        restarted = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
+        state = self._robots.step(np.asarray(actions)[:, 0])
+        self._elapsed += 1
+        if restarted.any():
+            state = self._restart(restarted)
+        observations, rewards, info = outcome(self._task, state, self._targets)
+        rewards[restarted] = 0
+        truncations = self._ended
+        infos: Infos = {}
+        if self._mode is AutoresetMode.SAME_STEP and truncations.any():
+            infos = _final(observations, info, truncations)
+            state = self._restart(truncations)
+            observations, _, info = outcome(self._task, state, self._targets)
+        every = np.ones(self.num_envs, np.bool_)
+        infos.update(_infos(info, every))
+        return observations, rewards, ~every, truncations, infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Returns an image (height, width, 3) for each environment in mode "rgb_array"."""
+        if self.render_mode is None:
+            return None
+        pictures = []
+        for index in range(self.num_envs):
+            self._robots.load(index, self._single.data)
+            self._single.show_target(
+                Target(self._targets.position[index], self._targets.yaw[index])
+            )
+            pictures.append(self._single.render())
+        return tuple(pictures)
+
+    def close_extras(self, **_: Any) -> None:
+        """Stops the threads and closes the renderer."""
+        self._robots.close()
+        self._single.close()
+
+    @property
+    def _ended(self) -> NDArray[np.bool_]:
+        """Which episodes have ended, and were not followed by another yet."""
+        ended: NDArray[np.bool_] = self._elapsed >= self._limit
+        return ended
+
+    def _reset_mask(self, mask: Any) -> NDArray[np.bool_]:
+        """Returns which environments to reset: all, or those of the option reset_mask."""
+        if mask is None:
+            return np.ones(self.num_envs, np.bool_)
+        selected = np.asarray(mask)
+        if selected.shape != (self.num_envs,) or selected.dtype != np.bool_ or not selected.any():
+            raise RequestError(
+                f"reset_mask is an array of {self.num_envs} booleans, at least one of them True."
+            )
+        if not self._started:
+            raise ResetNeeded("Call reset without reset_mask first.")
+        return selected
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
+        """Seeds the generators of the environments that are reset."""
+        if seed is None:
+            return
+        if isinstance(seed, (int, np.integer)):
+            seed = [int(seed) + index for index in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise RequestError(
+                f"seed is a number or a list of {self.num_envs}, not of {len(seed)}."
+            )
+        for index in np.flatnonzero(mask).tolist():
+            if (given := seed[index]) is not None:
+                self._generators[index], self._seeds[index] = seeding.np_random(given)
+
+    def _restart(self, mask: NDArray[np.bool_], chosen: Target | None = None) -> State:
+        """Starts an episode in some environments; returns the state of all."""
+        generators = [self._generators[index] for index in np.flatnonzero(mask)]
+        starts = resets.draw_starts(self._task, generators)
+        targets = starts.targets
+        if chosen is not None:
+            targets = Target(chosen.position[mask], chosen.yaw[mask])
+        self._targets.position[mask], self._targets.yaw[mask] = targets
+        self._elapsed[mask] = 0
+        return self._robots.reset(starts.quaternions, mask)
+
+    def _check(self, actions: NDArray[np.float32]) -> None:
+        """Raises an error if the environments can't be stepped with these actions."""
+        if self.closed:
+            raise ClosedEnvironmentError("The environments are closed: make new ones.")
+        if not self._started:
+            raise ResetNeeded("Call reset before step.")
+        if self._mode is AutoresetMode.DISABLED and self._ended.any():
+            raise ResetNeeded(
+                'Episodes have ended: call reset(options={"reset_mask": truncations}) before step.'
+            )
+        if np.shape(actions) != (self.num_envs, 1):
+            raise RequestError(
+                f"actions must have shape ({self.num_envs}, 1), not {np.shape(actions)}."
+            )
+
+
+def _infos(info: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:
+    """Returns `info` as vector environments do: 0 where an environment has none, with masks."""
+    infos: Infos = {}
+    for key, values in info.items():
+        rows = mask.reshape(-1, *(1,) * (values.ndim - 1))
+        infos[key] = values if mask.all() else np.where(rows, values, 0)
+        infos[f"_{key}"] = mask.copy()
+    return infos
+
+
+def _final(
+    observations: NDArray[np.float32], info: Mapping[str, NDArray[Any]], ended: NDArray[np.bool_]
+) -> Infos:
+    """Returns the last observation and `info` of the episodes that have ended."""
+    final = np.full(len(ended), None, object)
+    for index in np.flatnonzero(ended):
+        final[index] = observations[index].copy()
+    return {
+        "final_obs": final,
+        "_final_obs": ended.copy(),
+        "final_info": _infos(info, ended),
+        "_final_info": ended.copy(),
+    }

@@ -1,0 +1,204 @@
+"""The vector environment against Gymnasium's `SyncVectorEnv` of plain environments, bit for bit."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+from jbench.names import TASKS
+from jbench.registration import environment_id
+from jbench.simulation.vector_env import JitterbugVectorEnv
+
+COUNT, LENGTH = 3, 4
+
+
+def pair(task, augmented=False, mode="NextStep", **settings):
+    """The vector environment, and its oracle."""
+    name = environment_id(task, augmented)
+    settings = {"num_envs": COUNT, "max_episode_steps": LENGTH, **settings}
+    ours = gymnasium.make_vec(name, autoreset_mode=mode, threads=2, **settings)
+    oracle = gymnasium.make_vec(
+        name, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **settings
+    )
+    return ours, oracle
+
+
+def assert_same(ours, theirs):
+    """Two results are equal in type, shape and every bit."""
+    assert type(ours) is type(theirs)
+    if isinstance(theirs, dict):
+        assert ours.keys() == theirs.keys()
+        for key, value in theirs.items():
+            assert_same(ours[key], value)
+    elif isinstance(theirs, tuple) or (isinstance(theirs, np.ndarray) and theirs.dtype == object):
+        for one, other in zip(ours, theirs, strict=True):
+            assert_same(one, other)
+    elif theirs is not None:
+        assert ours.dtype == theirs.dtype
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def steps(count, seed=0):
+    return np.random.default_rng(seed).uniform(-1.2, 1.2, (count, COUNT, 1)).astype(np.float32)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_equals_sync_vector_env(task):
+    ours, oracle = pair(task)
+    assert_same(ours.reset(seed=7), oracle.reset(seed=7))
+    for actions in steps(2 * LENGTH + 3):
+        assert_same(ours.step(actions), oracle.step(actions))
+    # Without a seed, the generators continue.
+    assert_same(ours.reset(), oracle.reset())
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_every_autoreset_mode_equals_sync_vector_env(mode):
+    ours, oracle = pair("move_to_pose", mode=mode)
+    assert ours.metadata["autoreset_mode"] is oracle.metadata["autoreset_mode"]
+    assert_same(ours.reset(seed=[5, 1, 9]), oracle.reset(seed=[5, 1, 9]))
+    mask = np.array([True, False, True])
+    for number, actions in enumerate(steps(3 * LENGTH)):
+        if number == 2:  # from here on the episodes end at different steps
+            options = {"target": [0.1, 0.2, 0.3]}
+            seed = [3, None, None]
+            results = [
+                e.reset(seed=seed, options={**options, "reset_mask": mask}) for e in (ours, oracle)
+            ]
+            assert_same(*results)
+        ours_step, oracle_step = ours.step(actions), oracle.step(actions)
+        assert_same(ours_step, oracle_step)
+        if mode == "Disabled" and ours_step[3].any():
+            ended = ours_step[3]
+            results = [e.reset(options={"reset_mask": ended}) for e in (ours, oracle)]
+            assert_same(*results)
+
+
+def test_augmented_robots_equal_sync_vector_env():
+    ours, oracle = pair("face_direction", augmented=True, augment=3, vary_masses=True)
+    assert_same(ours.reset(seed=0), oracle.reset(seed=0))
+    for actions in steps(LENGTH):
+        assert_same(ours.step(actions), oracle.step(actions))
+
+
+def test_spaces_seeds_and_metadata_are_those_of_sync_vector_env():
+    ours, oracle = pair("move_to_position")
+    assert type(ours) is JitterbugVectorEnv
+    for name in ("observation", "action", "single_observation", "single_action"):
+        assert getattr(ours, f"{name}_space") == getattr(oracle, f"{name}_space")
+    ours.reset(seed=11)
+    oracle.reset(seed=11)
+    assert ours.np_random_seed == oracle.np_random_seed == (11, 12, 13)
+    assert ours.spec.id == oracle.spec.id
+    assert ours.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    assert ours.metadata["render_fps"] == oracle.metadata["render_fps"]
+
+
+def test_a_target_for_each_environment():
+    ours, _ = pair("move_to_position", mode="SameStep")
+    targets = np.array([[0.1, 0], [0, 0.2], [0.3, 0.4]])
+    _, infos = ours.reset(seed=0, options={"target": targets})
+    np.testing.assert_array_equal(infos["target"], targets)
+    np.testing.assert_allclose(infos["distance"], [0.1, 0.2, 0.5], rtol=1e-12)
+    for actions in steps(LENGTH):
+        *_, infos = ours.step(actions)
+    np.testing.assert_array_equal(infos["final_info"]["target"], targets)
+    assert np.any(infos["target"] != targets)  # those of the next episodes are random
+
+
+def test_wrapper_of_gymnasium_counts_its_episodes():
+    env = RecordEpisodeStatistics(pair("move_from_origin")[0])
+    env.reset(seed=0)
+    results = [env.step(actions) for actions in steps(LENGTH)]
+    *_, infos = results[-1]
+    assert infos["episode"]["l"].tolist() == [LENGTH] * COUNT
+    np.testing.assert_allclose(infos["episode"]["r"], sum(r[1] for r in results), rtol=1e-6)
+
+
+def test_returned_arrays_are_the_callers():
+    ours, oracle = pair("move_to_pose")
+    results = ours.reset(seed=2)
+    oracle.reset(seed=2)
+    for actions in steps(LENGTH + 2):
+        observations, infos = results[0], results[-1]
+        observations[:] = 9
+        for array in infos.values():
+            array[:] = 9
+        results = ours.step(actions)
+        assert_same(results, oracle.step(actions))
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"num_envs": 0}, "must be at least 1, not 0 and 1000"),
+        ({"max_episode_steps": 0}, "must be at least 1, not 1 and 0"),
+        ({"render_mode": "human"}, "'human' is not one of rgb_array"),
+        ({"autoreset_mode": "Never"}, "'Never' is not a valid AutoresetMode"),
+        ({"task": "fly"}, "'fly' is not one of move_from_origin"),
+    ],
+)
+def test_wrong_settings_are_refused(settings, says):
+    with pytest.raises(ValueError, match=says):
+        JitterbugVectorEnv(**{"task": "face_direction", **settings})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"seed": [1, 2]}, "a list of 3, not of 2"),
+        ({"options": {"goal": 1}}, "no option goal"),
+        ({"options": {"target": [[1], [2]]}}, r"of shape \(1,\) or \(3, 1\)"),
+        ({"options": {"reset_mask": [True, False]}}, "an array of 3 booleans"),
+        ({"options": {"reset_mask": np.zeros(3, bool)}}, "at least one of them True"),
+        ({"options": {"reset_mask": np.ones(3)}}, "booleans"),
+    ],
+)
+def test_wrong_arguments_of_reset_are_refused(arguments, says):
+    ours, _ = pair("face_direction")
+    with pytest.raises(ValueError, match=says):
+        ours.reset(**arguments)
+
+
+def test_steps_that_make_no_sense_are_refused():
+    ours, _ = pair("face_direction", mode="Disabled")
+    actions = steps(LENGTH)
+    with pytest.raises(ResetNeeded, match="before step"):
+        ours.step(actions[0])
+    with pytest.raises(ResetNeeded, match="without reset_mask first"):
+        ours.reset(options={"reset_mask": np.ones(COUNT, bool)})
+    ours.reset(seed=0)
+    with pytest.raises(ValueError, match=r"shape \(3, 1\), not \(3,\)"):
+        ours.step(actions[0, :, 0])
+    for each in actions:
+        ours.step(each)
+    with pytest.raises(ResetNeeded, match="Episodes have ended"):
+        ours.step(actions[0])
+    ours.close()
+    ours.close()
+    with pytest.raises(ClosedEnvironmentError):
+        ours.step(actions[0])
+
+
+def test_without_a_limit_episodes_go_on():
+    ours = JitterbugVectorEnv("face_direction", max_episode_steps=-1)
+    ours.reset(seed=0)
+    ours._elapsed[:] = 10**12
+    assert not ours.step(np.ones((1, 1), np.float32))[3].any()
+
+
+@pytest.mark.usefixtures("rendering")
+def test_pictures_are_those_of_sync_vector_env():
+    ours, oracle = pair("move_to_pose", render_mode="rgb_array", width=64, height=48)
+    for env in (ours, oracle):
+        env.reset(seed=3)
+        env.step(steps(1)[0])
+    pictures = ours.render()
+    np.testing.assert_array_equal(pictures, oracle.render())
+    assert np.any(pictures[0] != pictures[1])
+    # Drawing changes nothing.
+    assert_same(ours.step(steps(1)[0]), oracle.step(steps(1)[0]))
+    ours.close()
+    oracle.close()

@@ -68,6 +68,10 @@ ReturnsName = Literal["evaluation", "training"]
 RETURNS: tuple[ReturnsName, ...] = get_args(ReturnsName)
 """The returns that a run records: deterministic evaluations, and training episodes."""
 
+ImportFormat = Literal["sb3-monitor", "sb3-evaluations", "tensorboard", "wandb-csv", "csv"]
+IMPORT_FORMATS: tuple[ImportFormat, ...] = get_args(ImportFormat)
+"""Files whose learning curves `jbench import` reads."""
+
 SWEEPS = ("smoke", "fig7", "fig8", "fig9", "question")
 """The shipped matrices: a small one, the paper's figures, and the comparisons that answer whether
 learning on a reduced-order observation helps."""

@@ -47,6 +47,12 @@ def report(
     reference: Annotated[
         bool, typer.Option("--reference", help="Add the runs shipped with jbench.")
     ] = False,
+    baseline: Annotated[
+        str | None,
+        typer.Option(
+            help="Draw the imported curves of this algorithm dashed, as published curves are."
+        ),
+    ] = None,
     returns: Annotated[
         str,
         typer.Option(
@@ -119,6 +125,7 @@ def report(
         formats=tuple(dict.fromkeys(format_ or ("png", "svg"))),
         columns=columns,
         reference=reference,
+        baseline=baseline,
         compare=compare,
         watched=watch,
         command=command,

@@ -45,6 +45,9 @@ def runs(
     returns: Annotated[
         bool, typer.Option("--returns", help="Show final returns (reads the episodes).")
     ] = False,
+    imports: Annotated[
+        bool, typer.Option("--imports", help="List imported learning curves instead of runs.")
+    ] = False,
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
@@ -64,8 +67,9 @@ def runs(
     ):
         if value is not None:
             filters[setting] = [parsing.known_or_held(setting, value, known, [database])]
-    lines, problems = list_runs(database, filters, returns)
-    header = ["run", "status", "episodes", "control steps", "of", "wall time", "created"]
+    what = "import" if imports else "run"
+    lines, problems = list_runs(database, filters, returns, what)
+    header = [what, "status", "episodes", "control steps", "of", "wall time", "created"]
     rows: list[list[object]] = [
         [
             *(line.run, line.status, f"{line.episodes:,}", f"{line.steps_done:,}"),
@@ -80,8 +84,8 @@ def runs(
         for row, line in zip(rows, lines, strict=True):
             row.append("" if line.last_return is None else f"{line.last_return:.0f}")
     output = Output(json)
-    output.table(f"{len(lines):,} runs", header, rows)
-    output.document({"runs": [line._asdict() for line in lines], "problems": problems})
+    output.table(f"{len(lines):,} {what}s", header, rows)
+    output.document({f"{what}s": [line._asdict() for line in lines], "problems": problems})
     _warn_of_damage(problems, output)
 
 

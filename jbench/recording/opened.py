@@ -87,9 +87,9 @@ class OpenedResults:
         """
         known("kind of returns", returns, RETURNS)
         request = Request(task=task, algo=algo, returns=returns, window=window, order=order)
-        found = sources.own(self._results, request)
-        _warn(found.problems)
-        cells = of_kind(found.cells, KINDS[returns])
+        found = sources.own_and_imported(self._results, request)
+        _warn([problem for source in found for problem in source.problems])
+        cells = of_kind((cell for source in found for cell in source.cells), KINDS[returns])
         return aggregate_curves([LearnedCurve(cell, curve_of(cell, request)) for cell in cells])
 
 

@@ -23,7 +23,7 @@ from jbench.report.analysis import (
 )
 from jbench.report.contents import ReportData
 from jbench.report.data import summaries
-from jbench.report.data.cells import Cell, of_kind
+from jbench.report.data.cells import Cell, of_kind, verified
 from jbench.report.data.published import PublishedCurve, read_published, read_sequences
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import Document, FigureItem
@@ -112,13 +112,17 @@ def gather(results: Results, request: Request) -> ReportData:
             return comparisons.across(sides[0], sides[1], names)
 
         return _report_data([one, other], compare, notes, request)
-    own = sources.own(results, request)
+    own, *imported = sources.own_and_imported(results, request)
     behaviours, unread = behaviour.behaviours(results, request.task)
     encoder_table = encoders.encoder_table(own.tables, request.task)
-    reported = [own, *([sources.reference(request, shipped())] if request.reference else [])]
+    reported = [own, *imported]
+    reported += [sources.reference(request, shipped())] if request.reference else []
+    if request.baseline is not None:
+        sources.check_baseline(request.baseline, reported)
     # Evaluated policies and encoders can be drawn without any run.
     drawable = bool(behaviours) or not encoder_table.empty or any(s.cells for s in reported[1:])
-    if own.runs.empty and (request.algo is not None or not drawable):
+    selected = request.algo is None or any(source.cells for source in imported)
+    if own.runs.empty and not (selected and drawable):
         raise sources.nothing_to_report(results, own.problems)
     if not own.cells and not drawable:
         raise sources.NothingYetError(
@@ -162,7 +166,7 @@ def _report_data(
     learned = [item for view in shown for item in view.learned]
     notes = [*views.missing_evaluations(shown, request)]
     notes += [note for source in reported for note in source.notes]
-    notes += [*more_notes, *processor.left_out(shown[0].cells)]
+    notes += [*more_notes, *processor.left_out(verified(shown[0].cells))]
     notes += summaries.sentences(learned, published, request.window)
     findings = None
     if request.claims:

@@ -24,6 +24,7 @@ class Request:
         formats: formats of the figures, from `names.FIGURE_FORMATS`.
         columns: width of the figures in columns of a paper, 1 or 2; None for a screen.
         reference: whether to add the runs shipped with jbench.
+        baseline: algorithm whose imported curves are drawn as published ones, or None.
         compare: two results directories, or two selections of settings; see `sources.side`.
         watched: whether the report is rewritten regularly, so that its page reloads itself.
         command: the command line, which is written into the page.
@@ -43,6 +44,7 @@ class Request:
     formats: tuple[str, ...] = ("png", "svg")
     columns: int | None = None
     reference: bool = False
+    baseline: str | None = None
     compare: tuple[str, str] | None = None
     watched: bool = False
     command: str = "jbench report"
@@ -59,6 +61,8 @@ class Request:
             known("format", name, FIGURE_FORMATS)
         if not self.formats:
             raise RequestError(f"Figures need a format; choose {', '.join(FIGURE_FORMATS)}.")
+        if self.compare is not None and self.baseline is not None:
+            raise RequestError("--baseline and --compare exclude each other; type one of them.")
         if self.compare is not None and self.compare[0] == self.compare[1]:
             raise RequestError(f"--compare {' '.join(self.compare)}: type two different ones.")
         self.begun_since()

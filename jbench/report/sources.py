@@ -1,4 +1,4 @@
-"""Sources of a report's runs: the results, the shipped runs, or two sides of a comparison."""
+"""Sources of a report: the results, imports, the shipped runs, or two sides of a comparison."""
 
 import json
 import math
@@ -13,7 +13,8 @@ import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
 from jbench.report.data.building import build_cells, usable_runs
-from jbench.report.data.cells import OURS, Cell
+from jbench.report.data.cells import IMPORTED, OURS, Cell
+from jbench.report.data.imported import as_runs, with_spacing_note
 from jbench.report.data.variants import value_text
 from jbench.report.request import Request
 from jbench.settings.alike import flatten
@@ -61,10 +62,56 @@ class Source:
     name: str = OURS
 
 
-def own(results: Results, request: Request) -> Source:
-    """Returns the runs of the results that pass the filters of the request."""
+def own(results: Results, request: Request, *, strict: bool = True) -> Source:
+    """Returns the runs of the results that pass the filters of the request.
+
+    Raises:
+        NothingYetError: if there are runs, but none passes, and `strict` is set.
+    """
     tables, problems = query.load(results, (*_RUNS, *_MORE), **_READ)
-    return _source(tables, problems, request)
+    return _source(tables, problems, request, strict=strict)
+
+
+def imported(results: Results, request: Request) -> Source:
+    """Returns the imported curves, which form separate cells; they have no date of a beginning."""
+    tables, problems = query.load(results, ("imports", "import_points"))
+    runs, notes = as_runs(tables["imports"], tables["import_points"])
+    source = _source(runs, problems, replace(request, since=None), IMPORTED, strict=False)
+    cells = [with_spacing_note(cell) for cell in source.cells]
+    return replace(source, cells=cells, notes=[*source.notes, *(notes if cells else [])])
+
+
+def own_and_imported(results: Results, request: Request) -> list[Source]:
+    """Returns the runs of the results, and the imported curves if there are any.
+
+    Raises:
+        NothingYetError: if no run or import passes the filters of the request.
+    """
+    imports = imported(results, request)
+    shown = bool(imports.cells)
+    ours = own(results, request, strict=not shown)
+    if shown or imports.problems:
+        return [ours, imports]
+    return [ours]
+
+
+def check_baseline(baseline: str, reported: Sequence[Source]) -> None:
+    """Checks that curves of the baseline were imported, and that there are others.
+
+    Raises:
+        NothingYetError: if not.
+    """
+    cells = [cell for source in reported for cell in source.cells]
+    labels = sorted({cell.algo for cell in cells if cell.source == IMPORTED})
+    if baseline not in labels:
+        raise NothingYetError(
+            f"--baseline {baseline}: no curve of that label was imported; there are "
+            f"{', '.join(labels) or 'no imports'}."
+        )
+    if all((cell.source, cell.algo) == (IMPORTED, baseline) for cell in cells):
+        raise NothingYetError(
+            f"--baseline {baseline}: there are no other curves to draw it beside; leave it out."
+        )
 
 
 def reference(request: Request, path: Path) -> Source:

@@ -51,7 +51,8 @@ def sentences(
 
 def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
     """Returns a sentence on the number of runs and their cells."""
-    cells = next(view.cells for view in views if view.kind is TRAINING)
+    by_training = sorted(views, key=lambda view: view.kind is not TRAINING)
+    cells = list({c.key: c for view in reversed(by_training) for c in view.cells}.values())
     count = sum(len(cell.seeds) for cell in cells)
     diverged = int(runs["diverged"].notna().sum())
     statuses = Counter(runs.loc[runs["diverged"].isna(), "status"])

@@ -9,9 +9,9 @@ from jbench.report.analysis.comparisons import Comparison
 from jbench.report.analysis.examine import examine
 from jbench.report.analysis.reduction import Group, Reduction
 from jbench.report.analysis.scores import Summary
-from jbench.report.data.cells import Cell, LearnedCurve, of_kind, paper_order
+from jbench.report.data.cells import IMPORTED, Cell, LearnedCurve, of_kind, paper_order, verified
 from jbench.report.data.curves import Curve, learning_curve
-from jbench.report.data.published import PublishedCurve
+from jbench.report.data.published import PublishedCurve, imported_curve
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns, in_order_of
 from jbench.report.request import Request
 
@@ -32,6 +32,7 @@ class View:
         reductions: comparisons of each representation with the full and the scaled observation.
         groups: groups of cells that differ only in their representation.
         findings: findings on the claims (a) to (g); empty unless they were requested.
+        baseline: algorithm whose imported curves are drawn as published ones, or None.
     """
 
     kind: Returns
@@ -42,6 +43,20 @@ class View:
     reductions: Sequence[Reduction]
     groups: Sequence[Group]
     findings: Sequence[Finding]
+    baseline: str | None = None
+
+    @property
+    def drawn(self) -> list[LearnedCurve]:
+        """Curves of runs and imports, without those of the baseline."""
+        return [item for item in self.learned if not self._is_baseline(item.cell)]
+
+    @property
+    def baselines(self) -> list[PublishedCurve]:
+        """Curves of the baseline."""
+        return [imported_curve(item) for item in self.learned if self._is_baseline(item.cell)]
+
+    def _is_baseline(self, cell: Cell) -> bool:
+        return cell.source == IMPORTED and cell.algo == self.baseline
 
     @property
     def cells(self) -> list[Cell]:
@@ -86,9 +101,10 @@ def views_of(
                 learned=learned,
                 statistics=scores.summaries(learned, published),
                 comparisons=compare(of_sources),
-                reductions=reduction.reductions(cells),
-                groups=reduction.groups(cells),
-                findings=examine(cells) if request.claims else [],
+                reductions=reduction.reductions(verified(cells)),
+                groups=reduction.groups(verified(cells)),
+                findings=examine(verified(cells)) if request.claims else [],
+                baseline=request.baseline,
             )
         )
     return views

@@ -89,7 +89,7 @@ def fingerprint(directories: list[Path]) -> str:
     """Returns a hash that changes whenever a manifest below these directories does."""
     digest = hashlib.sha256()
     for directory in directories:
-        for kind in ("runs", "encoders", "evaluations"):
+        for kind in ("runs", "encoders", "evaluations", "imports"):
             for path in sorted((directory / kind).rglob(MANIFEST)):
                 try:
                     stat = path.stat()

@@ -1,7 +1,7 @@
 """A results directory and its records.
 
 results/
-datasets/<id>/  encoders/<id>/  runs/<id>/  evaluations/<id>/
+datasets/<id>/  encoders/<id>/  runs/<id>/  evaluations/<id>/  imports/<id>/
 manifest.json                      settings, status and list of files
 <table>-<n>-<hash>.parquet, *.safetensors, *.json
 <role>-<hash>.*                    checkpoints of unfinished work
@@ -50,7 +50,7 @@ class Results:
         kind: Kind,
         id: str,
         settings: Mapping[str, Any],
-        made_on: Mapping[str, str | None] | None = None,
+        made_on: Mapping[str, Any] | None = None,
     ) -> Record:
         """Creates a record, or restarts an unfinished one; see `Record.create`."""
         record = self.record(kind, id)

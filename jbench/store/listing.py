@@ -1,8 +1,10 @@
-"""The runs of a results directory, from their manifests."""
+"""The runs and imports of a results directory, from their manifests."""
 
 import math
 from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
@@ -10,6 +12,7 @@ from jbench.returns import final_return
 from jbench.settings.run import read_run
 from jbench.store import schema
 from jbench.store.database import Results
+from jbench.store.manifest import Kind
 from jbench.store.record import Record
 
 
@@ -45,18 +48,22 @@ class RunLine(NamedTuple):
 
 
 def list_runs(
-    results: Results, filters: Mapping[str, Collection[Any]], returns: bool = False
+    results: Results,
+    filters: Mapping[str, Collection[Any]],
+    returns: bool = False,
+    kind: Literal["run", "import"] = "run",
 ) -> tuple[list[RunLine], list[str]]:
     """Returns the runs, oldest first, and an error for each unreadable one.
 
     Args:
         filters: allowed values by field of `RunLine`.
         returns: whether to read the episodes for the last returns.
+        kind: whether to list the runs or the imported curves.
     """
-    records, problems = results.scan("run")
+    records, problems = results.scan(kind)
     lines = []
     for record in records:
-        line = _line(record)
+        line = _line(record) if kind == "run" else _line_of_import(record)
         if all(getattr(line, name) in values for name, values in filters.items()):
             try:
                 lines.append(_with_returns(line, record) if returns else line)
@@ -66,8 +73,9 @@ def list_runs(
 
 
 def values_of(results: Results, setting: str) -> set[str]:
-    """Returns the text values of a setting, such as `algo`, in the readable runs."""
-    values = (record.settings.get(setting) for record in results.scan("run")[0])
+    """Returns the text values of a setting, such as `algo`, in the readable runs and imports."""
+    kinds: tuple[Kind, ...] = ("run", "import")
+    values = (record.settings.get(setting) for kind in kinds for record in results.scan(kind)[0])
     return {value for value in values if isinstance(value, str)}
 
 
@@ -92,7 +100,19 @@ def _line(record: Record) -> RunLine:
     )
 
 
+def _line_of_import(record: Record) -> RunLine:
+    summary = record.manifest.summary
+    line = _line(record)
+    points, steps = (_number(summary.get(name)) for name in ("points", "control_steps"))
+    return line._replace(episodes=int(points or 0), steps_done=steps or 0, wall_time=None)
+
+
 def _with_returns(line: RunLine, record: Record) -> RunLine:
+    if record.kind == "import":
+        points = record.read("import_points", schema.IMPORT_POINTS).to_pandas()
+        returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
+        is_evaluation = record.settings.get("returns") == "evaluation"
+        return line._replace(last_return=final_return(returns[-1:] if is_evaluation else returns))
     rows = record.read("episodes", schema.EPISODES)
     if not len(rows):
         return line

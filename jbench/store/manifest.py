@@ -25,7 +25,7 @@ OLDEST_SCHEMA_VERSION = 1
 
 MANIFEST = "manifest.json"
 
-Kind = Literal["dataset", "encoder", "run", "evaluation"]
+Kind = Literal["dataset", "encoder", "run", "evaluation", "import"]
 Status = Literal["unfinished", "finished", "failed"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -66,8 +66,12 @@ def _plain_date(text: str) -> str:
     return text
 
 
-def _plain_settings(settings: dict[str, Any]) -> dict[str, Any]:
-    """Checks the characters of names and texts in settings."""
+def plain_settings(settings: dict[str, Any]) -> dict[str, Any]:
+    """Returns the settings after checking the characters of their names and texts.
+
+    Raises:
+        ValueError: if a text can't be recorded.
+    """
     for name in _NAMES & settings.keys():
         value = settings[name]
         if isinstance(value, str) and not _NAME.fullmatch(value):
@@ -157,7 +161,7 @@ class Manifest(BaseModel):
     kind: Kind
     id: str
     status: Status = "unfinished"
-    settings: Annotated[dict[str, Any], AfterValidator(_plain_settings)] = Field(
+    settings: Annotated[dict[str, Any], AfterValidator(plain_settings)] = Field(
         description="what produced it; hashed into its id"
     )
     summary: Annotated[dict[str, Any], AfterValidator(_plain_summary)] = Field(

@@ -79,8 +79,8 @@ def merge(
 def _check_source(results: Results, source: Results) -> None:
     if not any((source.path / f"{kind}s").is_dir() for kind in KINDS):
         raise RequestError(
-            f"{source.path} holds no results; name a directory with datasets, encoders, runs or "
-            "evaluations in it."
+            f"{source.path} holds no results; name a directory with datasets, encoders, runs, "
+            "evaluations or imports in it."
         )
     if source.path.resolve() == results.path.resolve():
         raise RequestError(f"{source.path} is the results directory itself; name another.")

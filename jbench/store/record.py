@@ -21,15 +21,13 @@ from jbench.store.record_reader import RecordReader
 
 
 class Record(RecordReader):
-    """A dataset, an encoder, a run or an evaluation: its manifest and its files."""
+    """A dataset, an encoder, a run, an evaluation or an import: its manifest and its files."""
 
-    def create(
-        self, settings: Mapping[str, Any], made_on: Mapping[str, str | None] | None = None
-    ) -> None:
+    def create(self, settings: Mapping[str, Any], made_on: Mapping[str, Any] | None = None) -> None:
         """Creates the record, or restarts an unfinished one without its data.
 
         Args:
-            made_on: more provenance, from `device_provenance`.
+            made_on: more provenance, such as that of `device_provenance`.
 
         Raises:
             RequestError: if the settings are invalid, or the directory is not writable.

@@ -17,7 +17,7 @@ _MAX_MANIFEST = 1 << 26  # bytes; a manifest of 100,000 files has half as many
 
 
 class RecordReader:
-    """Read access to a dataset, an encoder, a run or an evaluation."""
+    """Read access to a dataset, an encoder, a run, an evaluation or an import."""
 
     manifest: Manifest
 

@@ -93,6 +93,23 @@ def _evaluation_row(record: Record) -> Row:
     }
 
 
+def _import_row(record: Record) -> Row:
+    settings, summary = record.settings, record.manifest.summary
+    hashes, names = settings.get("files"), record.manifest.provenance.get("files")
+    named = isinstance(hashes, list) and isinstance(names, list)
+    files = dict(zip(hashes, names, strict=False)) if named else {}
+    return {
+        "import": record.id,
+        **{
+            name: settings.get(name)
+            for name in ("task", "algo", "representation", "seed", "format", "returns")
+        },
+        **{name: summary.get(name) for name in ("points", "control_steps")},
+        "files": json.dumps(files),
+        **_common_row(record),
+    }
+
+
 def _dataset_row(record: Record) -> Row:
     return {
         "dataset": record.id,
@@ -134,5 +151,6 @@ KINDS: dict[Kind, Tables] = {
         "policy_evaluations", _evaluation_row, {"policy_episodes": schema.POLICY_EPISODES}
     ),
     "dataset": Tables("datasets", _dataset_row, {}),
+    "import": Tables("imports", _import_row, {"import_points": schema.IMPORT_POINTS}),
 }
 """The tables of each kind of records."""

@@ -204,6 +204,45 @@ DATASET_EPISODES = pa.schema(
 )
 """Episodes of a dataset: the target of each task (m, m, rad)."""
 
+_IMPORT = field("import", pa.string())
+
+IMPORTS = pa.schema(
+    [
+        _IMPORT,
+        field("task", pa.string()),
+        field("algo", pa.string()),
+        field("representation", pa.string()),
+        field("seed", pa.int64()),
+        field("format", pa.string()),
+        field("returns", pa.string(), "training or evaluation"),
+        field("points", pa.int64()),
+        field("control_steps", pa.int64(), "control steps of the last point"),
+        field("files", pa.string(), "JSON: names by SHA-256"),
+        field("status", pa.string()),
+        field("created", pa.string(), "UTC"),
+        field("updated", pa.string(), "UTC"),
+        field("settings", pa.string(), "JSON"),
+        field("provenance", pa.string(), "JSON"),
+    ]
+)
+"""One row for each learning curve that `jbench import` read, from its manifest."""
+
+IMPORT_POINTS = pa.schema(
+    [
+        _IMPORT,
+        field("point", pa.int32()),
+        field("control_steps", pa.int64(), "control steps before the point, all environments"),
+        field("episode", pa.int32()),
+        _RETURN,
+        _LENGTH,
+        field("wall_time", pa.float64(), "s since the first point's run began; null if unknown"),
+    ]
+)
+"""Points of imported curves, `episode` counting within a point.
+
+A point is a training episode, an evaluation, or a value of a TensorBoard tag or a CSV column.
+"""
+
 PUBLISHED = pa.schema(
     [
         field("figure", pa.string()),
@@ -230,6 +269,8 @@ TABLES = {
     "datasets": DATASETS,
     "policy_evaluations": POLICY_EVALUATIONS,
     "policy_episodes": POLICY_EPISODES,
+    "imports": IMPORTS,
+    "import_points": IMPORT_POINTS,
     "published": PUBLISHED,
 }
 """The tables of `jbench query`."""

@@ -47,8 +47,8 @@ def build_cells(
 ) -> tuple[list[Cell], list[str]]:
     """Returns the cells in the order of the paper, and notes on runs that are in none.
 
-    Runs with the same settings form a cell of training returns and, if any was evaluated, a cell of
-    evaluation returns.
+    Runs with the same settings form a cell of training returns, if any has training episodes, and a
+    cell of evaluation returns, if any was evaluated.
 
     Args:
         runs: rows of the table `runs`; see `usable_runs`.
@@ -58,7 +58,9 @@ def build_cells(
     """
     trained, evaluated = _training_points(episodes), _evaluation_points(evaluations)
     runs = runs.assign(
-        recorded=[len(trained.get(run, _NOTHING).returns) for run in runs["run"]],
+        recorded=[
+            len(trained.get(run, evaluated.get(run, _NOTHING)).returns) for run in runs["run"]
+        ],
         divergence=pd.Series([divergence_of(t) for t in runs["diverged"]], runs.index, object),
     )
     idle = (runs["recorded"] == 0) & runs["divergence"].isna()
@@ -72,7 +74,8 @@ def build_cells(
         labels = variant_labels(dict(zip(group["variant"], _settings(group), strict=True)))
         for variant, label in labels.items():
             seeds = _Seeds(group[group["variant"] == variant])
-            cells.append(_build_cell(seeds, label, TRAINING, trained, source))
+            if any(run in trained for run in seeds.chosen["run"]) or seeds.any_diverged():
+                cells.append(_build_cell(seeds, label, TRAINING, trained, source))
             if any(run in evaluated for run in seeds.chosen["run"]) or seeds.diverged_too_early():
                 cells.append(_build_cell(seeds, label, EVALUATION, evaluated, source))
     return sorted(cells, key=paper_order), notes
@@ -91,6 +94,10 @@ class _Seeds:
         self.runs = runs.sort_values(order, ascending=[True, False, False, True])
         self.chosen = self.runs.drop_duplicates("seed")
 
+    def any_diverged(self) -> bool:
+        """Returns whether a run diverged."""
+        return bool(self.chosen["divergence"].notna().any())
+
     def diverged_too_early(self) -> bool:
         """Returns whether evaluations were planned for all runs, but all diverged."""
         planned = [run.evaluate_episodes for run in _settings(self.chosen)]
@@ -101,11 +108,11 @@ def _build_cell(
     seeds: _Seeds, label: str, kind: Returns, recorded: Mapping[str, Recorded], source: str
 ) -> Cell:
     chosen, notes = seeds.chosen, []
-    if kind is EVALUATION:
-        usable = chosen["run"].isin(list(recorded)) | chosen["divergence"].notna()
-        if not usable.all():
-            notes.append(f"{(~usable).sum()} of {len(chosen)} seeds have no evaluation")
-        chosen = chosen[usable]
+    usable = chosen["run"].isin(list(recorded)) | chosen["divergence"].notna()
+    if not usable.all():
+        point = "evaluation" if kind is EVALUATION else "training episode"
+        notes.append(f"{(~usable).sum()} of {len(chosen)} seeds have no {point}")
+    chosen = chosen[usable]
     stacked = _stacked([recorded.get(run, _NOTHING) for run in chosen["run"]], kind)
     absent = (np.isnan(stacked.returns) & np.isfinite(stacked.control_steps)).sum(axis=1)
     planned = int(chosen["steps"].fillna(0).max())
@@ -114,7 +121,8 @@ def _build_cell(
     points = np.arange(counted.returns.shape[1])
     lengths = np.max(np.where(np.isfinite(counted.control_steps), points + 1, 0), axis=1)
     if kind is TRAINING:
-        notes += _notes(seeds.runs, chosen, divergences)
+        runs = seeds.runs[seeds.runs["seed"].isin(chosen["seed"])]
+        notes += _notes(runs, chosen, divergences)
     notes += _notes_on_points(chosen, counted.control_steps, absent, kind)
     first, settings = chosen.iloc[0], _settings(chosen)[0]
     robots = 0 if settings.augment is None else settings.robots

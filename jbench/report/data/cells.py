@@ -20,6 +20,9 @@ SOLVED = 900
 OURS = "ours"
 """Source of the runs in the reported results."""
 
+IMPORTED = "imported, not verified"
+"""Source of imported learning curves."""
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -107,6 +110,11 @@ class Cell:
     def same_but(self, other: "Cell", *names: str) -> bool:
         """Returns whether two cells differ only in these settings; see `alike.comparable`."""
         return comparable(self.settings, *names) == comparable(other.settings, *names)
+
+
+def verified(cells: Iterable[Cell]) -> list[Cell]:
+    """Returns the cells of runs, without imported curves."""
+    return [cell for cell in cells if cell.source != IMPORTED]
 
 
 def of_kind(cells: Iterable[Cell], kind: Returns) -> list[Cell]:

@@ -1,4 +1,4 @@
-"""The paper's learning curves, for comparison with ours."""
+"""The paper's learning curves, and imported ones that are drawn like them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -8,7 +8,8 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS, FULL
-from jbench.report.data.curves import FloatArray
+from jbench.report.data.cells import IMPORTED, LearnedCurve
+from jbench.report.data.curves import QUANTILES, FloatArray
 
 PPO_ENVIRONMENTS = 8
 """Parallel environments of the paper's PPO; its figures probably count the steps of only one."""
@@ -24,10 +25,10 @@ _NOT_COMPARED = (_SEQUENCE, "fig8-10-90")
 
 @dataclass(frozen=True)
 class PublishedCurve:
-    """One learning curve of the paper.
+    """One learning curve of the paper, or an imported one.
 
     Attributes:
-        figure: figure of the paper (`fig7`, `fig8` or `fig9`), or `augmented-sac`.
+        figure: figure of the paper (`fig7`, `fig8` or `fig9`), `augmented-sac`, or `IMPORTED`.
         task: task of the runs.
         algo: algorithm of the runs.
         representation: `full` or `dae12`.
@@ -59,6 +60,20 @@ class PublishedCurve:
         if not low <= control_steps <= high:
             return None
         return float(np.interp(control_steps, self.control_steps, self.quantiles[50]))
+
+
+def imported_curve(item: LearnedCurve) -> PublishedCurve:
+    """Returns an imported curve in the form of a published one."""
+    cell, curve = item
+    known = curve.seeds > 0
+    return PublishedCurve(
+        figure=IMPORTED,
+        task=cell.task,
+        algo=cell.algo,
+        representation=cell.representation,
+        control_steps=curve.control_steps[known],
+        quantiles={percent: curve.quantile(percent)[known] for percent in QUANTILES},
+    )
 
 
 def read_published(table: pa.Table) -> list[PublishedCurve]:

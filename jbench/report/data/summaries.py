@@ -74,6 +74,7 @@ def summary_table(
         window: requested number of episodes in a moving average.
     """
     rows: dict[tuple[str, ...], dict[str, Any]] = {}
+    trained = {item.cell.key for item in learned if item.cell.kind is TRAINING}
     for item in learned:
         row = rows.setdefault(item.cell.key, {})
         row |= _final(item.cell)
@@ -81,7 +82,8 @@ def summary_table(
             *([row["notes"]] if row.get("notes") else []),
             *cell_notes(item, published, window),
         ]
-        row |= _table_row(item.cell, published) if item.cell.kind is TRAINING else {}
+        if item.cell.kind is TRAINING or item.cell.key not in trained:
+            row |= _table_row(item.cell, published)
         row["notes"] = "; ".join(notes)
     return pd.DataFrame(list(rows.values()), None, _COLUMNS)
 

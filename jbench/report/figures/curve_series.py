@@ -122,7 +122,11 @@ def published_series(
 
 
 def curve_key(
-    bands: Sequence[tuple[int, int]], figure_names: Sequence[str], *, each_seed: bool = False
+    bands: Sequence[tuple[int, int]],
+    figure_names: Sequence[str],
+    *,
+    each_seed: bool = False,
+    whose: str = "ours",
 ) -> list[tuple[str, Style | Shade]]:
     """Returns the key of the kinds of lines and bands.
 
@@ -130,16 +134,19 @@ def curve_key(
         bands: bands of our curves, the narrowest first; published curves have only that one.
         figure_names: figures of the paper whose curves are shown.
         each_seed: whether single seeds are shown.
+        whose: name of the curves that are not published.
     """
     color = KEY_COLOR
     key: list[tuple[str, Style | Shade]] = [
-        ("ours: median across seeds", Style(color, width=_WIDTH)),
-        ("ours: not reached by all seeds", Style(color, DOTS, _WIDTH)),
+        (f"{whose}: median across seeds", Style(color, width=_WIDTH)),
+        (f"{whose}: not reached by all seeds", Style(color, DOTS, _WIDTH)),
     ]
     if each_seed:
-        key.append(("ours: a single seed", Style(color, width=0.5, alpha=0.6)))
+        key.append((f"{whose}: a single seed", Style(color, width=0.5, alpha=0.6)))
     for i, band in enumerate(bands):
-        key.append((f"ours: {percentiles(band)}", Shade(color, _BAND_ALPHA * (len(bands) + 1 - i))))
+        key.append(
+            (f"{whose}: {percentiles(band)}", Shade(color, _BAND_ALPHA * (len(bands) + 1 - i)))
+        )
     source = f"published ({', '.join(figure_names)})"
     one_seed = list(figure_names) == ["Figure 7"]
     if figure_names:

@@ -31,8 +31,8 @@ def of_curves(
     view: View, published: Sequence[PublishedCurve], aggregate: pd.DataFrame, request: Request
 ) -> Iterator[FigureItem]:
     """Yields the learning curves: all, full against encoded, and sequences of robots."""
-    kind, one_robot = view.kind, _on_one_robot(view)
-    options = one_robot, published, request.order, request.window
+    kind, one_robot = view.kind, [item for item in view.drawn if item.cell.robots <= 1]
+    options = one_robot, [*published, *view.baselines], request.order, request.window
     training, each_seed = kind is TRAINING, request.each_seed
     aggregate = aggregate[aggregate["returns"] == kind.name]
     if one_robot:

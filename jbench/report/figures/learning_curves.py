@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jbench.names import ALGORITHMS, FULL, TASKS, Order
-from jbench.report.data.cells import LearnedCurve, in_order
+from jbench.report.data.cells import IMPORTED, LearnedCurve, in_order
 from jbench.report.data.published import PPO_ENVIRONMENTS, PublishedCurve
 from jbench.report.data.returns import TRAINING, Returns
 from jbench.report.figure import Axis, Figure, Panel, Series
@@ -68,7 +68,10 @@ def grid_figure(
             for task in tasks
         ],
         curve_series.curve_key(
-            [(10, 90)], ["Figure 9"] if kind is TRAINING else [], each_seed=each_seed
+            [(10, 90)],
+            ["Figure 9"] if kind is TRAINING else [],
+            each_seed=each_seed,
+            whose=_whose(learned),
         ),
         notes,
     )
@@ -157,6 +160,7 @@ def _task_panel(
                 series += curve_series.published_series(
                     curve, colors[algo], (10, 90), "", each_seed=each_seed
                 )
+    series += _baseline_series(published, task, (10, 90), each_seed)
     return Panel(
         task, curve_series.steps_axis(_end(learned)), y, series, [curve_series.SOLVED_LINE]
     )
@@ -201,7 +205,10 @@ def _comparison_figure(
         f"Full against encoded observations: {kind.name} return",
         [panel],
         curve_series.curve_key(
-            bands, sorted({curve.figure_name for curve in published}), each_seed=each_seed
+            bands,
+            sorted({curve.figure_name for curve in published}),
+            each_seed=each_seed,
+            whose=_whose(learned),
         ),
         [
             f"{curve_text(learned, order, window)} {band_text(bands)}",
@@ -211,8 +218,22 @@ def _comparison_figure(
 
 
 def _comparable(published: Sequence[PublishedCurve], kind: Returns) -> Sequence[PublishedCurve]:
-    """Returns the paper's curves that can be compared with ours, which are training returns."""
-    return published if kind is TRAINING else ()
+    """Returns the baselines, and the paper's curves with our training returns, which they are."""
+    return [curve for curve in published if kind is TRAINING or curve.figure == IMPORTED]
+
+
+def _baseline_series(
+    published: Sequence[PublishedCurve], task: str, band: tuple[int, int], each_seed: bool
+) -> list[Series]:
+    """Returns the imported curves of a task that are drawn as published ones."""
+    series: list[Series] = []
+    for curve in published:
+        if (curve.figure, curve.task) == (IMPORTED, task):
+            label = f"{IMPORTED}: {display_name(curve.algo)} on {curve.representation}"
+            series += curve_series.published_series(
+                curve, curve_series.KEY_COLOR, band, label, each_seed=each_seed
+            )
+    return series
 
 
 def curve_text(learned: Sequence[LearnedCurve], order: Order, window: int) -> str:
@@ -261,6 +282,11 @@ def _published_text(published: Sequence[PublishedCurve]) -> list[str]:
         "order gives narrower bands than quantile-first.",
     }
     return [f"{texts[figure]} {_CUT_NOTE}" for figure in sorted({c.figure for c in published})]
+
+
+def _whose(learned: Sequence[LearnedCurve]) -> str:
+    """Returns how the key names the curves that are not published."""
+    return IMPORTED if all(item.cell.source == IMPORTED for item in learned) else "ours"
 
 
 def _end(learned: Sequence[LearnedCurve]) -> float:

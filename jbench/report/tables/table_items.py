@@ -9,7 +9,7 @@ from jbench.report import formatting
 from jbench.report.analysis.comparisons import best_of
 from jbench.report.analysis.scores import SPREADS
 from jbench.report.analysis.statistics import DECIDING_SEEDS, MIN_SEEDS
-from jbench.report.data.cells import SOLVED, Cell, in_order
+from jbench.report.data.cells import SOLVED, Cell, in_order, verified
 from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import TRAINING
 from jbench.report.data.summaries import published_beside
@@ -39,7 +39,8 @@ def final_returns(view: View) -> TableItem:
     """Returns the main table: a row per algorithm and observation, a column per task."""
     cells = view.cells
     tasks = in_order({cell.task for cell in cells}, TASKS)
-    best = [best_of([c for c in cells if c.task == task and c.robots <= 1]) for task in tasks]
+    ranked = [cell for cell in verified(cells) or cells if cell.robots <= 1]
+    best = [best_of([cell for cell in ranked if cell.task == task]) for task in tasks]
     rows: dict[tuple[object, ...], dict[str, object]] = {}
     for cell, named in zip(cells, values.names(cells, task=False), strict=True):
         steps = values.trained(cell)
@@ -53,7 +54,7 @@ def final_returns(view: View) -> TableItem:
         f"the number of seeds n. {view.kind.final} {_STEPS} Bold: the median is above that of "
         "every other row, with the 95% interval of each difference above 0, at the last control "
         f"step that both have reached, with at least {DECIDING_SEEDS} seeds each; if nothing is "
-        f"bold, no row is best.{_divergence(cells)}",
+        f"bold, no row is best.{_unranked(cells)}{_divergence(cells)}",
         pd.DataFrame(list(rows.values()), columns=heading),
     )
 
@@ -89,6 +90,12 @@ def returns_of_cells(view: View, published: Sequence[PublishedCurve]) -> TableIt
         f"{published_note if view.kind is TRAINING else ''}{_divergence(view.cells)}",
         pd.DataFrame(rows).dropna(axis="columns", how="all"),
     )
+
+
+def _unranked(cells: Sequence[Cell]) -> str:
+    """Returns a sentence on imported curves beside runs, which are not ranked with them."""
+    ranked = len(verified(cells))
+    return " Imported rows are not ranked." if 0 < ranked < len(cells) else ""
 
 
 def _divergence(cells: Sequence[Cell]) -> str:

@@ -1,0 +1,99 @@
+"""The import command."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jbench import names
+from jbench.commands import parsing
+from jbench.commands.options import RESULTS, JsonOption, ResultsOption, TaskOption, complete
+from jbench.commands.output import Output
+
+
+def import_(
+    files: Annotated[list[Path], typer.Argument(help="Files with learning curves.")],
+    format: Annotated[
+        str,
+        typer.Option(
+            "--from",
+            help=f"Format of the files: {', '.join(names.IMPORT_FORMATS)}.",
+            autocompletion=complete(*names.IMPORT_FORMATS),
+        ),
+    ],
+    task: TaskOption,
+    algo: Annotated[str, typer.Option(help="Label of the algorithm, such as cleanrl-td3.")],
+    seed_from: Annotated[
+        str | None,
+        typer.Option(
+            metavar="REGEX",
+            help="Regular expression that finds the seed in a file's path, or in the name of a "
+            "run of W&B; its first group, or the whole match.",
+        ),
+    ] = None,
+    representation: Annotated[
+        str, typer.Option(help="Label of what the agent observes: full, or one such as dae12.")
+    ] = names.FULL,
+    steps_column: Annotated[
+        str | None,
+        typer.Option(
+            help="CSV: column with the control steps (default: control_steps; wandb-csv: the "
+            "first column)."
+        ),
+    ] = None,
+    return_column: Annotated[
+        str | None,
+        typer.Option(
+            help="CSV: column with the returns (default: episode_return); wandb-csv: the metric."
+        ),
+    ] = None,
+    seed_column: Annotated[
+        str | None, typer.Option(help="csv: column with the seed, instead of --seed-from.")
+    ] = None,
+    tag: Annotated[
+        str | None,
+        typer.Option(
+            help="tensorboard: tag with the returns (default: charts/episodic_return or "
+            "rollout/ep_rew_mean)."
+        ),
+    ] = None,
+    returns: Annotated[
+        str | None,
+        typer.Option(
+            help="Kind of the returns: training or evaluation (default: evaluation if the column "
+            "or tag begins with eval).",
+            autocompletion=complete(*names.RETURNS),
+        ),
+    ] = None,
+    results: ResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Import learning curves made by other programs, to compare them in the report."""
+    from jbench.importing.importer import import_curves
+    from jbench.importing.request import ImportRequest
+
+    output, database = Output(json), parsing.results_to_write(results)
+    request = ImportRequest(
+        format=names.known("value of --from", format, names.IMPORT_FORMATS),
+        task=names.known("task", task, names.TASKS),
+        algo=algo,
+        seed_from=seed_from,
+        representation=representation,
+        tag=tag,
+        steps_column=steps_column,
+        return_column=return_column,
+        seed_column=seed_column,
+        returns=None if returns is None else names.known("kind of return", returns, names.RETURNS),
+    )
+    imported = import_curves(database, files, request)
+    for one in imported:
+        output.say(
+            f"{one.id}: {one.points:,} points, {one.control_steps:,} control steps"
+            + ("" if one.is_new else "; imported before, nothing is changed")
+        )
+    new = sum(one.is_new for one in imported)
+    output.say(
+        f"Imported {new:,} of {len(imported):,} curves into {results}; they are not verified. "
+        "Next: jbench report"
+    )
+    output.document({"imports": [one._asdict() for one in imported]})

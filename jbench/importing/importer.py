@@ -1,0 +1,187 @@
+"""Reads all files of an import, then writes a record for each seed."""
+
+from collections.abc import Callable, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+import pyarrow as pa
+
+from jbench.errors import RequestError
+from jbench.importing import columns, evaluations, monitor, tensorboard
+from jbench.importing.request import ImportedFile, ImportRequest
+from jbench.importing.series import Series
+from jbench.names import ImportFormat
+from jbench.settings.base import validated
+from jbench.settings.imported import ImportSettings
+from jbench.store import Results, schema
+from jbench.store.manifest import plain_settings
+
+_READERS: dict[ImportFormat, Callable[[ImportedFile, ImportRequest], list[Series]]] = {
+    "sb3-monitor": monitor.read,
+    "sb3-evaluations": evaluations.read,
+    "tensorboard": tensorboard.read,
+    "wandb-csv": columns.read_wandb,
+    "csv": columns.read_csv,
+}
+
+_JOINED: dict[ImportFormat, Callable[[Sequence[Series]], pd.DataFrame]] = {
+    "sb3-monitor": monitor.joined,
+    "tensorboard": tensorboard.joined,
+}
+"""Formats of which a seed may have several files: how these become one learning curve."""
+
+
+class Imported(NamedTuple):
+    """A learning curve in the results.
+
+    Attributes:
+        id: of its record.
+        seed: number of the seed.
+        points: number of points; evaluations of several episodes count once.
+        control_steps: control steps of the last point.
+        is_new: False if the same files were imported before.
+    """
+
+    id: str
+    seed: int
+    points: int
+    control_steps: int
+    is_new: bool
+
+
+class _Curve(NamedTuple):
+    """A whole learning curve, before it is written."""
+
+    settings: ImportSettings
+    rows: pa.Table
+    names: list[str]
+
+
+def import_curves(
+    results: Results, paths: Sequence[Path], request: ImportRequest
+) -> list[Imported]:
+    """Imports learning curves; nothing is written unless all files can be read.
+
+    Args:
+        results: where they are written.
+        paths: the files.
+        request: what they are.
+
+    Returns:
+        The curve of each seed.
+
+    Raises:
+        RequestError: if a file can't be read, is cut off, empty, or not of the format, or a seed
+            has several files of which only one can be its learning curve.
+        WorkError: if the disk is full or fails.
+    """
+    curves = read_curves(paths, request)
+    return [_write(results, curve) for curve in curves]
+
+
+def read_curves(paths: Sequence[Path], request: ImportRequest) -> list[_Curve]:
+    """Returns the learning curves of all seeds; see `import_curves`."""
+    if not paths:
+        raise RequestError("No file is named; type the files to import.")
+    files: dict[str, ImportedFile] = {}
+    for path in paths:
+        file = _open(path)
+        if file.sha256 in files:
+            same = files[file.sha256].path
+            raise RequestError(f"{same} and {path} have the same content; name one of them.")
+        files[file.sha256] = file
+    read = _READERS[request.format]
+    by_seed: dict[int, list[Series]] = {}
+    for file in files.values():
+        for series in read(file, request):
+            by_seed.setdefault(series.seed, []).append(series)
+    return [_curve(parts, request) for _, parts in sorted(by_seed.items())]
+
+
+def _open(path: Path) -> ImportedFile:
+    try:
+        content = path.read_bytes()
+    except IsADirectoryError:
+        raise RequestError(f"{path} is a directory; name the files in it.") from None
+    except OSError as error:
+        raise RequestError(f"{path} can't be read ({error.strerror}).") from None
+    return ImportedFile(path, content, sha256(content).hexdigest())
+
+
+def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
+    """Returns the learning curve of a seed.
+
+    Raises:
+        RequestError: if its parts are not parts of one curve, or a name can't be recorded.
+    """
+    first = parts[0]
+    join = _JOINED.get(request.format)
+    if join is None and len(parts) > 1:
+        where = " and ".join(dict.fromkeys(str(part.file.path) for part in parts))
+        raise RequestError(
+            f"{where}: seed {first.seed} has {len(parts)} learning curves; change --seed-from, or "
+            "import one of them."
+        )
+    points = first.points if join is None else join(parts)
+    settings = validated(
+        ImportSettings,
+        "the import",
+        task=request.task,
+        algo=request.algo,
+        representation=request.representation,
+        seed=first.seed,
+        format=request.format,
+        returns=first.returns,
+        files=[part.file.sha256 for part in parts],
+        columns=dict(first.columns),
+    )
+    try:
+        plain_settings(settings.values)
+    except ValueError as error:
+        raise RequestError(f"{first.file.path}: {error}; rename the column in the file.") from None
+    names = [_plain_name(str(part.file.path)) for part in parts]
+    return _Curve(settings, _rows(points, settings.id), names)
+
+
+def _rows(points: pd.DataFrame, id: str) -> pa.Table:
+    """Returns the rows of the table `import_points`."""
+    count = len(points)
+    filled = points.reset_index(drop=True)
+    if "wall_time" in filled:
+        filled["wall_time"] -= filled["wall_time"].min()
+    if "point" not in filled:
+        filled["point"] = range(count)
+    if "episode" not in filled:
+        filled["episode"] = 0
+    filled["import"] = id
+    return pa.table(
+        [
+            pa.array(filled[field.name], from_pandas=True).cast(field.type)
+            if field.name in filled
+            else pa.nulls(count, field.type)
+            for field in schema.IMPORT_POINTS
+        ],
+        schema=schema.IMPORT_POINTS,
+    )
+
+
+def _plain_name(name: str) -> str:
+    """Returns the name of a file with the characters that a manifest allows."""
+    plain = "".join(c if c.isprintable() and c not in "<>|" else "_" for c in name)
+    return f"./{plain}" if plain[:1] in ("=", "+", "@", "-") else plain
+
+
+def _write(results: Results, curve: _Curve) -> Imported:
+    settings, rows, names = curve
+    points = int(rows["point"][-1].as_py()) + 1
+    steps = int(rows["control_steps"][-1].as_py())
+    imported = Imported(settings.id, settings.seed, points, steps, True)
+    with results.locked("import", settings.id) as existing:
+        if existing is not None and existing.status == "finished":
+            return imported._replace(is_new=False)
+        record = results.create("import", settings.id, settings.values, {"files": names})
+        record.append({"import_points": rows})
+        record.finish({"points": points, "control_steps": steps})
+    return imported

@@ -1,0 +1,137 @@
+"""What to import: the format of the files, their columns, and where a seed's number is."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from jbench.errors import RequestError
+from jbench.names import (
+    FULL,
+    IMPORT_FORMATS,
+    MAX_SEED,
+    RETURNS,
+    ImportFormat,
+    ReturnsName,
+    known,
+    one_of,
+)
+
+_USED_BY = {
+    "tag": ("tensorboard",),
+    "steps_column": ("csv", "wandb-csv"),
+    "return_column": ("csv", "wandb-csv"),
+    "seed_column": ("csv",),
+    "returns": ("tensorboard", "wandb-csv", "csv"),
+}
+"""Formats that use an option; others refuse it."""
+
+
+@dataclass(frozen=True)
+class ImportRequest:
+    """What to import.
+
+    Attributes:
+        format: format of the files.
+        task: task of the curves.
+        algo: label of the algorithm.
+        seed_from: regular expression that finds the seed in the path of a file, or in the name of a
+            run of W&B: its first group, or the whole match.
+        representation: label of what the agent observes.
+        tag: tag of TensorBoard with the returns; None: a known one.
+        steps_column: column with the control steps.
+        return_column: column with the returns; of W&B the metric.
+        seed_column: column with the seed, instead of `seed_from`.
+        returns: kind of return; None: evaluation if the column or tag begins with "eval".
+
+    Raises:
+        RequestError: if a value is invalid.
+    """
+
+    format: ImportFormat
+    task: str
+    algo: str
+    seed_from: str | None = None
+    representation: str = FULL
+    tag: str | None = None
+    steps_column: str | None = None
+    return_column: str | None = None
+    seed_column: str | None = None
+    returns: ReturnsName | None = None
+
+    def __post_init__(self) -> None:
+        """Checks the fields."""
+        known("format", self.format, IMPORT_FORMATS)
+        if self.returns is not None:
+            known("kind of return", self.returns, RETURNS)
+        for name, formats in _USED_BY.items():
+            if getattr(self, name) is not None and self.format not in formats:
+                option = f"--{name.replace('_', '-')}"
+                raise RequestError(
+                    f"{option} is for {one_of(formats)}; leave it out with --from {self.format}."
+                )
+        if (self.seed_from is None) == (self.seed_column is None):
+            more = " or --seed-column NAME" if self.format == "csv" else ""
+            raise RequestError(
+                f"The number of the seed must come from one place: type --seed-from REGEX{more}, "
+                r"such as --seed-from 'seed(\d+)'."
+            )
+        try:
+            re.compile(self.seed_from or "")
+        except re.error as error:
+            raise RequestError(
+                f"--seed-from {self.seed_from}: {error}; type a regular expression such as "
+                r"'seed(\d+)'."
+            ) from None
+
+    def seed_in(self, text: str, what: str) -> int:
+        """Returns the seed that `seed_from` finds in a text.
+
+        Args:
+            text: path of a file, or name of a run.
+            what: how messages call the text.
+
+        Raises:
+            RequestError: if it finds no whole number.
+        """
+        match = re.search(self.seed_from or "", text)
+        if match is None:
+            raise RequestError(
+                f"--seed-from {self.seed_from} finds nothing in {what} {text}; type an expression "
+                r"that matches its seed, such as 'seed(\d+)'."
+            )
+        found = match[1] if match.re.groups else match[0]
+        return seed_of(found or "", f"--seed-from {self.seed_from} finds in {what} {text}")
+
+    def kind_of(self, column: str) -> ReturnsName:
+        """Returns the kind of the returns in a column or tag."""
+        return self.returns or ("evaluation" if column.startswith("eval") else "training")
+
+
+def seed_of(text: str, where: str) -> int:
+    """Returns the seed in a text.
+
+    Args:
+        text: digits.
+        where: beginning of the message, which the text follows.
+
+    Raises:
+        RequestError: if it is not a whole number.
+    """
+    if not (text.isascii() and text.isdigit() and int(text[:20]) <= MAX_SEED):
+        raise RequestError(f"{where} {text[:40]!r}, which is not the whole number of a seed.")
+    return int(text)
+
+
+@dataclass(frozen=True)
+class ImportedFile:
+    """A file to import, read at once.
+
+    Attributes:
+        path: as typed.
+        content: its bytes.
+        sha256: of the content.
+    """
+
+    path: Path
+    content: bytes
+    sha256: str

@@ -1,0 +1,93 @@
+"""A learning curve that was read, and the checks of its points."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from jbench.errors import RequestError
+from jbench.importing.request import ImportedFile
+from jbench.names import EPISODE_STEPS, ReturnsName
+
+_ROUNDING = 0.01  # of rewards that were summed in single precision
+_MAX_STEPS = 1 << 53  # float64 counts no further
+
+
+class Series(NamedTuple):
+    """The learning curve of a seed, or a part of it, in one file.
+
+    Attributes:
+        file: the file.
+        seed: number of the seed.
+        returns: kind of return.
+        points: control_steps and episode_return, and if known episode, length and wall_time, a row
+            per point; of several episodes in one evaluation with the column point.
+        columns: columns or tags that were read.
+    """
+
+    file: ImportedFile
+    seed: int
+    returns: ReturnsName
+    points: pd.DataFrame
+    columns: Mapping[str, str]
+
+
+def numbers(
+    texts: Sequence[str], name: str, file: ImportedFile, lines: Sequence[int]
+) -> "pd.Series[float]":
+    """Returns a column of texts as finite numbers.
+
+    Args:
+        texts: (rows,) fields of a CSV file.
+        name: name of the column.
+        file: for error messages.
+        lines: (rows,) line of each row.
+
+    Raises:
+        RequestError: if one is not a finite number.
+    """
+    values = pd.to_numeric(pd.Series(texts, dtype=object), errors="coerce").astype(np.float64)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise RequestError(
+            f"{file.path}, line {lines[bad[0]]}: {name} is {texts[bad[0]][:40]!r}, which is not a "
+            "finite number."
+        )
+    return values
+
+
+def check_points(points: pd.DataFrame, file: ImportedFile, where: Callable[[int], str]) -> None:
+    """Checks the returns and control steps of a learning curve.
+
+    Args:
+        points: see `Series.points`.
+        file: for error messages.
+        where: name of a point in error messages, by its position.
+
+    Raises:
+        RequestError: if there is no point, or a value can't be one of a Jitterbug task.
+    """
+    if points.empty:
+        raise RequestError(f"{file.path} has no episode; leave the file out.")
+    returns = points["episode_return"].to_numpy(np.float64)
+    bad = np.flatnonzero(~((returns >= -_ROUNDING) & (returns <= EPISODE_STEPS + _ROUNDING)))
+    if len(bad):
+        raise RequestError(
+            f"{file.path}, {where(bad[0])}: the return is {returns[bad[0]]:g}, but an episode of "
+            f"these tasks has one from 0 to {EPISODE_STEPS}; import returns of the tasks' own "
+            "rewards, not scaled ones or those of another environment."
+        )
+    steps = points["control_steps"].to_numpy(np.float64)
+    bad = np.flatnonzero((steps < 0) | (steps % 1 != 0) | (steps > _MAX_STEPS))
+    if len(bad):
+        raise RequestError(
+            f"{file.path}, {where(bad[0])}: {steps[bad[0]]:g} control steps are not a whole number."
+        )
+    back = np.flatnonzero(np.diff(steps) < 0)
+    if len(back):
+        after = back[0] + 1
+        raise RequestError(
+            f"{file.path}, {where(after)}: the control steps go back from {steps[back[0]]:,.0f} to "
+            f"{steps[after]:,.0f}, so there is more than one training in the file; split it."
+        )

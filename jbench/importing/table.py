@@ -1,0 +1,81 @@
+"""CSV files as data frames of texts, with the line of each row."""
+
+import csv
+import io
+
+import pandas as pd
+
+from jbench.errors import RequestError
+from jbench.importing.request import ImportedFile
+
+
+def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> pd.DataFrame:
+    """Returns the rows of a CSV file as texts, indexed by their line.
+
+    pandas itself fills rows that are cut off, so the rows are split by the csv module.
+
+    Args:
+        skip: lines before the header.
+        ends_line: whether the last line of a whole file ends with a line break.
+
+    Raises:
+        RequestError: if it is empty, cut off, or not a CSV file.
+    """
+    try:
+        text = file.content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise RequestError(f"{file.path} is not a CSV file: it is not text (UTF-8).") from None
+    if not text.strip():
+        raise RequestError(f"{file.path} is empty; leave the file out.")
+    lines = io.StringIO(text, newline="")
+    for _ in range(skip):
+        next(lines)
+    reader = csv.reader(lines, strict=True)
+    rows: list[list[str]] = []
+    index: list[int] = []
+    try:
+        header = next(reader, [])
+        for row in reader:
+            line = skip + reader.line_num
+            if len(row) != len(header) and row:
+                end = line == text.count("\n") + (not text.endswith("\n"))
+                cut = "; the file is cut off" if end and len(row) < len(header) else ""
+                raise RequestError(
+                    f"{file.path}, line {line}: {len(row)} fields, but the header has "
+                    f"{len(header)}{cut}."
+                )
+            if row:
+                rows.append(row)
+                index.append(line)
+    except csv.Error as error:
+        cut = "the file is cut off" if "end of data" in str(error) else str(error)
+        raise RequestError(
+            f"{file.path}, line {skip + reader.line_num}: {cut}; it can't be read as CSV."
+        ) from None
+    if ends_line and not text.endswith(("\n", "\r")):
+        raise RequestError(
+            f"{file.path}, line {index[-1] if index else skip + 1}: the line has no end, so the "
+            "file is cut off; copy it again, or remove that line."
+        )
+    doubled = {name for name in header if header.count(name) > 1}
+    if doubled:
+        raise RequestError(f"{file.path} has two columns {min(doubled)!r}; rename one of them.")
+    if not rows:
+        raise RequestError(f"{file.path} has a header, but no rows; leave the file out.")
+    return pd.DataFrame(rows, index, header, dtype=object)
+
+
+def check_columns(table: pd.DataFrame, file: ImportedFile, option: str, name: str) -> None:
+    """Checks that there is a column of that name.
+
+    Args:
+        option: option that names the column.
+
+    Raises:
+        RequestError: if there is none.
+    """
+    if name not in table:
+        raise RequestError(
+            f"{file.path} has no column {name!r}; type {option} with one of "
+            f"{', '.join(map(str, table))}."
+        )

@@ -1,0 +1,122 @@
+"""Imported learning curves in the form of runs, from which cells are built."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from jbench.names import one_of
+from jbench.report.data.cells import Cell
+from jbench.report.data.returns import TRAINING
+from jbench.settings.alike import variant
+from jbench.store import schema
+
+_LABELS = ["task", "algo", "representation"]
+_SEED = [*_LABELS, "seed"]
+_RETURNS = {"episodes": "training", "evaluations": "evaluation"}
+_EPISODES = ("sb3-monitor", "sb3-evaluations")
+"""Formats whose points are episodes, and not what somebody has logged."""
+
+
+def as_runs(imports: pa.Table, points: pa.Table) -> tuple[dict[str, pa.Table], list[str]]:
+    """Returns tables `runs`, `episodes` and `evaluations`, and notes on the imports.
+
+    The training and the evaluation returns of a seed become one run. Of several curves of the same
+    kind, the longest is used.
+
+    Args:
+        imports: the table `imports`.
+        points: the table `import_points`.
+    """
+    frame: pd.DataFrame = imports.to_pandas(use_threads=False)
+    frame = frame[frame["status"] == "finished"]
+    # Training returns first, and the longest curve first.
+    frame = frame.sort_values(
+        ["returns", "control_steps", "points", "import"], ascending=[False, False, False, True]
+    )
+    frame["run"] = frame.groupby(_SEED)["import"].transform("first")
+    chosen = frame.drop_duplicates([*_SEED, "returns"])
+    named: pd.DataFrame = points.to_pandas(use_threads=False)
+    named = named.merge(chosen[["import", "run", "returns"]])
+    named = named.assign(evaluation=named["point"], processor_time=np.nan)
+    named.loc[named["returns"] == "training", "episode"] = named["point"]
+    tables = {"runs": _table(_runs(chosen), schema.RUNS)}
+    for name, kind in _RETURNS.items():
+        tables[name] = _table(named[named["returns"] == kind], schema.TABLES[name])
+    return tables, _notes(frame, chosen)
+
+
+def with_spacing_note(cell: Cell) -> Cell:
+    """Returns the cell, with a note if the points of its seeds are at different control steps."""
+    steps = cell.control_steps
+    apart = float(np.max(np.nanmax(steps, axis=0) - np.nanmin(steps, axis=0)))
+    if cell.kind is not TRAINING or not apart:
+        return cell
+    note = (
+        f"the points of its seeds are up to {apart:,.0f} control steps apart; quantiles are of the "
+        "first, second, … point of each seed"
+    )
+    return replace(cell, notes=(*cell.notes, note))
+
+
+def _runs(chosen: pd.DataFrame) -> pd.DataFrame:
+    """Returns a row for each seed, with the settings that jbench knows: its labels."""
+    steps = chosen.groupby("run")["control_steps"].max()
+    runs = chosen.drop_duplicates("run")
+    settings = [dict(row) for row in runs[_LABELS].to_dict("records")]
+    seeds = [int(seed) for seed in runs["seed"]]
+    return runs.assign(
+        steps=runs["run"].map(steps),
+        variant=[variant(labels) for labels in settings],
+        settings=[
+            json.dumps({**labels, "seed": seed})
+            for labels, seed in zip(settings, seeds, strict=True)
+        ],
+        provenance=[_of_import(json.loads(text)) for text in runs["provenance"]],
+    )
+
+
+def _of_import(provenance: Mapping[str, Any]) -> str:
+    """Returns the provenance without the machine, which is not that of the training."""
+    kept = ("jbench", "python", "git_revision", "command")
+    return json.dumps({name: provenance[name] for name in kept if name in provenance})
+
+
+def _table(frame: pd.DataFrame, columns: pa.Schema) -> pa.Table:
+    """Returns a table with these columns; those that the frame lacks are null."""
+    return pa.table(
+        [
+            pa.array(frame[field.name], field.type, from_pandas=True)
+            if field.name in frame
+            else pa.nulls(len(frame), field.type)
+            for field in columns
+        ],
+        schema=columns,
+    )
+
+
+def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:
+    if frame.empty:
+        return []
+    formats = sorted(set(chosen["format"]))
+    notes = [
+        f"{len(chosen)} imported curves ({', '.join(formats)}) are not verified: jbench has not "
+        "run their agents. They are in no claim."
+    ]
+    logged = [name for name in formats if name not in _EPISODES]
+    if logged:
+        notes.append(
+            f"A point of an imported {one_of(logged)} curve is a value in its file, which need not "
+            "be the return of a single episode."
+        )
+    shorter = len(frame) - len(chosen)
+    if shorter:
+        notes.append(
+            f"{shorter} imported curves are not used, since a longer one of the same seed was "
+            "imported."
+        )
+    return notes

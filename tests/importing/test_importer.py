@@ -1,0 +1,341 @@
+"""Imports of files that other programs wrote."""
+
+import builtins
+import json
+import shutil
+from hashlib import sha256
+
+import numpy as np
+import pytest
+from stable_baselines3.common.monitor import load_results
+
+from jbench.cli import main
+from jbench.store import Results
+from jbench.store.verify import verify
+
+EPISODES = {1: [100.0, 250.5, 900.0], 2: [50.0, 60.0, 70.0]}
+"""As in the files of the fixtures."""
+
+
+def nothing_written(tmp_path):
+    return not (tmp_path / "results").exists()
+
+
+# What is read.
+
+
+def test_a_monitor_of_several_environments_is_read_as_stable_baselines3_reads_it(
+    sb3_files, imports, rows
+):
+    files = sorted(sb3_files.glob("*.monitor.csv"))
+    assert len(files) == 2
+    assert imports("sb3-monitor", *files, seed_from=r"seed(\d+)")[0] == 0
+    theirs, ours = load_results(str(sb3_files)), rows()[3]
+    assert len(ours) == 4
+    assert ours["episode_return"].tolist() == theirs["r"].tolist()
+    assert (
+        ours["control_steps"].tolist() == theirs["l"].cumsum().tolist() == [1000, 2000, 3000, 4000]
+    )
+    assert ours["length"].tolist() == [1000] * 4
+    assert np.allclose(ours["wall_time"], theirs["t"] - theirs["t"].iloc[0])
+
+
+def test_evaluations_are_read_episode_by_episode(sb3_files, imports, rows):
+    file = sb3_files / "evaluations.npz"
+    assert imports("sb3-evaluations", file, seed_from=r"seed(\d+)")[0] == 0
+    ours = rows()[3]
+    with np.load(file) as arrays:
+        assert theirs["l"].cumsum().tolist() == [100, 200, 300, 400]
+    assert ours["control_steps"].tolist() == [100, 200, 300, 400]
+    assert ours["length"].tolist() == [100] * 4
+    assert np.allclose(ours["wall_time"], theirs["t"] - theirs["t"].iloc[0])
+
+
+def test_evaluations_are_read_episode_by_episode(sb3_files, imports, rows):
+    file = sb3_files / "evaluations.npz"
+    assert imports("sb3-evaluations", file, seed_from=r"seed(\d+)")[0] == 0
+    ours = rows()[3]
+    with np.load(file) as arrays:
+        assert arrays["timesteps"].tolist() == [200, 400]
+        assert ours["control_steps"].tolist() == [200, 200, 400, 400]
+        assert ours["point"].tolist() == [0, 0, 1, 1]
+        assert ours["episode"].tolist() == [0, 1, 0, 1]
+        assert ours["episode_return"].tolist() == arrays["results"].ravel().tolist()
+        assert ours["length"].tolist() == arrays["ep_lengths"].ravel().tolist()
+
+
+def test_scalars_of_an_event_file_are_read(event_file, imports, rows):
+    files = [event_file(seed, returns) for seed, returns in EPISODES.items()]
+    assert imports("tensorboard", *files, seed_from=r"td3__(\d+)__")[0] == 0
+    for seed, points in rows().items():
+        assert points["episode_return"].tolist() == EPISODES[seed]
+        assert points["control_steps"].tolist() == [1000, 2000, 3000]
+
+
+def test_a_training_that_was_continued_in_another_event_file_is_one_curve(
+    event_file, imports, rows
+):
+    later, first = event_file(1, [700.0, 800.0], first=3), event_file(1, EPISODES[1])
+    assert imports("tensorboard", later, first, seed_from=r"td3__(\d+)__")[0] == 0
+    assert rows()[1]["episode_return"].tolist() == [*EPISODES[1], 700, 800]
+
+
+def test_a_tag_of_evaluations_is_a_curve_of_evaluations(event_file, imports, rows):
+    file = event_file(1, EPISODES[1], "eval/mean_reward")
+    code, _, err = imports("tensorboard", file, seed_from=r"td3__(\d+)__")
+    assert code == 2
+    assert "type --tag with one of eval/mean_reward, losses/qf1_loss" in err
+    more = ("--tag", "eval/mean_reward")
+    assert imports("tensorboard", file, seed_from=r"td3__(\d+)__", more=more)[0] == 0
+    assert rows("imports")[1]["returns"].tolist() == ["evaluation"]
+
+
+def test_a_chart_of_wandb_is_read_run_by_run(wandb_file, imports, rows):
+    assert imports("wandb-csv", wandb_file(), seed_from=r"td3__(\d+)__")[0] == 0
+    found = rows()
+    assert {seed: points["episode_return"].tolist() for seed, points in found.items()} == EPISODES
+    assert found[2]["control_steps"].tolist() == [1001, 2001, 3001]
+
+
+def test_the_axis_of_a_chart_of_wandb_must_be_control_steps(wandb_file, imports, rows):
+    file = wandb_file(axis="Step")
+    code, _, err = imports("wandb-csv", file, seed_from=r"td3__(\d+)__")
+    assert code == 2
+    assert "choose the axis global_step in W&B, or type --steps-column 'Step'" in err
+    assert (
+        imports("wandb-csv", file, seed_from=r"td3__(\d+)__", more=("--steps-column", "Step"))[0]
+        == 0
+    )
+    assert len(rows()) == 2
+
+
+def test_columns_of_a_csv_file_are_named_by_options(tmp_path, imports, rows):
+    file = tmp_path / "progress.csv"
+    # stable-baselines3's logger leaves fields empty.
+    file.write_text("run,t,r\n1,1000,100\n2,1000,50\n1,1500,\n1,2000,250.5\n2,2000,60\n")
+    more = ("--steps-column", "t", "--return-column", "r", "--seed-column", "run")
+    assert imports("csv", file, seed_from=None, more=more)[0] == 0
+    assert rows()[1]["episode_return"].tolist() == [100, 250.5]
+    assert rows()[2]["control_steps"].tolist() == [1000, 2000]
+
+
+# What is kept.
+
+
+def test_a_second_import_of_a_file_changes_nothing_and_says_so(
+    monitor_file, imports, tmp_path, capsys
+):
+    file = monitor_file(1, EPISODES[1])
+    assert imports("sb3-monitor", file)[0] == 0
+
+    def state():
+        files = (p for p in (tmp_path / "results").rglob("*") if p.is_file())
+        return {path: path.stat().st_mtime_ns for path in files}
+
+    before = state()
+    moved = tmp_path / "again-1.csv"
+    shutil.copy(file, moved)
+    code, out, _ = imports("sb3-monitor", moved)
+    assert code == 0
+    assert "imported before, nothing is changed" in out
+    assert "Imported 0 of 1 curves" in out
+    assert state() == before
+
+
+def test_records_keep_the_names_and_checksums_of_their_files(monitor_file, imports, rows):
+    file = monitor_file(1, EPISODES[1])
+    code, out, _ = imports("sb3-monitor", file, more=("--json",))
+    assert code == 0
+    (row,) = rows("imports")[1].to_dict("records")
+    assert json.loads(row["files"]) == {sha256(file.read_bytes()).hexdigest(): str(file)}
+    assert (row["points"], row["control_steps"], row["format"]) == (3, 3000, "sb3-monitor")
+    assert json.loads(out)["imports"] == [
+        {"id": row["import"], "seed": 1, "points": 3, "control_steps": 3000, "is_new": True}
+    ]
+
+
+def test_imports_are_listed_verified_merged_and_repaired(monitor_file, imports, tmp_path, capsys):
+    assert imports("sb3-monitor", monitor_file(1, EPISODES[1]))[0] == 0
+    results, other = tmp_path / "results", tmp_path / "other"
+    assert main(["merge", str(results), "--results", str(other)]) == 0
+    capsys.readouterr()
+    assert main(["runs", "--imports", "--returns", "--json", "--results", str(other)]) == 0
+    (line,) = json.loads(capsys.readouterr().out)["imports"]
+    # The last quarter of three episodes is one.
+    assert (line["algo"], line["seed"], line["episodes"], line["last_return"]) == ("td3", 1, 3, 900)
+    assert verify(Results(other), 1).findings == []
+    (part,) = other.rglob("*.parquet")
+    part.write_bytes(part.read_bytes()[:-1])
+    assert main(["verify", "--results", str(other)]) == 1
+    assert main(["repair", "--results", str(other)]) == 0
+    assert main(["merge", str(results), "--results", str(other)]) == 0
+    assert verify(Results(other), 1).findings == []
+
+
+# What is refused, with nothing written.
+
+
+def cut(file, bytes_=5):
+    file.write_bytes(file.read_bytes()[:-bytes_])
+    return file
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda text: text[:-4], "line 5: "),
+        (lambda text: text[: text.rindex(",")], "line 5: 2 fields, but the header has 3; the file"),
+        (lambda text: text.rstrip("\r\n"), "line 5: the line has no end"),
+        (lambda text: "", "is empty"),
+        (lambda text: "\r\n".join(text.split("\r\n")[:1]) + "\r\n", "has a header, but no rows"),
+        (lambda text: text + text, "line 6: "),
+        (lambda text: text.replace("250.5", "many"), "line 4: r is 'many'"),
+        (lambda text: text.replace("250.5", "nan"), "line 4: r is 'nan'"),
+        (lambda text: text.replace("250.5", "-1500"), "line 4: the return is -1500"),
+        (lambda text: text + "900.0,1000,1.0\r\n", "line 6: the time t goes back"),
+        (lambda text: text.partition("\n")[2], "line 1: not a file of a Monitor"),
+        (
+            lambda text: text.replace('"None"', '"Jitterbug/MoveToPose-v0"'),
+            "is of Jitterbug/MoveToPose-v0, which is --task move_to_pose",
+        ),
+    ],
+)
+def test_a_monitor_file_that_is_cut_off_mixed_or_empty_is_refused(
+    change, says, monitor_file, imports, tmp_path
+):
+    whole, broken = monitor_file(2, EPISODES[2]), monitor_file(1, EPISODES[1])
+    with broken.open(newline="") as file:
+        text = file.read()
+    broken.write_bytes(change(text).encode())
+    code, _, err = imports("sb3-monitor", whole, broken)
+    assert code == 2
+    assert f"{broken}" in err
+    assert says in err
+    assert err.count("\n") == 1
+    assert nothing_written(tmp_path)
+
+
+@pytest.mark.parametrize("form", ["sb3-monitor", "sb3-evaluations", "tensorboard", "csv"])
+def test_empty_files_and_files_of_another_format_are_refused(form, imports, tmp_path):
+    for content, name in ((b"", "empty"), (b"\x89PNG\x00\xff1234567890", "picture")):
+        file = tmp_path / f"{name}1"
+        file.write_bytes(content)
+        code, _, err = imports(form, file)
+        assert code == 2
+        assert str(file) in err
+        assert nothing_written(tmp_path)
+
+
+def test_evaluations_that_are_cut_off_are_refused(sb3_files, imports, tmp_path):
+    file = tmp_path / "evaluations3.npz"
+    content = (sb3_files / "evaluations.npz").read_bytes()
+    for length in (10, len(content) // 2, len(content) - 1):
+        file.write_bytes(content[:length])
+        code, _, err = imports("sb3-evaluations", file)
+        assert code == 2
+        assert f"{file} is cut off, or not an evaluations.npz" in err
+    np.savez(file, timesteps=np.arange(2), results=np.ones((2, 1)))
+    assert "not of an EvalCallback" in imports("sb3-evaluations", file)[2]
+    assert nothing_written(tmp_path)
+
+
+def test_event_files_that_are_cut_off_or_damaged_are_refused(event_file, imports, tmp_path):
+    file = event_file(1, EPISODES[1])
+    content = file.read_bytes()
+    flipped = bytearray(content)
+    flipped[len(content) // 2] ^= 1
+    for damaged in (content[:-1], content[: len(content) // 2], bytes(flipped)):
+        file.write_bytes(damaged)
+        code, _, err = imports("tensorboard", file, seed_from=r"td3__(\d+)__")
+        assert code == 2
+        assert f"{file} is cut off or damaged after" in err
+    assert nothing_written(tmp_path)
+
+
+def test_two_trainings_in_event_files_are_not_mixed(event_file, imports, tmp_path):
+    one, other = event_file(1, EPISODES[1]), event_file(1, EPISODES[1], first=1)
+    code, _, err = imports("tensorboard", one, other, seed_from=r"td3__(\d+)__")
+    assert code == 2
+    assert "are both of seed 1 and both have values at 2,000 control steps" in err
+    one.write_bytes(one.read_bytes() + other.read_bytes())
+    code, _, err = imports("tensorboard", one, seed_from=r"td3__(\d+)__")
+    assert code == 2
+    assert "the control steps go back from 3,000 to 2,000" in err
+    assert nothing_written(tmp_path)
+
+
+def test_a_chart_of_wandb_that_is_cut_off_is_refused(wandb_file, imports, tmp_path):
+    file = wandb_file()
+    content = file.read_bytes()
+    for fewer in (1, 4, 9):
+        file.write_bytes(content[:-fewer])
+        code, _, err = imports("wandb-csv", file, seed_from=r"td3__(\d+)__")
+        assert code == 2
+        assert f"{file}, line 7: " in err
+        assert "cut off" in err
+    assert nothing_written(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("control_steps,episode_return\n1000,5\n500,6\n", "line 3: the control steps go back"),
+        ("control_steps,episode_return\n1000,5\n1500.5,6\n", "line 3: 1500.5 control steps are"),
+        ("control_steps,episode_return\n1000,5\n,6\n", "line 3: control_steps is ''"),
+        ("control_steps,episode_return\n1000,5\n2000,6,7\n", "line 3: 3 fields"),
+        ("step,return\n1000,5\n", "type --steps-column with one of step, return"),
+        ("control_steps,episode_return\n1000,\n", "has no value of episode_return"),
+        ("a,a\n1,2\n", "two columns 'a'"),
+    ],
+)
+def test_a_csv_file_that_is_no_learning_curve_is_refused(text, says, imports, tmp_path):
+    file = tmp_path / "seed1.csv"
+    file.write_text(text)
+    code, _, err = imports("csv", file)
+    assert code == 2
+    assert says in err
+    assert nothing_written(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"seed_from": "run([0-9]+)"}, "finds nothing in the path"),
+        ({"seed_from": "seed"}, "finds in the path"),
+        ({"seed_from": "("}, "type a regular expression"),
+        ({"seed_from": None}, "type --seed-from REGEX"),
+        ({"more": ("--tag", "a")}, "--tag is for tensorboard"),
+        ({"more": ("--representation", "a b")}, "type letters, digits"),
+        ({"algo": "../td3"}, "type letters, digits"),
+    ],
+)
+def test_requests_that_make_no_sense_are_refused(arguments, says, monitor_file, imports, tmp_path):
+    code, _, err = imports("sb3-monitor", monitor_file(1, EPISODES[1]), **arguments)
+    assert code == 2
+    assert says in err
+    assert nothing_written(tmp_path)
+
+
+def test_a_seed_has_one_file(tmp_path, imports, monitor_file):
+    files = [tmp_path / "a1.csv", tmp_path / "b1.csv"]
+    for file, value in zip(files, "56", strict=True):
+        file.write_text(f"control_steps,episode_return\n1000,{value}\n")
+    assert "seed 1 has 2 learning curves" in imports("csv", *files)[2]
+    assert "have the same content" in imports("csv", files[0], files[0])[2]
+    assert nothing_written(tmp_path)
+
+
+def test_without_tensorboard_its_files_are_refused(event_file, imports, monkeypatch, tmp_path):
+    original = builtins.__import__
+
+    def without(name, *arguments):
+        if name.startswith("tensorboard"):
+            raise ImportError(name)
+        return original(name, *arguments)
+
+    file = event_file(1, EPISODES[1])
+    monkeypatch.setattr(builtins, "__import__", without)
+    code, _, err = imports("tensorboard", file, seed_from=r"td3__(\d+)__")
+    assert code == 2
+    assert 'pip install "jbench[tensorboard]"' in err
+    assert nothing_written(tmp_path)

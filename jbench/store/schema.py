@@ -235,7 +235,7 @@ IMPORT_POINTS = pa.schema(
         field("episode", pa.int32()),
         _RETURN,
         _LENGTH,
-        field("wall_time", pa.float64(), "s since the first point's run began; null if unknown"),
+        field("wall_time", pa.float64(), "s since the first point; null if unknown"),
     ]
 )
 """Points of imported curves, `episode` counting within a point.

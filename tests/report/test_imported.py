@@ -1,0 +1,159 @@
+"""Reports of imported learning curves, alone and beside runs."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import jbench
+from jbench.cli import main
+from jbench.report import Request, contents, write_report
+from jbench.report.data.cells import IMPORTED
+from jbench.report.report import gather
+from jbench.store import Results
+
+RETURNS = {
+    "slow": {seed: 400.0 + 10 * seed for seed in range(6)},
+    "fast": {seed: 800.0 + 10 * seed for seed in range(6)},
+}
+"""Return of every episode, by label and seed."""
+
+
+def add(results, tmp_path, algo, returns, form="csv", episodes=8, more=()):
+    """Imports curves of constant returns."""
+    file = tmp_path / f"{algo}-{form}.csv"
+    steps = (np.arange(episodes) + 1) * 1000
+    frames = [
+        pd.DataFrame({"seed": seed, "control_steps": steps, "episode_return": value})
+        for seed, value in returns.items()
+    ]
+    pd.concat(frames).to_csv(file, index=False)
+    typed = ("--from", "csv", "--task", "face_direction", "--algo", algo, *more)
+    where = ("--seed-column", "seed", "--results", str(results), str(file))
+    assert main(["import", *typed, *where]) == 0
+
+
+@pytest.fixture
+def demo(demo_results, tmp_path):
+    """A copy of results with runs."""
+    shutil.copytree(demo_results.path, tmp_path / "demo")
+    return tmp_path / "demo"
+
+
+@pytest.fixture
+def imported(tmp_path):
+    """Results with two imported algorithms and no runs."""
+    place = tmp_path / "imported"
+    for algo, returns in RETURNS.items():
+        add(place, tmp_path, algo, returns)
+    return place
+
+
+def test_a_report_of_imports_alone_has_their_statistics(imported, tmp_path):
+    request = Request(formats=("svg",))
+    written = write_report(Results(imported), tmp_path / "report", request)
+    assert list(written.table["source"].unique()) == [IMPORTED]
+    table = written.table.set_index("algo")
+    for algo, returns in RETURNS.items():
+        low, median, high = np.percentile(list(returns.values()), (10, 50, 90))
+        columns = [f"training_return_{name}" for name in ("median", "q10", "q90")]
+        assert table.loc[algo, columns].tolist() == pytest.approx([median, low, high])
+    statistics = pd.read_csv(tmp_path / "report" / "seed_statistics.csv")
+    chosen = (statistics["measure"] == "final_return") & (statistics["statistic"] == "median")
+    medians = statistics[chosen].set_index("algo")
+    assert (medians["low"] <= medians["value"]).all()
+    assert (medians["value"] <= medians["high"]).all()
+    assert set(medians["seeds"]) == {6}
+    # Every seed of fast is above every seed of slow.
+    (one,) = written.comparisons
+    assert one.improvement.value == (0 if one.ours.algo == "slow" else 1)
+    assert IMPORTED in (tmp_path / "report" / "index.html").read_text()
+
+
+def test_evaluations_alone_are_reported(tmp_path):
+    place = tmp_path / "imported"
+    add(place, tmp_path, "fast", RETURNS["fast"], more=("--returns", "evaluation"))
+    data = gather(Results(place), Request())
+    assert data.table["evaluation_return_median"].tolist() == [825]
+    assert data.table["seeds"].tolist() == [6]
+    (sentence, *_) = contents.document(data).summary
+    assert sentence.startswith("6 runs in 1 cell on 1 task: imported, not verified: face_direction")
+
+
+def test_training_and_evaluation_of_a_label_are_one_cell(tmp_path):
+    place = tmp_path / "imported"
+    add(place, tmp_path, "fast", RETURNS["fast"])
+    add(place, tmp_path, "fast", {0: 900, 1: 910}, "other", more=("--returns", "evaluation"))
+    data = gather(Results(place), Request())
+    (row,) = data.table.to_dict("records")
+    assert (row["training_return_median"], row["evaluation_return_median"]) == (825, 905)
+    assert "4 of 6 seeds have no evaluation" in row["notes"]
+
+
+def test_the_longest_import_of_a_seed_is_used(tmp_path):
+    place = tmp_path / "imported"
+    add(place, tmp_path, "fast", RETURNS["fast"])
+    add(place, tmp_path, "fast", {0: 500}, "longer", episodes=12)
+    data = gather(Results(place), Request())
+    assert data.table["training_return_q10"].tolist() == [655]  # of 500, 810, …, 850
+    assert any(note.startswith("1 imported curves are not used") for note in data.notes)
+
+
+def test_imports_beside_runs_change_none_of_their_numbers_and_no_claim(demo, imported, tmp_path):
+    request = Request(claims=True)
+    alone = gather(Results(demo), request)
+    assert main(["merge", str(imported), "--results", str(demo)]) == 0
+    add(demo, tmp_path, "td3", {0: 999.0, 1: 999.0}, more=("--representation", "dae12"))
+    both = gather(Results(demo), request)
+    ours = both.table[both.table["source"] == "ours"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(ours, alone.table, check_dtype=False)
+    assert len(both.table) == len(alone.table) + 3
+    assert list(both.findings) == list(alone.findings)
+    pairs = [(one.ours.source, one.theirs.source) for one in both.comparisons]
+    assert {a == b for a, b in pairs} == {True}
+    assert len([pair for pair in pairs if pair[0] == "ours"]) == len(alone.comparisons)
+
+
+def test_a_baseline_is_drawn_dashed_in_every_panel_of_its_task(imported):
+    data = gather(Results(imported), Request(baseline="slow"))
+    sections = contents.document(data).sections
+    figures = [item for one in sections for item in one.items if item.name == "figure9"]
+    (panel,) = figures[0].figure.panels
+    dashes = {one.label: one.style.dash for one in panel.series if one.label}
+    assert dashes == {
+        f"{IMPORTED}: fast (6 seeds, window 2)": "-",
+        f"{IMPORTED}: slow on full": "--",
+    }
+    (line,) = [one for one in panel.series if one.style.dash == "--"]
+    assert set(line.y) == {425}
+    assert len(data.table) == 2
+
+
+@pytest.mark.parametrize(
+    ("typed", "says"),
+    [
+        (["--baseline", "sac"], "there are fast, slow"),
+        (["--baseline", "slow", "--algo", "slow"], "no other curves to draw it beside"),
+        (["--baseline", "slow", "--compare", "a=1", "b=2"], "exclude each other"),
+        (["--algo", "ddpg"], "There are no runs"),
+    ],
+)
+def test_requests_without_curves_are_refused(typed, says, imported, capsys):
+    assert main(["report", "--results", str(imported), *typed]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_damaged_imports_are_left_out_and_named(imported):
+    part = sorted(imported.rglob("import_points-*.parquet"))[0]
+    part.write_bytes(b"cut")
+    data = gather(Results(imported), Request())
+    assert [problem for problem in data.problems if str(part) in problem] == list(data.problems)
+    assert len(data.problems) == 1
+    assert sorted(data.table["seeds"]) == [5, 6]
+
+
+def test_curves_of_opened_results_include_imports(imported):
+    curves = jbench.open(imported).curves(algo="fast", returns="training")
+    assert set(curves["source"]) == {IMPORTED}
+    assert set(curves["q50"]) == {825}

@@ -123,7 +123,8 @@ def gather(results: Results, request: Request) -> ReportData:
     drawable = bool(behaviours) or not encoder_table.empty or any(s.cells for s in reported[1:])
     selected = request.algo is None or any(source.cells for source in imported)
     if own.runs.empty and not (selected and drawable):
-        raise sources.nothing_to_report(results, own.problems)
+        problems = [problem for source in (own, *imported) for problem in source.problems]
+        raise sources.nothing_to_report(results, problems)
     if not own.cells and not drawable:
         raise sources.NothingYetError(
             f"No run has an episode yet; wait for them. {' '.join(own.notes)}"

@@ -75,10 +75,11 @@ def own(results: Results, request: Request, *, strict: bool = True) -> Source:
 def imported(results: Results, request: Request) -> Source:
     """Returns the imported curves, which form separate cells; they have no date of a beginning."""
     tables, problems = query.load(results, ("imports", "import_points"))
-    runs, notes = as_runs(tables["imports"], tables["import_points"])
-    source = _source(runs, problems, replace(request, since=None), IMPORTED, strict=False)
+    runs = as_runs(tables["imports"], tables["import_points"])
+    problems += runs.problems
+    source = _source(runs.tables, problems, replace(request, since=None), IMPORTED, strict=False)
     cells = [with_spacing_note(cell) for cell in source.cells]
-    return replace(source, cells=cells, notes=[*source.notes, *(notes if cells else [])])
+    return replace(source, cells=cells, notes=[*source.notes, *(runs.notes if cells else [])])
 
 
 def own_and_imported(results: Results, request: Request) -> list[Source]:
@@ -163,9 +164,9 @@ def names_of(text: str) -> tuple[str, ...]:
 def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
     """Returns the error for results without usable runs."""
     records, unreadable = results.scan("run")
-    if records or unreadable:
+    if records or unreadable or problems:
         return WorkError(
-            f"No run in {results.path} can be reported. {' '.join(problems)} `jbench verify` "
+            f"Nothing in {results.path} can be reported. {' '.join(problems)} `jbench verify` "
             "lists the damage, `jbench repair` sets it aside."
         )
     return NothingYetError(

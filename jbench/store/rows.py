@@ -96,8 +96,9 @@ def _evaluation_row(record: Record) -> Row:
 def _import_row(record: Record) -> Row:
     settings, summary = record.settings, record.manifest.summary
     hashes, names = settings.get("files"), record.manifest.provenance.get("files")
-    named = isinstance(hashes, list) and isinstance(names, list)
-    files = dict(zip(hashes, names, strict=False)) if named else {}
+    files = {}
+    if isinstance(hashes, list) and isinstance(names, list):
+        files = dict(zip(hashes, names, strict=False))
     return {
         "import": record.id,
         **{

@@ -1,5 +1,6 @@
 """Reports of imported learning curves, alone and beside runs."""
 
+import json
 import shutil
 
 import numpy as np
@@ -150,6 +151,15 @@ def test_damaged_imports_are_left_out_and_named(imported):
     data = gather(Results(imported), Request())
     assert [problem for problem in data.problems if str(part) in problem] == list(data.problems)
     assert len(data.problems) == 1
+    assert sorted(data.table["seeds"]) == [5, 6]
+
+
+def test_imports_whose_manifest_lacks_their_length_are_left_out_and_named(imported):
+    manifest = sorted(imported.rglob("manifest.json"))[0]
+    manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "summary": {}}))
+    data = gather(Results(imported), Request())
+    (problem,) = data.problems
+    assert "lacks a label, a seed, its kind of return or its length" in problem
     assert sorted(data.table["seeds"]) == [5, 6]
 
 

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,8 +22,22 @@ _EPISODES = ("sb3-monitor", "sb3-evaluations")
 """Formats whose points are episodes, and not what somebody has logged."""
 
 
-def as_runs(imports: pa.Table, points: pa.Table) -> tuple[dict[str, pa.Table], list[str]]:
-    """Returns tables `runs`, `episodes` and `evaluations`, and notes on the imports.
+class ImportedRuns(NamedTuple):
+    """Imported learning curves as runs.
+
+    Attributes:
+        tables: `runs`, `episodes` and `evaluations`.
+        notes: sentences for the reader.
+        problems: a sentence for each unusable import.
+    """
+
+    tables: dict[str, pa.Table]
+    notes: list[str]
+    problems: list[str]
+
+
+def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
+    """Returns imported curves as runs.
 
     The training and the evaluation returns of a seed become one run. Of several curves of the same
     kind, the longest is used.
@@ -34,6 +48,14 @@ def as_runs(imports: pa.Table, points: pa.Table) -> tuple[dict[str, pa.Table], l
     """
     frame: pd.DataFrame = imports.to_pandas(use_threads=False)
     frame = frame[frame["status"] == "finished"]
+    # A manifest that jbench has not written may lack any of these.
+    incomplete = frame[[*_SEED, "returns", "points", "control_steps"]].isna().any(axis=1)
+    problems = [
+        f"The import {one} lacks a label, a seed, its kind of return or its length; it is not "
+        "reported."
+        for one in frame.loc[incomplete, "import"]
+    ]
+    frame = frame[~incomplete].astype({"seed": np.int64})
     # Training returns first, and the longest curve first.
     frame = frame.sort_values(
         ["returns", "control_steps", "points", "import"], ascending=[False, False, False, True]
@@ -47,7 +69,7 @@ def as_runs(imports: pa.Table, points: pa.Table) -> tuple[dict[str, pa.Table], l
     tables = {"runs": _table(_runs(chosen), schema.RUNS)}
     for name, kind in _RETURNS.items():
         tables[name] = _table(named[named["returns"] == kind], schema.TABLES[name])
-    return tables, _notes(frame, chosen)
+    return ImportedRuns(tables, _notes(frame, chosen), problems)
 
 
 def with_spacing_note(cell: Cell) -> Cell:

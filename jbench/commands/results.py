@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -67,7 +67,7 @@ def runs(
     ):
         if value is not None:
             filters[setting] = [parsing.known_or_held(setting, value, known, [database])]
-    what = "import" if imports else "run"
+    what: Literal["run", "import"] = "import" if imports else "run"
     lines, problems = list_runs(database, filters, returns, what)
     header = [what, "status", "episodes", "control steps", "of", "wall time", "created"]
     rows: list[list[object]] = [

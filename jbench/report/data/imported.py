@@ -89,7 +89,9 @@ def _runs(chosen: pd.DataFrame) -> pd.DataFrame:
     """Returns a row for each seed, with the settings that jbench knows: its labels."""
     steps = chosen.groupby("run")["control_steps"].max()
     runs = chosen.drop_duplicates("run")
-    settings = [dict(row) for row in runs[_LABELS].to_dict("records")]
+    settings = [
+        {name: str(row[name]) for name in _LABELS} for row in runs[_LABELS].to_dict("records")
+    ]
     seeds = [int(seed) for seed in runs["seed"]]
     return runs.assign(
         steps=runs["run"].map(steps),

@@ -101,6 +101,16 @@ def test_the_longest_import_of_a_seed_is_used(tmp_path):
     assert any(note.startswith("1 imported curves are not used") for note in data.notes)
 
 
+def test_seeds_with_points_at_different_control_steps_have_a_note(tmp_path):
+    place, file = tmp_path / "imported", tmp_path / "curves.csv"
+    file.write_text("seed,at,value\n0,1000,10\n0,2000,20\n1,1300,30\n1,2200,40\n")
+    typed = ("--from", "csv", "--task", "face_direction", "--algo", "td3", "--seed-column", "seed")
+    columns = ("--steps-column", "at", "--return-column", "value")
+    assert main(["import", *typed, *columns, "--results", str(place), str(file)]) == 0
+    (row,) = gather(Results(place), Request()).table.to_dict("records")
+    assert "the points of its seeds are up to 300 control steps apart" in row["notes"]
+
+
 def test_imports_beside_runs_change_none_of_their_numbers_and_no_claim(demo, imported, tmp_path):
     request = Request(claims=True)
     alone = gather(Results(demo), request)

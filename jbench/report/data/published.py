@@ -66,13 +66,15 @@ def imported_curve(item: LearnedCurve) -> PublishedCurve:
     """Returns an imported curve in the form of a published one."""
     cell, curve = item
     known = curve.seeds > 0
+    # The quantiles of one or two seeds are no band.
+    percents = QUANTILES if len(cell.seeds) > 2 else (50,)
     return PublishedCurve(
         figure=IMPORTED,
         task=cell.task,
         algo=cell.algo,
         representation=cell.representation,
         control_steps=curve.control_steps[known],
-        quantiles={percent: curve.quantile(percent)[known] for percent in QUANTILES},
+        quantiles={percent: curve.quantile(percent)[known] for percent in percents},
     )
 
 

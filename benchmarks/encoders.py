@@ -29,8 +29,9 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, TensorDataset
 
 from jbench.datasets import layout
+from jbench.devices import find_device
 from jbench.encoders.kind import Learned
-from jbench.encoders.loop import Learner, find_device, one_thread
+from jbench.encoders.loop import Learner, one_thread
 from jbench.encoders.registry import make_kind
 from jbench.encoders.states import Shard
 from jbench.store import Results, schema

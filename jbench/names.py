@@ -38,7 +38,7 @@ ENCODER_KINDS = {
 """Built-in kinds of encoders and their classes; other packages may add kinds."""
 
 DEVICES = ("auto", "cpu", "cuda")
-"""Devices; auto is cuda if there is a GPU."""
+"""Devices; auto is cuda if there is a GPU. `jbench.devices` also knows cuda:0, cuda:1 and so on."""
 
 CAMERAS = ("overhead", "tracking", "ego", "spectator")
 """The cameras of the model: the paper's three (section 4.1) and a fixed view from the side."""

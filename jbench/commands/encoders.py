@@ -52,7 +52,7 @@ SeedOption = Annotated[
 DeviceOption = Annotated[
     str,
     typer.Option(
-        help="Device to train on: auto, cpu or cuda (auto: cuda if there is a GPU).",
+        help="Device to train on: auto (a GPU if there is one), cpu, cuda or such as cuda:1.",
         autocompletion=complete(*names.DEVICES),
     ),
 ]
@@ -131,14 +131,14 @@ def _train(
     """Trains an encoder for each task, kind and number of latents; reads the dataset once."""
     from jbench.commands import display
     from jbench.datasets import find_dataset
-    from jbench.encoders.loop import find_device
+    from jbench.devices import find_device
     from jbench.encoders.settings import encoder_settings
     from jbench.encoders.states import States
     from jbench.encoders.training import CHECKPOINT, train_encoder
 
     database = parsing.results_to_write(results)
     tasks = names.TASKS if task == "all" else (names.known("task", task, (*names.TASKS, "all")),)
-    train_on = find_device(names.known("value of --device", device, names.DEVICES))
+    train_on = find_device(device)
     given = {name: value for name, value in options.items() if value is not None}
     source = find_dataset(database, dataset)
     shared = {"dataset": source.id, "seed": parsing.seed(seed)}

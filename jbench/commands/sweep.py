@@ -93,7 +93,7 @@ def sweep(
     device: Annotated[
         str,
         typer.Option(
-            help="With --executor local: device of agents and encoders: auto, cpu or cuda.",
+            help="With --executor local: device of agents and encoders: auto, cpu, cuda or cuda:1.",
             autocompletion=complete(*names.DEVICES),
         ),
     ] = "auto",
@@ -217,14 +217,13 @@ def _decide(
 def _device(
     executor: str, address: str | None, gpus_per_task: float, engine: names.Engine, device: str
 ) -> str:
-    """Returns the device that the batched engine trains on, `cpu` or `cuda`."""
-    from jbench.training.request import find_device
+    """Returns the device that the batched engine trains on, `cpu`, `cuda` or such as `cuda:1`."""
+    from jbench.training.request import training_device
 
-    names.known("device", device, names.DEVICES)
     if executor == "local":
         if address is not None or gpus_per_task:
             raise RequestError("--address and --gpus-per-task are for --executor ray.")
-        return find_device(engine, device)
+        return training_device(engine, device)
     if device != "auto":
         raise RequestError("--device is for --executor local; type --gpus-per-task.")
     if not 0 <= gpus_per_task < math.inf:

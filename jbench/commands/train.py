@@ -80,7 +80,7 @@ def train(
     device: Annotated[
         str,
         typer.Option(
-            help="Device of the batched engine: auto, cpu or cuda.",
+            help="Device of the batched engine: auto, cpu, cuda or such as cuda:1.",
             autocompletion=complete(*names.DEVICES),
         ),
     ] = "auto",
@@ -110,14 +110,13 @@ def train(
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
-    from jbench.training.request import find_device, request_runs
+    from jbench.training.request import request_runs, training_device
     from jbench.training.status import failures_among
 
     output, database = Output(json), parsing.results_to_write(results)
     chosen_engine = names.known("engine", engine, names.ENGINES)
     chosen_precision = names.known("precision", precision, names.PRECISIONS)
-    device = names.known("device", device, names.DEVICES)
-    train_on = find_device(chosen_engine, device, chosen_precision)
+    train_on = training_device(chosen_engine, device, chosen_precision)
     processes = parsing.all_cores(jobs)
     base = names.known("value of --settings", settings, names.BASES)
     runs = request_runs(

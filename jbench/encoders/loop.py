@@ -19,7 +19,7 @@ from torch import Tensor
 from jbench.encoders.batch import Batch
 from jbench.encoders.kind import Learned
 from jbench.encoders.states import States
-from jbench.errors import RequestError, WorkError
+from jbench.errors import WorkError
 
 _PREPARED = 16  # batches gathered and corrupted at once
 _ADAM = ("exp_avg", "exp_avg_sq", "step")
@@ -136,18 +136,6 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
-
-
-def find_device(name: str) -> torch.device:
-    """Returns the device named "cpu", "cuda", or "auto" for a GPU if there is one.
-
-    Raises:
-        RequestError: if there is no CUDA device.
-    """
-    has_gpu = torch.cuda.is_available()
-    if name == "cuda" and not has_gpu:
-        raise RequestError("There is no CUDA device here that torch can use; type --device cpu.")
-    return torch.device("cuda" if name == "cuda" or (name == "auto" and has_gpu) else "cpu")
 
 
 def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:

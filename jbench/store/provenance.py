@@ -46,7 +46,7 @@ def provenance() -> dict[str, Any]:
 
 
 def device_provenance(device: "torch.device") -> dict[str, str | None]:
-    """Returns the device, "cpu" or "cuda", and the GPU, CUDA and driver versions."""
+    """Returns the device, "cpu" or "cuda", and the GPU, which it is, CUDA and driver versions."""
     if device.type != "cuda":
         return {"device": device.type}
     import torch
@@ -54,6 +54,7 @@ def device_provenance(device: "torch.device") -> dict[str, str | None]:
     return {
         "device": device.type,
         "gpu": torch.cuda.get_device_name(device),
+        "gpu_device": f"cuda:{device.index or 0}",
         "cuda": torch.version.cuda,
         "driver": _driver(),
     }

@@ -138,7 +138,7 @@ def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None
     torch.set_num_threads(1)
     try:
         # On a GPU the seeds are trained as one stack. The encoder's cost is negligible.
-        together = runs if device == "cuda" else runs[:1]
+        together = runs[:1] if device == "cpu" else runs
         return seconds_per_step(together, None, device) / len(together)
     except (RequestError, WorkError, RuntimeError):
         return None

@@ -32,7 +32,7 @@ class Executor(Protocol):
 
     @property
     def device(self) -> str:
-        """Device of the batched engine, `cpu` or `cuda`."""
+        """Device of the batched engine: `cpu`, `cuda` or such as `cuda:1`."""
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
         """Trains runs that may share a process, and yields the messages of their worker.
@@ -62,7 +62,7 @@ class Local:
         Args:
             results: where the runs are written.
             jobs: processes at a time; 0 for `default_jobs`.
-            device: `cpu` or `cuda`.
+            device: `cpu`, `cuda` or such as `cuda:1`.
             checkpoint_every: minimum seconds between two checkpoints of a run.
         """
         self.jobs, self.device = jobs or default_jobs(device), device
@@ -135,7 +135,7 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
         alone = run.engine != "batched"
         key = run.id if alone else alike(run, SEED)
         groups.setdefault(key, []).append(run)
-    parts = 1 if device == "cuda" else jobs
+    parts = jobs if device == "cpu" else 1
     return [
         [group[i] for i in share]
         for group in groups.values()

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
-from jbench.encoders.loop import find_device
+from jbench.devices import find_device
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
@@ -60,7 +60,7 @@ def prepare(
         cells: cells that contain the runs, and maybe others.
         runs: runs that will be trained.
         results: where datasets and encoders are written.
-        device: one of `jbench.names.DEVICES`.
+        device: see `jbench.devices.find_device`.
         watcher: receives the progress.
 
     Returns:

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.engine import Engine
-from jbench.agents.batched.make import device_of, make_engine
+from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.divergence import DivergedError, Divergence
+from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY, EPISODE_STEPS
@@ -51,7 +52,7 @@ def run_batch(
         runs: settings that differ only in their seeds.
         results: where the runs are written.
         encoder: encoder of the observations.
-        device: one of `jbench.names.DEVICES`.
+        device: see `jbench.devices.find_device`.
         checkpoint_every: minimum seconds between two checkpoints; 0 for one after every episode.
         progress: called after each training episode.
         notice: called for each resumed run.
@@ -64,7 +65,7 @@ def run_batch(
         WorkError: if the results can't be written.
     """
     failures: dict[str, WorkError] = {}
-    made_on = device_provenance(device_of(device))
+    made_on = device_provenance(find_device(device))
     with contextlib.ExitStack() as locks:
         members = []
         for run in runs:

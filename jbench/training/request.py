@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from jbench.devices import find_device
 from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, OFE, Base, Engine, Precision, known
@@ -122,24 +123,25 @@ def check_options(options: Mapping[str, Any]) -> None:
         known(f"setting of {OFE}", option, [n for n in OFESettings.model_fields if n != "units"])
 
 
-def find_device(engine: Engine, wanted: str, precision: Precision = "float32") -> str:
-    """Returns the device to train on, `cpu` or `cuda`.
+def training_device(engine: Engine, wanted: str, precision: Precision = "float32") -> str:
+    """Returns the device to train on, `cpu`, `cuda` or such as `cuda:1`.
 
     Args:
         engine: training engine.
-        wanted: one of `jbench.names.DEVICES`.
+        wanted: see `jbench.devices.find_device`.
         precision: precision of the engine's matrix products.
 
     Raises:
         RequestError: if the device is unavailable, or does not support the engine or precision.
     """
     if engine == "sb3":
-        if wanted == "cuda":
-            raise RequestError("--device cuda is for --engine batched; stable-baselines3 gets cpu.")
+        if wanted.startswith("cuda"):
+            raise RequestError(
+                f"--device {wanted} is for --engine batched; stable-baselines3 gets cpu."
+            )
+        find_device(wanted)
         return "cpu"
-    from jbench.agents.batched.make import device_of
-
-    device = device_of(wanted).type
+    device = str(find_device(wanted))
     if precision == "tf32" and device == "cpu":
         raise RequestError("Only a GPU has --precision tf32; type float32 or bfloat16.")
     return device

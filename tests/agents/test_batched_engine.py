@@ -15,7 +15,7 @@ from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.streams import Streams
-from jbench.errors import RequestError
+from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS
 from jbench.policies.saved import Policy
 from jbench.settings.algorithms import SCRIPT, algorithm_settings
@@ -419,12 +419,21 @@ def test_actions_are_those_of_the_latest_policy():
 
 def test_invalid_options_have_an_error_with_the_alternatives():
     for option, sentence in (
-        ({"device": "tpu"}, "Unknown device 'tpu'; choose auto, cpu or cuda."),
+        ({"device": "tpu"}, "Unknown device 'tpu'; choose auto, cpu, cuda or cuda:1."),
         ({"precision": "int8"}, "Unknown precision 'int8'; choose float32, tf32 or bfloat16."),
         ({"precision": "tf32"}, "Only a GPU has the precision tf32; type float32 or bfloat16."),
     ):
         with pytest.raises(RequestError, match=sentence):
             engine_of("ddpg", [0], **option)
+
+
+def test_a_full_gpu_has_a_sentence(monkeypatch):
+    def full(*_, **__):
+        raise torch.OutOfMemoryError("CUDA out of memory.")
+
+    monkeypatch.setattr("jbench.agents.batched.off_policy.ReplayBuffer", full)
+    with pytest.raises(WorkError, match=r"replay buffers of 3 seeds: type fewer --seeds at a time"):
+        engine_of("ddpg", [0, 1, 2])
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)

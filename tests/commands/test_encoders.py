@@ -148,7 +148,7 @@ def test_encoders_are_reported_and_used(filled, tmp_path, capsys):
         (("--latent", "12", "--task", "fly"), "Unknown task 'fly'"),
         (
             ("--device", "gpu"),
-            "Unknown value of --device 'gpu'; did you mean cpu? Choose auto, cpu",
+            "Unknown device 'gpu'; choose auto, cpu, cuda or cuda:1.",
         ),
         (("--seed", "-1"), "type a whole number from 0 up"),
         (("--dataset", "random/s00-00000000"), "No dataset random/s00-00000000"),

@@ -13,7 +13,7 @@ import torch
 from jbench.encoders import load_encoder
 from jbench.encoders.kinds.ae import Autoencoder
 from jbench.encoders.kinds.dae import DenoisingAutoencoder
-from jbench.encoders.loop import Learner, find_device
+from jbench.encoders.loop import Learner
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.settings import EncoderSettings, encoder_settings
@@ -222,16 +222,6 @@ def test_checkpoint_with_random_numbers_of_a_gpu_is_refused(trained, results):
     begun.append({}, {CHECKPOINT: safetensors.numpy.save(kept)})
     with pytest.raises(WorkError, match=r"drew its random numbers on a GPU.*delete the directory"):
         train(trained.states, results)
-
-
-def test_missing_device_is_refused():
-    assert find_device("cpu").type == "cpu"
-    if torch.cuda.is_available():
-        assert find_device("auto").type == find_device("cuda").type == "cuda"
-    else:
-        assert find_device("auto").type == "cpu"
-        with pytest.raises(RequestError, match=r"no CUDA device here .* type --device cpu"):
-            find_device("cuda")
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")

@@ -6,7 +6,13 @@ import torch
 from jbench.store import provenance
 from jbench.store.provenance import device_provenance, differences
 
-H100 = {"device": "cuda", "gpu": "NVIDIA H100", "cuda": "13.0", "driver": "580.65.06"}
+H100 = {
+    "device": "cuda",
+    "gpu": "NVIDIA H100",
+    "gpu_device": "cuda:1",
+    "cuda": "13.0",
+    "driver": "580.65.06",
+}
 
 
 def test_a_processor_and_a_gpu_are_told_apart(monkeypatch):
@@ -14,13 +20,14 @@ def test_a_processor_and_a_gpu_are_told_apart(monkeypatch):
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: "NVIDIA H100")
     monkeypatch.setattr(torch.version, "cuda", "13.0")
     monkeypatch.setattr(provenance, "_driver", lambda: "580.65.06")
-    assert device_provenance(torch.device("cuda")) == H100
+    assert device_provenance(torch.device("cuda", 1)) == H100
 
 
 @pytest.mark.parametrize(
     ("now", "changed"),
     [
         (H100, {}),
+        (H100 | {"gpu_device": "cuda:0"}, {}),  # another GPU of the same kind
         ({"device": "cpu"}, {"device": ["cuda", "cpu"]}),
         (H100 | {"gpu": "NVIDIA H200"}, {"gpu": ["NVIDIA H100", "NVIDIA H200"]}),
         (H100 | {"cuda": "13.1"}, {"cuda": ["13.0", "13.1"]}),

@@ -11,7 +11,7 @@ from jbench.sweeps.executors import batches
 from jbench.training import batched_run, evaluation
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import robot_model
-from jbench.training.request import find_device
+from jbench.training.request import training_device
 from jbench.training.speed import _short_schedule, seconds_per_step
 from jbench.training.status import plan
 from tests.training.small_runs import rows, small_run
@@ -108,7 +108,7 @@ def test_seeds_are_dealt_out_to_processes():
     others = [settings(seed=seed, engine="sb3") for seed in range(2)]
     found = batches([*runs, *others], 2, "cpu")
     assert [[run.seed for run in batch] for batch in found] == [[0, 1, 2], [3, 4], [0], [1]]
-    assert [len(batch) for batch in batches(runs, 2, "cuda")] == [5]
+    assert [len(batch) for batch in batches(runs, 2, "cuda:1")] == [5]
     ddpg = settings("ddpg")
     assert batches([*runs, ddpg], 1, "cpu") == [runs, [ddpg]]
 
@@ -119,13 +119,13 @@ def test_settings_and_devices_that_do_not_go_together_are_refused():
     with pytest.raises(ValueError, match="are settings of the batched engine"):
         settings(engine="sb3", precision="bfloat16")
     with pytest.raises(RequestError, match="--device cuda is for --engine batched"):
-        find_device("sb3", "cuda")
-    assert find_device("sb3", "auto") == "cpu"
+        training_device("sb3", "cuda")
+    assert training_device("sb3", "auto") == "cpu"
     if not torch.cuda.is_available():
-        with pytest.raises(RequestError, match="no CUDA device here; type --device cpu"):
-            find_device("batched", "cuda")
+        with pytest.raises(RequestError, match="There is no CUDA device here"):
+            training_device("batched", "cuda")
         with pytest.raises(RequestError, match="Only a GPU has --precision tf32"):
-            find_device("batched", "auto", "tf32")
+            training_device("batched", "auto", "tf32")
 
 
 def test_ppo_is_refused_in_bfloat16():

@@ -15,9 +15,10 @@ from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
 from jbench.cores import cores
+from jbench.devices import find_device
 from jbench.encoders import Encoder
-from jbench.errors import RequestError
-from jbench.names import DEVICES, EPISODE_STEPS, PRECISIONS, TimeLimit, one_of
+from jbench.errors import RequestError, WorkError
+from jbench.names import EPISODE_STEPS, PRECISIONS, TimeLimit, one_of
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.ofe import OFESettings
 
@@ -47,7 +48,7 @@ def make_engine(
         time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         ofe: settings of features learned with the agent (not with PPO); None for no features.
         models: the robot of each episode; None for the plain robot.
-        device: "cpu", "cuda", or "auto" for a GPU if there is one.
+        device: see `jbench.devices.find_device`.
         precision: one of `jbench.names.PRECISIONS`; parameters are float32 in any case.
         threads: simulation threads; None for one on a CPU, where learning dominates and one
             process per core is faster, and for one per core with a GPU.
@@ -59,15 +60,18 @@ def make_engine(
     Raises:
         RequestError: if the device or the precision does not exist, or there are too many
             environments.
+        WorkError: if the replay buffers exceed a GPU's memory.
     """
-    torch_device = device_of(device)
+    torch_device = find_device(device)
     if precision not in PRECISIONS:
         raise RequestError(f"Unknown precision {precision!r}; choose {one_of(PRECISIONS)}.")
     gpu = torch_device.type == "cuda"
     if precision == "tf32" and not gpu:
         raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
     if gpu:
-        torch.backends.cuda.matmul.fp32_precision = "tf32" if precision == "tf32" else "ieee"
+        products = torch.backends.cuda.matmul
+        products.fp32_precision = "tf32" if precision == "tf32" else "ieee"
+        products.allow_bf16_reduced_precision_reduction = False  # sums are float32, as on a CPU
     count = environments or (settings.n_envs if isinstance(settings, PPOSettings) else 1)
     streams = [Streams(seed, count) for seed in seeds]
     robots = Environments(
@@ -92,18 +96,10 @@ def make_engine(
     if isinstance(settings, PPOSettings):
         return OnPolicyEngine(settings, team, robots, streams, time_limit=time_limit)
     assert isinstance(settings, OffPolicySettings)
-    return OffPolicyEngine(settings, team, robots, streams, time_limit=time_limit)
-
-
-def device_of(name: str) -> torch.device:
-    """Returns the device named "cpu", "cuda" or "auto".
-
-    Raises:
-        RequestError: if the device does not exist.
-    """
-    if name not in DEVICES:
-        raise RequestError(f"Unknown device {name!r}; choose {one_of(DEVICES)}.")
-    has_gpu = torch.cuda.is_available()
-    if name == "cuda" and not has_gpu:
-        raise RequestError("There is no CUDA device here; type --device cpu.")
-    return torch.device("cuda" if has_gpu and name != "cpu" else "cpu")
+    try:
+        return OffPolicyEngine(settings, team, robots, streams, time_limit=time_limit)
+    except torch.OutOfMemoryError:
+        raise WorkError(
+            f"The GPU's memory is not enough for the replay buffers of {len(seeds)} seeds: type "
+            f"fewer --seeds at a time, or less than --set buffer_size={settings.buffer_size}."
+        ) from None

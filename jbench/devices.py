@@ -1,0 +1,37 @@
+"""Choice of the device that trains agents or encoders."""
+
+import re
+from typing import TYPE_CHECKING
+
+from jbench.errors import RequestError
+from jbench.names import DEVICES, one_of
+
+if TYPE_CHECKING:
+    import torch
+
+
+def find_device(name: str) -> "torch.device":
+    """Returns the device of a name.
+
+    Args:
+        name: "cpu", "cuda", "cuda:N" for one of several GPUs, or "auto" for a GPU if there is one.
+
+    Raises:
+        RequestError: if the name is unknown, or there is no such device.
+    """
+    import torch
+
+    number = re.fullmatch(r"cuda:(\d+)", name)
+    if number is None and name not in DEVICES:
+        raise RequestError(f"Unknown device {name!r}; choose {one_of((*DEVICES, 'cuda:1'))}.")
+    if name == "cpu" or (name == "auto" and not torch.cuda.is_available()):
+        return torch.device("cpu")
+    if not torch.cuda.is_available():
+        raise RequestError("There is no CUDA device here that torch can use; type --device cpu.")
+    if number is None:
+        return torch.device("cuda")
+    index, count = int(number[1]), torch.cuda.device_count()
+    if index >= count:
+        there = one_of([f"cuda:{i}" for i in range(count)])
+        raise RequestError(f"There is no device {name} here; type --device {there}.")
+    return torch.device("cuda", index)

@@ -1,0 +1,49 @@
+"""Which device a name means here."""
+
+import pytest
+import torch
+
+from jbench.devices import find_device
+from jbench.errors import RequestError
+
+
+@pytest.fixture
+def gpus(monkeypatch):
+    """Pretends that there are this many GPUs."""
+
+    def pretend(count):
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: count > 0)
+        monkeypatch.setattr(torch.cuda, "device_count", lambda: count)
+
+    return pretend
+
+
+def test_auto_is_a_gpu_if_there_is_one(gpus):
+    gpus(0)
+    assert find_device("auto") == find_device("cpu") == torch.device("cpu")
+    gpus(1)
+    assert find_device("auto") == find_device("cuda") == torch.device("cuda")
+    assert find_device("cpu") == torch.device("cpu")
+
+
+def test_one_of_several_gpus(gpus):
+    gpus(2)
+    assert find_device("cuda:1") == torch.device("cuda", 1)
+
+
+@pytest.mark.parametrize(
+    ("count", "name", "sentence"),
+    [
+        (0, "cuda", "There is no CUDA device here that torch can use; type --device cpu."),
+        (0, "cuda:1", "There is no CUDA device here that torch can use; type --device cpu."),
+        (1, "cuda:1", "There is no device cuda:1 here; type --device cuda:0."),
+        (3, "cuda:12", "There is no device cuda:12 here; type --device cuda:0, cuda:1 or cuda:2."),
+        (1, "cuda:-1", "Unknown device 'cuda:-1'; choose auto, cpu, cuda or cuda:1."),
+        (1, "gpu", "Unknown device 'gpu'; choose auto, cpu, cuda or cuda:1."),
+    ],
+)
+def test_a_device_that_is_not_there_is_refused(gpus, count, name, sentence):
+    gpus(count)
+    with pytest.raises(RequestError) as caught:
+        find_device(name)
+    assert str(caught.value) == sentence

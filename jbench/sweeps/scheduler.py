@@ -58,7 +58,7 @@ def sweep(
         results: where datasets, encoders and runs are written.
         make_executor: called if there are runs to train; None for `Local`, a process per core.
         watcher: receives the events.
-        device: device for training encoders, one of `jbench.names.DEVICES`.
+        device: device for training encoders, see `jbench.devices.find_device`.
         retry_failed: whether to retry runs that failed before.
         wait: whether to wait for runs that another process is training, and to resume them if
             that process dies.
@@ -100,7 +100,7 @@ def _forecast(
     """Reports the expected memory and time of runs on this machine."""
     waiting = batches(runs, executor.jobs, executor.device)
     jobs = min(executor.jobs, len(waiting))
-    memory = memory_sentence([run for batch in waiting[:jobs] for run in batch])
+    memory = memory_sentence([r for batch in waiting[:jobs] for r in batch], executor.device)
     if memory is not None:
         watcher.note(memory)
     ids = {run.id for run in runs}

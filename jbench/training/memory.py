@@ -9,30 +9,44 @@ from jbench.tasks.features import TASK_SPECS
 _MIN_REPORTED = 2_000_000_000  # bytes
 
 
-def replay_bytes(run: RunSettings) -> int:
+def replay_bytes(run: RunSettings, device: str = "cpu") -> int:
     """Returns the maximum bytes of a run's replay buffer on the batched engine; 0 for PPO.
 
     Each observation is stored once, in float32, with an action and a reward. An encoder reduces
-    its size.
+    its size. A GPU allocates the whole buffer at the start, also for a run that does not fill it.
     """
     size = TASK_SPECS[run.task].observation_size
-    transitions = min(int(run.hyperparameters.get("buffer_size", 0)), run.steps)
-    return 4 * (size + 2) * transitions
+    transitions = int(run.hyperparameters.get("buffer_size", 0))
+    return 4 * (size + 2) * (min(transitions, run.steps) if device == "cpu" else transitions)
 
 
-def memory_sentence(runs: Sequence[RunSettings]) -> str | None:
-    """Returns a sentence on the replay buffers of concurrent runs; None if they are small."""
-    needed = sum(replay_bytes(run) for run in runs if run.engine == "batched")
+def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | None:
+    """Returns a sentence on the replay buffers of concurrent runs; None if they are small.
+
+    Args:
+        device: of the batched engine.
+    """
+    needed = sum(replay_bytes(run, device) for run in runs if run.engine == "batched")
     if needed < _MIN_REPORTED:
         return None
-    text = f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of memory"
-    free = _available()
+    whose = "memory" if device == "cpu" else "the GPU's memory"
+    text = (
+        f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of {whose}"
+    )
+    free = _available() if device == "cpu" else _available_on_gpu(device)
     if free is None or needed < free:
         return f"{text}."
     return (
         f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
         f"--set buffer_size={int(runs[0].hyperparameters['buffer_size'] * free / needed / 2):d}."
     )
+
+
+def _available_on_gpu(device: str) -> int | None:
+    """Returns the bytes of available memory of a GPU; None if it belongs to another machine."""
+    import torch
+
+    return torch.cuda.mem_get_info(device)[0] if torch.cuda.is_available() else None
 
 
 def _available() -> int | None:

@@ -1,5 +1,7 @@
 """What runs will take of memory is said before."""
 
+import torch
+
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.training.memory import memory_sentence, replay_bytes
@@ -25,6 +27,7 @@ def test_a_replay_buffer_is_a_million_rows_of_observation_action_and_reward():
     assert replay_bytes(run()) == 1_000_000 * (16 + 2) * 4
     assert replay_bytes(run(steps=300_000)) == 300_000 * 18 * 4
     assert replay_bytes(run("ppo")) == 0
+    assert replay_bytes(run(steps=300_000), "cuda:1") == 1_000_000 * 18 * 4
 
 
 def test_ten_seeds_are_too_few_to_speak_of_and_a_thousand_are_not():
@@ -39,3 +42,17 @@ def test_ten_seeds_are_too_few_to_speak_of_and_a_thousand_are_not():
     assert "72000.0 GB" in sentence
     assert "fewer --seeds at a time, or --set buffer_size=" in sentence
     assert memory_sentence([run(engine="sb3")] * 1000) is None
+
+
+def test_the_memory_of_a_gpu_is_that_of_the_device(monkeypatch):
+    runs = [run(seed=seed) for seed in range(100)]
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(
+        torch.cuda, "mem_get_info", {"cuda": (8_000_000_000, 9), "cuda:1": (3_600_000_000, 9)}.get
+    )
+    needs = "The replay buffers of 100 runs will take up to 7.2 GB of the GPU's memory"
+    assert memory_sentence(runs, "cuda") == f"{needs}."
+    advice = "fewer --seeds at a time, or --set buffer_size=250000."
+    assert (
+        memory_sentence(runs, "cuda:1") == f"{needs}, and 3.6 GB are free here: for less, {advice}"
+    )

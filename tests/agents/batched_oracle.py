@@ -45,8 +45,8 @@ def oracle_of(algo, settings, dtype, monkeypatch):
 def learners_of(algo, settings, dtype=torch.float32, seeds=1, **options):
     """Tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
-    views = [*(tensors.seed_view(seed) for seed in range(seeds)), tensors.stacked_view()]
-    *each, stack = (LEARNERS[algo](settings, SIZE, view, **options) for view in views)
+    views = [tensors.stacked_view(), *(tensors.seed_view(seed) for seed in range(seeds))]
+    stack, *each = (LEARNERS[algo](settings, SIZE, view, **options) for view in views)
     return tensors, each, stack
 
 

@@ -12,7 +12,12 @@ from jbench.names import ALGORITHMS
 from tests.agents.test_batched_engine import FEW, STEPS, engine_of
 
 SEEDS, DIVERGED = [0, 5, 3], 1
-CRITICS = {"ddpg": "critic", "td3": "critics 1", "sac": "critics 0", "ppo": "critic"}
+CRITICS = {
+    "ddpg": "critic",
+    "td3": "critics networks 1",
+    "sac": "critics networks 0",
+    "ppo": "critic",
+}
 
 
 def poison(engine, network):
@@ -56,8 +61,8 @@ def test_a_diverged_seed_does_not_affect_the_others(algo, stacked, capfd):
     ("algo", "network", "what"),
     [
         ("td3", "actor", "actions"),
-        ("td3", "critics 1", "critic_loss"),
-        ("sac", "critic_targets 0", "critic_loss"),
+        ("td3", "critics networks 1", "critic_loss"),
+        ("sac", "critic_targets networks 0", "critic_loss"),
         ("ppo", "critic", "policy_loss"),
     ],
 )

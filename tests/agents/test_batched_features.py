@@ -90,14 +90,14 @@ def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe):
     seen = plain.state_action_features(pairs[:, :-1], actions)
     rows = torch.tensor([1, 4, 7])
     values, gradients = [], []
-    for critic in learner.critics:
+    for critic in learner.critics.networks:
         value = critic.forward(pairs)
         selected = None if algo == "td3" else rows
         delta = torch.ones(9 if selected is None else 3, 1, dtype=torch.float64)
-        if algo == "sac" or critic is learner.critics[0]:
+        if algo == "sac" or critic is learner.critics.first:
             gradients.append((selected, critic.action_gradient(delta, selected)))
         values.append(value)
-    for index, (critic, value) in enumerate(zip(learner.critics, values, strict=True)):
+    for index, (critic, value) in enumerate(zip(learner.critics.networks, values, strict=True)):
         expected = seen
         for i, layer in enumerate(critic.layers):
             expected = (expected.relu() if i else expected) @ layer.weight + layer.bias
@@ -123,7 +123,8 @@ def test_stacked_updates_equal_those_of_each_seed_alone(algo, ofe):
         alone.update(batch, alone.is_delayed_update(update, 0))
     for name in ("features", "actor", "critics"):
         one, other = (getattr(learner, name) for learner in (alone, seed))
-        pairs = zip(one, other, strict=True) if name == "critics" else [(one, other)]
+        both = name == "critics"
+        pairs = zip(one.networks, other.networks, strict=True) if both else [(one, other)]
         for mine, its in pairs:
             torch.testing.assert_close(mine.values, its.values, rtol=0, atol=1e-10)
 

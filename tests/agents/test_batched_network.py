@@ -115,7 +115,7 @@ def test_low_precision_buffers_do_not_grow_with_the_number_of_row_counts():
     network.forward(torch.randn(100, 17))
     for rows in range(1, 101):
         network.action_gradient(torch.randn(rows, 1), torch.arange(rows))
-    memory = network._view._tensors._scratch.values()
+    memory = network.view._tensors._scratch.values()
     rounded = {tensor.shape[0] for tensor in memory if tensor.dtype == torch.bfloat16}
     # Multiples of 32 up to the batch size, and the batch size itself.
     assert rounded <= {32, 64, 96, 128, 100}

@@ -9,6 +9,7 @@ from torch import nn
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.network import Affine
 from jbench.agents.batched.ppo import Minibatch
+from jbench.agents.batched.twins import Twins
 from jbench.settings.algorithms import SCRIPT, algorithm_settings
 from tests.agents.batched_oracle import SIZE, learners_of, settings_of
 from tests.agents.plain_ddpg import PlainDDPG
@@ -36,8 +37,8 @@ def ppo_layers(learner, plain):
 def layers_of(learner, plain, names):
     """Pairs of layers of the learner's networks and of the plain version's."""
     for name in names:
-        networks = getattr(learner, name)
-        networks = networks if isinstance(networks, list) else [networks]
+        network = getattr(learner, name)
+        networks = network.networks if isinstance(network, Twins) else [network]
         layers = [layer for network in networks for layer in network.layers]
         yield from zip(layers, linear_layers(getattr(plain, name)), strict=True)
 
@@ -202,7 +203,7 @@ def test_last_layer_bound_limits_the_last_layer_only():
 
 def test_td3_glorot_initialization():
     learner = first_layers("td3", initialization="glorot")
-    for network in (learner.actor, *learner.critics):
+    for network in (learner.actor, *learner.critics.networks):
         for weight, bias in network.layers:
             assert_uniform(weight, math.sqrt(6 / sum(weight.shape)))
             assert not bias.any()

@@ -106,7 +106,7 @@ class Engine(Closing):
             observations: (seeds, N, dim(O)) of the task, not encoded.
         """
         inputs = self.environments.encode(torch.from_numpy(observations))
-        actions: NDArray[np.float32] = self._team.run(_act, inputs).float().numpy()
+        actions: NDArray[np.float32] = self._team.run(act, inputs).float().numpy()
         actions[list(self.diverged)] = 0
         return actions
 
@@ -117,7 +117,7 @@ class Engine(Closing):
             environments: N per seed, at the beginning of an episode.
         """
         while True:
-            actions = self._team.run(_act, environments.observations)[..., 0]
+            actions = self._team.run(act, environments.observations)[..., 0]
             returns = environments.step(actions.numpy()).episode_returns
             if returns is not None:
                 return returns
@@ -237,5 +237,6 @@ def _under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
     return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
 
 
-def _act(agent: Learner, observations: Tensor) -> Tensor:
+def act(agent: Learner, observations: Tensor) -> Tensor:
+    """Returns an agent's deterministic actions; see `Team.run`."""
     return agent.act(observations)

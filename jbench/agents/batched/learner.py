@@ -11,6 +11,7 @@ from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.network import Affine, Network, Sizes, parameter_count
 from jbench.agents.batched.tensors import SeedView
+from jbench.agents.batched.twins import Twins
 from jbench.policies.feature_map import FeatureMap
 from jbench.settings.algorithms import AlgorithmSettings, Initialization
 
@@ -90,14 +91,15 @@ class Learner:
         learned: bool = True,
         joins: int = 0,
         make: Callable[..., Network] = Network,
+        view: SeedView | None = None,
     ) -> Network:
         """Returns a network whose parameters are saved under `name`; see `Network`."""
-        count = parameter_count(sizes, joins)
+        count, view = parameter_count(sizes, joins), view or self.view
         return make(
-            self.view,
+            view,
             sizes,
-            self.view.saved(name, count),
-            self.view.scratch(f"{name}.gradient", count) if learned else None,
+            view.saved(name, count),
+            view.scratch(f"{name}.gradient", count) if learned else None,
             workspace=workspace,
             low_precision=self._low_precision,
             joins=joins,
@@ -106,7 +108,7 @@ class Learner:
     def _adam(self, name: str, network: Network) -> Adam:
         """Returns the optimiser of a network; its moments are saved under `name`."""
         assert network.gradient is not None
-        return Adam(self.view, name, network.values, network.gradient, self._learning_rate)
+        return Adam(network.view, name, network.values, network.gradient, self._learning_rate)
 
 
 class OffPolicyLearner(Learner):
@@ -116,16 +118,19 @@ class OffPolicyLearner(Learner):
     """Standard normal numbers that an update needs per transition."""
 
     random_policy: ClassVar[bool] = False
-    """Whether the policy is stochastic, so that `explore` uses its noise."""
+    """Whether the policy is stochastic, so that it explores by `explore` instead of `act`."""
+
+    joins_twins: ClassVar[bool] = True
+    """Whether two critics of a stack are computed as one network."""
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
-        """Returns exploring actions (..., N, 1) before action noise is added.
+        """Returns sampled actions (..., N, 1) of a stochastic policy.
 
         Args:
             observations: (..., N, inputs).
-            noise: (..., N, 1) standard normal numbers for a stochastic policy.
+            noise: (..., N, 1) standard normal numbers.
         """
-        return self.act(observations)
+        raise NotImplementedError
 
     def pretraining(self, control_steps: int) -> int:
         """Returns the number of `pretrain` calls before the first update.
@@ -164,6 +169,22 @@ class OffPolicyLearner(Learner):
         sizes = self.value_sizes
         pairs = zip(names, workspaces, strict=True)
         return [self._network(name, sizes, workspace, learned, joins) for name, workspace in pairs]
+
+    def _twins(self, workspaces: Sequence[str], suffix: str = "", learned: bool = True) -> Twins:
+        """Returns two critics, saved as critic1 and critic2 with a suffix.
+
+        Args:
+            workspaces: of each; the joint network of a stack takes the first.
+        """
+        names = [f"critic{i}{suffix}" for i in (1, 2)]
+        if not (self.view.batch_shape and self.joins_twins):
+            networks = self._critics(names, workspaces, learned)
+            pairs = zip(names, networks, strict=True)
+            return Twins(networks, [self._adam(*pair) for pair in pairs] if learned else ())
+        name, sizes, view = f"critic{suffix}", self.value_sizes, self.view.twin_view()
+        joint = self._network(name, sizes, workspaces[0], learned, view=view)
+        first = self._network(names[0], sizes, workspaces[0], learned=False)
+        return Twins([joint], [self._adam(name, joint)] if learned else (), first)
 
 
 def initialize_uniform(

@@ -86,7 +86,7 @@ class Network:
             joins: index of the layer that takes the last of the inputs.
         """
         self.sizes, self.values, self.gradient, self.joins = sizes, values, gradient, joins
-        self._view, self._workspace = view, workspace
+        self.view, self._workspace = view, workspace
         # Column of the last input among those of its layer.
         self._column = _inputs(sizes, joins)[joins] - 1
         shapes, last = _padded(sizes, joins), len(sizes) - 2
@@ -164,7 +164,7 @@ class Network:
         if batch not in self._memory:
             units, deltas = (
                 [
-                    self._view.scratch(f"{name} {i}", batch, width)
+                    self.view.scratch(f"{name} {i}", batch, width)
                     for i, (_, width) in enumerate(_padded(self.sizes, self.joins)[:-1])
                 ]
                 for name in (self._workspace, "delta")

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.agents.batched.engine import Engine
+from jbench.agents.batched.engine import Engine, act
 from jbench.agents.batched.environments import Environments, Step
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.noise import ActionNoise
@@ -92,17 +92,17 @@ class OffPolicyEngine(Engine):
         if settings.uniform_warmup and self.control_steps < settings.learning_starts:
             actions = np.stack([each.actions.uniform(-1, 1, shape[1]) for each in self._streams])
         else:
-            noise = self._policy_noise(shape)
-            actions = self._team.run(_explore, observations, noise)[..., 0].numpy()
+            actions = self._policy_actions(observations)[..., 0].numpy()
         noisy_actions = actions + self._noise.draw(self._streams)
         return np.clip(noisy_actions, -1, 1).astype(np.float32)
 
-    def _policy_noise(self, shape: Sequence[int]) -> Tensor:
-        """Returns standard normal numbers (seeds, environments, 1); zeros if none are needed."""
+    def _policy_actions(self, observations: Tensor) -> Tensor:
+        """Returns actions (seeds, environments, 1) of the policies, without action noise."""
         if not self._team.each[0].random_policy:
-            return torch.zeros(*shape, 1)
-        draws = [each.actions.standard_normal((shape[1], 1)) for each in self._streams]
-        return torch.from_numpy(np.stack(draws))
+            return self._team.run(act, observations)
+        shape = observations.shape[1], 1
+        noise = np.stack([each.actions.standard_normal(shape) for each in self._streams])
+        return self._team.run(_explore, observations, torch.from_numpy(noise))
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: Step) -> None:
         self.replay.add(actions, step.rewards, step.observations)

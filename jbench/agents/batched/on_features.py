@@ -31,6 +31,8 @@ class OnFeatures(OffPolicyLearner):
     which are computed in full precision.
     """
 
+    joins_twins = False  # the second critic takes the features that the first one has computed
+
     def __init__(
         self,
         settings: Any,
@@ -57,8 +59,6 @@ class OnFeatures(OffPolicyLearner):
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """See `OffPolicyLearner.explore`."""
-        if not self.random_policy:
-            return self.act(observations)
         return super().explore(self._encode(observations), noise)
 
     def feature_map(self) -> FeatureMap:

@@ -11,7 +11,6 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import (
     OffPolicyLearner,
     initialize_uniform,
-    polyak_update,
     tanh_gradient,
 )
 from jbench.agents.batched.network import Network
@@ -67,14 +66,9 @@ class SAC(OffPolicyLearner):
         sizes = (*self.policy_sizes[:-1], 2)
         self.actor = self._network("actor", sizes, workspace="actor")
         # Both critics' activations are needed at the same time, those of their targets are not.
-        self.critics = self._critics(["critic1", "critic2"], ["critic1", "critic2"])
-        self.critic_targets = self._critics(
-            ["critic1_target", "critic2_target"], ["critic1", "critic1"], False
-        )
+        self.critics = self._twins(["critic1", "critic2"])
+        self.critic_targets = self._twins(["critic1", "critic1"], "_target", learned=False)
         self._actor_adam = self._adam("actor", self.actor)
-        self._critic_adams = [
-            self._adam(f"critic{i}", critic) for i, critic in enumerate(self.critics, 1)
-        ]
         self.log_temperature = view.saved("log_temperature", 1)
         self._temperature_gradient = view.scratch("log_temperature.gradient", 1)
         if self._learns_temperature:
@@ -88,9 +82,10 @@ class SAC(OffPolicyLearner):
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
-        for network in (self.actor, *self.critics):
+        for network in (self.actor, *self.critics.networks):
             initialize_uniform(network.layers, generator)
-        for target, critic in zip(self.critic_targets, self.critics, strict=True):
+        pairs = zip(self.critic_targets.networks, self.critics.networks, strict=True)
+        for target, critic in pairs:
             target.values.copy_(critic.values)
         self.log_temperature.fill_(self._initial_temperature).log_()
 
@@ -124,25 +119,18 @@ class SAC(OffPolicyLearner):
 
         next_sample = self._sample(batch.next_observations, batch.noise[..., 1:])
         batch.next_actions.copy_(next_sample.actions)
-        next_values = torch.minimum(
-            *(q.forward(batch.next_state_actions) for q in self.critic_targets)
-        )
+        next_values = torch.minimum(*self.critic_targets.forward(batch.next_state_actions))
         next_values.addcmul_(temperature, next_sample.log_likelihoods, value=-1)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
         # Minimise L_Q over the critics.
-        losses = torch.zeros_like(targets)
-        for critic, adam in zip(self.critics, self._critic_adams, strict=True):
-            errors = critic.forward(batch.state_actions) - targets
-            critic.backward(errors * batch.mean_weight)
-            adam.step()
-            losses.addcmul_(errors, errors, value=0.5)
-        self._record_loss("critic_loss", losses)
+        squared_errors = self.critics.fit(batch.state_actions, targets, scale=1)
+        self._record_loss("critic_loss", squared_errors.mul_(0.5))
 
         # Minimise L_pi over the actor.
         sample = self._sample(batch.observations, batch.noise[..., :1])
         batch.actions.copy_(sample.actions)
-        first, second = (critic.forward(batch.state_actions) for critic in self.critics)
+        first, second = self.critics.forward(batch.state_actions)
         self._record_loss(
             "actor_loss", temperature * sample.log_likelihoods - torch.minimum(first, second)
         )
@@ -161,8 +149,7 @@ class SAC(OffPolicyLearner):
 
         # Update the target networks.
         if delayed:
-            for target, critic in zip(self.critic_targets, self.critics, strict=True):
-                polyak_update(target, critic, self._tau)
+            self.critic_targets.polyak_update(self.critics, self._tau)
 
     def _sample(self, observations: Tensor, noise: Tensor, exact: bool = False) -> Sample:
         """Samples an action per observation with noise e (..., N, 1)."""
@@ -187,12 +174,11 @@ class SAC(OffPolicyLearner):
         is_first = first <= second
         if self.view.batch_shape:
             by_first = is_first.to(by_minimum.dtype).mul_(by_minimum)
-            by_action = self.critics[0].action_gradient(by_first)
-            return by_action.add_(self.critics[1].action_gradient(by_minimum - by_first))
+            return self.critics.action_gradient(by_first, by_minimum - by_first)
         # Each critic goes backward on its own rows only. This halves the work, but the sizes vary,
         # which a CUDA graph does not allow.
         by_action = torch.empty_like(by_minimum)
-        for critic, mask in zip(self.critics, (is_first, ~is_first), strict=True):
+        for critic, mask in zip(self.critics.networks, (is_first, ~is_first), strict=True):
             rows = mask.view(-1).nonzero().view(-1)
             gradient = critic.action_gradient(by_minimum.index_select(0, rows), rows)
             by_action.index_copy_(0, rows, gradient)

@@ -39,18 +39,15 @@ class TD3(OffPolicyLearner):
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_sizes, workspace="actor")
         workspaces = ["critic"] * 2
-        self.critics = self._critics(["critic1", "critic2"], workspaces)
+        self.critics = self._twins(workspaces)
         self.actor_target = self._network("actor_target", self.policy_sizes, "critic", False)
-        self.critic_targets = self._critics(["critic1_target", "critic2_target"], workspaces, False)
+        self.critic_targets = self._twins(workspaces, "_target", learned=False)
         self._actor_adam = self._adam("actor", self.actor)
-        self._critic_adams = [
-            self._adam(f"critic{i}", critic) for i, critic in enumerate(self.critics, 1)
-        ]
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
-        networks = (self.actor, *self.critics)
-        targets = (self.actor_target, *self.critic_targets)
+        networks = (self.actor, *self.critics.networks)
+        targets = (self.actor_target, *self.critic_targets.networks)
         for network, target in zip(networks, targets, strict=True):
             initialize_uniform(network.layers, generator, self._initialization)
             target.values.copy_(network.values)
@@ -85,30 +82,22 @@ class TD3(OffPolicyLearner):
         smoothing = (batch.noise * self._sigma).clamp_(-self._clip, self._clip)
         next_actions = self.actor_target.forward(batch.next_observations).tanh_()
         torch.clamp(next_actions.add_(smoothing), -1, 1, out=batch.next_actions)
-        next_values = torch.minimum(
-            *(q.forward(batch.next_state_actions) for q in self.critic_targets)
-        )
+        next_values = torch.minimum(*self.critic_targets.forward(batch.next_state_actions))
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
         # Minimise L_Q over the critics.
-        losses = torch.zeros_like(targets)
-        for critic, adam in zip(self.critics, self._critic_adams, strict=True):
-            errors = critic.forward(batch.state_actions) - targets
-            critic.backward(2 * errors * batch.mean_weight)
-            adam.step()
-            losses.addcmul_(errors, errors)
-        self._record_loss("critic_loss", losses)
+        squared_errors = self.critics.fit(batch.state_actions, targets, scale=2)
+        self._record_loss("critic_loss", squared_errors)
 
         if delayed:
             # Minimise L_pi over the actor.
             torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
-            values = self.critics[0].forward(batch.state_actions)
-            by_action = self.critics[0].action_gradient(-batch.mean_weight)
+            values = self.critics.first.forward(batch.state_actions)
+            by_action = self.critics.first.action_gradient(-batch.mean_weight)
             self.actor.backward(tanh_gradient(by_action, batch.actions))
             self._actor_adam.step()
             self._record_loss("actor_loss", -values)
 
             # Update the target networks.
-            for target, critic in zip(self.critic_targets, self.critics, strict=True):
-                polyak_update(target, critic, self._tau)
+            self.critic_targets.polyak_update(self.critics, self._tau)
             polyak_update(self.actor_target, self.actor, self._tau)

@@ -62,18 +62,19 @@ class Team(Generic[Rule]):
             low_precision: whether to multiply hidden layers in bfloat16.
         """
         self.tensors = tensors
-        views = [tensors.seed_view(seed) for seed in range(tensors.seeds)]
-        self.each = [rule(settings, observation_size, view, low_precision) for view in views]
         self._stack: Rule | None = None
         if stacked:
+            # It comes first, because it decides how the tensors lie in memory.
             self._stack = rule(settings, observation_size, tensors.stacked_view(), low_precision)
+        views = [tensors.seed_view(seed) for seed in range(tensors.seeds)]
+        self.each = [rule(settings, observation_size, view, low_precision) for view in views]
         self.groups = (
             [Group(learner, range(seed, seed + 1)) for seed, learner in enumerate(self.each)]
             if self._stack is None
             else [Group(self._stack, range(tensors.seeds))]
         )
         self._captured = Captured(self._run_stack, tensors.device)
-        self._inputs: dict[Hashable, list[Tensor]] = {}
+        self._inputs: dict[Hashable, list[tuple[Tensor, Tensor]]] = {}
         self._outputs: dict[Hashable, Tensor] = {}
 
     def initialize(self, streams: Sequence[Streams]) -> None:
@@ -97,12 +98,11 @@ class Team(Generic[Rule]):
             return torch.stack([method(agent, *own) for agent, *own in of_seeds])
         key = (method, *(x.shape for x in inputs))
         if key not in self._inputs:
-            self._inputs[key] = [
-                torch.empty(x.shape, dtype=self.tensors.dtype, device=self.tensors.device)
-                for x in inputs
-            ]
-        for buffer, x in zip(self._inputs[key], inputs, strict=True):
-            buffer.copy_(x)
+            self._inputs[key] = [self.tensors.transfer_buffers(x.shape) for x in inputs]
+        for (on_cpu, on_device), x in zip(self._inputs[key], inputs, strict=True):
+            on_cpu.copy_(x)
+            # The copy of the outputs below waits until this one is complete.
+            on_device.copy_(on_cpu, non_blocking=True)
         self._captured(key)
         return self._outputs[key].cpu()
 
@@ -122,4 +122,4 @@ class Team(Generic[Rule]):
 
     def _run_stack(self, key: Hashable) -> None:
         assert isinstance(key, tuple)
-        self._outputs[key] = key[0](self._stack, *self._inputs[key])
+        self._outputs[key] = key[0](self._stack, *(x for _, x in self._inputs[key]))

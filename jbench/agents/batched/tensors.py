@@ -1,5 +1,7 @@
 """Tensors of several seeds' agents, stacked along a leading axis."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -35,6 +37,7 @@ class Tensors:
         self.device = torch.device(device)
         self.saved: dict[str, Tensor] = {}
         self._scratch: dict[tuple[object, ...], Tensor] = {}
+        self._twins: dict[tuple[str, str], Tensor] = {}
 
     def seed_view(self, seed: int) -> "SeedView":
         """Returns the tensors of the seed with this index, without the axis of seeds."""
@@ -44,11 +47,36 @@ class Tensors:
         """Returns the tensors of all seeds."""
         return SeedView(self, None)
 
+    def transfer_buffers(self, shape: Sequence[int]) -> tuple[Tensor, Tensor]:
+        """Returns a buffer on the CPU and one on the device: on a CPU, the same buffer twice.
+
+        With a GPU, the former is pinned memory, from which it copies without waiting.
+        """
+        buffer = torch.empty(tuple(shape), dtype=self.dtype, device=self.device)
+        if self.device.type != "cuda":
+            return buffer, buffer
+        return torch.empty(tuple(shape), dtype=self.dtype, pin_memory=True), buffer
+
     def saved_tensor(self, name: str, shape: tuple[int, ...], dtype: torch.dtype | None) -> Tensor:
         """Returns the (seeds, *shape) tensor of a name; zeros if it is new."""
         if name not in self.saved:
             self.saved[name] = self._zeros((self.seeds, *shape), dtype)
         return self.saved[name]
+
+    def twin_tensor(
+        self, names: tuple[str, str], shape: tuple[int, ...], dtype: torch.dtype | None
+    ) -> Tensor:
+        """Returns the (2 seeds, *shape) tensor of two names, whose halves are saved under them.
+
+        Raises:
+            ValueError: if the names have separate tensors already.
+        """
+        if names not in self._twins:
+            if not self.saved.keys().isdisjoint(names):
+                raise ValueError(f"{names} have separate tensors: make the stacked view first.")
+            self._twins[names] = self._zeros((2 * self.seeds, *shape), dtype)
+            self.saved |= zip(names, self._twins[names].chunk(2), strict=True)
+        return self._twins[names]
 
     def scratch_tensor(
         self, name: str, shape: tuple[int, ...], dtype: torch.dtype | None
@@ -77,7 +105,11 @@ class SeedView:
     def __init__(self, tensors: Tensors, seed: int | None) -> None:
         """Selects one seed, or all for None."""
         self._tensors, self._seed = tensors, seed
-        self.batch_shape = (tensors.seeds,) if seed is None else ()
+        self.batch_shape: tuple[int, ...] = (tensors.seeds,) if seed is None else ()
+
+    def twin_view(self) -> "TwinView":
+        """Returns the tensors of both critics, of a stack."""
+        return TwinView(self._tensors)
 
     @property
     def device(self) -> torch.device:
@@ -95,3 +127,21 @@ class SeedView:
         Views of single seeds share it, because they are updated one after another.
         """
         return self._tensors.scratch_tensor(name, (*self.batch_shape, *shape), dtype)
+
+
+class TwinView(SeedView):
+    """The tensors of both critics of a stack: those of `critic` are of `critic1` and `critic2`.
+
+    Attributes:
+        batch_shape: (2 seeds,).
+    """
+
+    def __init__(self, tensors: Tensors) -> None:
+        """Selects all seeds."""
+        super().__init__(tensors, None)
+        self.batch_shape = (2 * tensors.seeds,)
+
+    def saved(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
+        """See `SeedView.saved`; the second critics follow the first ones."""
+        names = name.replace("critic", "critic1"), name.replace("critic", "critic2")
+        return self._tensors.twin_tensor(names, shape, dtype)

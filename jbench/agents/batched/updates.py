@@ -153,4 +153,11 @@ class Updates:
         if offset:
             rows = len(self._rows) // len(per_seed)
             per_seed = [indices + seed * rows for seed, indices in enumerate(per_seed)]
-        return torch.from_numpy(np.stack(per_seed, axis=1)).to(self._rows.device)
+        device, (count, *shape) = self._rows.device, per_seed[0].shape
+        on_cpu = torch.empty(
+            (count, len(per_seed), *shape),
+            dtype=torch.from_numpy(per_seed[0]).dtype,
+            pin_memory=device.type == "cuda",
+        )
+        np.stack(per_seed, axis=1, out=on_cpu.numpy())
+        return on_cpu.to(device, non_blocking=True)

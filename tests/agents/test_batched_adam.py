@@ -1,0 +1,43 @@
+"""Adam of a stack: in parts that occupy a GPU, and equal to Adam of each seed."""
+
+import pytest
+import torch
+
+from jbench.agents.batched.adam import Adam
+from jbench.agents.batched.tensors import Tensors
+
+
+def adam_of(view, count, random):
+    """Adam of a vector, with random parameters and gradients."""
+    values, gradient = view.saved("net", count), view.scratch("net.gradient", count)
+    values.copy_(random[0])
+    gradient.copy_(random[1])
+    return values, Adam(view, "net", values, gradient, 1e-3)
+
+
+@pytest.mark.parametrize(("count", "parts"), [(16, 1), (1, 1), (30_000, 22), (97_120, 36)])
+def test_the_parts_of_a_stack_are_updated_as_each_seed(count, parts):
+    random = torch.randn(2, 3, count)
+    stack, stacked = adam_of(Tensors(3).stacked_view(), count, random)
+    assert len(stacked._values) == parts
+    alone = [adam_of(Tensors(1).seed_view(0), count, random[:, seed]) for seed in range(3)]
+    for _ in range(5):
+        for adam in (stacked, *(adam for _, adam in alone)):
+            adam.step()
+    for seed, (values, _) in enumerate(alone):
+        torch.testing.assert_close(stack[seed], values, rtol=0, atol=1e-7)
+
+
+def test_twins_are_one_tensor_and_saved_under_their_names():
+    tensors = Tensors(3)
+    view = tensors.stacked_view().twin_view()
+    joint = view.saved("critic_target", 16)
+    assert joint.shape == (6, 16)
+    joint.copy_(torch.arange(6.0)[:, None].expand(6, 16))
+    assert tensors.saved["critic1_target"][:, 0].tolist() == [0, 1, 2]
+    assert tensors.saved["critic2_target"][:, 0].tolist() == [3, 4, 5]
+    assert tensors.seed_view(1).saved("critic2_target", 16)[0] == 4
+    assert view.saved("critic_target", 16) is joint
+    tensors.seed_view(0).saved("critic1", 16)
+    with pytest.raises(ValueError, match="have separate tensors"):
+        view.saved("critic", 16)

@@ -10,8 +10,7 @@ Then it measures DDPG's update relative to its own matrix products.
 SBX is built on JAX and needs a separate environment: `--make-sbx DIR` creates it and compares with
 it, `--sbx-python DIR/bin/python` reuses it.
 
-With --device cuda it measures updates per second of 10 and 40 seeds, and whole training of ten
-seeds with one and eight environments each, with a breakdown of the time.
+`benchmarks/gpu.py` measures a GPU.
 """
 
 import argparse
@@ -152,18 +151,9 @@ def main() -> None:
     parser.add_argument("--make-sbx", type=Path, metavar="DIR", help="create such an environment")
     parser.add_argument("--rounds", type=int, default=7, help="rounds of all contenders")
     parser.add_argument("--seconds", type=float, default=3.0, help="per contender and round")
-    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     arguments = parser.parse_args()
-    from update_rates import cpu_rows, cuda_rows
+    from update_rates import cpu_rows
 
-    from jbench.errors import RequestError
-
-    if arguments.device == "cuda":
-        try:
-            cuda_rows()
-        except RequestError as error:
-            parser.error(str(error))
-        return
     if arguments.make_sbx is not None:
         arguments.sbx_python = make_sbx(arguments.make_sbx)
     for algo in arguments.algos.split(","):

@@ -1,13 +1,12 @@
 """Measures updates without the robots, and the parts of whole training.
 
-`benchmarks/train.py` prints these rows.
+`benchmarks/train.py` prints the rows of a CPU, `benchmarks/gpu.py` those of a GPU.
 """
 
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from itertools import product
 from statistics import median
 from typing import Any
 
@@ -17,15 +16,12 @@ from torch import Tensor
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import algorithm_settings
 
 BATCH, OBSERVATION, HIDDEN = 256, 16, (350, 250)
 TRANSITIONS = 100_000
 BURST = 50  # updates at a time, as DDPG makes them
 BURSTS = 30
-SEEDS = 10
-WARM_UP = 3000  # control steps of each seed before whole training is measured
 
 
 def engine_with_transitions(seeds: int, algo: str = "ddpg", **options: Any) -> OffPolicyEngine:
@@ -123,64 +119,10 @@ def cpu_rows() -> None:
         other.kill()
 
 
-def cuda_rows(device: str = "cuda", seconds: float = 15.0) -> None:
-    """Prints the rows of a GPU, or those of a stack on the CPU."""
-    options: dict[str, Any] = {"device": device, "stacked": True}
-    precisions = ("float32", "tf32", "bfloat16") if device == "cuda" else ("float32",)
-    for algo, seeds, precision in product(("ddpg", "td3", "sac"), (10, 40), precisions):
-        rate = _updates_a_second(algo, seeds, precision=precision, **options)
-        print(f"{algo}, {seeds} seeds, {precision}: {rate:,.0f} updates/s", flush=True)
-    for algo, environments in product(ALGORITHMS, (None, 8)):
-        _whole_training(algo, seconds, environments=environments, **options)
-
-
-def _updates_a_second(algo: str, seeds: int, **options: Any) -> float:
-    """Returns the updates per second over all seeds, without robots."""
-    engine = engine_with_transitions(seeds, algo, **options)
-    (group,) = engine._groups
-    rates = []
-    for burst in range(BURSTS if options["device"] == "cuda" else 4):
-        group.prepare(1 + burst * BURST, BURST)
-        _wait(options["device"])
-        began = time.perf_counter()
-        group.run()
-        _wait(options["device"])
-        rates.append(seeds * BURST / (time.perf_counter() - began))
-    # The first bursts load kernels and capture the graph.
-    return median(rates[3:])
-
-
-def _whole_training(algo: str, seconds: float, **options: Any) -> None:
-    """Prints the control steps per second of ten seeds and a breakdown of the time."""
-    changes = {} if algo == "ppo" else {"learning_starts": 500, "buffer_size": TRANSITIONS}
-    settings = algorithm_settings(algo, overrides=changes)
-    with make_engine(algo, settings, "face_direction", range(SEEDS), **options) as engine:
-        clock, steps = Clock(engine), engine.learn(10**12)
-        while engine.control_steps < WARM_UP:
-            next(steps)
-        clock.reset()
-        first, began = engine.control_steps, time.perf_counter()
-        while time.perf_counter() - began < seconds:
-            next(steps)
-        took = time.perf_counter() - began
-        rate = SEEDS * (engine.control_steps - first) / took
-        shares = ", ".join(f"{name} {spent / took:.0%}" for name, spent in clock.spent.items())
-        print(
-            f"{algo}, {SEEDS} seeds of {engine.environments.observations.shape[1]} environments: "
-            f"{rate:,.0f} control steps/s ({shares})",
-            flush=True,
-        )
-
-
-def _wait(device: str) -> None:
-    if device == "cuda":
-        torch.cuda.synchronize()
-
-
 class Clock:
     """Measures the time of the parts of an engine's loop."""
 
-    PARTS = ("_choose", "_remember", "_learn")
+    PARTS = ("_explore_actions", "_store", "_learn")
 
     def __init__(self, engine: Engine) -> None:
         """Starts measuring."""

@@ -133,11 +133,10 @@ def round_trip(state):
         ("ppo", {}, 80),
         ("ppo", {"encoder": TanhEncoder()}, 49),
         ("ppo", SCRIPTS["ppo"], 49),
-        ("ddpg", {"stacked": True}, 30),
         ("ddpg", SCRIPTS["ddpg"], 60),
         ("ddpg", {"ofe": MANY}, 30),
         ("td3", {"ofe": FEW}, 67),
-        ("sac", {"ofe": MANY, "stacked": True}, 61),
+        ("sac", {"ofe": MANY}, 61),
     ],
 )
 def test_a_restored_engine_continues_bit_for_bit(algo, options, stop):
@@ -434,28 +433,3 @@ def test_a_full_gpu_has_a_sentence(monkeypatch):
     monkeypatch.setattr("jbench.agents.batched.off_policy.ReplayBuffer", full)
     with pytest.raises(WorkError, match=r"replay buffers of 3 seeds: type fewer --seeds at a time"):
         engine_of("ddpg", [0, 1, 2])
-
-
-@pytest.mark.parametrize("algo", ALGORITHMS)
-@pytest.mark.parametrize("stacked", [False, True])
-def test_a_stacked_checkpoint_resumes_unstacked_and_vice_versa(algo, stacked):
-    # A GPU computes all seeds in a stack, a CPU one after another.
-    with engine_of(algo, [0, 4], stacked=stacked) as engine:
-        for _ in engine.learn(80):
-            if engine.control_steps >= 50:
-                break
-        states = [round_trip(engine.state(index)) for index in range(2)]
-        replay = getattr(engine, "replay", None)
-        rows = [] if replay is None else [engine.replay_rows(index) for index in range(2)]
-        row = 0 if replay is None else replay.row
-        whole = trajectory(engine, 1, 80)
-    for state in states:
-        # Checkpoints of older versions on a GPU have these extra tensors.
-        state.tensors["loop/actor"] = torch.full((3,), np.nan)
-        state.tensors["loop/losses"] = torch.full((2, 2), np.nan)
-    with engine_of(algo, [8, 9], stacked=not stacked) as other:
-        for index, seed_rows in enumerate(rows):
-            other.restore_rows(index, seed_rows, row)
-        other.restore(states)
-        rest = trajectory(other, 1, 80)
-    torch.testing.assert_close(rest[0], whole[0][-len(rest[0]) :], rtol=1e-4, atol=1e-4)

@@ -1,0 +1,41 @@
+"""Trains a small run and kills its own process (SIGKILL) after some control steps.
+
+    python -m tests.agents.killed_run '{"path": DIR, "run": {…}, "device": "cpu", "after": 150}'
+
+The seeds are one stack on every device.
+"""
+
+import functools
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+from jbench.settings.run import RunSettings
+from jbench.store import Results
+from jbench.training import batched_run
+from tests.training.small_runs import shorten_episodes
+
+
+def stack_seeds(set_attribute=setattr):
+    """Makes the engine of a run compute its seeds in one stack on a CPU too."""
+    stacked = functools.partial(batched_run.make_engine, stacked=True)
+    set_attribute(batched_run, "make_engine", stacked)
+
+
+def main(path, run, device, after):
+    def kill(run, steps, episode_return):
+        if steps > after:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    shorten_episodes()
+    stack_seeds()
+    runs = [RunSettings(**run)]
+    batched_run.run_batch(
+        runs, Results(Path(path)), None, device=device, checkpoint_every=0, progress=kill
+    )
+
+
+if __name__ == "__main__":
+    main(**json.loads(sys.argv[1]))

@@ -1,0 +1,269 @@
+"""The engine on a GPU: all seeds in one stack, updates and actions replayed as CUDA graphs.
+
+Each test also runs on a CPU with the seeds in one stack, without graphs. `python benchmarks/gpu.py`
+runs this file before it measures.
+"""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from jbench.agents.batched.graphs import Captured
+from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.names import ALGORITHMS
+from jbench.store import Results
+from jbench.training import batched_run
+from tests.agents.killed_run import stack_seeds
+from tests.agents.test_batched_engine import (
+    FEW,
+    MANY,
+    SCRIPTS,
+    STEPS,
+    assert_same,
+    engine_of,
+    round_trip,
+    trajectory,
+)
+from tests.training.small_runs import shorten_episodes
+from tests.training.test_resume import outcome, settings
+
+needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+GPU = pytest.param("cuda", marks=needs_gpu)
+on_each_device = pytest.mark.parametrize("device", ["cpu", GPU])
+ROOT = Path(__file__).parents[2]
+
+# PPO makes one update of all transitions after each rollout.
+ONE_UPDATE = {"changes": {"n_epochs": 1, "batch_size": 40}}
+
+
+def filled_engine(algo, seeds, **options):
+    """Agents whose buffers are full of random transitions, the same for the same seeds."""
+    engine = engine_of(algo, seeds, **options)
+    random = torch.Generator().manual_seed(1)
+    if isinstance(engine, OffPolicyEngine):
+        for index in range(len(seeds)):
+            rows = torch.randn(1, 60, engine.environments.size + 2, generator=random)
+            engine.restore_rows(index, rows, 60)
+    else:
+        rows = engine._rollout.rows
+        rows.copy_(torch.randn(rows.shape, generator=random))
+    return engine
+
+
+def update(engine, first, count):
+    """Makes some updates of all agents."""
+    if isinstance(engine, OffPolicyEngine):
+        for updates in engine._groups:
+            updates.prepare(first, count)
+            updates.run()
+    else:
+        for epochs in engine._epochs * count:
+            epochs.run()
+
+
+def largest_difference(one, other):
+    """The largest difference of the agents' tensors: parameters, targets, moments and losses."""
+    mine, their = (engine._team.tensors.saved for engine in (one, other))
+    assert mine.keys() == their.keys()
+    return max(float((mine[name].cpu() - their[name].cpu()).abs().max()) for name in mine)
+
+
+@on_each_device
+@pytest.mark.parametrize(
+    ("algo", "options", "dtype", "bound"),
+    [
+        *(
+            (algo, ONE_UPDATE if algo == "ppo" else {}, *precision)
+            for algo in ALGORITHMS
+            for precision in ((torch.float64, 1e-9), (torch.float32, 1e-3))
+        ),
+        ("ddpg", SCRIPTS["ddpg"], torch.float64, 1e-9),
+        ("td3", {"time_limit": "terminal"}, torch.float64, 1e-9),
+        ("td3", {"ofe": MANY}, torch.float64, 1e-9),
+        ("sac", {"ofe": FEW}, torch.float64, 1e-9),
+        # The products of both devices are rounded to bfloat16.
+        ("sac", {"precision": "bfloat16"}, torch.float32, 5e-2),
+    ],
+)
+def test_a_stack_is_updated_as_each_seed_on_a_cpu(algo, options, dtype, bound, device):
+    seeds, more = [0, 1, 2], {**options, "dtype": dtype}
+    with (
+        filled_engine(algo, seeds, stacked=False, device="cpu", **more) as each,
+        filled_engine(algo, seeds, stacked=True, device=device, **more) as stack,
+    ):
+        done = 0
+        for total in (1, 10, 100):
+            for engine in (each, stack):
+                update(engine, done + 1, total - done)
+            done = total
+            assert largest_difference(stack, each) < bound
+
+
+@on_each_device
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_the_same_seeds_give_the_same_bits_again(algo, device):
+    trajectories = []
+    for _ in range(2):
+        with engine_of(algo, [0, 4], device=device, stacked=True) as engine:
+            trajectories.append(trajectory(engine, 1))
+    assert_same(*trajectories)
+
+
+@needs_gpu
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_graphs_give_the_bits_of_the_calls_that_they_record(algo, monkeypatch):
+    with engine_of(algo, [0, 4], device="cuda") as engine:
+        replayed = trajectory(engine, 1)
+    monkeypatch.setattr(Captured, "__call__", lambda self, argument: self._function(argument))
+    with engine_of(algo, [0, 4], device="cuda") as engine:
+        assert_same(trajectory(engine, 1), replayed)
+
+
+def stopped_at(engine, steps):
+    """Trains until some control steps; returns states, replay rows and the number of the next."""
+    for _ in engine.learn(2 * STEPS):
+        if engine.control_steps >= steps:
+            break
+    states = [round_trip(engine.state(index)) for index in range(2)]
+    if not isinstance(engine, OffPolicyEngine):
+        return states, [], 0
+    return states, [engine.replay_rows(index) for index in range(2)], engine.replay.row
+
+
+def resume(engine, states, rows, row):
+    """Restores an engine from what `stopped_at` returned."""
+    for index, its_rows in enumerate(rows):
+        engine.restore_rows(index, its_rows, row)
+    engine.restore(states)
+    return engine
+
+
+@on_each_device
+@pytest.mark.parametrize(
+    ("algo", "options", "steps"),
+    [
+        ("ddpg", {}, 60),
+        ("td3", {"precision": "bfloat16"}, 67),
+        ("sac", {"ofe": FEW}, 61),
+        ("ppo", {}, 80),
+    ],
+)
+def test_a_restored_engine_continues_with_the_same_bits(algo, options, steps, device):
+    more = {**options, "device": device, "stacked": True}
+    with engine_of(algo, [0, 4], **more) as engine:
+        whole = trajectory(engine, 1, 2 * STEPS)
+    with engine_of(algo, [0, 4], **more) as engine:
+        saved = stopped_at(engine, steps)
+    with engine_of(algo, [8, 9], **more) as other:
+        rest = trajectory(resume(other, *saved), 1, 2 * STEPS)
+    done = len(whole[0]) - len(rest[0])
+    assert 0 < done < len(whole[0])
+    assert_same((whole[0][done:], whole[1][done:], whole[2][done:], *whole[3:]), rest)
+
+
+@on_each_device
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_a_checkpoint_moves_between_the_devices(algo, device):
+    here, there = {"device": "cpu", "stacked": False}, {"device": device, "stacked": True}
+    for first, second in ((here, there), (there, here)):
+        with engine_of(algo, [0, 4], **first) as engine:
+            saved = stopped_at(engine, 50)
+            whole = trajectory(engine, 1, 80)
+        states = [dict(state.tensors) for state in saved[0]]
+        for state in saved[0]:
+            # Checkpoints of older versions on a GPU have these extra tensors.
+            state.tensors["loop/actor"] = torch.full((3,), np.nan)
+            state.tensors["loop/losses"] = torch.full((2, 2), np.nan)
+        with engine_of(algo, [8, 9], **second) as other:
+            resume(other, *saved)
+            for index, tensors in enumerate(states):
+                found = other.state(index)
+                assert found.scalars == saved[0][index].scalars
+                assert found.tensors.keys() == tensors.keys()
+                for name, tensor in tensors.items():
+                    assert torch.equal(found.tensors[name], tensor), name
+            rest = trajectory(other, 1, 80)
+        expected = whole[0][-len(rest[0]) :]
+        torch.testing.assert_close(rest[0], expected, rtol=1e-3, atol=1e-3)
+
+
+@on_each_device
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_actions_are_those_of_the_saved_policies(algo, device):
+    # Products in TF32 would differ by 1e-3.
+    with engine_of(algo, [0, 1, 2], device=device, stacked=True) as engine:
+        for _ in engine.learn(60):
+            pass
+        seen = np.random.default_rng(0).normal(size=(3, 8, 16)).astype(np.float32)
+        # The first call is not replayed, the second records, the third replays.
+        actions = [engine.act(seen) for _ in range(3)]
+        expected = np.stack([engine.policy(index).act(seen[index]) for index in range(3)])
+    for found in actions:
+        np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
+@on_each_device
+def test_a_killed_run_resumes_to_the_same_bits(device, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    stack_seeds(monkeypatch.setattr)
+    run = settings("td3", 1)
+    asked = {"path": str(tmp_path / "killed"), "run": run.model_dump(mode="json"), "after": 200}
+    command = [sys.executable, "-m", "tests.agents.killed_run"]
+    done = subprocess.run([*command, json.dumps({**asked, "device": device})], cwd=ROOT)
+    assert done.returncode == -signal.SIGKILL
+    resumed_at = []
+    for name in ("whole", "killed"):
+        failures = batched_run.run_batch(
+            [run],
+            Results(tmp_path / name),
+            None,
+            device=device,
+            notice=lambda run, steps, sentence: resumed_at.append(steps),
+        )
+        assert failures == {}
+    assert resumed_at == [200]
+    assert outcome(tmp_path / "killed", run) == outcome(tmp_path / "whole", run)
+
+
+class Stopped(BaseException):
+    """Stops a run as Ctrl-C would."""
+
+
+@on_each_device
+def test_a_run_moves_from_the_cpu_to_the_device_and_back(device, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    run, notices = settings("sac", 1), []
+
+    def train(device, until):
+        def stop(run, steps, episode_return):
+            if steps > until:
+                raise Stopped
+
+        batched_run.run_batch(
+            [run],
+            Results(tmp_path),
+            None,
+            device=device,
+            checkpoint_every=0,
+            progress=stop,
+            notice=lambda run, steps, sentence: notices.append((steps, sentence)),
+        )
+
+    for each, until in (("cpu", 100), (device, 250)):
+        with monkeypatch.context() as patch:
+            if until == 250:
+                stack_seeds(patch.setattr)
+            with pytest.raises(Stopped):
+                train(each, until)
+    train("cpu", 1000)
+    assert [steps for steps, _ in notices] == [100, 250]
+    changed = f"Since it began, device cpu is now {device}" if device != "cpu" else ""
+    assert notices[0][1].startswith(changed)
+    found, _ = outcome(tmp_path, run)
+    assert max(row["control_steps"] for row in found) == 400

@@ -1,6 +1,7 @@
 """The updates of a stack of agents without their robots, for `benchmarks/gpu.py`."""
 
 import time
+from typing import Any
 
 import torch
 from torch.profiler import ProfilerActivity, profile
@@ -55,8 +56,8 @@ class Updates:
         if isinstance(engine, OffPolicyEngine):
             (group,) = engine._groups
             # TD3 updates its actor every other time.
-            arguments = [group._learner.is_delayed_update(i, 0) for i in (1, 2)]
-            function = group._update_once
+            arguments: list[Any] = [(group._learner.is_delayed_update(i, 0),) for i in (1, 2)]
+            function = group._update_some
         else:
             assert isinstance(engine, OnPolicyEngine)
             arguments = [engine._settings.batch_size]

@@ -101,5 +101,5 @@ def test_replaying_a_recording_gives_the_same_results(algo, options):
     before = Repeated.repeats
     with engine_of(algo, [0, 1], **options) as engine:
         assert_same(trajectory(repeating(engine), 1), expected)
-    # Actions alone are evaluated at every step.
-    assert Repeated.repeats - before > STEPS - LENGTH
+    # The policies' actions alone are evaluated at half of the steps or more.
+    assert Repeated.repeats - before > STEPS / 2

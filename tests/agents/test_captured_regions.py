@@ -27,7 +27,7 @@ from jbench.settings.algorithms import SCRIPT, algorithm_settings
 from tests.agents.test_batched_engine import FEW, MANY
 
 GPU = torch.device("meta")
-SEEDS, SIZE = 10, 16
+SEEDS, SIZE = 2, 16
 PAGE = Path(__file__).parents[2] / "docs" / "agents.md"
 ALLOCATING = ("empty", "empty_like", "empty_strided", "new_empty")
 
@@ -89,9 +89,11 @@ def regions_of(algo, *, base="published", changes=None, ofe=None, precision="flo
         replay = ReplayBuffer(SEEDS, 1, 100, SIZE, flush_every=1, device=GPU)
         updates = Updates(settings, group, streams, replay, limit or "bootstrap")
         found = {
-            name: kernels_in(updates._update_once, delayed, tensors)
+            name: kernels_in(updates._update_some, (delayed,), tensors)
             for name, delayed in (("update", True), ("update without the actor", False))
         }
+        ten = kernels_in(updates._update_some, (True,) * 10, tensors)
+        assert ten == 10 * found["update"]
         if ofe is not None:
             found["pretraining"] = kernels_in(updates._pretrain_once, None, tensors)
         methods = [(engine.act, 1)]

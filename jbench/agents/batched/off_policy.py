@@ -63,7 +63,7 @@ class OffPolicyEngine(Engine):
             episode_steps=environments.episode_steps,
         )
         self._groups = [
-            Updates(settings, group, group.select(streams), self.replay, time_limit)
+            Updates(settings, group, group.select(streams), self.replay, time_limit, self._due)
             for group in team.groups
         ]
         self.replay.begin(environments.observations)

@@ -45,7 +45,7 @@ class OnFeatures(OffPolicyLearner):
         """See `Learner`."""
         self.features = Features(ofe, observation_size, view)
         self._pretraining = ofe.pretraining
-        self._batches: tuple[Batch, Batch] | None = None
+        self._batches: dict[Batch, Batch] = {}
         super().__init__(settings, self.features.size, view, low_precision)
 
     def initialize(self, generator: Generator) -> None:
@@ -84,11 +84,11 @@ class OnFeatures(OffPolicyLearner):
 
     def _on_features(self, batch: Batch) -> Batch:
         """Returns the minibatch with features in place of observations."""
-        if self._batches is None or self._batches[0] is not batch:
+        if batch not in self._batches:
             shape = batch.rows.shape[-2], self.features.size + 2
             rows, next_rows = (self.view.scratch(f"{n} on features", *shape) for n in ("s", "s'"))
-            self._batches = batch, Batch(rows, next_rows, batch.discounts, batch.noise)
-        _, encoded = self._batches
+            self._batches[batch] = Batch(rows, next_rows, batch.discounts, batch.noise)
+        encoded = self._batches[batch]
         encoded.rows[..., -2:].copy_(batch.rows[..., -2:])
         self.features.observation_features(batch.observations, encoded.observations)
         self.features.observation_features(batch.next_observations, encoded.next_observations)

@@ -18,13 +18,15 @@ from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
 
 _MAX_SAMPLED = 1000  # minibatches of pretraining that are sampled at once
+_RECORDED = 10  # updates of a stack in one CUDA graph: fewer copies and launches
 
 
 class Updates:
     """The updates of one group of seeds.
 
-    Random numbers for all updates of a learning phase are drawn on the CPU at once. Each update
-    then reads its own from the same buffers, so that a GPU can replay it as a CUDA graph.
+    Random numbers for all updates of a learning phase are drawn on the CPU at once. The updates
+    then read theirs from the same buffers, so that a GPU can replay them as a CUDA graph: several
+    updates of a stack, or one update of a single seed.
 
     Attributes:
         seeds: indices of the seeds.
@@ -37,6 +39,7 @@ class Updates:
         streams: Sequence[Streams],
         replay: ReplayBuffer,
         time_limit: TimeLimit,
+        updates: int = _RECORDED,
     ) -> None:
         """Makes the buffers.
 
@@ -44,6 +47,7 @@ class Updates:
             streams: of the seeds of the group.
             replay: buffers of all seeds.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
+            updates: in a learning phase.
         """
         self.seeds = group.seeds
         self._learner, self._streams, self._replay = group.learner, streams, replay
@@ -51,24 +55,24 @@ class Updates:
         self._terminal = time_limit == "terminal"
         self._rows = replay.rows_of(group.seeds)
         scratch, width = group.learner.view.scratch, self._rows.shape[-1]
-        self._batch = batch = Batch(
-            scratch("rows", self._size, width),
-            scratch("next_rows", self._size, width),
-            scratch("discounts", self._size, 1).fill_(self._gamma),
-            scratch("noise", self._size, group.learner.noise_per_transition),
-        )
-        self._indices, self._next_indices = (
-            scratch(name, self._size, dtype=torch.int64) for name in ("indices", "next_indices")
-        )
-        # Indices of rows in the replay buffer, and the minibatch rows to copy them to.
-        self._gathered = [
-            (indices.view(-1), rows.view(-1, width))
-            for indices, rows in (
-                (self._indices, batch.rows),
-                (self._next_indices, batch.next_rows),
-            )
+        rows, next_rows = (scratch(name, self._size, width) for name in ("rows", "next_rows"))
+        self._together = min(_RECORDED, updates) if group.learner.view.batch_shape else 1
+        self._noise = self._buffer(group.learner.noise_per_transition)
+        self._discounts = self._buffer(1).fill_(self._gamma)
+        self._indices, self._next_indices = (self._buffer(dtype=torch.int64) for _ in range(2))
+        self._batches = [
+            Batch(rows, next_rows, *numbers)
+            for numbers in zip(self._discounts, self._noise, strict=True)
         ]
-        self._update = Captured(self._update_once, self._rows.device)
+        # The minibatch rows of each update, and the indices of the replay buffer's rows.
+        self._gathered = [
+            (
+                (rows.view(-1, width), indices.view(-1)),
+                (next_rows.view(-1, width), next_indices.view(-1)),
+            )
+            for indices, next_indices in zip(self._indices, self._next_indices, strict=True)
+        ]
+        self._update = Captured(self._update_some, self._rows.device)
         self._pretrain = Captured(self._pretrain_once, self._rows.device)
         self._delayed: list[bool] = []
         self._samples: list[tuple[Tensor, Tensor]] = []
@@ -84,7 +88,7 @@ class Updates:
             count = min(remaining, _MAX_SAMPLED)
             samples = self._sample(count)
             for i in range(count):
-                self._put(samples, i)
+                self._put(samples, slice(i, i + 1))
                 self._pretrain(None)
             remaining -= count
 
@@ -101,32 +105,46 @@ class Updates:
     def run(self) -> None:
         """Makes the updates that were prepared."""
         self._learner.reset_losses(self._delayed)
-        for i, delayed in enumerate(self._delayed):
-            self._put(self._samples, i)
-            self._update(delayed)
+        for first in range(0, len(self._delayed), self._together):
+            some = slice(first, first + self._together)
+            self._put(self._samples, some)
+            self._update(tuple(self._delayed[some]))
 
-    def _put(self, samples: Sequence[tuple[Tensor, Tensor]], update: int) -> None:
-        """Copies the indices and noise of one update to the buffers that it reads."""
+    def _buffer(self, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
+        """Returns zeros (updates of a graph, ..., size, *shape)."""
+        rows, batch_shape = self._rows, self._learner.view.batch_shape
+        full = (self._together, *batch_shape, self._size, *shape)
+        return torch.zeros(full, dtype=dtype or rows.dtype, device=rows.device)
+
+    def _put(self, samples: Sequence[tuple[Tensor, Tensor]], some: slice) -> None:
+        """Copies the indices and noise of some updates to the buffers that they read."""
         for buffer, values in samples:
-            buffer.copy_(values[update])
+            chosen = values[some]
+            buffer[: len(chosen)].copy_(chosen)
 
-    def _update_once(self, delayed: Hashable) -> None:
-        """Makes one update with the indices and noise in the buffers."""
-        self._gather()
-        self._learner.update(self._batch, bool(delayed))
+    def _update_some(self, delayed: Hashable) -> None:
+        """Makes updates with the indices and noise in the buffers.
+
+        Args:
+            delayed: for each update, whether it includes the delayed ones.
+        """
+        assert isinstance(delayed, tuple)
+        for i, each in enumerate(delayed):
+            self._gather(i)
+            self._learner.update(self._batches[i], each)
 
     def _pretrain_once(self, _: Hashable) -> None:
-        """Trains features on the minibatch whose indices are in the buffers."""
-        self._gather()
-        self._learner.pretrain(self._batch)
+        """Trains features on the minibatch whose indices are in the first buffer."""
+        self._gather(0)
+        self._learner.pretrain(self._batches[0])
 
-    def _gather(self) -> None:
-        for indices, rows in self._gathered:
+    def _gather(self, update: int) -> None:
+        for rows, indices in self._gathered[update]:
             torch.index_select(self._rows, 0, indices, out=rows)
 
     def _sample(self, count: int) -> list[tuple[Tensor, Tensor]]:
-        """Returns buffers (..., size, any), each with its samples (count, ..., size, any)."""
-        shape, noise = (count, self._size), self._batch.noise
+        """Returns buffers (any, ..., size, any), each with samples (count, ..., size, any)."""
+        shape, noise = (count, self._size), self._noise
         sampled = [self._replay.sample(stream.updates, *shape) for stream in self._streams]
         samples = [
             (self._indices, self._stack([each.rows for each in sampled], offset=True)),
@@ -134,7 +152,7 @@ class Updates:
         ]
         if self._terminal:
             discounts = [np.where(each.last, 0, self._gamma)[..., None] for each in sampled]
-            samples.append((self._batch.discounts, self._stack(discounts)))
+            samples.append((self._discounts, self._stack(discounts)))
         if noise.shape[-1]:
             size = (*shape, noise.shape[-1])
             normal = [stream.updates.standard_normal(size, np.float32) for stream in self._streams]

@@ -12,7 +12,6 @@ from torch.utils._pytree import tree_leaves
 from jbench.agents.batched.graphs import Captured
 from jbench.names import ALGORITHMS
 from tests.agents.test_batched_engine import (
-    LENGTH,
     SCRIPTS,
     STEPS,
     assert_same,

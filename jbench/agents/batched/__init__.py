@@ -1,7 +1,8 @@
 """The default training engine: many seeds of an algorithm in one process.
 
     tensors.py       tensors of all seeds, stacked, and scratch memory
-    network.py       networks with hand-written gradients; adam.py: their optimiser
+    network.py       networks with hand-written gradients; twins.py: two critics as one;
+                     adam.py: their optimiser
     learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
     features.py      features learned with an agent; dense.py: their layers; on_features.py: the
                      update rules on them

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from jbench import __version__
-from jbench.commands import data, encoders, imports, policies, report, results, sweep, train
+from jbench.commands import data, encoders, imports, policies, report, results, sweep, tail, train
 from jbench.commands.output import printable
 from jbench.errors import RequestError, WorkError
 
@@ -54,7 +54,7 @@ for command in (sweep.sweep, policies.evaluate, policies.render, policies.view):
     app.command()(command)
 app.command("import")(imports.import_)
 app.command()(report.report)
-for command in results.COMMANDS:
+for command in (*results.COMMANDS, tail.tail):
     app.command()(command)
 
 

@@ -76,8 +76,14 @@ SWEEPS = ("smoke", "fig7", "fig8", "fig9", "question")
 """The shipped matrices: a small one, the paper's figures, and the comparisons that answer whether
 learning on a reduced-order observation helps."""
 
+STATUSES = ("unfinished", "finished", "failed")
+"""Values of a run's status."""
+
 EXECUTORS = ("local", "ray")
 """Where a sweep trains: on this machine, or on a Ray cluster."""
+
+LOGGERS = ("tensorboard", "wandb")
+"""Experiment trackers that training can be copied to."""
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Endings of the files of figures."""

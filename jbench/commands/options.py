@@ -45,6 +45,27 @@ OneAlgorithmOption = Annotated[
     str | None,
     typer.Option(help="Only this algorithm.", autocompletion=complete(*names.ALGORITHMS)),
 ]
+OneRepresentationOption = Annotated[
+    str | None,
+    typer.Option(help="Only this representation: full, or one such as dae12."),
+]
+OneStatusOption = Annotated[
+    str | None,
+    typer.Option(
+        help=f"Only runs of this status: {', '.join(names.STATUSES)}.",
+        autocompletion=complete(*names.STATUSES),
+    ),
+]
+SomeSeedsOption = Annotated[
+    str | None, typer.Option(help="Only these seeds, such as 0-9 or 0,2,5-7.")
+]
+LogOption = Annotated[
+    str | None,
+    typer.Option(
+        help=f"Also write the rows to an experiment tracker: {', '.join(names.LOGGERS)}.",
+        autocompletion=complete(*names.LOGGERS),
+    ),
+]
 JobsOption = Annotated[int, typer.Option(help="Number of worker processes (0: one per core).")]
 RetryOption = Annotated[bool, typer.Option("--retry-failed", help="Retry runs that failed before.")]
 PolicyOption = Annotated[

@@ -7,40 +7,70 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jbench import names
 from jbench.errors import RequestError
 from jbench.names import ENCODER_KINDS, FULL, MAX_SEED, OFE, REFERENCE
+from jbench.seeds import parse_numbers
 
 if TYPE_CHECKING:
     from jbench.store import Results
 
 
 def known_or_held(
-    setting: str, value: str, names: Collection[str], databases: Sequence["Results"]
+    setting: str, value: str, known: Collection[str], databases: Sequence["Results"]
 ) -> str:
     """Returns the value if jbench knows it or a run of the results has it.
 
     Args:
         setting: `task`, `algo` or `representation`.
         value: value of the setting.
-        names: values that jbench knows.
+        known: values that jbench knows.
         databases: results whose runs may have other values.
 
     Raises:
         RequestError: if the value is unknown; the message lists the values of the runs.
     """
-    if value in names or (setting == "representation" and _is_representation(value)):
+    if value in known or (setting == "representation" and _is_representation(value)):
         return value
     from jbench.store.listing import values_of
 
     held = sorted({one for results in databases for one in values_of(results, setting)})
     if value in held:
         return value
-    close = difflib.get_close_matches(value, sorted({*held, *names}), 1)
+    close = difflib.get_close_matches(value, sorted({*held, *known}), 1)
     what = "algorithm" if setting == "algo" else setting
     where = " and ".join(str(results.path) for results in databases)
     there = f"the runs in {where} have {', '.join(held)}" if held else f"{where} has no runs"
     hint = f"did you mean {close[0]}? {there[0].upper()}{there[1:]}" if close else there
     raise RequestError(f"Unknown {what} {value!r}; {hint}.")
+
+
+def run_filters(
+    results: "Results",
+    task: str | None,
+    algo: str | None,
+    representation: str | None,
+    status: str | None,
+    seed: str | None,
+) -> dict[str, Collection[Any]]:
+    """Returns the allowed values by field of a run's line; None allows every value.
+
+    Raises:
+        RequestError: if a value is known neither to jbench nor to a run of the results.
+    """
+    filters: dict[str, Collection[Any]] = {}
+    if status is not None:
+        filters["status"] = [names.known("status", status, names.STATUSES)]
+    if seed is not None:
+        filters["seed"] = parse_numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
+    for setting, value, known in (
+        ("task", task, names.TASKS),
+        ("algo", algo, names.ALGORITHMS),
+        ("representation", representation, ()),
+    ):
+        if value is not None:
+            filters[setting] = [known_or_held(setting, value, known, [results])]
+    return filters
 
 
 def _is_representation(value: str) -> bool:

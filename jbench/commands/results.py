@@ -1,47 +1,35 @@
 """Commands for the results database: runs, query, verify, repair, merge."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
-from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
     JsonOption,
     OneAlgorithmOption,
+    OneRepresentationOption,
+    OneStatusOption,
     OneTaskOption,
     ReadResultsOption,
     ResultsOption,
-    complete,
+    SomeSeedsOption,
 )
 from jbench.commands.output import Output, Progress, duration, short
 from jbench.errors import RequestError, WorkError
-from jbench.seeds import parse_numbers
-
-STATUSES = ("unfinished", "finished", "failed")
 
 
 def runs(
     task: OneTaskOption = None,
     algo: OneAlgorithmOption = None,
-    representation: Annotated[
-        str | None, typer.Option(help="List only this representation: full, or one such as dae12.")
-    ] = None,
-    status: Annotated[
-        str | None,
-        typer.Option(
-            help=f"List only runs of this status: {', '.join(STATUSES)}.",
-            autocompletion=complete(*STATUSES),
-        ),
-    ] = None,
-    seed: Annotated[
-        str | None, typer.Option(help="List only these seeds, such as 0-9 or 0,2,5-7.")
-    ] = None,
+    representation: OneRepresentationOption = None,
+    status: OneStatusOption = None,
+    seed: SomeSeedsOption = None,
     returns: Annotated[
         bool, typer.Option("--returns", help="Show final returns (reads the episodes).")
     ] = False,
@@ -55,18 +43,7 @@ def runs(
     from jbench.store.listing import list_runs
 
     database = parsing.existing_results(results)
-    filters: dict[str, Collection[Any]] = {}
-    if status is not None:
-        filters["status"] = [names.known("status", status, STATUSES)]
-    if seed is not None:
-        filters["seed"] = parse_numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
-    for setting, value, known in (
-        ("task", task, names.TASKS),
-        ("algo", algo, names.ALGORITHMS),
-        ("representation", representation, ()),
-    ):
-        if value is not None:
-            filters[setting] = [parsing.known_or_held(setting, value, known, [database])]
+    filters = parsing.run_filters(database, task, algo, representation, status, seed)
     what: Literal["run", "import"] = "import" if imports else "run"
     lines, problems = list_runs(database, filters, returns, what)
     header = [what, "status", "episodes", "control steps", "of", "wall time", "created"]

@@ -13,6 +13,7 @@ from jbench.commands.options import (
     RESULTS,
     JobsOption,
     JsonOption,
+    LogOption,
     ResultsOption,
     RetryOption,
     complete,
@@ -100,12 +101,14 @@ def sweep(
     checkpoint_every: Annotated[
         float, typer.Option(min=0, help="Minimum seconds between checkpoints of a run.")
     ] = names.CHECKPOINT_EVERY,
+    log: LogOption = None,
     jobs: JobsOption = 0,
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
     """Train the missing runs of a matrix of tasks, algorithms, representations and seeds."""
     from jbench.commands.live_view import TrainingView
+    from jbench.commands.log import logged
     from jbench.commands.sweep_view import described, show_matrix, show_missing
     from jbench.sweeps import scheduler
     from jbench.sweeps.cell import all_runs
@@ -137,7 +140,8 @@ def sweep(
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.
-        with redirect_stdout(sys.stderr) if json else nullcontext():
+        stdout = redirect_stdout(sys.stderr) if json else nullcontext()
+        with stdout, logged(log, database, list(all_runs(cells)), output):
             return scheduler.sweep(
                 cells,
                 database,

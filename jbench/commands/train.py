@@ -11,6 +11,7 @@ from jbench.commands.options import (
     AugmentOption,
     JobsOption,
     JsonOption,
+    LogOption,
     ResultsOption,
     RetryOption,
     TaskOption,
@@ -99,6 +100,7 @@ def train(
         float,
         typer.Option(min=0, help="Minimum seconds between checkpoints of the batched engine."),
     ] = names.CHECKPOINT_EVERY,
+    log: LogOption = None,
     retry_failed: RetryOption = False,
     jobs: JobsOption = 0,
     results: ResultsOption = RESULTS,
@@ -107,6 +109,7 @@ def train(
     """Train agents, one run per seed; finished runs are skipped."""
     from jbench.commands import display
     from jbench.commands.live_view import TrainingView
+    from jbench.commands.log import logged
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
@@ -137,14 +140,15 @@ def train(
         precision=chosen_precision,
         parallel=environments,
     )
-    failures = sweep(
-        [Cell(task, algo, runs[0].representation, runs, base)],
-        database,
-        lambda: Local(database, processes, train_on, checkpoint_every),
-        TrainingView(output),
-        retry_failed=retry_failed,
-        wait=False,
-    )
+    with logged(log, database, runs, output):
+        failures = sweep(
+            [Cell(task, algo, runs[0].representation, runs, base)],
+            database,
+            lambda: Local(database, processes, train_on, checkpoint_every),
+            TrainingView(output),
+            retry_failed=retry_failed,
+            wait=False,
+        )
     failures |= failures_among(runs, database)
     display.show_runs(runs, database, output)
     output.say("Next: jbench report")

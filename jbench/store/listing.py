@@ -63,7 +63,7 @@ def list_runs(
     records, problems = results.scan(kind)
     lines = []
     for record in records:
-        line = _line(record) if kind == "run" else _line_of_import(record)
+        line = run_line(record) if kind == "run" else _line_of_import(record)
         if all(getattr(line, name) in values for name, values in filters.items()):
             try:
                 lines.append(_with_returns(line, record) if returns else line)
@@ -79,7 +79,8 @@ def values_of(results: Results, setting: str) -> set[str]:
     return {value for value in values if isinstance(value, str)}
 
 
-def _line(record: Record) -> RunLine:
+def run_line(record: Record) -> RunLine:
+    """Returns the line of a run, without its last return."""
     settings, manifest = read_run(record.settings), record.manifest
     episodes = record.rows("episodes")
     done = _number(manifest.summary.get("steps_done"))

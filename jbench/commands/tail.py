@@ -1,0 +1,123 @@
+"""The tail command."""
+
+import json as json_format
+import time
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from jbench.commands import parsing
+from jbench.commands.options import (
+    RESULTS,
+    OneAlgorithmOption,
+    OneRepresentationOption,
+    OneStatusOption,
+    OneTaskOption,
+    ReadResultsOption,
+    SomeSeedsOption,
+)
+from jbench.commands.output import Output, duration
+from jbench.errors import RequestError, WorkError
+
+if TYPE_CHECKING:
+    from jbench.store.follow import Change, Row
+
+
+def tail(
+    task: OneTaskOption = None,
+    algo: OneAlgorithmOption = None,
+    representation: OneRepresentationOption = None,
+    status: OneStatusOption = None,
+    seed: SomeSeedsOption = None,
+    last: Annotated[
+        int | None,
+        typer.Option(
+            help="Of the rows that are there already, print those of the last N training "
+            "episodes of each run (default: all)."
+        ),
+    ] = None,
+    once: Annotated[
+        bool, typer.Option("--once", help="Print the rows that are there and end.")
+    ] = False,
+    results: ReadResultsOption = RESULTS,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print each row as a line of JSON to stdout.")
+    ] = False,
+) -> None:
+    """Print episodes and evaluations as runs commit them, until Ctrl-C."""
+    from jbench.store.follow import LOOK_EVERY, Follower
+
+    if last is not None and last < 0:
+        raise RequestError(f"--last {last}: type 0 or more.")
+    database = parsing.existing_results(results)
+    filters = parsing.run_filters(database, task, algo, representation, status, seed)
+    output, follower, problems = Output(json), Follower(database, filters), 0
+    lines = _json_lines if json else _text_lines
+    try:
+        while True:
+            for change in follower.look():
+                if isinstance(change, str):
+                    output.warn(change)
+                    problems += 1
+                    continue
+                if last is not None:
+                    change = change._replace(rows=_last(change.rows, last))
+                output.raw("".join(f"{line}\n" for line in lines(change)))
+            if once:
+                break
+            last = None
+            time.sleep(LOOK_EVERY)
+    except KeyboardInterrupt:
+        return
+    if problems:
+        raise WorkError(f"{problems} runs are damaged and left out; see above.")
+
+
+def _last(rows: list["Row"], episodes: int) -> list["Row"]:
+    """Returns the rows of the last training episodes and of the evaluations after them."""
+    first = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
+    if not episodes:
+        return []
+    return rows if len(first) <= episodes else rows[first[-episodes] :]
+
+
+def _json_lines(change: "Change") -> Iterator[str]:
+    """Yields the rows; before them the run if it is new, after them if its status has changed."""
+    state = [("runs", change.run._asdict())]
+    rows = [*state, *change.rows] if change.is_new else change.rows
+    ended = state if change.status_changed and not change.is_new else []
+    for table, row in (*rows, *ended):
+        yield json_format.dumps({"table": table, **row}, allow_nan=False)
+
+
+def _text_lines(change: "Change") -> Iterator[str]:
+    """Yields a line for each episode and each evaluation, and one for the end of the run."""
+    from jbench.store.follow import grouped
+
+    run = change.run.run
+    for table, rows in grouped(change.rows):
+        if table == "episodes":
+            yield f"{run}: {_episode(rows[0])}"
+        else:
+            yield (
+                f"{run}: evaluation {rows[0]['evaluation']} after {rows[0]['control_steps']:,} "
+                f"control steps, mean return {_mean([row['episode_return'] for row in rows])} of "
+                f"{len(rows)} episodes"
+            )
+    if change.status_changed and change.run.status != "unfinished":
+        yield f"{run}: {change.run.status}"
+
+
+def _episode(row: Mapping[str, Any]) -> str:
+    after = "" if row["wall_time"] is None else f", {duration(row['wall_time'])}"
+    return (
+        f"episode {row['episode']}, return {_mean([row['episode_return']])}, "
+        f"{row['control_steps']:,} control steps{after}"
+    )
+
+
+def _mean(returns: list[float | None]) -> str:
+    """Formats the mean of returns; a return that is not finite is None."""
+    known = [value for value in returns if value is not None]
+    return f"{sum(known) / len(known):.1f}" if len(known) == len(returns) else "not finite"

@@ -1,0 +1,1 @@
+"""Copies of committed rows in experiment trackers; nothing is read back from them."""

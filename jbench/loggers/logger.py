@@ -1,0 +1,98 @@
+"""What a logger of an experiment tracker does, and making one by name."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from jbench.errors import RequestError
+from jbench.store.follow import Change, grouped
+from jbench.store.schema import LOSSES
+
+
+class Point(NamedTuple):
+    """Values at a control step.
+
+    Attributes:
+        control_steps: of the run, over all environments.
+        time: seconds since the epoch.
+        values: by name, such as training/episode_return.
+    """
+
+    control_steps: int
+    time: float
+    values: Mapping[str, float]
+
+
+class Logger(Protocol):
+    """Writes runs to a tracker.
+
+    Attributes:
+        where: where the log can be seen, as a sentence.
+    """
+
+    where: str
+
+    def start(self, run: str, settings: Mapping[str, Any]) -> None:
+        """Starts the log of a run; it replaces an earlier log of the same run."""
+
+    def log(self, run: str, points: Sequence[Point]) -> None:
+        """Adds points to the log of a run that was started."""
+
+    def end(self, run: str) -> None:
+        """Ends the log of a run that was started."""
+
+
+_MODULES = {
+    "tensorboard": ("jbench.loggers.tensorboard", "TensorBoard"),
+    "wandb": ("jbench.loggers.wandb", "WeightsAndBiases"),
+}
+
+
+def make_logger(name: str, results: Path) -> Logger:
+    """Returns the logger of a tracker.
+
+    Args:
+        name: one of `jbench.names.LOGGERS`.
+        results: the results directory; a tracker that writes files has a directory there.
+
+    Raises:
+        RequestError: if its library is not installed.
+    """
+    module, class_name = _MODULES[name]
+    try:
+        made: Logger = getattr(import_module(module), class_name)(results / name)
+    except ImportError as error:
+        raise RequestError(
+            f"--log {name} needs the package {error.name or name}; type pip install "
+            f"'jbench[{name}]'."
+        ) from None
+    return made
+
+
+def points(change: Change) -> list[Point]:
+    """Returns a point for each training episode and each evaluation; unknown values are left out.
+
+    The time is that of the run's creation plus the wall time of its training, so the time between
+    the processes of a resumed run is left out.
+    """
+    created = datetime.fromisoformat(change.run.created).timestamp()
+    made = []
+    for table, rows in grouped(change.rows):
+        values = dict(_episode(rows[0]) if table == "episodes" else _evaluation(rows))
+        seconds = created + (rows[0]["wall_time"] or 0.0)
+        known = {name: value for name, value in values.items() if value is not None}
+        made.append(Point(rows[0]["control_steps"], seconds, known))
+    return made
+
+
+def _episode(row: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
+    yield "training/episode_return", row["episode_return"]
+    for name in LOSSES:
+        yield f"losses/{name}", row[name]
+
+
+def _evaluation(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, float | None]]:
+    returns = [row["episode_return"] for row in rows]
+    yield "evaluation/mean_return", None if None in returns else sum(returns) / len(returns)

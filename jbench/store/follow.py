@@ -1,0 +1,170 @@
+"""Following runs: their rows as they are committed."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from jbench.errors import RequestError, WorkError
+from jbench.store import schema
+from jbench.store.database import Results
+from jbench.store.listing import RunLine, run_line
+from jbench.store.manifest import MANIFEST
+from jbench.store.record import Record
+from jbench.store.tree import walk
+
+LOOK_EVERY = 2.0
+"""Seconds between two looks at the results."""
+
+_TABLES = {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
+
+
+Row = tuple[str, dict[str, Any]]
+"""The name of a table and a row of it."""
+
+
+class Change(NamedTuple):
+    """What a commit has changed in a run.
+
+    Attributes:
+        run: the run as `jbench runs` lists it.
+        record: its record.
+        is_new: whether the run is seen for the first time or has started over. Rows of it that
+            were yielded before are then void.
+        status_changed: whether its status is another one than before, or it is new.
+        rows: new rows of `episodes` and `evaluations`, in the order of their control steps;
+            numbers that are not finite are None.
+    """
+
+    run: RunLine
+    record: Record
+    is_new: bool
+    status_changed: bool
+    rows: list[Row]
+
+
+@dataclass
+class _Seen:
+    """What has been yielded of a run."""
+
+    created: str
+    status: str
+    rows: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_TABLES, 0))
+
+
+class Follower:
+    """Yields each committed row of runs once.
+
+    It only reads, so any number of followers may run beside the processes that write.
+    """
+
+    def __init__(self, results: Results, filters: Mapping[str, Collection[Any]]) -> None:
+        """Follows the runs that match the filters when they are seen for the first time.
+
+        Args:
+            results: need not exist yet.
+            filters: allowed values by field of `RunLine`.
+        """
+        self._results, self._filters = results, filters
+        self._seen: dict[str, _Seen] = {}
+        self._stamps: dict[str, tuple[int, ...]] = {}
+        self._reported: set[str] = set()
+
+    def look(self) -> Iterator[Change | str]:
+        """Yields the changes since the last look, and a sentence for each damaged run, once."""
+        root = self._results.path / "runs"
+        for folder in walk(root):
+            if not folder.is_record:
+                continue
+            run = folder.path.relative_to(root).as_posix()
+            try:
+                stat = (folder.path / MANIFEST).stat()
+                # Each commit renames a new file to this name.
+                stamp = (stat.st_ino, stat.st_mtime_ns, stat.st_size)
+                if self._stamps.get(run) == stamp:
+                    continue
+                change = self._change(run)
+            except OSError:
+                continue  # it was removed meanwhile
+            except (RequestError, WorkError) as error:
+                if str(error) not in self._reported:
+                    self._reported.add(str(error))
+                    yield str(error)
+                continue
+            self._stamps[run] = stamp
+            if change is not None and (change.status_changed or change.rows):
+                yield change
+
+    def _change(self, run: str) -> Change | None:
+        """Reads the new rows of a run; returns None if it is not followed."""
+        record = self._results.find("run", run)
+        if record is None:
+            return None
+        seen = self._seen.get(run)
+        if seen is None and not self._matches(run_line(record)):
+            return None
+        while True:
+            is_new = seen is None or _starts_over(record, seen)
+            if is_new:
+                seen = _Seen(record.manifest.created, "")
+            assert seen is not None
+            try:
+                rows = _rows_after(record, seen.rows)
+                break
+            except WorkError:
+                # A writer may have joined the files since the manifest was read.
+                if not record.refresh():
+                    raise
+        counts = {table: record.rows(table) for table in _TABLES}
+        now = _Seen(record.manifest.created, record.status, counts)
+        self._seen[run] = now
+        return Change(run_line(record), record, is_new, now.status != seen.status, rows)
+
+    def _matches(self, line: RunLine) -> bool:
+        return all(getattr(line, name) in values for name, values in self._filters.items())
+
+
+def grouped(rows: Sequence[Row]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Yields the table and the rows of each training episode (one) and of each evaluation."""
+
+    def key(row: Row) -> tuple[str, int]:
+        return row[0], row[1]["episode" if row[0] == "episodes" else "evaluation"]
+
+    for (table, _), group in groupby(rows, key):
+        yield table, [row for _, row in group]
+
+
+def _starts_over(record: Record, seen: _Seen) -> bool:
+    """Returns whether rows that were yielded no longer belong to the run."""
+    has_fewer = any(record.rows(table) < count for table, count in seen.rows.items())
+    return has_fewer or record.manifest.created != seen.created
+
+
+def _rows_after(record: Record, counts: Mapping[str, int]) -> list[Row]:
+    """Returns the rows of a run but the first `counts` ones of each table."""
+    rows = [
+        (table, _finite(row))
+        for table, columns in _TABLES.items()
+        for row in _table_after(record, table, columns, counts[table]).to_pylist()
+    ]
+    return sorted(rows, key=lambda row: row[1]["control_steps"] or 0)
+
+
+def _table_after(record: Record, table: str, columns: pa.Schema, count: int) -> pa.Table:
+    """Returns the rows of a table but the first `count`; reads only the files that have them."""
+    parts, before = [columns.empty_table()], 0
+    for entry in record.parts(table):
+        if before + entry.rows > count:
+            parts.append(record.read_part(entry, columns).slice(max(0, count - before)))
+        before += entry.rows
+    return pa.concat_tables(parts)
+
+
+def _finite(row: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name: None if isinstance(value, float) and not np.isfinite(value) else value
+        for name, value in row.items()
+    }

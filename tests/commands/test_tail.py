@@ -1,0 +1,111 @@
+"""Rows are printed, and copied to a tracker, while runs are trained by other processes."""
+
+import json
+import signal
+import subprocess
+import time
+
+import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from jbench.cli import main
+from jbench.store import Results, schema
+from tests.command_line import INTERRUPTIBLE, succeed, train
+from tests.store.store_rows import listed
+from tests.store.store_whole import add_whole_run
+
+
+def test_tail_prints_each_committed_row_of_a_training_and_ctrl_c_ends_it(tmp_path):
+    out = tmp_path / "rows.jsonl"
+    (tmp_path / "results").mkdir()
+    with out.open("w") as stdout:
+        tail = subprocess.Popen(
+            [*INTERRUPTIBLE, "tail", "--json", "--results", str(tmp_path / "results")],
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    succeed(*train("td3", "none", "--log", "tensorboard"), results=tmp_path / "results")
+    runs = Results(tmp_path / "results").scan("run")[0]
+    deadline = time.monotonic() + 60
+    while out.read_text().count('"finished"') < len(runs):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    tail.send_signal(signal.SIGINT)
+    assert tail.communicate(timeout=60)[1] == ""
+    assert tail.returncode == 0
+    lines = [json.loads(line) for line in out.read_text().splitlines()]
+    for run in runs:
+        rows = [line for line in lines if line["run"] == run.id]
+        for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS)):
+            committed = run.read(table, columns).to_pylist()
+            assert committed
+            assert [row for row in rows if row["table"] == table] == [
+                {"table": table, **row} for row in committed
+            ]
+        assert rows[0]["table"] == "runs"
+        assert [row["status"] for row in rows if row["table"] == "runs"][-1] == "finished"
+        events = EventAccumulator(str(tmp_path / "results" / "tensorboard" / run.id))
+        events.Reload()
+        logged = [event.value for event in events.Scalars("training/episode_return")]
+        returns = run.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
+        assert logged == pytest.approx(returns, rel=1e-6)  # float32
+
+
+@pytest.fixture
+def results(tmp_path):
+    results = Results(tmp_path / "results")
+    add_whole_run(results, [10.0, 20.0, 60.0])
+    add_whole_run(results, [5.0], finish=False, seed=1, algo="sac")
+    return results
+
+
+def tail(results, *arguments):
+    return main(["tail", "--once", *arguments, "--results", str(results.path)])
+
+
+def test_a_line_for_each_episode_and_the_end_of_a_run(results, capsys):
+    assert tail(results, "--algo", "ddpg", "--last", "2") == 0
+    (run,) = (run.id for run in results.scan("run")[0] if run.settings["algo"] == "ddpg")
+    assert capsys.readouterr().out.splitlines() == [
+        f"{run}: episode 1, return 20.0, 2,000 control steps, 4 s",
+        f"{run}: episode 2, return 60.0, 3,000 control steps, 6 s",
+        f"{run}: finished",
+    ]
+    assert tail(results, "--status", "unfinished") == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.endswith(": episode 0, return 5.0, 1,000 control steps, 2 s")
+
+
+def test_a_damaged_run_is_reported_and_the_others_are_printed(results, capsys):
+    damaged = results.scan("run")[0][0]
+    path = damaged.path / listed(damaged)[0]
+    path.write_bytes(path.read_bytes()[:-1])
+    assert tail(results) == 1
+    printed = capsys.readouterr()
+    assert "sac" in printed.out
+    assert damaged.id not in printed.out
+    assert damaged.id in printed.err
+    assert "1 runs are damaged" in printed.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("tail", "--last", "-1"), "type 0 or more"),
+        (("tail", "--algo", "dqn"), "Unknown algorithm 'dqn'"),
+        (("train", "--log", "mlflow"), "Unknown value of --log 'mlflow'; choose tensorboard"),
+    ],
+)
+def test_a_wrong_request_is_refused(results, capsys, arguments, says):
+    assert main([*arguments, "--results", str(results.path)]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_missing_library_is_named_before_anything_is_trained(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "torch.utils.tensorboard", None)
+    monkeypatch.delitem(__import__("sys").modules, "jbench.loggers.tensorboard", raising=False)
+    arguments = ["train", "--log", "tensorboard", "--seeds", "0"]
+    assert main([*arguments, "--results", str(tmp_path / "results")]) == 2
+    assert "type pip install 'jbench[tensorboard]'" in capsys.readouterr().err
+    assert not (tmp_path / "results" / "runs").exists()

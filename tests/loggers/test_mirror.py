@@ -1,0 +1,114 @@
+"""Committed rows arrive in experiment trackers, read back with the trackers' own readers."""
+
+import pyarrow as pa
+import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from jbench.cli import main
+from jbench.loggers.logger import make_logger
+from jbench.loggers.mirror import mirrored
+from jbench.store import Results, schema
+from tests.store.store_rows import episodes
+from tests.store.store_whole import add_whole_run
+
+
+@pytest.fixture
+def results(tmp_path):
+    return Results(tmp_path / "results")
+
+
+def mirror(results, *runs, name="tensorboard", warn=pytest.fail, during=lambda: None):
+    """Copies runs to a tracker while `during` is called."""
+    logger = make_logger(name, results.path)
+    with mirrored(results, [run.id for run in runs], logger, warn):
+        during()
+
+
+def scalars(results, run, tag):
+    """The (control steps, value) pairs that TensorBoard shows."""
+    events = EventAccumulator(str(results.path / "tensorboard" / run.id))
+    events.Reload()
+    return [(event.step, event.value) for event in events.Scalars(tag)]
+
+
+def evaluation(run, number, control_steps, returns):
+    rows = [
+        {"run": run.id, "evaluation": number, "control_steps": control_steps, "episode": episode}
+        | {"episode_return": value, "length": 1000, "wall_time": 9.0}
+        for episode, value in enumerate(returns)
+    ]
+    return {"evaluations": pa.Table.from_pylist(rows, schema.EVALUATIONS)}
+
+
+def test_tensorboard_shows_the_rows_that_are_committed_before_and_during_the_block(results):
+    run = add_whole_run(results, [1.0, 2.0], finish=False)
+    other = add_whole_run(results, [8.0], seed=1)
+
+    def during():
+        rows = episodes(run.id, [0, 0, 3.0]).slice(2).to_pylist()
+        rows[0] |= {"critic_loss": 0.5, "actor_loss": float("nan")}
+        run.append({"episodes": pa.Table.from_pylist(rows, schema.EPISODES)})
+        run.append(evaluation(run, 0, 3000, [10.0, 20.0]))
+        run.finish({"wall_time": 10.0})
+
+    mirror(results, run, during=during)
+    expected = [(1000, 1.0), (2000, 2.0), (3000, 3.0)]
+    assert scalars(results, run, "training/episode_return") == expected
+    assert scalars(results, run, "evaluation/mean_return") == [(3000, 15.0)]
+    assert scalars(results, run, "losses/critic_loss") == [(3000, 0.5)]
+    with pytest.raises(KeyError):
+        scalars(results, run, "losses/actor_loss")
+    assert not (results.path / "tensorboard" / other.id).exists()
+    assert main(["verify", "--results", str(results.path)]) == 0
+
+
+def test_the_log_of_a_resumed_run_is_complete_and_has_no_point_twice(results):
+    run = add_whole_run(results, [1.0], finish=False)
+    mirror(results, run)
+    run.append({"episodes": episodes(run.id, [0, 2.0]).slice(1)})
+    mirror(results, run)
+    assert scalars(results, run, "training/episode_return") == [(1000, 1.0), (2000, 2.0)]
+
+
+def test_rows_from_before_a_run_started_over_are_hidden(results):
+    run = add_whole_run(results, [1.0, 2.0], finish=False)
+    mirror(results, run)
+    created = run.manifest.created
+    while run.manifest.created == created:
+        run.create(run.settings)
+    run.append({"episodes": episodes(run.id, [5.0])})
+    mirror(results, run)
+    assert scalars(results, run, "training/episode_return") == [(1000, 5.0)]
+
+
+def test_a_failing_tracker_ends_the_log_with_a_warning(results):
+    run = add_whole_run(results, [1.0])
+    (results.path / "tensorboard").write_text("not a directory")
+    warnings = []
+    mirror(results, run, warn=warnings.append)
+    (warning,) = warnings
+    assert warning.startswith("Logging has stopped (")
+
+
+def test_wandb_gets_each_point_in_its_offline_mode(results, monkeypatch):
+    pytest.importorskip("wandb")
+    from wandb.proto import wandb_internal_pb2
+    from wandb.sdk.internal.datastore import DataStore
+
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    monkeypatch.setenv("WANDB_SILENT", "true")
+    run = add_whole_run(results, [1.0, 2.0])
+    mirror(results, run, name="wandb")
+    (path,) = (results.path / "wandb").rglob("*.wandb")
+    store, points = DataStore(), []
+    store.open_for_scan(str(path))
+    while (data := store.scan_data()) is not None:
+        record = wandb_internal_pb2.Record()
+        record.ParseFromString(data)
+        if record.WhichOneof("record_type") == "run":
+            assert record.run.display_name == run.id
+        if record.WhichOneof("record_type") == "history":
+            items = {item.key or ".".join(item.nested_key): item for item in record.history.item}
+            values = (items["control_steps"], items["training/episode_return"])
+            points.append(tuple(float(item.value_json) for item in values))
+    assert points == [(1000, 1.0), (2000, 2.0)]

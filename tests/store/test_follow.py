@@ -1,0 +1,104 @@
+"""Followers yield each committed row once, whatever happens to the files meanwhile."""
+
+import pyarrow as pa
+import pytest
+
+from jbench.store import Results, schema
+from jbench.store.follow import Follower
+from tests.store.store_rows import episodes, listed
+from tests.store.store_whole import add_whole_run
+
+
+@pytest.fixture
+def results(tmp_path):
+    return Results(tmp_path / "results")
+
+
+def append(record, *returns, first):
+    """Commits episodes that follow the first ones."""
+    rows = episodes(record.id, [0.0] * first + list(returns)).slice(first)
+    record.append({"episodes": rows})
+
+
+def returns_of(follower):
+    """The returns of the new episodes."""
+    return [
+        row["episode_return"]
+        for change in follower.look()
+        for table, row in change.rows
+        if table == "episodes"
+    ]
+
+
+def test_each_row_is_yielded_once_also_when_its_file_is_joined_with_others(results):
+    run = add_whole_run(results, [1.0, 2.0], finish=False)
+    follower = Follower(results, {})
+    assert returns_of(follower) == [1, 2]
+    assert list(follower.look()) == []
+    append(run, 3.0, first=2)
+    append(run, 4.0, float("nan"), first=3)
+    assert returns_of(follower) == [3, 4, None]
+    before = listed(run)
+    run.finish({"wall_time": 1.0})
+    assert len(before) == 3
+    assert len(listed(run)) == 1
+    (change,) = follower.look()
+    assert (change.rows, change.is_new, change.status_changed) == ([], False, True)
+    assert change.run.status == "finished"
+
+
+def test_rows_committed_and_joined_between_two_looks_are_not_lost(results):
+    run = add_whole_run(results, [1.0], finish=False)
+    follower = Follower(results, {})
+    assert returns_of(follower) == [1]
+    append(run, 2.0, first=1)
+    run.finish({"wall_time": 1.0})
+    (change,) = follower.look()
+    assert [row["episode_return"] for _, row in change.rows] == [2]
+    assert change.status_changed
+
+
+def test_a_run_that_starts_over_is_new_and_its_rows_come_again(results):
+    run = add_whole_run(results, [1.0, 2.0], finish=False)
+    follower = Follower(results, {})
+    assert returns_of(follower) == [1, 2]
+    # As many rows as before: only the time of creation tells the two apart.
+    manifest = run.manifest
+    while run.manifest.created == manifest.created:
+        run.create(manifest.settings)
+    append(run, 5.0, 6.0, first=0)
+    (change,) = follower.look()
+    assert change.is_new
+    assert [row["episode_return"] for _, row in change.rows] == [5, 6]
+
+
+def test_only_runs_that_match_are_followed_to_their_end(results):
+    run = add_whole_run(results, [1.0], finish=False)
+    add_whole_run(results, [7.0], seed=1)
+    follower = Follower(results, {"status": ["unfinished"]})
+    assert returns_of(follower) == [1]
+    append(run, 2.0, first=1)
+    run.finish({})
+    assert returns_of(follower) == [2]
+
+
+def test_a_damaged_run_is_reported_once_and_the_others_are_followed(results):
+    damaged = add_whole_run(results, [1.0])
+    path = damaged.path / listed(damaged)[0]
+    path.write_bytes(path.read_bytes()[:-1])
+    other = add_whole_run(results, [2.0], finish=False, seed=1)
+    follower = Follower(results, {})
+    sentence, change = follower.look()
+    assert damaged.id in sentence
+    assert change.run.run == other.id
+    append(other, 3.0, first=1)
+    assert returns_of(follower) == [3]
+
+
+def test_an_evaluation_comes_after_the_episodes_before_it(results):
+    run = add_whole_run(results, [1.0, 2.0, 3.0], finish=False)
+    row = {"run": run.id, "evaluation": 0, "control_steps": 2000, "episode": 0}
+    row |= {"episode_return": 9.0, "length": 1000, "wall_time": 1.0}
+    run.append({"evaluations": pa.Table.from_pylist([row], schema.EVALUATIONS)})
+    (change,) = Follower(results, {}).look()
+    assert [row["episode_return"] for _, row in change.rows] == [1, 2, 9, 3]

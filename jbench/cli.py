@@ -10,7 +10,18 @@ from typing import Annotated
 import typer
 
 from jbench import __version__
-from jbench.commands import data, encoders, imports, policies, report, results, sweep, tail, train
+from jbench.commands import (
+    data,
+    encoders,
+    export,
+    imports,
+    policies,
+    report,
+    results,
+    sweep,
+    tail,
+    train,
+)
 from jbench.commands.output import printable
 from jbench.errors import RequestError, WorkError
 
@@ -44,7 +55,7 @@ def _root(
 
 
 command: Callable[..., None]
-for command in (data.collect, data.datasets, data.export):
+for command in (data.collect, data.datasets, export.export):
     app.command()(command)
 app.command("train-dae")(encoders.train_dae)
 app.command("train-encoder")(encoders.train_encoder)

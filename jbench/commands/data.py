@@ -1,11 +1,9 @@
-"""Commands for datasets: collect, datasets, export."""
+"""Commands for datasets: collect, datasets."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
@@ -13,17 +11,12 @@ from jbench.commands.options import (
     JsonOption,
     ReadResultsOption,
     ResultsOption,
-    TaskOption,
-    complete,
 )
 from jbench.commands.output import Output
 from jbench.errors import WorkError
 
 if TYPE_CHECKING:
     from jbench.datasets.listing import Listed
-
-FORMATS = ("minari",)
-"""Export formats."""
 
 
 def collect(
@@ -100,42 +93,4 @@ def _row(listed: "Listed") -> tuple[str, ...]:
         "plain" if augment is None else f"--augment {augment}",
         f"{listed.bytes / 1e6:.1f}",
         listed.record.manifest.updated[:16].replace("T", " "),
-    )
-
-
-def export(
-    dataset: Annotated[
-        str | None, typer.Option(help="Id of the dataset (default: the newest).")
-    ] = None,
-    task: TaskOption = "face_direction",
-    format: Annotated[
-        str,
-        typer.Option(
-            help=f"Output format: {', '.join(FORMATS)}.", autocompletion=complete(*FORMATS)
-        ),
-    ] = "minari",
-    out: Annotated[
-        Path | None, typer.Option(help="Directory of Minari datasets (default: RESULTS/minari).")
-    ] = None,
-    results: ResultsOption = RESULTS,
-    json: JsonOption = False,
-) -> None:
-    """Write a dataset, as one task sees it, in a format that other tools read."""
-    names.known("task", task, names.TASKS)
-    names.known("value of --format", format, FORMATS)
-    from jbench.datasets import find_dataset
-    from jbench.datasets.export import export_minari
-
-    output = Output(json)
-    source = find_dataset(parsing.results_to_write(results), dataset)
-    root = out or results / "minari"
-    with output.progress(f"export {task}", source.episodes, "episodes") as progress:
-        done = export_minari(source, task, root, progress.update)
-    output.say(
-        f"Exported {source.id} as {task} sees it: {source.episodes:,} episodes, "
-        f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "
-        f'loads it by minari.load_dataset("{done.id}").'
-    )
-    output.document(
-        {"dataset": source.id, "task": task, "path": str(done.path), "minari_id": done.id}
     )

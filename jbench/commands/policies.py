@@ -49,7 +49,7 @@ def evaluate(
     from jbench.settings.evaluation import EvaluationSettings
     from jbench.store import schema
 
-    output, (database, policy) = Output(json), _database_and_policy(results, policy)
+    output, (database, policy) = Output(json), database_and_policy(results, policy)
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     policy = full_name(policy)
@@ -111,7 +111,7 @@ def render(
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import check_output, default_size, render_to_file
 
-    output, (database, policy) = Output(json), _database_and_policy(results, policy)
+    output, (database, policy) = Output(json), database_and_policy(results, policy)
     check_output(out)
     width, height = default_size(out)
     task = _task(database, policy, task, "move_to_pose")
@@ -138,7 +138,7 @@ def view(
     from jbench.rendering.episode import Scene
     from jbench.rendering.viewer import view as open_viewer
 
-    database, policy = _database_and_policy(results, policy)
+    database, policy = database_and_policy(results, policy)
     task = _task(database, policy, task, "move_to_pose")
     parsing.augmented(augment)
     runner = find_policy(database, policy, task, parsing.seed(seed))
@@ -147,7 +147,7 @@ def view(
     Output().say(f"Watched {steps} control steps.")
 
 
-def _database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
+def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
     """Returns writable results, and the policy's name in them.
 
     With `--results reference`, the id of a run is read as `reference/ID`.

@@ -95,7 +95,7 @@ class SavedEncoder:
         if isinstance(batch, Tensor):
             weights, gain, offset = self._torch(batch.dtype, batch.device)
             return self._kind.encode(weights, batch * gain + offset)
-        scaled = np.asarray(batch, np.float32) * self._gain + self._offset
+        scaled = batch.astype(np.float32, copy=False) * self._gain + self._offset
         return self._kind.encode(self._weights, scaled)
 
     def _torch(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError
-from jbench.policies.saved import has_policy, load_agent
+from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.run import read_run
 from jbench.store import Record, Results
 from jbench.store.shipped import shipped
@@ -99,6 +99,21 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
     if "/" not in name:
         raise RequestError(f"Unknown policy {name!r}; choose {KINDS}.")
     return _Trained(*_locate(results, name), task)
+
+
+def find_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
+    """Returns the id of a run and its trained agent.
+
+    Args:
+        results: where the run is, unless it is a shipped one.
+        name: the id of a run, or "reference/" and the id of a shipped run.
+
+    Raises:
+        RequestError: if there is no such run, or it has no policy.
+        WorkError: if its files are damaged.
+    """
+    located, run = _locate(results, name)
+    return run, load_agent(located, run)
 
 
 def full_name(name: str) -> str:

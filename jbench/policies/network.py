@@ -26,11 +26,13 @@ class Layer:
 def _layer_norm(x: Float, weight: Float, bias: Float, epsilon: float) -> Float:
     centred = x - x.mean(axis=-1, keepdims=True)
     variance = np.square(centred).mean(axis=-1, keepdims=True)
-    return np.asarray(centred / np.sqrt(variance + epsilon) * weight + bias, np.float32)
+    normalized: Float = centred / np.sqrt(variance + epsilon) * weight + bias
+    return normalized
 
 
 def _sigmoid(x: Float) -> Float:
-    return np.asarray(0.5 + 0.5 * np.tanh(0.5 * x), np.float32)  # does not overflow
+    halved: Float = np.tanh(0.5 * x)  # does not overflow
+    return 0.5 + 0.5 * halved
 
 
 LAYERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Float]]] = {
@@ -71,10 +73,11 @@ class Network:
 
     def act(self, observations: Float) -> Float:
         """Returns actions (..., 1) for (encoded) observations (..., size)."""
-        values = np.asarray(observations, np.float32)
+        values = observations.astype(np.float32, copy=False)
         for layer in self.layers:
             function = LAYERS[layer.kind][2]
-            values = np.asarray(function(values, **layer.arrays, **layer.numbers), np.float32)
+            values = function(values, **layer.arrays, **layer.numbers)
+            values = values.astype(np.float32, copy=False)
         return np.clip(values, -1, 1)
 
     def description(self) -> dict[str, Any]:

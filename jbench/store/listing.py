@@ -103,7 +103,7 @@ def run_line(record: Record) -> RunLine:
 
 def _line_of_import(record: Record) -> RunLine:
     summary = record.manifest.summary
-    line = _line(record)
+    line = run_line(record)
     points, steps = (_number(summary.get(name)) for name in ("points", "control_steps"))
     return line._replace(episodes=int(points or 0), steps_done=steps or 0, wall_time=None)
 

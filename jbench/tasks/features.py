@@ -264,14 +264,33 @@ def feature_labels(task: str) -> list[str]:
     ]
 
 
+def feature_units(task: str) -> list[str]:
+    """Returns the SI unit of each dimension of a task's features; 1 for quaternions."""
+    units = {
+        "position": ("m",) * 3 + ("1",) * 4,
+        "velocity": ("m/s",) * 3 + ("rad/s",) * 3,
+        "motor_position": ("rad",),
+        "motor_velocity": ("rad/s",),
+        "angle_to_target": ("rad",),
+        "speed_in_target_frame": ("m/s",) * 3,
+        "target_in_jitterbug_frame": ("m",) * 3,
+    }
+    return [unit for name in TASK_SPECS[task].features for unit in units[name]]
+
+
+def feature_range(task: str) -> tuple[list[float], list[float]]:
+    """Returns minimum and maximum of each dimension in SI units, mapped to -1 and 1."""
+    names = TASK_SPECS[task].features
+    return [v for n in names for v in RANGES[n][0]], [v for n in names for v in RANGES[n][1]]
+
+
 def _feature_range(task: str, like: Array) -> tuple[Array, Array]:
     """Returns minimum and maximum of each dimension, as arrays of the same type as `like`."""
     key = (task, array_namespace(like).__name__, like.dtype, getattr(like, "device", None))
     if key not in _range_cache:
         xp = array_namespace(like)
         options: dict[str, Any] = {"dtype": like.dtype, "device": getattr(like, "device", None)}
-        names = TASK_SPECS[task].features
-        low, high = ([v for n in names for v in RANGES[n][end]] for end in (0, 1))
+        low, high = feature_range(task)
         _range_cache[key] = (xp.asarray(low, **options), xp.asarray(high, **options))
     return _range_cache[key]
 

@@ -1,0 +1,133 @@
+"""The export command: policies and datasets in formats that other tools read."""
+
+import importlib.util
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jbench import names
+from jbench.commands import parsing
+from jbench.commands.options import (
+    RESULTS,
+    JsonOption,
+    ReadResultsOption,
+    complete,
+)
+from jbench.commands.output import Output
+from jbench.commands.policies import database_and_policy
+from jbench.errors import RequestError
+
+FORMATS = ("onnx", "minari")
+"""Formats of policies (onnx) and of datasets (minari)."""
+
+INPUTS = ("si", "observation")
+"""Inputs of an exported policy: features in SI units, or the observation of the environment."""
+
+
+def export(
+    run: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[RUN]", help="Id of a run, to export its policy (default: export a dataset)."
+        ),
+    ] = None,
+    dataset: Annotated[
+        str | None, typer.Option(help="Id of the dataset (default: the newest).")
+    ] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(
+            help="Task whose observations and rewards a dataset is exported with (default: "
+            "face_direction).",
+            autocompletion=complete(*names.TASKS),
+        ),
+    ] = None,
+    format: Annotated[
+        str | None,
+        typer.Option(
+            help="Output format: onnx (of a policy, the default with RUN) or minari (of a "
+            "dataset, the default without).",
+            autocompletion=complete(*FORMATS),
+        ),
+    ] = None,
+    inputs: Annotated[
+        str,
+        typer.Option(
+            help="Input of an exported policy: si (features in SI units) or observation (that of "
+            "the environment, scaled to [-1, 1]).",
+            autocompletion=complete(*INPUTS),
+        ),
+    ] = "si",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of the policy (default: RESULTS/onnx/RUN.onnx), or directory of Minari "
+            "datasets (default: RESULTS/minari)."
+        ),
+    ] = None,
+    results: ReadResultsOption = RESULTS,
+    json: JsonOption = False,
+) -> None:
+    """Export a policy (ONNX) or a dataset (Minari) for other tools."""
+    chosen = format or ("minari" if run is None else "onnx")
+    names.known("value of --format", chosen, FORMATS)
+    names.known("value of --inputs", inputs, INPUTS)
+    output = Output(json)
+    if chosen == "minari":
+        if run is not None:
+            raise RequestError(f"{run}: RUN is for --format onnx; name a dataset with --dataset.")
+        _dataset(dataset, task or "face_direction", out, results, output)
+    elif run is None:
+        raise RequestError("--format onnx exports the policy of a run; type jbench export RUN.")
+    elif dataset is not None or task is not None:
+        raise RequestError("--dataset and --task are for datasets; leave them out with RUN.")
+    else:
+        _policy(run, inputs == "si", out, results, output)
+
+
+def _policy(run: str, in_si_units: bool, out: Path | None, results: Path, output: Output) -> None:
+    if importlib.util.find_spec("onnx") is None:
+        raise RequestError("--format onnx needs the package onnx; type pip install 'jbench[onnx]'.")
+    from jbench.policies.find import find_agent
+    from jbench.policies.onnx_export import export_onnx
+
+    database, name = database_and_policy(results, run)
+    id, agent = find_agent(database, name)
+    done = export_onnx(agent, id, out or database.path / "onnx" / f"{id}.onnx", in_si_units)
+    what = "features in SI units" if in_si_units else "the observation of the environment"
+    output.say(
+        f"Exported the policy of {id} for {agent.task}: {done.bytes / 1e3:.0f} kB in {done.path}. "
+        f"Its input is {what}; its actions differ from the policy's by at most "
+        f"{done.difference:.1g}."
+    )
+    output.document(
+        {
+            "run": id,
+            "task": agent.task,
+            "path": str(done.path),
+            "bytes": done.bytes,
+            "difference": done.difference,
+        }
+    )
+
+
+def _dataset(
+    dataset: str | None, task: str, out: Path | None, results: Path, output: Output
+) -> None:
+    names.known("task", task, names.TASKS)
+    from jbench.datasets import find_dataset
+    from jbench.datasets.export import export_minari
+
+    source = find_dataset(parsing.results_to_write(results), dataset)
+    root = out or results / "minari"
+    with output.progress(f"export {task}", source.episodes, "episodes") as progress:
+        done = export_minari(source, task, root, progress.update)
+    output.say(
+        f"Exported {source.id} as {task} sees it: {source.episodes:,} episodes, "
+        f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "
+        f'loads it by minari.load_dataset("{done.id}").'
+    )
+    output.document(
+        {"dataset": source.id, "task": task, "path": str(done.path), "minari_id": done.id}
+    )

@@ -1,0 +1,140 @@
+"""Trained policies as ONNX models, for programs without jbench."""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+from onnx import TensorProto, checker, helper
+from onnx.reference import ReferenceEvaluator
+
+from jbench import __version__
+from jbench.errors import RequestError, WorkError
+from jbench.names import CONTROL_TIMESTEP
+from jbench.policies.saved import TrainedAgent
+from jbench.policies.traced import Graph
+from jbench.store.files import make_directory, write_atomic
+from jbench.tasks.features import (
+    TASK_SPECS,
+    denormalize,
+    feature_labels,
+    feature_range,
+    feature_units,
+    normalize,
+)
+
+INPUT, OUTPUT = "observation", "action"
+
+_OPSET, _IR_VERSION = 18, 8  # of 2022, which ONNX Runtime reads from 1.14 on
+_CHECKED = 256  # observations for which the model is compared with the policy
+_TOLERANCE = 1e-4  # of an action; float32 rounding in another order is a hundredth of that
+
+
+class Exported(NamedTuple):
+    """A model that was written.
+
+    Attributes:
+        path: of the file.
+        bytes: its size.
+        difference: largest absolute difference from the policy's actions.
+    """
+
+    path: Path
+    bytes: int
+    difference: float
+
+
+def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool = True) -> Exported:
+    """Writes the policy of a run as an ONNX model and compares the two.
+
+    The model has an input `observation` (robots, dim(O)) and an output `action` (robots, 1), both
+    float32. The scaling of the observation and the encoder are part of it. Its metadata describe
+    the inputs and the output; see `metadata`.
+
+    Args:
+        agent: the trained agent.
+        run: id of its run, for the metadata.
+        path: of the file, which is replaced if it exists.
+        in_si_units: whether the input is the features in SI units; otherwise it is the observation
+            of the environment, in which the range of each feature is mapped to [-1, 1].
+
+    Raises:
+        RequestError: if the encoder or the policy has an operation that can't be written.
+        WorkError: if the model's actions differ from the policy's, or it can't be written.
+    """
+    graph = Graph()
+    inputs = graph.input(INPUT)
+    try:
+        observations = normalize(agent.task, inputs) if in_si_units else inputs
+        # A traced array stands for an array of numpy.
+        actions = agent.act(cast(NDArray[np.float32], observations))
+        graph.add("Identity", actions, output=OUTPUT)
+    except (TypeError, AttributeError) as error:
+        raise RequestError(
+            f"The run {run} can't be exported to ONNX: its encoder or policy is more than layers "
+            f"of numpy operations ({str(error).splitlines()[0]})."
+        ) from None
+    model = _model(graph, TASK_SPECS[agent.task].observation_size)
+    helper.set_model_props(model, metadata(agent, run, in_si_units))
+    checker.check_model(model, full_check=True)
+    difference = _difference(model, agent, in_si_units)
+    if not difference < _TOLERANCE:
+        raise WorkError(f"The ONNX model of {run} differs from its policy by {difference:.1e}.")
+    content = model.SerializeToString()
+    make_directory(path.parent)
+    write_atomic(path, content)
+    return Exported(path, len(content), difference)
+
+
+def metadata(agent: TrainedAgent, run: str, in_si_units: bool) -> dict[str, str]:
+    """Returns the description of a model's inputs and output; structures are JSON.
+
+    `inputs` has for each component of the observation its name and unit, and if the input is not
+    in SI units also the `minimum` and `maximum` in that unit that are mapped to -1 and 1.
+    """
+    low, high = feature_range(agent.task)
+    inputs: list[dict[str, Any]] = [
+        {"name": name, "unit": unit}
+        if in_si_units
+        else {"name": name, "unit": unit, "minimum": least, "maximum": most}
+        for name, unit, least, most in zip(
+            feature_labels(agent.task), feature_units(agent.task), low, high, strict=True
+        )
+    ]
+    action = {"name": "motor_command", "unit": "1", "minimum": -1.0, "maximum": 1.0}
+    return {
+        "inputs": json.dumps(inputs),
+        "outputs": json.dumps([action]),
+        "input_scaling": "SI units" if in_si_units else "minimum to -1, maximum to 1",
+        "control_timestep": json.dumps({"value": CONTROL_TIMESTEP, "unit": "s"}),
+        "task": agent.task,
+        "run": run,
+        "jbench": __version__,
+    }
+
+
+def _model(graph: Graph, size: int) -> onnx.ModelProto:
+    def value(name: str, columns: int) -> onnx.ValueInfoProto:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["robots", columns])
+
+    made = helper.make_graph(
+        graph.nodes, "policy", [value(INPUT, size)], [value(OUTPUT, 1)], graph.constants
+    )
+    return helper.make_model(
+        made,
+        producer_name="jbench",
+        opset_imports=[helper.make_opsetid("", _OPSET)],
+        ir_version=_IR_VERSION,
+    )
+
+
+def _difference(model: onnx.ModelProto, agent: TrainedAgent, in_si_units: bool) -> float:
+    """Returns the largest difference of actions over observations from the features' ranges."""
+    size = TASK_SPECS[agent.task].observation_size
+    random = np.random.default_rng(0)
+    observations = random.uniform(-1, 1, (_CHECKED, size)).astype(np.float32)
+    inputs = denormalize(agent.task, observations) if in_si_units else observations
+    (actions,) = ReferenceEvaluator(model).run(None, {INPUT: inputs})
+    return float(np.abs(np.asarray(actions) - agent.act(observations)).max())

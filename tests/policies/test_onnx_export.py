@@ -1,0 +1,200 @@
+"""ONNX models act as the policies that they were made of, in another library's runtime."""
+
+import json
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+import torch
+
+from jbench.cli import main
+from jbench.encoders.kind import ClosedForm, Learned
+from jbench.encoders.registry import kind_names, make_kind
+from jbench.encoders.saved import SavedEncoder
+from jbench.encoders.states import States
+from jbench.errors import RequestError
+from jbench.names import EPISODE_STEPS
+from jbench.policies.feature_map import FeatureMap
+from jbench.policies.network import Layer, Network
+from jbench.policies.onnx_export import export_onnx
+from jbench.policies.saved import Policy, TrainedAgent
+from jbench.simulation import Robots, rollout
+from jbench.store import Results, schema
+from jbench.tasks import features, resets
+from jbench.tasks.robots import load_model
+from tests.encoders.encoder_data import make_dataset, observations_of
+
+TASK = "face_direction"
+RUN = "reference/face_direction/ddpg"
+PRECISION = 2e-5  # of an action computed in float32 in another order
+
+
+def run_model(path, inputs):
+    """What ONNX Runtime computes."""
+    session = onnxruntime.InferenceSession(str(path))
+    return session.run(["action"], {"observation": np.asarray(inputs, np.float32)})[0]
+
+
+def random_matrix(*shape):
+    return np.random.default_rng(len(shape)).normal(size=shape).astype("f4")
+
+
+def policy_of(inputs):
+    """A policy of two layers."""
+    weights = [random_matrix(8, inputs) / inputs, random_matrix(1, 8)]
+    return Policy(weights, [random_matrix(8), random_matrix(1)], "tanh")
+
+
+def test_the_exported_policy_repeats_the_actions_of_jbench_evaluate(tmp_path, capsys):
+    results = tmp_path / "results"
+    where = ("--results", str(results))
+    assert main(["evaluate", "--policy", RUN, "--episodes", "1", "--states", *where]) == 0
+    assert main(["export", RUN, "--out", str(tmp_path / "policy.onnx"), *where]) == 0
+    (record,) = Results(results).scan("evaluation")[0]
+    states = record.read("policy_states", schema.POLICY_STATES)
+    recorded = states["action"].to_numpy().reshape(EPISODE_STEPS, 1, 1)
+    # The recorded actions lead through the same states: their rewards are those of the evaluation.
+    seen, episode_return, actions = [], 0.0, iter(recorded)
+
+    def replay(observations):
+        seen.append(observations[0])
+        return next(actions)
+
+    starts = resets.draw_starts(TASK, [resets.episode_generator(0, 0)])
+    with Robots(load_model(None), 1, 1) as robots:
+        for transition in rollout(TASK, robots, starts, replay):
+            episode_return += transition.rewards[0]
+    (evaluated,) = record.read("policy_episodes", schema.POLICY_EPISODES).to_pylist()
+    assert episode_return == evaluated["episode_return"]
+    exported = run_model(
+        tmp_path / "policy.onnx", features.denormalize(TASK, np.array(seen[:EPISODE_STEPS]))
+    )
+    assert np.abs(recorded[:, 0]).mean() > 0.1
+    np.testing.assert_allclose(exported, recorded[:, 0], atol=PRECISION)
+
+
+@pytest.fixture(scope="module")
+def states(tmp_path_factory):
+    """Made-up states of a dataset, read and scaled."""
+    results = Results(tmp_path_factory.mktemp("onnx") / "results")
+    states = States(make_dataset(results), TASK, 2)
+    states.read(torch.device("cpu"))
+    return states
+
+
+def make_encoder(name, states):
+    """An encoder with initial weights, or fitted weights if there is no training."""
+    kind = make_kind(name, {})
+    latents = {"scaled": 16, "planar": 12}.get(name, 3)
+    if isinstance(kind, Learned):
+        weights = kind.initial(states.size, latents, torch.Generator().manual_seed(0))
+    elif isinstance(kind, ClosedForm):
+        weights = kind.fit(states.learned, latents, 0)
+    else:
+        weights = kind.fit(states, latents)
+    weights = {name: np.asarray(value, np.float32) for name, value in weights.items()}
+    return SavedEncoder(kind, weights, states.scaling, latents)
+
+
+@pytest.mark.parametrize("kind", kind_names())
+def test_the_encoder_is_part_of_the_model(kind, states, tmp_path):
+    encoder = make_encoder(kind, states)
+    agent = TrainedAgent(TASK, policy_of(encoder.latent_size), encoder)
+    export_onnx(agent, "run", tmp_path / "policy.onnx")
+    observations = observations_of(states.dataset)[0, ::100]
+    actions = run_model(tmp_path / "policy.onnx", features.denormalize(TASK, observations))
+    assert np.ptp(actions) > 1e-3
+    np.testing.assert_allclose(actions, agent.act(observations), atol=PRECISION)
+
+
+def linear(outputs, inputs):
+    return Layer("linear", {"weight": random_matrix(outputs, inputs), "bias": np.zeros(outputs)})
+
+
+LAYERS = [
+    Layer("scale", {"factor": np.full(16, 0.5, "f4")}),
+    Layer("shift", {"offset": np.full(16, 0.1, "f4")}),
+    Layer("clip", {}, {"low": -0.4, "high": 0.5}),
+    linear(8, 16),
+    Layer("layer_norm", {"weight": random_matrix(8), "bias": random_matrix(8)}, {"epsilon": 1e-5}),
+    *(Layer(kind) for kind in ("silu", "tanh", "sigmoid", "relu")),
+    Layer("elu", {}, {"alpha": 1.5}),
+    Layer("leaky_relu", {}, {"slope": 0.1}),
+    linear(1, 8),
+]
+POLICIES = {
+    "a recorded network": Network(LAYERS),
+    "features learned with the agent": Policy(
+        [random_matrix(1, 21)],
+        [random_matrix(1)],
+        "clip",
+        FeatureMap(
+            np.zeros(16, "f4"), np.ones(16, "f4"), [random_matrix(5, 16)], [np.ones(5, "f4")], True
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("policy", POLICIES.values(), ids=POLICIES)
+def test_every_layer_of_a_policy_is_exported(policy, tmp_path):
+    agent = TrainedAgent(TASK, policy, None)
+    export_onnx(agent, "run", tmp_path / "policy.onnx", in_si_units=False)
+    observations = np.random.default_rng(5).uniform(-1, 1, (50, 16)).astype("f4")
+    actions = run_model(tmp_path / "policy.onnx", observations)
+    assert np.ptp(actions) > 0.1
+    np.testing.assert_allclose(actions, agent.act(observations), atol=PRECISION)
+
+
+def test_the_metadata_name_inputs_and_outputs_with_their_units(tmp_path):
+    path = tmp_path / "policy.onnx"
+    agent = TrainedAgent("move_to_pose", policy_of(19), None)
+    export_onnx(agent, "a/run", path)
+    model = onnx.load(path)
+    properties = {each.key: each.value for each in model.metadata_props}
+    inputs = json.loads(properties["inputs"])
+    assert inputs[0] == {"name": "position_x", "unit": "m"}
+    assert inputs[-1] == {"name": "angle_to_target", "unit": "rad"}
+    assert [each["unit"] for each in inputs] == (
+        ["m"] * 3 + ["1"] * 4 + ["m/s"] * 3 + ["rad/s"] * 3 + ["rad", "rad/s"] + ["m"] * 3 + ["rad"]
+    )
+    (output,) = json.loads(properties["outputs"])
+    assert (output["unit"], output["minimum"], output["maximum"]) == ("1", -1, 1)
+    assert (properties["task"], properties["run"]) == ("move_to_pose", "a/run")
+    assert json.loads(properties["control_timestep"]) == {"value": 0.01, "unit": "s"}
+    export_onnx(agent, "a/run", path, in_si_units=False)
+    properties = {each.key: each.value for each in onnx.load(path).metadata_props}
+    motor_velocity = {"name": "motor_velocity", "unit": "rad/s", "minimum": -180, "maximum": 180}
+    assert json.loads(properties["inputs"])[14] == motor_velocity
+
+
+class SortingEncoder:
+    """Sorts the observation, which no layer does."""
+
+    latent_size = 16
+
+    def encode(self, batch):
+        return np.sort(batch, axis=-1)
+
+
+def test_an_encoder_that_is_more_than_layers_is_refused(tmp_path):
+    agent = TrainedAgent(TASK, policy_of(16), SortingEncoder())
+    with pytest.raises(RequestError, match="The run a/b can't be exported to ONNX"):
+        export_onnx(agent, "a/b", tmp_path / "policy.onnx")
+    assert not (tmp_path / "policy.onnx").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--format", "onnx"), "type jbench export RUN"),
+        (("a/b", "--format", "minari"), "name a dataset with --dataset"),
+        (("a/b", "--task", TASK), "leave them out with RUN"),
+        (("a/b",), "No run a/b in"),
+        (("a/b", "--inputs", "pixels"), "Unknown value of --inputs 'pixels'; choose si"),
+        (("--format", "tflite"), "Unknown value of --format 'tflite'; choose onnx"),
+    ],
+)
+def test_a_wrong_export_is_refused(arguments, says, tmp_path, capsys):
+    assert main(["export", *arguments, "--results", str(tmp_path)]) == 2
+    assert says in capsys.readouterr().err

@@ -15,6 +15,7 @@ from jbench.commands import (
     encoders,
     export,
     imports,
+    output,
     policies,
     report,
     results,
@@ -22,7 +23,6 @@ from jbench.commands import (
     tail,
     train,
 )
-from jbench.commands.output import printable
 from jbench.errors import RequestError, WorkError
 
 app = typer.Typer(
@@ -30,7 +30,7 @@ app = typer.Typer(
     help="The Jitterbug problem: one motor, five tasks, full or reduced-order observations.",
     epilog="Typed in this order with nothing else, collect, train-dae, train --encoder 12 and "
     "report are the paper's experiment on one task; --steps and --seeds ask for less.",
-    no_args_is_help=True,
+    invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -44,6 +44,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option(
@@ -51,28 +52,46 @@ def _root(
         ),
     ] = False,
 ) -> None:
-    """Global options."""
+    """Shows the help if no command is typed."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
 
 
-command: Callable[..., None]
-for command in (data.collect, data.datasets, export.export):
-    app.command()(command)
-app.command("train-dae")(encoders.train_dae)
-app.command("train-encoder")(encoders.train_encoder)
-app.command("train")(train.train)
-app.command("train-agent", help="The same as train.")(train.train)
-for command in (sweep.sweep, policies.evaluate, policies.render, policies.view):
-    app.command()(command)
-app.command("import")(imports.import_)
-app.command()(report.report)
-for command in (*results.COMMANDS, tail.tail):
-    app.command()(command)
+_EXAMPLES: dict[Callable[..., None], str] = {
+    data.collect: "collect --steps 100k",
+    data.datasets: "datasets",
+    encoders.train_dae: "train-dae --task face_direction --latent 12",
+    encoders.train_encoder: "train-encoder --kind pca --latent 12",
+    train.train: "train --algo td3 --encoder 12 --seeds 0-4 --steps 1M",
+    sweep.sweep: "sweep question --dry-run",
+    policies.evaluate: "evaluate --policy reference/face_direction/ddpg",
+    policies.render: "render --policy heuristic --task move_to_pose --out pose.gif",
+    policies.view: "view --policy heuristic --task move_to_pose",
+    export.export: "export reference/face_direction/ddpg --out policy.onnx",
+    imports.import_: "import --from csv --task face_direction --algo ppo --seed-column seed FILE",
+    report.report: "report --results reference --claims",
+    results.runs: "runs --algo td3 --status finished",
+    tail.tail: "tail --algo td3 --last 10",
+    results.query: "query 'SELECT run, count(*) FROM episodes GROUP BY run'",
+    results.verify: "verify --results reference",
+    results.repair: "repair --dry-run",
+    results.merge: "merge other-results",
+}
+"""The commands in the order of the help, and an example of each."""
+
+for command, example in _EXAMPLES.items():
+    name = "import" if command is imports.import_ else None  # a keyword of Python
+    app.command(name, epilog=f"Example: jbench {example}")(command)
+    if command is train.train:
+        app.command("train-agent", help="The same as train.")(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line; returns the exit code: 0 done, 1 work failed, 2 wrong request."""
     # Most commands render nothing; without this, a machine without a display gets a warning.
     os.environ.setdefault("MUJOCO_GL", "disable")
+    arguments = sys.argv[1:] if arguments is None else arguments
+    as_json, output.Output.has_document = "--json" in arguments, False
     try:
         answer = app(arguments, prog_name="jbench", standalone_mode=False)
         # typer returns this on Ctrl-C.
@@ -82,9 +101,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return answer if isinstance(answer, int) else 0
     except typer.TyperException as error:
         message = error.format_message().rstrip(".")
-        return _ended(f"Error: {message}; jbench --help shows what there is.", 2)
+        return _failed(f"{message}; jbench --help shows what there is.", 2, as_json)
     except (RequestError, WorkError) as error:
-        return _ended(f"Error: {error}", error.exit_code)
+        return _failed(str(error), error.exit_code, as_json)
     except (KeyboardInterrupt, typer.Abort):
         return _ended("Stopped. What was committed is kept; type the same command again.", 1)
     except BrokenPipeError:
@@ -96,15 +115,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
-        return _ended(f"Error: the system reports: {error.strerror or error}{where}.", 1)
+        return _failed(f"the system reports: {error.strerror or error}{where}.", 1, as_json)
     finally:
         _discard_unwritten()
+
+
+def _failed(sentence: str, exit_code: int, as_json: bool) -> int:
+    """Prints an error, also as the JSON document if none was printed; returns the exit code."""
+    if as_json and not output.Output.has_document:
+        with contextlib.suppress(OSError, WorkError):
+            output.Output(as_json=True).document({"error": sentence})
+    return _ended(f"Error: {sentence}", exit_code)
 
 
 def _ended(sentence: str, exit_code: int) -> int:
     """Prints the last sentence, if stderr is writable; returns the exit code."""
     with contextlib.suppress(OSError):
-        print(printable(sentence), file=sys.stderr, flush=True)
+        print(output.printable(sentence), file=sys.stderr, flush=True)
     return exit_code
 
 

@@ -128,9 +128,16 @@ def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
     for name in names:
         if name == value:
             return name
-    close = difflib.get_close_matches(value, names, 1)
-    hint = f"did you mean {close[0]}? Choose" if close else "choose"
+    close = closest(value, names)
+    hint = f"did you mean {close}? Choose" if close else "choose"
     raise RequestError(f"Unknown {what} {value!r}; {hint} {one_of(names)}.")
+
+
+def closest(value: str, names: Sequence[str]) -> str | None:
+    """Returns the name that was probably meant, also by its initials: lr is learning_rate."""
+    by_initials = {"".join(word[:1] for word in name.split("_")): name for name in names}
+    close = difflib.get_close_matches(value, names, 1)
+    return by_initials.get(value) or next(iter(close), None)
 
 
 def one_of(names: Iterable[str]) -> str:

@@ -71,7 +71,10 @@ def train_dae(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Train the paper's denoising autoencoder on a dataset; an interrupted training resumes."""
+    """Train the paper's denoising autoencoder on a dataset.
+
+    An interrupted training resumes.
+    """
     options = {"noise": noise, "epochs": epochs, "batch": batch, "learning_rate": learning_rate}
     _train(["dae"], options, task, latent, dataset, seed, device, results, Output(json))
 
@@ -99,7 +102,10 @@ def train_encoder(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Train encoders of any kind on a dataset, one for each kind and number of latents."""
+    """Train encoders of any kind on a dataset.
+
+    One encoder is trained for each kind and number of latents.
+    """
     from jbench.commands.parsing import parse_overrides
 
     options: dict[str, Any] = {

@@ -69,7 +69,7 @@ def export(
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Export a policy (ONNX) or a dataset (Minari) for other tools."""
+    """Export a policy as ONNX, or a dataset for Minari."""
     chosen = format or ("minari" if run is None else "onnx")
     names.known("value of --format", chosen, FORMATS)
     names.known("value of --inputs", inputs, INPUTS)

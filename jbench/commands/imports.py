@@ -68,7 +68,10 @@ def import_(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Import learning curves made by other programs, to compare them in the report."""
+    """Import learning curves made by other programs.
+
+    The report compares them with runs.
+    """
     from jbench.importing.importer import import_curves
     from jbench.importing.request import ImportRequest
 

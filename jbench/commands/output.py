@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 from jbench.errors import WorkError
 
@@ -25,6 +25,9 @@ def _writing() -> Iterator[None]:
 
 class Output:
     """Standard output for people, or for a program, with everything else on standard error."""
+
+    has_document: ClassVar[bool] = False
+    """Whether the command has written to standard output with `raw`; reset before each command."""
 
     def __init__(self, as_json: bool = False) -> None:
         self.as_json = as_json
@@ -67,6 +70,7 @@ class Output:
 
     def raw(self, text: str) -> None:
         """Writes text to standard output unchanged."""
+        Output.has_document = True
         with _writing():
             print(text, end="", flush=True)
 

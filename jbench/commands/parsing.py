@@ -4,6 +4,7 @@ import difflib
 import json
 import re
 from collections.abc import Collection, Sequence
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,8 @@ from jbench.seeds import parse_numbers
 
 if TYPE_CHECKING:
     from jbench.store import Results
+
+_SCALES = {"k": 1000, "m": 1_000_000}
 
 
 def known_or_held(
@@ -32,6 +35,8 @@ def known_or_held(
     """
     if value in known or (setting == "representation" and _is_representation(value)):
         return value
+    if value.lower() in known:
+        return value.lower()
     from jbench.store.listing import values_of
 
     held = sorted({one for results in databases for one in values_of(results, setting)})
@@ -125,17 +130,20 @@ def results_to_write(path: Path) -> "Results":
 
 
 def count(option: str, text: str) -> int:
-    """Returns a positive whole number typed as 5000000, 5_000_000 or 5e6.
+    """Returns a positive whole number typed as 5000000, 5_000_000, 5e6 or 5M.
 
     Raises:
         RequestError: if it is not a positive whole number.
     """
+    scale = _SCALES.get(text[-1:].lower(), 1)
     try:
-        number = float(text)
-    except ValueError:
-        number = 0.5
-    if not (number >= 1 and number.is_integer() and number <= 1e15):
-        raise RequestError(f"{option} {text}: type a positive whole number, such as 100000 or 5e6.")
+        number = Decimal(text if scale == 1 else text[:-1]) * scale
+    except InvalidOperation:
+        number = Decimal(0)
+    if not (number.is_finite() and 1 <= number <= 10**15 and number % 1 == 0):
+        raise RequestError(
+            f"{option} {text}: type a positive whole number, such as 100000, 100k or 5e6."
+        )
     return int(number)
 
 

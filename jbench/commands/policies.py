@@ -52,7 +52,7 @@ def evaluate(
     output, (database, policy) = Output(json), database_and_policy(results, policy)
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
-    policy = full_name(policy)
+    policy = full_name(database, policy)
     task = _task(database, policy, task, "face_direction")
     settings = validated(
         EvaluationSettings,
@@ -97,7 +97,7 @@ def render(
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Render an episode of any policy as a video, an animation or a picture."""
+    """Render an episode of any policy as a video or a picture."""
     from jbench.opengl import choose_backend
 
     if task is not None:
@@ -133,7 +133,10 @@ def view(
     augment: AugmentOption = None,
     results: ReadResultsOption = RESULTS,
 ) -> None:
-    """Watch a policy in MuJoCo's interactive viewer, on a desktop."""
+    """Watch a policy in MuJoCo's interactive viewer.
+
+    It needs a desktop.
+    """
     from jbench.policies.find import find_policy
     from jbench.rendering.episode import Scene
     from jbench.rendering.viewer import view as open_viewer

@@ -100,7 +100,10 @@ def report(
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Aggregate all runs across seeds into curves, statistics, figures, tables and a page."""
+    """Write a report of all runs across seeds.
+
+    It has learning curves, statistics and tables, as files and as an HTML page.
+    """
     command = _command(locals())
     from jbench.report import Request
     from jbench.store import Results

@@ -39,7 +39,10 @@ def runs(
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """List runs with their status, progress and wall time, oldest first."""
+    """List runs with their status, progress and wall time.
+
+    The oldest run comes first.
+    """
     from jbench.store.listing import list_runs
 
     database = parsing.existing_results(results)
@@ -74,7 +77,10 @@ def query(
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Query the results with SQL: runs, episodes, evaluations, encoders and other tables."""
+    """Query the results with SQL.
+
+    The tables are runs, episodes, evaluations, encoders and others; see docs/database.md.
+    """
     from jbench.store.query import ask, to_csv, to_json
 
     if as_csv and json:
@@ -99,7 +105,10 @@ def verify(
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Check every manifest, row count and checksum, and find leftover files."""
+    """Check every manifest, row count and checksum.
+
+    Files that no manifest lists are reported as well.
+    """
     from jbench.store.verify import verify as check
 
     output, database = Output(json), parsing.existing_results(results)
@@ -143,7 +152,10 @@ def repair(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Move damaged records and leftover files to RESULTS/set-aside; delete nothing."""
+    """Move damaged records and leftover files aside.
+
+    They are moved to RESULTS/set-aside; nothing is deleted.
+    """
     from jbench.store.repair import repair as set_aside
     from jbench.store.verify import verify as check
 
@@ -176,7 +188,10 @@ def merge(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Merge results of several machines: copy intact records, refuse records that differ."""
+    """Merge results of several machines.
+
+    Intact records are copied; records that differ are refused.
+    """
     from jbench.store.merge import merge as join
 
     output, database = Output(json), parsing.results_to_write(results)
@@ -191,9 +206,6 @@ def merge(
     output.document({"records": [one._asdict() for one in merged]})
     if refused:
         raise WorkError(f"{len(refused)} records were refused; the others are merged. See above.")
-
-
-COMMANDS: Sequence[Callable[..., None]] = (runs, query, verify, repair, merge)
 
 
 @contextmanager

@@ -106,7 +106,10 @@ def sweep(
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Train the missing runs of a matrix of tasks, algorithms, representations and seeds."""
+    """Train the missing runs of a matrix of settings.
+
+    A matrix has tasks, algorithms, representations and seeds.
+    """
     from jbench.commands.live_view import TrainingView
     from jbench.commands.log import logged
     from jbench.commands.sweep_view import described, show_matrix, show_missing

@@ -45,7 +45,10 @@ def tail(
         bool, typer.Option("--json", help="Print each row as a line of JSON to stdout.")
     ] = False,
 ) -> None:
-    """Print episodes and evaluations as runs commit them, until Ctrl-C."""
+    """Print episodes and evaluations as runs commit them.
+
+    Ctrl-C ends it.
+    """
     from jbench.store.follow import LOOK_EVERY, Follower
 
     if last is not None and last < 0:

@@ -34,13 +34,16 @@ def train(
     encoder: Annotated[
         str,
         typer.Option(
-            help="Representation of the observation: none, KIND:LATENTS (the newest encoder), the "
+            help="Representation of the observation: none (or full), KIND:LATENTS (the newest "
+            "encoder), the "
             "number of latents of a DAE, the id of an encoder, or ofeN (N features learned "
             "with the agent).",
         ),
     ] = "none",
     seeds: Annotated[str, typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7.")] = "0-9",
-    steps: Annotated[str, typer.Option(help="Number of control steps of each run.")] = "5e6",
+    steps: Annotated[
+        str, typer.Option(help="Number of control steps of each run, such as 100k or 5e6.")
+    ] = "5e6",
     settings: Annotated[
         str,
         typer.Option(
@@ -122,9 +125,10 @@ def train(
     train_on = training_device(chosen_engine, device, chosen_precision)
     processes = parsing.all_cores(jobs)
     base = names.known("value of --settings", settings, names.BASES)
+    algo = names.known("algorithm", algo.lower(), names.ALGORITHMS)
     runs = request_runs(
         database,
-        algo=names.known("algorithm", algo, names.ALGORITHMS),
+        algo=algo,
         task=names.known("task", task, names.TASKS),
         encoder=encoder,
         seeds=parse_seeds(seeds),

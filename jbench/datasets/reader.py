@@ -105,6 +105,7 @@ def find_dataset(results: Results, id: str | None = None) -> Dataset:
         RequestError: if there is none, or it is not finished.
     """
     if id is not None:
+        id = results.complete_id("dataset", id)
         record = results.find("dataset", id)
         if record is None:
             ids = [record.id for record in results.scan("dataset")[0]]

@@ -144,7 +144,7 @@ def find_encoder(results: Results, name: str, task: str) -> str:
     Args:
         name: KIND:LATENTS for the newest encoder of that kind and size trained on this task and the
             plain robot; KIND if the task determines the size; a number of latents for a denoising
-            autoencoder; or the id of an encoder.
+            autoencoder; or the id of an encoder, or the beginning of a single one.
 
     Raises:
         RequestError: if there is none, or it encodes the observations of another task.
@@ -153,6 +153,7 @@ def find_encoder(results: Results, name: str, task: str) -> str:
     if name in kind_names():
         kind, colon, number = name, ":", _only_size(name, task)
     if not colon and not name.isdecimal():
+        name = results.complete_id("encoder", name)
         _, description = load_encoder(results, name)
         if description["task"] != task:
             raise RequestError(

@@ -17,9 +17,9 @@ class WeightsAndBiases:
     """Writes scalars over control steps, in one W&B run for each run."""
 
     def __init__(self, directory: Path) -> None:
-        """Keeps the local files of W&B in `directory`."""
+        """Keeps the local files of W&B in `directory`, which must be called wandb."""
         directory.mkdir(parents=True, exist_ok=True)
-        self._directory = directory
+        self._parent = directory.parent  # W&B adds the directory wandb
         self._project = os.environ.get("WANDB_PROJECT", _PROJECT)
         self._runs: dict[str, wandb.Run] = {}
         self.where = f"The log is the project {self._project} of Weights & Biases."
@@ -29,7 +29,7 @@ class WeightsAndBiases:
         self.end(run)
         started = wandb.init(
             project=self._project,
-            dir=self._directory,
+            dir=self._parent,
             id=hashlib.sha256(run.encode()).hexdigest()[:16],
             name=run,
             group="/".join(run.split("/")[:-1]),

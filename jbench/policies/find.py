@@ -116,15 +116,18 @@ def find_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
     return run, load_agent(located, run)
 
 
-def full_name(name: str) -> str:
-    """Completes the name of a shipped policy to the whole id of its run.
+def full_name(results: Results, name: str) -> str:
+    """Completes the name of a trained policy to the whole id of its run.
 
-    `reference/face_direction/ddpg/full` is short for the only shipped policy of these runs.
+    `reference/face_direction/ddpg/full` is short for the only shipped policy of these runs, and
+    `face_direction/ddpg` for the only such run of the results.
 
     Raises:
-        RequestError: if no shipped policy matches the name, or several do.
+        RequestError: if no shipped policy matches the name, or several runs do.
     """
-    return f"{SHIPPED}{_shipped_run(name)}" if name.startswith(SHIPPED) else name
+    if "/" not in name:
+        return name
+    return f"{SHIPPED if name.startswith(SHIPPED) else ''}{_locate(results, name)[1]}"
 
 
 def shipped_policies() -> list[str]:
@@ -169,7 +172,7 @@ def _locate(results: Results, name: str) -> tuple[Results, str]:
     """Returns the results directory and the id of a trained policy's run."""
     if name.startswith(SHIPPED):
         return Results(shipped()), _shipped_run(name)
-    return results, name
+    return results, results.complete_id("run", name)
 
 
 def _shipped_run(name: str) -> str:

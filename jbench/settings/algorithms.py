@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import Base
+from jbench.names import Base, closest
 from jbench.settings.base import Settings, omissible, validated
 
 Initialization = Literal["fan-in", "glorot"]
@@ -218,8 +218,10 @@ def algorithm_settings(
     changes = {"published": {}, "script": SCRIPT.get(algo, {}), "sb3": SB3[algo]}[base]
     unknown = set(overrides or {}) - set(kind.model_fields)
     if unknown:
+        close = closest(min(unknown), list(kind.model_fields))
         raise RequestError(
             f"{algo} has no setting {', '.join(sorted(unknown))}; "
-            f"it has {', '.join(sorted(kind.model_fields))}."
+            f"{f'did you mean {close}? It' if close else 'it'} "
+            f"has {', '.join(sorted(kind.model_fields))}."
         )
     return validated(kind, algo, **(changes | (overrides or {})))

@@ -14,9 +14,11 @@ from typing import Any
 
 from jbench.errors import RequestError, WorkError
 from jbench.store.identity import check_id
-from jbench.store.manifest import Kind
+from jbench.store.manifest import MANIFEST, Kind
 from jbench.store.record import Record
 from jbench.store.tree import walk
+
+_MAX_SHOWN = 5  # ids in a message
 
 
 class Results:
@@ -66,6 +68,24 @@ class Results:
         """
         record = self.record(kind, id)
         return record if record.load() else None
+
+    def complete_id(self, kind: Kind, text: str) -> str:
+        """Returns the id of the only record whose id begins with a text; else the text itself.
+
+        Raises:
+            RequestError: if the text is no part of an id, or the beginning of several ids.
+        """
+        text = text.rstrip("/")
+        if (self.record(kind, text).path / MANIFEST).exists():
+            return text
+        ids = [record.id for record in self.scan(kind)[0] if record.id.startswith(text)]
+        if len(ids) > 1:
+            shown = ", ".join(ids[:_MAX_SHOWN])
+            more = f" and {len(ids) - _MAX_SHOWN} more" if len(ids) > _MAX_SHOWN else ""
+            raise RequestError(
+                f"Several {kind}s begin with {text}: {shown}{more}; type more of it."
+            )
+        return ids[0] if ids else text
 
     @contextlib.contextmanager
     def locked(self, kind: Kind, id: str) -> Iterator[Record | None]:

@@ -7,7 +7,7 @@ from typing import Any
 from jbench.devices import find_device
 from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, OFE, Base, Engine, Precision, known
+from jbench.names import EPISODE_STEPS, FULL, OFE, Base, Engine, Precision, known
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.base import validated
 from jbench.settings.ofe import OFESettings
@@ -34,8 +34,8 @@ def request_runs(
         results: results that contain the encoder.
         algo: one of `jbench.names.ALGORITHMS`.
         task: one of `jbench.names.TASKS`.
-        encoder: "none", "ofeN" for N features learned with the agent, a number of latents, or an
-            encoder's id.
+        encoder: "none" or "full", "ofeN" for N features learned with the agent, a number of
+            latents, or an encoder's id.
         seeds: one per run.
         base: "published", "script" or "sb3"; see `algorithm_settings`.
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
@@ -58,7 +58,7 @@ def request_runs(
         raise RequestError(
             "--set ofe.NAME=VALUE is for --encoder ofeN, such as ofe12; leave it out."
         )
-    elif encoder != "none":
+    elif encoder not in ("none", FULL):
         fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
         fields["representation"] = representation_of(results, encoder_id)
     algorithm = algorithm_settings(algo, base, of_algorithm)

@@ -3,14 +3,18 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import time
 
 import pytest
+from typer.main import get_command
 
-from jbench.cli import main
-from tests.command_line import jbench
+from jbench.cli import app, main
+from jbench.commands import parsing
+from jbench.errors import RequestError
+from tests.command_line import jbench, succeed
 
 
 @pytest.mark.parametrize(
@@ -37,6 +41,10 @@ from tests.command_line import jbench
         (("train", "--seeds", "3-1"), "type seeds like 0-9"),
         (("train", "--seeds", "a"), "type seeds like 0-9"),
         (("train", "--set", "speed=2"), "ddpg has no setting speed; it has"),
+        (
+            ("train", "--set", "lr=3e-4"),
+            r"no setting lr; did you mean learning_rate\? It has",
+        ),
         (("train", "--set", "tau=2"), "tau of ddpg can't be 2"),
         (("train", "--settings", "mine"), "Unknown value of --settings 'mine'"),
         (
@@ -81,7 +89,7 @@ def test_a_wrong_request_gets_one_sentence_and_exit_code_2(arguments, says, tmp_
     assert re.search(says, printed.err), printed.err
     assert printed.err.startswith("Error: ")
     assert printed.err.count("\n") == 1
-    assert printed.out == ""
+    assert bool(printed.out) == ("--json" in arguments)
     assert not list(tmp_path.rglob("manifest.json"))
 
 
@@ -121,6 +129,81 @@ def test_a_results_directory_that_can_not_be_written_is_refused(tmp_path):
     done = jbench("collect", "--steps", "1000", results="/proc/jbench")
     assert done.returncode == 2
     assert "can't be made" in done.stderr
+
+
+def test_jbench_alone_shows_its_help(capsys):
+    assert main([]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("Usage: jbench [OPTIONS] COMMAND")
+    assert printed.err == ""
+
+
+def test_each_command_has_a_whole_sentence_and_an_example(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["--help"]) == 0
+    assert "..." not in capsys.readouterr().out.partition("Commands:")[2]
+    commands = get_command(app).commands
+    for name in commands.keys() - {"train-agent"}:
+        assert main([name, "--help"]) == 0
+        program, verb, *arguments = shlex.split(
+            capsys.readouterr().out.partition("Example: ")[2].replace("\n ", "")
+        )
+        assert (program, verb) == ("jbench", name)
+        # Raises an error for an option that the command does not have.
+        commands[name].make_context(name, arguments)
+
+
+@pytest.mark.parametrize(
+    ("text", "steps"),
+    [
+        ("100k", 100_000),
+        ("5M", 5_000_000),
+        ("1.5m", 1_500_000),
+        ("5e6", 5_000_000),
+        ("1_000", 1000),
+    ],
+)
+def test_counts_may_have_a_suffix(text, steps):
+    assert parsing.count("--steps", text) == steps
+
+
+@pytest.mark.parametrize("text", ["k", "1.5", "0.0001k", "1kk", "-5M", "nan", "inf", "1e300M", ""])
+def test_other_counts_are_refused(text):
+    with pytest.raises(RequestError, match="type a positive whole number"):
+        parsing.count("--steps", text)
+
+
+def test_algorithms_are_known_in_any_case_and_full_is_no_encoder(tmp_path):
+    arguments = ("train", "--algo", "TD3", "--encoder", "full", "--steps", "1k", "--seeds", "0")
+    shortest = ("--set", "hidden_layers=[4]", "--evaluate-episodes", "0", "--jobs", "1")
+    done = succeed(*arguments, *shortest, "--json", results=tmp_path)
+    (run,) = json.loads(done.stdout)["runs"]
+    assert run.startswith("face_direction/td3/full/s00-")
+    assert main(["runs", "--algo", "TD3", "--results", str(tmp_path)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "exit_code", "says"),
+    [
+        (("runs", "--task", "fly"), 2, "Unknown task 'fly'"),
+        (("runs", "--fly"), 2, "No such option: --fly"),
+        (("query", "SELECT nothing"), 2, "nothing"),
+    ],
+)
+def test_an_error_is_the_document_of_json(arguments, exit_code, says, tmp_path, capsys):
+    assert main([*arguments, "--json", "--results", str(tmp_path)]) == exit_code
+    printed = capsys.readouterr()
+    document = json.loads(printed.out)
+    assert list(document) == ["error"]
+    assert says in document["error"]
+    assert printed.err == f"Error: {document['error']}\n"
+
+
+def test_the_document_of_failed_work_is_printed_once(tmp_path, capsys):
+    (tmp_path / "runs" / "leftover").mkdir(parents=True)
+    (tmp_path / "runs" / "leftover" / "x.parquet").write_bytes(b"x")
+    assert main(["verify", "--json", "--results", str(tmp_path)]) == 1
+    assert json.loads(capsys.readouterr().out)["findings"]
 
 
 def test_help_and_completion_import_nothing_heavy():

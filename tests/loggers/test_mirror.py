@@ -108,7 +108,6 @@ def test_wandb_gets_each_point_in_its_offline_mode(results, monkeypatch):
     from wandb.proto import wandb_internal_pb2
 
     monkeypatch.setenv("WANDB_MODE", "offline")
-    monkeypatch.setenv("WANDB_SILENT", "true")
     run = add_whole_run(results, [1.0, 2.0])
     mirror(results, run, name="wandb")
     (path,) = (results.path / "wandb").rglob("*.wandb")

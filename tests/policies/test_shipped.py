@@ -148,7 +148,7 @@ class TestOfTwoCells:
     ):
         cell = f"reference/face_direction/td3/{representation}"
         (name,) = [one for one in find.shipped_policies() if one.startswith(cell)]
-        assert find.full_name(cell) == name
+        assert find.full_name(Results(shipped()), cell) == name
         shutil.copytree(demo_results.path, tmp_path / "own")
         evaluate = ("evaluate", "--episodes", "1", "--threads", "1", "--json", "--policy")
         said = []

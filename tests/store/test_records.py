@@ -183,3 +183,17 @@ def test_results_need_not_exist_to_be_read(tmp_path):
     assert results.find("run", "a") is None
     assert results.scan("run") == ([], [])
     assert not (tmp_path / "missing").exists()
+
+
+def test_a_beginning_of_an_id_is_completed_if_it_is_the_only_one(results):
+    for id in ("a/td3/s00-11", "a/td3/s01-22", "a/sac/s00-33", "a/td3/s00"):
+        results.create("run", id, {})
+    assert results.complete_id("run", "a/sac") == "a/sac/s00-33"
+    assert results.complete_id("run", "a/sac/") == "a/sac/s00-33"
+    assert results.complete_id("run", "a/td3/s01-2") == "a/td3/s01-22"
+    # A whole id, although another one begins with it.
+    assert results.complete_id("run", "a/td3/s00") == "a/td3/s00"
+    assert results.complete_id("run", "b") == "b"
+    assert results.complete_id("encoder", "a/sac") == "a/sac"
+    with pytest.raises(RequestError, match="Several runs begin with a/td3: "):
+        results.complete_id("run", "a/td3")

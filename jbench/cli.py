@@ -11,10 +11,12 @@ import typer
 
 from jbench import __version__
 from jbench.commands import (
+    checking,
     data,
     encoders,
     export,
     imports,
+    leaderboard,
     output,
     policies,
     report,
@@ -64,16 +66,18 @@ _EXAMPLES: dict[Callable[..., None], str] = {
     encoders.train_encoder: "train-encoder --kind pca --latent 12",
     train.train: "train --algo td3 --encoder 12 --seeds 0-4 --steps 1M",
     sweep.sweep: "sweep question --dry-run",
-    policies.evaluate: "evaluate --policy reference/face_direction/ddpg",
+    policies.evaluate: "evaluate --policy reference/face_direction/ddpg/full",
     policies.render: "render --policy heuristic --task move_to_pose --out pose.gif",
     policies.view: "view --policy heuristic --task move_to_pose",
-    export.export: "export reference/face_direction/ddpg --out policy.onnx",
+    export.export: "export reference/face_direction/ddpg/full --out policy.onnx",
     imports.import_: "import --from csv --task face_direction --algo ppo --seed-column seed FILE",
     report.report: "report --results reference --claims",
+    leaderboard.leaderboard: "leaderboard --results reference",
     results.runs: "runs --algo td3 --status finished",
     tail.tail: "tail --algo td3 --last 10",
     results.query: "query 'SELECT run, count(*) FROM episodes GROUP BY run'",
     results.verify: "verify --results reference",
+    checking.reproduce: "reproduce reference/face_direction/ddpg/full --episodes 1",
     results.repair: "repair --dry-run",
     results.merge: "merge other-results",
 }

@@ -109,6 +109,9 @@ MAX_SEED = 2**63 - 1
 CHECKPOINT_EVERY = 60.0
 """Minimum seconds between two checkpoints of a run; a kill loses at most this and one episode."""
 
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+"""Environment of a process that trains: with more threads, sums are rounded differently."""
+
 EPISODE_STEPS = 1000
 """Control steps in an episode, in every environment (paper, section 4.1)."""
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from jbench.commands import parsing
+from jbench.commands import checking, parsing
 from jbench.commands.options import (
     RESULTS,
     JsonOption,
@@ -102,6 +102,12 @@ def verify(
     threads: Annotated[
         int, typer.Option(help="Number of files read at a time (0: one per core).")
     ] = 0,
+    reevaluate: Annotated[
+        bool,
+        typer.Option(
+            "--reevaluate", help="Also repeat each run's last evaluation with its kept policy."
+        ),
+    ] = False,
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
@@ -109,6 +115,8 @@ def verify(
 
     Files that no manifest lists are reported as well.
     """
+    if reevaluate:
+        checking.one_thread()
     from jbench.store.verify import verify as check
 
     output, database = Output(json), parsing.existing_results(results)
@@ -127,12 +135,14 @@ def verify(
         + (_counted(f.severity for f in checked.findings) or "all of them intact")
         + "."
     )
+    repeated = checking.reevaluate_all(database, output) if reevaluate else []
     output.document(
         {
             "records": checked.records,
             "files": checked.files,
             "bytes": checked.bytes,
             "findings": [finding.to_json() for finding in checked.findings],
+            **({"reevaluations": [one._asdict() for one in repeated]} if reevaluate else {}),
         }
     )
     if checked.faults:
@@ -140,6 +150,8 @@ def verify(
             "Some results are damaged or left over; jbench repair sets them aside. Intact results "
             "can still be used."
         )
+    if different := sum(one.verdict == "different" for one in repeated):
+        raise WorkError(f"{different} runs have other returns than recorded; see above.")
 
 
 def repair(

@@ -14,11 +14,9 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.network import Network
 from jbench.policies.saved import network_files
 from jbench.settings.external import ExternalSettings
-from jbench.simulation import Robots, rollout
 from jbench.simulation.rollout import Act
 from jbench.store import Record
-from jbench.tasks import resets
-from jbench.training.evaluation import EvaluationSchedule, robot_model
+from jbench.training.evaluation import EvaluationSchedule, evaluation_returns
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
@@ -78,22 +76,14 @@ class RunWriter:
         Returns:
             The returns (evaluate_episodes,).
         """
-        task, episodes, encoder = (
-            self._settings.task,
-            self._settings.evaluate_episodes,
-            self._encoder,
-        )
-        generator = resets.episode_generator(self._seed, self._evaluations)
-        starts = resets.draw_starts(task, [generator] * episodes)
-        returns, length = np.zeros(episodes), 0
+        encoder = self._encoder
 
         def encoded(observations: NDArray[np.float32]) -> NDArray[np.floating]:
             return act(observations if encoder is None else encoder.encode(observations))
 
-        with Robots(robot_model(self._settings, 0), episodes, cores()) as robots:
-            for transition in rollout(task, robots, starts, encoded):
-                returns += transition.rewards
-                length += 1
+        returns, length = evaluation_returns(
+            self._settings, self._seed, self._evaluations, encoded, cores()
+        )
         self._evaluations += 1
         self._clock.share([self._log])
         self._log.evaluation(control_steps, [(float(total), length) for total in returns])
@@ -114,14 +104,16 @@ class RunWriter:
                 f"The block has made {done:,} of {steps:,} control steps, so the run "
                 f"{self._record.id} has failed; let it make all of them, or pass fewer steps."
             )
+        evaluated = False
         if kept is not None and self._settings.evaluate_episodes:
             network, at = kept
-            if self._schedule.last_steps < at:
+            evaluated = self._schedule.last_steps <= at
+            if evaluated:
                 self.evaluate(network.act, at)
         self._clock.share([self._log])
         self._log.commit()
         files = {} if kept is None else network_files(kept[0])
-        self._record.finish(self._log.summary(done), files)
+        self._record.finish(self._log.summary(done, evaluated=evaluated), files)
 
     def stop(self, error: BaseException) -> None:
         """Commits the rows so far; marks the run as failed, unless Ctrl-C or an exit stopped it."""

@@ -62,14 +62,17 @@ class Source:
     name: str = OURS
 
 
-def own(results: Results, request: Request, *, strict: bool = True) -> Source:
+def own(results: Results, request: Request, name: str = OURS, *, strict: bool = True) -> Source:
     """Returns the runs of the results that pass the filters of the request.
 
-    Raises:
-        NothingYetError: if there are runs, but none passes, and `strict` is set.
+    Args:
+        results: results directory.
+        request: its filters apply.
+        name: name of the source in its cells.
+        strict: whether it is an error if no run passes the filters.
     """
     tables, problems = query.load(results, (*_RUNS, *_MORE), **_READ)
-    return _source(tables, problems, request, strict=strict)
+    return _source(tables, problems, request, name, strict=strict)
 
 
 def imported(results: Results, request: Request) -> Source:

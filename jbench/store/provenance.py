@@ -5,7 +5,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -89,6 +89,11 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, 
         for name, value in {**now, **_packages(now)}.items()
         if name in _DECISIVE and name in then and then[name] != value
     }
+
+
+def sentence_of(changed: Mapping[str, Sequence[object]]) -> str:
+    """Returns `differences` as a clause, such as `mujoco 3.17.0 is now 3.18.0`."""
+    return ", ".join(f"{name} {before} is now {now}" for name, (before, now) in changed.items())
 
 
 def _packages(recorded: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from jbench.cores import cores
 from jbench.errors import WorkError
-from jbench.names import CHECKPOINT_EVERY
+from jbench.names import CHECKPOINT_EVERY, ONE_THREAD
 from jbench.settings.alike import SEED, alike
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -161,7 +161,6 @@ def worker_request(
 
 
 def _start() -> subprocess.Popen[str]:
-    threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     # The worker inherits the mask: a Ctrl-C before it ignores them must not print a traceback.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -170,7 +169,7 @@ def _start() -> subprocess.Popen[str]:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            env={**os.environ, **threads, "MUJOCO_GL": "disable"},
+            env={**os.environ, **ONE_THREAD, "MUJOCO_GL": "disable"},
         )
     except OSError as error:
         raise WorkError(f"A process can't be started ({error.strerror}).") from None

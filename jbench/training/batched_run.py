@@ -16,10 +16,11 @@ from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY, EPISODE_STEPS
+from jbench.policies.saved import Policy
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.files import UnreadableError
-from jbench.store.provenance import device_provenance
+from jbench.store.provenance import device_provenance, sentence_of
 from jbench.training.checkpoints import Checkpoint, load, read_replay, save
 from jbench.training.evaluation import Evaluator, robot_model
 from jbench.training.log import CommitTimer, Position, ProcessorClock, RunLog
@@ -38,6 +39,7 @@ def run_batch(
     *,
     device: str = "auto",
     checkpoint_every: float = CHECKPOINT_EVERY,
+    until: int | None = None,
     progress: Progress = lambda run, steps, episode_return: None,
     notice: Notice = lambda run, steps, sentence: None,
 ) -> dict[str, WorkError]:
@@ -54,6 +56,8 @@ def run_batch(
         encoder: encoder of the observations.
         device: see `jbench.devices.find_device`.
         checkpoint_every: minimum seconds between two checkpoints; 0 for one after every episode.
+        until: control step at the end of an episode, where training stops and the runs remain
+            unfinished; None to finish them.
         progress: called after each training episode.
         notice: called for each resumed run.
 
@@ -84,8 +88,8 @@ def run_batch(
                 ahead = {m.control_steps for m in members if m.control_steps > behind}
                 group = [member for member in members if member.control_steps == behind]
                 batch = _Batch(group, encoder, device, checkpoint_every)
-                failures |= batch.train(min(ahead, default=None), progress)
-                members = [m for m in members if m.record.status == "unfinished"]
+                failures |= batch.train(min(ahead, default=until), progress)
+                members = [m for m in members if m.is_behind(until)]
         except Exception as error:
             for member in members:
                 if member.record.status == "unfinished":
@@ -108,6 +112,10 @@ class _Member:
     def control_steps(self) -> int:
         """Control steps at which it resumes."""
         return 0 if self.checkpoint is None else self.checkpoint.position.control_steps
+
+    def is_behind(self, until: int | None) -> bool:
+        """Returns whether it is unfinished and has not reached this control step."""
+        return self.record.status == "unfinished" and (until is None or self.control_steps < until)
 
 
 def _begin(
@@ -143,7 +151,7 @@ def _changes(changed: Mapping[str, Sequence[object]]) -> list[str]:
     """Returns a sentence if versions, processor or device have changed since the run began."""
     if not changed:
         return []
-    changes = ", ".join(f"{name} {before} is now {now}" for name, (before, now) in changed.items())
+    changes = sentence_of(changed)
     return [f"Since it began, {changes}: results may differ from those of an uninterrupted run."]
 
 
@@ -160,6 +168,7 @@ class _Batch:
         self._members, self._timer = members, CommitTimer(checkpoint_every)
         self._clock = ProcessorClock()
         self._failures: dict[int, WorkError] = {}
+        self._evaluated: dict[int, Policy] = {}  # by the last evaluation, at this control step
         self._settings = settings = members[0].settings
         seeds = [np.random.SeedSequence(m.settings.seed).generate_state(2) for m in members]
         self._engine = engine_of(settings, [int(seed) for seed, _ in seeds], encoder, device)
@@ -201,6 +210,8 @@ class _Batch:
                 self._engine.restore_rows(index, read_replay(member.record, row), row)
         self._engine.restore([checkpoint.state for checkpoint in checkpoints])
         self._evaluator.restore(position.evaluations, position.last_evaluation)
+        if position.last_evaluation == position.control_steps:
+            self._note_policies()
         for index, checkpoint in enumerate(checkpoints):
             if not checkpoint.newest:
                 self._save_one(index, only=True)
@@ -227,6 +238,12 @@ class _Batch:
         for index in self._active():
             outcome = [(value, EPISODE_STEPS) for value in returns[index].tolist()]
             self._members[index].log.evaluation(self._engine.control_steps, outcome)
+        self._note_policies()
+
+    def _note_policies(self) -> None:
+        """Copies the policies of the last evaluation: the last updates may come after it."""
+        if self._settings.evaluate_episodes:
+            self._evaluated = {index: self._engine.policy(index) for index in self._active()}
 
     def _save(self) -> None:
         """Commits a checkpoint of every run whose weights are finite."""
@@ -252,8 +269,10 @@ class _Batch:
         for index in self._active():
             log, record = self._members[index].log, self._members[index].record
             log.commit()
-            summary = {**log.summary(steps), "together": together}
-            record.finish(summary, self._engine.policy(index).to_files())
+            evaluated = self._evaluated.get(index)
+            summary = {**log.summary(steps, evaluated=bool(evaluated)), "together": together}
+            policy = evaluated or self._engine.policy(index)
+            record.finish(summary, policy.to_files())
 
     def _fail_diverged(self, *, weights: bool = False) -> None:
         """Fails the runs whose agents have diverged; checking the weights too takes longer."""

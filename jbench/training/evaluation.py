@@ -11,6 +11,7 @@ from jbench.agents.batched.engine import Engine
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout
+from jbench.simulation.rollout import Act
 from jbench.tasks import resets
 from jbench.tasks.robots import load_model
 
@@ -24,6 +25,32 @@ def robot_model(settings: RunSettings | ExternalSettings, which: int) -> mujoco.
 @lru_cache(maxsize=2)
 def _model(augment: int | None) -> mujoco.MjModel:
     return load_model(augment)
+
+
+def evaluation_returns(
+    settings: RunSettings | ExternalSettings, seed: int, number: int, act: Act, threads: int
+) -> tuple[NDArray[np.float64], int]:
+    """Runs the episodes of an evaluation of one policy side by side, on the run's first robot.
+
+    Args:
+        settings: settings of the run.
+        seed: of the run's evaluations.
+        number: of the evaluation; each has its own generator.
+        act: returns actions (n, 1) for observations (n, dim(O)) of the task.
+        threads: number of simulation threads; the returns do not depend on it.
+
+    Returns:
+        The returns (evaluate_episodes,), and the control steps of an episode.
+    """
+    episodes, length = settings.evaluate_episodes, 0
+    generator = resets.episode_generator(seed, number)
+    starts = resets.draw_starts(settings.task, [generator] * episodes)
+    returns = np.zeros(episodes)
+    with Robots(robot_model(settings, 0), episodes, threads) as robots:
+        for transition in rollout(settings.task, robots, starts, act):
+            returns += transition.rewards
+            length += 1
+    return returns, length
 
 
 class EvaluationSchedule:

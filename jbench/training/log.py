@@ -12,6 +12,9 @@ from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record, schema
 
+POLICY_EVALUATION = "policy_evaluation"
+"""Key of a finished run's summary: the number of the evaluation that ran the kept policy."""
+
 _TABLES = {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
 _MAX_PARTS = 32  # files of a table before they are merged
 _MAX_COMMIT_SHARE = 0.02  # fraction of a run's time that its commits may take
@@ -70,12 +73,18 @@ class RunLog:
         if self._processor_time is not None:
             self._processor_time += seconds
 
-    def summary(self, control_steps: int) -> dict[str, Any]:
-        """Returns the duration entries of a finished run's manifest."""
+    def summary(self, control_steps: int, *, evaluated: bool) -> dict[str, Any]:
+        """Returns the entries of a finished run's manifest.
+
+        Args:
+            control_steps: made in the run.
+            evaluated: whether the kept policy is the one that the last evaluation ran.
+        """
         return {
             "wall_time": self.wall_time(),
             "processor_time": self._processor_time,
             "steps_done": control_steps,
+            **({POLICY_EVALUATION: self._evaluations - 1} if evaluated else {}),
         }
 
     def position(self, control_steps: int) -> Position:

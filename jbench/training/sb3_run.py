@@ -14,6 +14,7 @@ from jbench.agents import sb3
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.encoders import Encoder, load_encoder
 from jbench.errors import WorkError
+from jbench.policies.saved import Policy
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.training.environment import make_env
@@ -27,6 +28,7 @@ def run(
     settings: RunSettings,
     results: Results,
     progress: Callable[[int, float | None], None] = lambda steps, episode_return: None,
+    until: int | None = None,
 ) -> Record:
     """Trains and evaluates one agent, and saves the results.
 
@@ -36,6 +38,8 @@ def run(
         settings: settings of the run.
         results: where the run is written; contains its encoder.
         progress: called after each training episode with the control steps so far and its return.
+        until: control step at the end of an episode, where training stops and the run remains
+            unfinished; None to finish it.
 
     Raises:
         WorkError: if another process is training this run, its agent diverges, or its results
@@ -48,7 +52,7 @@ def run(
             "run", settings.id, settings.model_dump(mode="json"), {"device": "cpu"}
         )
         try:
-            _train(settings, record, load_encoder_of(settings, results), progress)
+            _train(settings, record, load_encoder_of(settings, results), progress, until)
         except DivergedError as error:
             record.fail(str(error), error.divergence.to_summary())
             raise
@@ -64,13 +68,14 @@ def _train(
     record: Record,
     encoder: Encoder | None,
     progress: Callable[[int, float | None], None],
+    until: int | None,
 ) -> None:
     log, clock = RunLog(record), ProcessorClock()
     agent_seed, evaluation_seed = np.random.SeedSequence(settings.seed).generate_state(2)
     env = DummyVecEnv([lambda: make_training_env(settings, encoder)] * settings.environments)
     agent = sb3.build(settings.algo, settings.algorithm, env, int(agent_seed))
     evaluator = Evaluator(settings, encoder, int(evaluation_seed))
-    recorder = _Recorder(log, clock, evaluator, progress)
+    recorder = _Recorder(log, clock, evaluator, progress, until)
     try:
         agent.learn(settings.steps, recorder, log_interval=None)  # type: ignore[arg-type]
         recorder.check_agent()
@@ -78,13 +83,15 @@ def _train(
         clock.share([log])
         log.commit()
         raise
+    if until is not None:
+        log.commit()
+        return
     if evaluator.last_steps < agent.num_timesteps:
-        returns = evaluator(sb3.policy(agent).act, agent.num_timesteps)
-        clock.share([log])
-        log.evaluation(agent.num_timesteps, returns)
+        recorder.evaluate()
     log.commit()
     clock.share([log])
-    record.finish(log.summary(agent.num_timesteps), sb3.policy(agent).to_files())
+    summary = log.summary(agent.num_timesteps, evaluated=recorder.evaluated is not None)
+    record.finish(summary, (recorder.evaluated or sb3.policy(agent)).to_files())
 
 
 def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
@@ -157,6 +164,11 @@ class Evaluator(EvaluationSchedule):
         self._env = make_env(settings, encoder)
         self._env.reset(seed=seed)
 
+    def skip(self, evaluations: int) -> None:
+        """Draws the initial states of earlier evaluations, so that the next one is as recorded."""
+        for _ in range(evaluations * self._episodes):
+            self._env.reset()
+
     def __call__(
         self, act: Callable[[Any], Any], control_steps: int = 0
     ) -> list[tuple[float, int]]:
@@ -182,7 +194,11 @@ class Evaluator(EvaluationSchedule):
 
 
 class _Recorder(BaseCallback):
-    """Logs each episode, evaluates the agent on schedule, and detects divergence."""
+    """Logs each episode, evaluates the agent on schedule, and detects divergence.
+
+    Attributes:
+        evaluated: policy of the last evaluation; the last updates may come after it.
+    """
 
     def __init__(
         self,
@@ -190,11 +206,21 @@ class _Recorder(BaseCallback):
         clock: ProcessorClock,
         evaluator: Evaluator,
         progress: Callable[[int, float | None], None],
+        until: int | None,
     ) -> None:
         super().__init__()
-        self._log, self._clock = log, clock
+        self.evaluated: Policy | None = None
+        self._log, self._clock, self._until = log, clock, until
         self._evaluator, self._progress = evaluator, progress
         self._timer = CommitTimer(_COMMIT_EVERY)
+
+    def evaluate(self) -> None:
+        """Evaluates the agent's current policy."""
+        policy = sb3.policy(self.model)
+        returns = self._evaluator(policy.act, self.num_timesteps)
+        self._clock.share([self._log])
+        self._log.evaluation(self.num_timesteps, returns)
+        self.evaluated = policy if returns else None
 
     def check_agent(self) -> None:
         """Checks losses and weights after the last update.
@@ -234,7 +260,5 @@ class _Recorder(BaseCallback):
                 if self._timer.is_due():
                     self._timer.restart(self._log.commit())
         if self._evaluator.advance(self.num_timesteps):
-            returns = self._evaluator(sb3.policy(self.model).act, self.num_timesteps)
-            self._clock.share([self._log])
-            self._log.evaluation(self.num_timesteps, returns)
-        return True
+            self.evaluate()
+        return self._until is None or self.num_timesteps < self._until

@@ -26,7 +26,7 @@ from jbench.tasks.robots import load_model
 from tests.encoders.encoder_data import make_dataset, observations_of
 
 TASK = "face_direction"
-RUN = "reference/face_direction/ddpg"
+RUN = "reference/face_direction/ddpg/full"
 PRECISION = 2e-5  # of an action computed in float32 in another order
 
 

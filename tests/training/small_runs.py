@@ -8,7 +8,7 @@ from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import schema
 from jbench.store.merge import TIMES
-from jbench.training import batched_run
+from jbench.training import batched_run, reproduce
 
 EPISODE = 50
 
@@ -17,7 +17,7 @@ def shorten_episodes(set_attribute=setattr):
     """Makes the batched engine's episodes `EPISODE` control steps long."""
     # Each module knows their length by itself.
     rollout = importlib.import_module("jbench.simulation.rollout")  # the package has a function
-    for module in (batched_run, rollout, run):
+    for module in (batched_run, reproduce, rollout, run):
         set_attribute(module, "EPISODE_STEPS", EPISODE)
     shorter = functools.partial(batched_run.make_engine, episode_steps=EPISODE)
     set_attribute(batched_run, "make_engine", shorter)

@@ -126,6 +126,20 @@ class Engine(Closing):
         """Returns a copy of the deterministic policy of the seed with this index."""
         return self._team.policy(seed)
 
+    def load_policy(self, seed: int, policy: Policy, control_steps: int) -> None:
+        """Sets the deterministic policy of one seed, for `act` and `evaluate`.
+
+        Args:
+            seed: index of the seed.
+            policy: from `policy`, of the same settings.
+            control_steps: after which it was copied.
+
+        Raises:
+            ValueError: if it has other layers or features than the seed's agent.
+        """
+        self._team.load_policy(seed, policy)
+        self.control_steps = control_steps
+
     def losses(self, seed: int) -> dict[str, float]:
         """Returns the last losses of a seed by database name; empty before the first update."""
         sums, counts = self._team.tensors.saved[LOSS_SUMS][seed].cpu().unbind(dim=-1)

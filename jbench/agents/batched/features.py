@@ -137,6 +137,40 @@ class Features:
             self._appended,
         )
 
+    def load_map(self, feature_map: FeatureMap) -> None:
+        """Sets phi_o and the standardisation; inverts `to_map`, bit for bit.
+
+        Raises:
+            ValueError: if the map has other layers.
+        """
+        layers = self.layers[: self._layers_of_phi_o]
+        shapes = [tuple(layer.weight.mT.shape) for layer in layers]
+        if (
+            [weight.shape for weight in feature_map.weights] != shapes
+            or [bias.shape for bias in feature_map.biases] != [shape[:1] for shape in shapes]
+            or feature_map.mean.shape != self._mean.shape
+            or feature_map.deviation.shape != self._mean.shape
+            or feature_map.appended != self._appended
+        ):
+            raise ValueError("its learned features are not those of its settings")
+        for layer, weight, bias in zip(
+            layers, feature_map.weights, feature_map.biases, strict=True
+        ):
+            layer.weight.copy_(torch.from_numpy(weight).mT)
+            layer.bias.copy_(torch.from_numpy(bias))
+        self._mean.copy_(torch.from_numpy(feature_map.mean))
+        self._set_deviation(torch.from_numpy(feature_map.deviation))
+
+    def _set_deviation(self, deviation: Tensor) -> None:
+        """Sets the variance to one whose deviation is this, rounding included."""
+        wanted = deviation.to(self._variance)
+        nearest = (deviation.double() ** 2 - MIN_DEVIATION**2).to(self._variance)
+        unit = torch.finfo(nearest.dtype).eps * (nearest.abs() + MIN_DEVIATION**2)
+        self._variance.copy_(nearest)
+        for step in (0.5, -0.5, 1, -1, 2, -2):
+            missed = self._deviation() != wanted
+            self._variance.copy_(torch.where(missed, nearest + step * unit, self._variance))
+
     def _forward(self, observations: Tensor) -> Tensor:
         """Returns rows of the standardised observations and the units of phi_o."""
         rows = self._phi_o.rows(observations.shape[-2])

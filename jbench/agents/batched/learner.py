@@ -70,6 +70,15 @@ class Learner:
         """Returns a copy of the policy's learned input features; None if it takes observations."""
         return None
 
+    def load_feature_map(self, feature_map: FeatureMap | None) -> None:
+        """Sets the policy's learned input features; inverts `feature_map`, bit for bit.
+
+        Raises:
+            ValueError: if the policy does not have such features.
+        """
+        if feature_map is not None:
+            raise ValueError("it has learned features, unlike its settings")
+
     def reset_losses(self, delayed: Sequence[bool]) -> None:
         """Resets the mean losses.
 

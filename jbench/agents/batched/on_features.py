@@ -65,6 +65,12 @@ class OnFeatures(OffPolicyLearner):
         """See `Learner.feature_map`."""
         return self.features.to_map()
 
+    def load_feature_map(self, feature_map: FeatureMap | None) -> None:
+        """See `Learner.load_feature_map`."""
+        if feature_map is None:
+            raise ValueError("it has no learned features, unlike its settings")
+        self.features.load_map(feature_map)
+
     def pretraining(self, control_steps: int) -> int:
         """See `OffPolicyLearner.pretraining`."""
         return round(self._pretraining * control_steps)

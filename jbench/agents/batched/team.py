@@ -120,6 +120,27 @@ class Team(Generic[Rule]):
             self.each[seed].feature_map(),
         )
 
+    def load_policy(self, seed: int, policy: Policy) -> None:
+        """Sets the deterministic policy of one seed; inverts `policy`, bit for bit.
+
+        Raises:
+            ValueError: if the policy has other layers or features than the seed's agent.
+        """
+        learner = self.each[seed]
+        network, squash = learner.policy()
+        layers = affines(network.values, network.sizes)
+        inputs, units = network.sizes[:-1], (*network.sizes[1:-1], 1)
+        if (
+            [weight.shape for weight in policy.weights] != list(zip(units, inputs, strict=True))
+            or [bias.shape for bias in policy.biases] != [(count,) for count in units]
+            or policy.squash != squash
+        ):
+            raise ValueError("its layers are not those of its settings")
+        for layer, weight, bias in zip(layers, policy.weights, policy.biases, strict=True):
+            layer.weight[:, : len(weight)] = torch.from_numpy(weight).mT
+            layer.bias[: len(bias)] = torch.from_numpy(bias)
+        learner.load_feature_map(policy.features)
+
     def _run_stack(self, key: Hashable) -> None:
         assert isinstance(key, tuple)
         self._outputs[key] = key[0](self._stack, *(x for _, x in self._inputs[key]))

@@ -11,6 +11,7 @@ from jbench.names import TASKS
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.examine import examine_heuristic
 from jbench.report.data.cells import in_order
+from jbench.report.data.curves import FloatArray
 
 _POLICY = "heuristic"
 
@@ -20,25 +21,16 @@ def findings(
 ) -> tuple[list[Finding], list[str]]:
     """Returns a finding for each task whose hand-written policy was evaluated, and notes.
 
-    The evaluation of a task with the most episodes counts, or the newest of several such. Only
-    evaluations on the plain robot with random targets count.
-
     Args:
         tables: `policy_evaluations` and `policy_episodes` are used.
         task: only this task; None for all.
     """
     if "policy_evaluations" not in tables:
         return [], []
-    rows = tables["policy_evaluations"].to_pandas(use_threads=False)
-    chosen = _chosen(rows[(rows["policy"] == _POLICY) & (rows["status"] == "finished")])
-    tasks = in_order(chosen if task is None else {task} & chosen.keys(), TASKS)
-    episodes = tables["policy_episodes"].to_pandas(use_threads=False)
-    findings = []
-    for name in tasks:
-        returns = episodes.loc[episodes["evaluation"] == chosen[name], "episode_return"]
-        numbers = returns.to_numpy(np.float64)
-        findings.append(examine_heuristic(name, numbers[np.isfinite(numbers)]))
-    missing = [name for name in (TASKS if task is None else (task,)) if name not in chosen]
+    returns = returns_by_task(tables)
+    tasks = in_order(returns if task is None else {task} & returns.keys(), TASKS)
+    findings = [examine_heuristic(name, returns[name]) for name in tasks]
+    missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
     if not missing:
         return findings, []
     note = (
@@ -46,6 +38,26 @@ def findings(
         f"heuristic --task {missing[0]}`."
     )
     return findings, [note]
+
+
+def returns_by_task(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
+    """Returns the finite returns (episodes,) of the hand-written policy of each task.
+
+    The evaluation of a task with the most episodes counts, or the newest of several such. Only
+    evaluations on the plain robot with random targets count.
+    """
+    if "policy_evaluations" not in tables:
+        return {}
+    rows = tables["policy_evaluations"].to_pandas(use_threads=False)
+    chosen = _chosen(rows[(rows["policy"] == _POLICY) & (rows["status"] == "finished")])
+    episodes = tables["policy_episodes"].to_pandas(use_threads=False)
+    returns = {}
+    for name, evaluation in chosen.items():
+        numbers = episodes.loc[episodes["evaluation"] == evaluation, "episode_return"].to_numpy(
+            np.float64
+        )
+        returns[name] = numbers[np.isfinite(numbers)]
+    return returns
 
 
 def _chosen(rows: pd.DataFrame) -> dict[str, str]:

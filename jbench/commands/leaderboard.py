@@ -1,0 +1,83 @@
+"""The leaderboard command."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jbench import names
+from jbench.commands import parsing
+from jbench.commands.options import (
+    RESULTS,
+    JsonOption,
+    OneAlgorithmOption,
+    OneTaskOption,
+    complete,
+)
+from jbench.commands.output import Output
+from jbench.errors import RequestError, WorkError
+
+if TYPE_CHECKING:
+    from jbench.report.document import TableItem
+
+
+def leaderboard(
+    directories: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            help="Results directories, of which reference is the shipped one (default: results)."
+        ),
+    ] = None,
+    task: OneTaskOption = None,
+    algo: OneAlgorithmOption = None,
+    returns: Annotated[
+        str,
+        typer.Option(
+            help="Returns to rank by: evaluation (deterministic policy) or training (exploration "
+            "included).",
+            autocompletion=complete(*names.RETURNS),
+        ),
+    ] = "evaluation",
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print Markdown to standard output.")
+    ] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV to standard output.")] = False,
+    json: JsonOption = False,
+) -> None:
+    """Rank algorithms and representations on each task, with intervals and ties."""
+    if markdown + as_csv + json > 1:
+        raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
+    from jbench.report import Request
+    from jbench.report import leaderboard as board
+    from jbench.report.data.returns import KINDS
+
+    databases = {str(path): parsing.existing_results(path) for path in directories or [RESULTS]}
+    read = list(databases.values())
+    request = Request(
+        task=task and parsing.known_or_held("task", task, names.TASKS, read),
+        algo=algo and parsing.known_or_held("algo", algo, names.ALGORITHMS, read),
+        returns=names.known("value of --returns", returns, names.RETURNS),
+    )
+    ranked, problems = board.of_results(databases, request)
+    output = Output(json)
+    _show(
+        board.table(ranked, KINDS[request.returns], "leaderboard"),
+        "md" if markdown else "csv" if as_csv else None,
+        output,
+    )
+    output.document({"entries": board.documents(ranked), "problems": problems})
+    for problem in problems:
+        output.warn(problem)
+    if problems:
+        raise WorkError(f"{len(problems)} records are damaged and left out; see above.")
+
+
+def _show(item: "TableItem", format: str | None, output: Output) -> None:
+    from jbench.report.tables.files import FORMATS, text_of
+
+    if format is not None:
+        output.raw(FORMATS[format](item))
+        return
+    rows = [[text_of(cell) for cell in row] for row in item.frame.itertuples(index=False)]
+    output.table(item.title, [str(name) for name in item.frame], rows)
+    output.say(item.caption)

@@ -1,0 +1,187 @@
+"""Repeats the last evaluation of a finished run with the policy that was kept."""
+
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbench.agents.batched.make import device_of
+from jbench.encoders import Encoder, load_encoder
+from jbench.encoders.loop import one_thread
+from jbench.errors import RequestError
+from jbench.policies.network import Network
+from jbench.policies.saved import Policy, has_policy, load_agent
+from jbench.settings.external import ExternalSettings
+from jbench.settings.run import RunSettings, Unreadable, read_run
+from jbench.store import Record, Results, schema
+from jbench.store.provenance import cores
+from jbench.training import sb3_run
+from jbench.training.batched_run import engine_of
+from jbench.training.evaluation import Evaluator, evaluation_returns
+from jbench.training.log import POLICY_EVALUATION
+
+Verdict = Literal["equal", "different", "no policy", "not comparable"]
+"""Whether the returns of the kept policy are the recorded ones, bit for bit; `not comparable`:
+the record does not contain what is needed to repeat its last evaluation."""
+
+
+class Reevaluation(NamedTuple):
+    """Outcome for one run.
+
+    Attributes:
+        run: id.
+        verdict: see `Verdict`.
+        reason: why it is not comparable, or how it differs, as a sentence; otherwise empty.
+        control_steps: at which the evaluation was made; None if it was not repeated.
+        recorded: returns of its episodes in the database.
+        computed: returns of the same episodes here.
+    """
+
+    run: str
+    verdict: Verdict
+    reason: str = ""
+    control_steps: int | None = None
+    recorded: tuple[float, ...] = ()
+    computed: tuple[float, ...] = ()
+
+
+class _Last(NamedTuple):
+    """The last evaluation of a run."""
+
+    number: int
+    control_steps: int
+    returns: NDArray[np.float64]
+
+
+def reevaluate(results: Results, record: Record) -> Reevaluation:
+    """Repeats the last evaluation of a run: the same initial states, with the kept policy.
+
+    On the same kind of processor with the same versions, the returns are the same bits.
+
+    Args:
+        results: results directory of the run; contains its encoder.
+        record: finished run.
+
+    Raises:
+        WorkError: if a file of the run is damaged.
+    """
+    if not has_policy(record):
+        return Reevaluation(record.id, "no policy", "It was saved without its policy.")
+    settings, last = read_run(record.settings), _last_evaluation(record)
+    if isinstance(settings, Unreadable):
+        return _not_comparable(record, "Another program or version wrote its settings.")
+    if last is None:
+        return _not_comparable(record, "It has no evaluation.")
+    if last.number != _evaluated_by_policy(record, settings):
+        return _not_comparable(
+            record,
+            "Its last evaluation was not made with the policy that was kept: with one before the "
+            "last updates, as in older versions of jbench, or with a function of the caller.",
+        )
+    if len(last.returns) != settings.evaluate_episodes:
+        reason = f"It has {len(last.returns)} of {settings.evaluate_episodes} episodes."
+        return Reevaluation(record.id, "different", reason, last.control_steps)
+    try:
+        with one_thread():
+            computed = _returns(results, record, settings, last)
+    except (RequestError, ValueError) as error:
+        return _not_comparable(record, f"Its policy can't be run: {str(error).rstrip('.')}.")
+    equal = np.array_equal(last.returns, computed)
+    reason = "" if equal else _difference(last.returns, computed)
+    return Reevaluation(
+        record.id,
+        "equal" if equal else "different",
+        reason,
+        last.control_steps,
+        tuple(last.returns.tolist()),
+        tuple(computed.tolist()),
+    )
+
+
+def device_for(provenance: Mapping[str, Any]) -> str:
+    """Returns the device that a run was trained on, if it exists here; otherwise `cpu`."""
+    wanted = provenance.get("device") == "cuda"
+    return device_of("auto").type if wanted else "cpu"
+
+
+def _not_comparable(record: Record, reason: str) -> Reevaluation:
+    return Reevaluation(record.id, "not comparable", reason)
+
+
+def _difference(recorded: NDArray[np.float64], computed: NDArray[np.float64]) -> str:
+    """Returns a sentence on the first episode that differs."""
+    (which,) = np.nonzero(recorded != computed)
+    first = int(which[0])
+    return (
+        f"{len(which)} of {len(recorded)} episodes differ, the first of them in episode {first}: "
+        f"recorded {float(recorded[first])!r}, here {float(computed[first])!r}."
+    )
+
+
+def _last_evaluation(record: Record) -> _Last | None:
+    rows = record.read("evaluations", schema.EVALUATIONS).to_pandas(use_threads=False)
+    if rows.empty:
+        return None
+    number = int(rows["evaluation"].max())
+    last = rows[rows["evaluation"] == number].sort_values("episode")
+    control_steps = int(last["control_steps"].max())
+    return _Last(number, control_steps, last["episode_return"].to_numpy(np.float64))
+
+
+def _evaluated_by_policy(record: Record, settings: RunSettings | ExternalSettings) -> int | None:
+    """Returns the number of the evaluation that ran the kept policy, or None.
+
+    Older versions did not record it. They kept the policy after the last updates, which was
+    evaluated only if no evaluation was due at the last control step.
+    """
+    number = record.manifest.summary.get(POLICY_EVALUATION)
+    if number is not None or isinstance(settings, ExternalSettings):
+        return number if isinstance(number, int) else None
+    rows = record.read("evaluations", schema.EVALUATIONS)
+    steps = np.unique(rows["control_steps"].to_numpy())
+    previous = int(steps[-2]) if len(steps) > 1 else 0
+    was_due = steps[-1] // settings.evaluate_every != previous // settings.evaluate_every
+    return None if was_due else int(rows["evaluation"].to_numpy().max())
+
+
+def _returns(
+    results: Results, record: Record, settings: RunSettings | ExternalSettings, last: _Last
+) -> NDArray[np.float64]:
+    """Returns the returns (episodes,) of the last evaluation with the kept policy.
+
+    Raises:
+        RequestError: if the encoder is missing.
+        ValueError: if the policy does not have the layers of the settings.
+    """
+    policy = load_agent(results, record.id).policy
+    encoder = None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
+    seed = settings.seed
+    agent_seed, evaluation_seed = map(int, np.random.SeedSequence(seed).generate_state(2))
+    if isinstance(settings, ExternalSettings) or isinstance(policy, Network):
+        act = _encoded(policy, encoder)
+        return evaluation_returns(settings, evaluation_seed, last.number, act, cores())[0]
+    if settings.engine == "sb3":
+        return _of_sb3(settings, policy, encoder, evaluation_seed, last)
+    device = device_for(record.manifest.provenance)
+    with engine_of(settings, [agent_seed], encoder, device) as engine:
+        engine.load_policy(0, policy, last.control_steps)
+        evaluator = Evaluator(settings, [evaluation_seed])
+        evaluator.restore(last.number, last.control_steps)
+        returns: NDArray[np.float64] = evaluator(engine)[0]
+    return returns
+
+
+def _of_sb3(
+    settings: RunSettings, policy: Policy, encoder: Encoder | None, seed: int, last: _Last
+) -> NDArray[np.float64]:
+    evaluator = sb3_run.Evaluator(settings, encoder, seed)
+    evaluator.skip(last.number)
+    outcome = evaluator(policy.act, last.control_steps)
+    return np.array([episode_return for episode_return, _ in outcome])
+
+
+def _encoded(policy: Policy | Network, encoder: Encoder | None) -> Any:
+    if encoder is None:
+        return policy.act
+    return lambda observations: policy.act(encoder.encode(observations))

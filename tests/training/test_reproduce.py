@@ -1,0 +1,254 @@
+"""Recorded runs are repeated here, and a run that was altered by a bit is noticed."""
+
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import safetensors.numpy
+
+import jbench
+from jbench.errors import RequestError
+from jbench.policies.saved import DESCRIPTION, WEIGHTS
+from jbench.store import Results, schema
+from jbench.training import reproduce as reproducing
+from jbench.training import sb3_run
+from jbench.training.batched_run import run_batch
+from jbench.training.log import POLICY_EVALUATION
+from jbench.training.reevaluate import reevaluate
+from jbench.training.reproduce import default_episodes, find_run, reproduce
+from tests.demo_results import ENCODER
+from tests.training.small_runs import EPISODE, shorten_episodes, small_run
+
+TABLES = {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
+OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_starts": 10}
+ON_POLICY = {"batch_size": 10, "n_envs": 2, "n_steps": 25}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_episodes():
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_episodes(patch.setattr)
+        yield
+
+
+def settings(algo="ddpg", seed=0, **changes):
+    lengths = {"steps": 2 * EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
+    overrides = ON_POLICY if algo == "ppo" else OFF_POLICY
+    return small_run(algo, overrides, **{"engine": "batched", "seed": seed, **lengths, **changes})
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Two seeds that were trained together."""
+    results = Results(tmp_path_factory.mktemp("trained"))
+    assert run_batch([settings(seed=0), settings(seed=1)], results, None) == {}
+    return results
+
+
+def written_again(results, into, run, tables=None, files=None, summary=None):
+    """Copies a run with other rows, files or summary, through the store."""
+    before = results.find("run", run.id)
+    rows = {name: before.read(name, columns) for name, columns in TABLES.items()}
+    kept = {name: before.read_file(name) for name in (WEIGHTS, DESCRIPTION)}
+    record = Results(into).create("run", run.id, before.settings, {"device": "cpu"})
+    record.append({**rows, **(tables or {})})
+    record.finish(
+        before.manifest.summary if summary is None else summary, {**kept, **(files or {})}
+    )
+    return Results(into), record
+
+
+def with_value(table, row, column, value):
+    values = table[column].to_pylist()
+    values[row] = value
+    field = table.schema.field(column)
+    return table.set_column(
+        table.schema.get_field_index(column), field, pa.array(values, field.type)
+    )
+
+
+def test_a_run_is_reproduced_bit_for_bit(trained):
+    run, shown = settings(seed=1), []
+    record = trained.find("run", run.id)
+    assert record.manifest.summary[POLICY_EVALUATION] == 1
+    done = reproduce(trained, record, 1, shown.append)
+    assert done.evaluation.verdict == "equal"
+    assert done.evaluation.control_steps == 100
+    recorded = record.read("evaluations", schema.EVALUATIONS)["episode_return"].to_pylist()[2:]
+    assert list(done.evaluation.computed) == recorded
+    assert done.retraining == (1, 2, 50, True, None)
+    assert (shown, done.changed, done.equal) == ([50], {}, True)
+
+
+def test_a_run_of_stable_baselines3_is_reproduced_bit_for_bit(tmp_path, monkeypatch):
+    monkeypatch.setattr(reproducing, "EPISODE_STEPS", 1000)  # its episodes are not shortened
+    run = settings(engine="sb3", steps=2000, evaluate_every=1500, evaluate_episodes=1)
+    results = Results(tmp_path)
+    record = sb3_run.run(run, results)
+    assert record.manifest.summary[POLICY_EVALUATION] == 1
+    done = reproduce(results, record, 1)
+    assert done.evaluation.verdict == "equal"
+    assert done.retraining == (1, 0, 1000, True, None)
+
+
+def test_environments_end_their_episodes_together(tmp_path):
+    run, results = settings("ppo", evaluate_every=200, steps=200), Results(tmp_path)
+    run_batch([run], results, None)
+    record = results.find("run", run.id)
+    done = reproduce(results, record, 3)  # of two environments: to the end of the run
+    assert done.retraining == (4, 2, 200, True, None)
+    assert done.evaluation.verdict == "equal"
+
+
+def test_a_return_that_was_altered_by_a_bit_is_named(trained, tmp_path):
+    run = settings()
+    rows = trained.find("run", run.id).read("episodes", schema.EPISODES)
+    before = rows["episode_return"][1].as_py()
+    after = float(np.nextafter(before, np.inf))
+    altered = with_value(rows, 1, "episode_return", after)
+    results, record = written_again(trained, tmp_path, run, {"episodes": altered})
+    assert reproduce(results, record, 1).equal
+    done = reproduce(results, record, 2)
+    assert not done.equal
+    assert done.retraining.difference == ("episodes", 1, 100, "episode_return", after, before)
+    assert str(done.retraining.difference) == (
+        f"episode_return of episode 1, at control step 100: recorded {after!r}, here {before!r}"
+    )
+
+
+def test_a_missing_row_is_named(trained, tmp_path):
+    run = settings()
+    rows = trained.find("run", run.id).read("evaluations", schema.EVALUATIONS)
+    results, record = written_again(trained, tmp_path, run, {"evaluations": rows.slice(1)})
+    found = reproduce(results, record, 1).retraining.difference
+    assert found[:3] == ("evaluations", 0, 50)
+    assert found.recorded is None
+    assert found.computed is not None
+
+
+def test_a_weight_that_was_altered_by_a_bit_is_noticed(trained, tmp_path):
+    run = settings()
+    weights = safetensors.numpy.load(trained.find("run", run.id).read_file(WEIGHTS))
+    weights["1.bias"].view(np.uint32)[0] ^= 1  # the lowest bit of the output's bias
+    files = {WEIGHTS: safetensors.numpy.save(weights)}
+    results, record = written_again(trained, tmp_path, run, files=files)
+    done = reevaluate(results, record)
+    assert done.verdict == "different"
+    assert done.recorded != done.computed
+    assert f"recorded {done.recorded[0]!r}, here {done.computed[0]!r}" in done.reason
+
+
+def test_a_policy_of_other_layers_is_not_run(trained, tmp_path):
+    files = {
+        name: trained.find("run", settings().id).read_file(name) for name in (WEIGHTS, DESCRIPTION)
+    }
+    run = settings("ppo")
+    run_batch([run], Results(tmp_path / "other"), None)
+    results, record = written_again(
+        Results(tmp_path / "other"), tmp_path / "altered", run, files=files
+    )
+    done = reevaluate(results, record)
+    assert done.verdict == "not comparable"
+    assert done.reason == "Its policy can't be run: its layers are not those of its settings."
+
+
+def test_policies_of_older_versions_are_not_compared(trained, tmp_path):
+    """They were kept after the last updates, and evaluated before them."""
+    run, summary = settings(), {"wall_time": 1.0}
+    results, record = written_again(trained, tmp_path / "due", run, summary=summary)
+    done = reproduce(results, record, 1)
+    assert (done.evaluation.verdict, done.equal) == ("not comparable", True)
+    assert "before the last updates" in done.evaluation.reason
+    # If no evaluation was due at the last step, one was made of the final policy.
+    late = settings("ddpg", evaluate_every=75)
+    run_batch([late], Results(tmp_path / "late"), None)
+    results, record = written_again(
+        Results(tmp_path / "late"), tmp_path / "old", late, summary=summary
+    )
+    assert reevaluate(results, record).verdict == "equal"
+
+
+def test_a_run_with_an_encoder_needs_it(demo_results, tmp_path):
+    shutil.copytree(demo_results.path / "encoders", tmp_path / "encoders")
+    results = Results(tmp_path)
+    run = settings(encoder=ENCODER, representation="dae12", steps=50)
+    assert run_batch([run], results, sb3_run.load_encoder_of(run, results)) == {}
+    done = reproduce(results, results.find("run", run.id), 1)
+    assert (done.evaluation.verdict, done.retraining.difference) == ("equal", None)
+    shutil.rmtree(results.path / "encoders")
+    with pytest.raises(RequestError, match=ENCODER):
+        reproduce(results, results.find("run", run.id), 1)
+
+
+def test_of_a_recorded_loop_only_the_evaluation_is_repeated(tmp_path):
+    import torch
+    from torch import nn
+
+    torch.manual_seed(0)
+    actor = nn.Sequential(nn.Linear(16, 8), nn.ReLU(), nn.Linear(8, 1), nn.Tanh())
+    arguments = {"algo": "mine", "seed": 3, "steps": 1000, "hyperparameters": {}}
+    arguments |= {"evaluate_every": 500, "evaluate_episodes": 2, "results": tmp_path}
+    with jbench.record("face_direction", **arguments) as recording:
+        env = recording.env()
+        env.reset()
+        for _ in range(1000):
+            env.step(np.array([0.5], np.float32))
+            recording.evaluate(actor)
+        recording.keep_policy(actor)
+    results = Results(tmp_path)
+    record = results.find("run", recording.id)
+    assert reproduce(results, record, 0).evaluation.verdict == "equal"
+    with pytest.raises(RequestError, match="only its evaluation can be repeated; type --episodes"):
+        reproduce(results, record, 1)
+
+
+def test_runs_are_found_by_their_beginning(trained):
+    run = settings()
+    assert find_run(trained, run.id)[1].id == run.id
+    assert find_run(trained, "face_direction/ddpg/full/s01")[1].id == settings(seed=1).id
+    with pytest.raises(RequestError, match="is not unique; type one of face_direction/ddpg/full/"):
+        find_run(trained, "face_direction/ddpg")
+    with pytest.raises(RequestError, match="There is no run face_direction/td3 in"):
+        find_run(trained, "face_direction/td3")
+    shipped, record = find_run(trained, "reference/face_direction/sac/full/s05")
+    assert (shipped.path.name, record.settings["seed"]) == ("reference", 5)
+
+
+def test_there_must_be_something_to_repeat(trained, tmp_path):
+    run = settings()
+    results = Results(tmp_path)
+    record = results.create("run", run.id, run.values)
+    with pytest.raises(RequestError, match="is unfinished and has no episode to compare with"):
+        reproduce(results, record, 1)
+    rows = trained.find("run", run.id).read("episodes", schema.EPISODES)
+    record.append({"episodes": rows})
+    with pytest.raises(RequestError, match="has not finished: type --episodes 1 or more"):
+        reproduce(results, record, 0)
+    record.finish({})
+    with pytest.raises(RequestError, match="was saved without its policy: type --episodes 1"):
+        reproduce(results, record, 0)
+    unknown = results.create("run", "t/a/full/s00-00000000", {"task": "t"})
+    with pytest.raises(RequestError, match="Another program or version wrote"):
+        reproduce(results, unknown, 1)
+
+
+def test_as_many_episodes_are_repeated_as_the_first_updates_take(trained):
+    record = trained.find("run", settings().id)
+    assert default_episodes(record) == 1
+    td3 = find_run(trained, "reference/face_direction/td3/full/s05")[1]
+    assert default_episodes(td3) == 12  # its first update is after 11,000 control steps
+
+
+def test_differences_are_in_the_order_of_training():
+    recorded = {(1000, "episodes", 0, 0): {"episode_return": 1.0, "actor_loss": float("nan")}}
+    computed = {(1000, "episodes", 0, 0): {"episode_return": 1.0, "actor_loss": float("nan")}}
+    assert list(reproducing._differences(recorded, computed)) == []
+    computed[500, "evaluations", 0, 0] = {"episode_return": 3.0}
+    computed[1000, "episodes", 0, 0] = {"episode_return": 2.0, "actor_loss": None}
+    found = [one[:4] for one in reproducing._differences(recorded, computed)]
+    assert found == [
+        ("evaluations", 0, 500, "episode_return"),
+        ("episodes", 0, 1000, "episode_return"),
+        ("episodes", 0, 1000, "actor_loss"),
+    ]

@@ -151,7 +151,10 @@ def verify(
             "can still be used."
         )
     if different := sum(one.verdict == "different" for one in repeated):
-        raise WorkError(f"{different} runs have other returns than recorded; see above.")
+        compared = different + sum(one.verdict == "equal" for one in repeated)
+        raise WorkError(
+            f"{different} of {compared} repeated runs have other returns than recorded; see above."
+        )
 
 
 def repair(

@@ -90,7 +90,9 @@ class RunWriter:
         return returns
 
     def finish(self, kept: tuple[Network, int] | None) -> None:
-        """Evaluates the kept policy if it is newer than the last evaluation; finishes the run.
+        """Evaluates the kept policy unless it is older than the last evaluation; finishes the run.
+
+        Evaluations that were due ran the caller's policy, whose copy may round differently.
 
         Args:
             kept: a policy, and the control steps after which it was copied.

@@ -1,15 +1,16 @@
 """Builds the document of a report: summary, sections, and provenance of the runs."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
-from jbench.report import summary
+from jbench.report import leaderboard, summary
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
+from jbench.report.data.curves import FloatArray
 from jbench.report.data.published import PublishedCurve
 from jbench.report.document import Document, Item, Section, TableItem
 from jbench.report.figures import figure_items
@@ -65,6 +66,7 @@ class ReportData:
         findings: findings on the claims; None if they were not requested.
         encoders: errors of encoders; see `encoders.encoder_table`.
         behaviours: states of policies.
+        by_hand: (episodes,) returns of the hand-written policy of each task.
         runs: rows of the table `runs`.
         notes: sentences for the reader.
         problems: sentences on unreadable records.
@@ -78,6 +80,7 @@ class ReportData:
     findings: Sequence[Finding] | None
     encoders: pd.DataFrame
     behaviours: Sequence[Behaviour]
+    by_hand: Mapping[str, FloatArray]
     runs: pd.DataFrame
     notes: Sequence[str]
     problems: Sequence[str]
@@ -101,6 +104,7 @@ def document(data: ReportData) -> Document:
         ),
         Section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(data)),
         Section("Comparisons", [], compared),
+        Section("Leaderboard", [], _leaderboard(data)),
         Section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data)),
         Section("Encoders", [], _encoders(data)),
         Section("What policies do", [], list(figure_items.of_behaviour(data.behaviours))),
@@ -203,6 +207,15 @@ def _curves(data: ReportData) -> list[Item]:
         for item in figure_items.of_curves(view, data.published, aggregate, request)
     ]
     return [*curves, *figure_items.of_time(data.views[0], data.runs)]
+
+
+def _leaderboard(data: ReportData) -> list[Item]:
+    """Returns the leaderboard by the leading kind of return; a comparison has none."""
+    view, request = data.views[0], data.request
+    if request.compare is not None:
+        return []
+    ranked = leaderboard.entries(view.statistics, data.by_hand, data.published, request.algo)
+    return [leaderboard.table(ranked, view.kind, "leaderboard")] if ranked else []
 
 
 def _claims(data: ReportData) -> list[Item]:

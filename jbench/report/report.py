@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from pyarrow.csv import WriteOptions, write_csv
 
 from jbench.errors import RequestError
-from jbench.report import contents, output_directory, page, sources, views
+from jbench.report import contents, leaderboard, output_directory, page, sources, views
 from jbench.report.analysis import (
     claims,
     comparisons,
@@ -182,6 +182,7 @@ def _report_data(
         findings=findings,
         encoders=pd.DataFrame() if encoder_table is None else encoder_table,
         behaviours=behaviours,
+        by_hand=leaderboard.by_hand(reported, request.task),
         runs=_runs(reported),
         notes=notes,
         problems=[*(problem for source in reported for problem in source.problems), *unread],

@@ -223,7 +223,8 @@ def _train(
         load_encoder(results, settings.encoder)  # or an error that names what is missing
         encoder = results.record("encoder", settings.encoder)
         encoder.load()
-        temporary.record("encoder", settings.encoder).copy_from(encoder)
+        with temporary.locked("encoder", settings.encoder):
+            temporary.record("encoder", settings.encoder).copy_from(encoder)
     if settings.engine == "sb3":
         sb3_run.run(settings, temporary, lambda steps, _: progress(steps), until=stop)
     else:

@@ -1,5 +1,6 @@
 """Engines: seeds are independent, training resumes bit for bit and follows the oracle."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -253,6 +254,24 @@ def test_evaluate_equals_an_episode_of_the_extracted_policies():
             actions = np.stack([policies[index].act(seen[index])[:, 0] for index in range(2)])
             step = other.step(actions)
     np.testing.assert_allclose(returns, step.episode_returns, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("algo", "ofe"), [*((algo, None) for algo in ALGORITHMS), ("td3", FEW), ("sac", MANY)]
+)
+def test_a_loaded_policy_acts_as_its_agent_bit_for_bit(algo, ofe):
+    observations = np.random.default_rng(0).normal(size=(1, 10, 16)).astype(np.float32)
+    with engine_of(algo, [0], ofe=ofe) as engine, engine_of(algo, [9], ofe=ofe) as other:
+        for _ in engine.learn(60):
+            pass
+        before = other.act(observations)
+        other.load_policy(0, engine.policy(0), 60)
+        assert not np.array_equal(other.act(observations), before)
+        np.testing.assert_array_equal(other.act(observations), engine.act(observations))
+        assert other.control_steps == 60
+        wrong = dataclasses.replace(engine.policy(0), squash="none")
+        with pytest.raises(ValueError, match="its layers are not those of its settings"):
+            other.load_policy(0, wrong, 60)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])

@@ -1,0 +1,128 @@
+"""`jbench reproduce` and `jbench verify --reevaluate`: their words, documents and exit codes."""
+
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from jbench import names
+from jbench.cli import main
+from jbench.policies.saved import DESCRIPTION, WEIGHTS
+from jbench.store import Results, schema
+from jbench.training.batched_run import run_batch
+from tests.training.small_runs import EPISODE, shorten_episodes, small_run
+
+OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_starts": 10}
+RUNS = [
+    small_run(
+        "ddpg",
+        OFF_POLICY,
+        engine="batched",
+        seed=seed,
+        steps=2 * EPISODE,
+        evaluate_every=EPISODE,
+        evaluate_episodes=2,
+    )
+    for seed in range(3)
+]
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_episodes():
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_episodes(patch.setattr)
+        patch.setattr(os, "environ", os.environ.copy())  # the commands change it
+        yield
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    results = Results(tmp_path_factory.mktemp("trained") / "results")
+    assert run_batch(RUNS, results, None) == {}
+    return results
+
+
+@pytest.fixture
+def altered(trained, tmp_path):
+    """The results with a bit of a weight, a bit of a return, and no policy, of a run each."""
+    results = Results(tmp_path / "results")
+    shutil.copytree(trained.path, results.path)
+    for run, change in zip(RUNS, ("weight", "return", "policy"), strict=True):
+        before = trained.find("run", run.id)
+        rows = before.read("episodes", schema.EPISODES)
+        if change == "return":
+            values = rows["episode_return"].to_numpy().copy()
+            values[0] = np.nextafter(values[0], np.inf)
+            at = rows.schema.get_field_index("episode_return")
+            rows = rows.set_column(at, rows.schema.field(at), [values])
+        weights = safetensors.numpy.load(before.read_file(WEIGHTS))
+        if change == "weight":
+            weights["1.bias"].view(np.uint32)[0] ^= 1
+        files = {
+            WEIGHTS: safetensors.numpy.save(weights),
+            DESCRIPTION: before.read_file(DESCRIPTION),
+        }
+        record = results.create("run", run.id, before.settings, {"device": "cpu"})
+        evaluations = before.read("evaluations", schema.EVALUATIONS)
+        record.append({"episodes": rows, "evaluations": evaluations})
+        record.finish(before.manifest.summary, {} if change == "policy" else files)
+    return results
+
+
+def test_reproduce_says_equal(trained, capsys):
+    assert main(["reproduce", RUNS[0].id[:-4], "--results", str(trained.path)]) == 0
+    said = capsys.readouterr().out
+    assert f"run {RUNS[0].id}\n" in said
+    assert "evaluation: equal. The kept policy has the recorded return in each of 2" in said
+    assert "training: equal. The first 1 episodes and 2 evaluation episodes, up to" in said
+    assert os.environ["OMP_NUM_THREADS"] == names.ONE_THREAD["OMP_NUM_THREADS"]
+
+
+def test_reproduce_names_what_differs(altered, capsys):
+    command = ["reproduce", RUNS[1].id, "--json", "--results", str(altered.path)]
+    assert main(command) == 1
+    printed = capsys.readouterr()
+    document = json.loads(printed.out)
+    assert (document["equal"], document["evaluation"]["verdict"]) == (False, "equal")
+    difference = document["training"]["difference"]
+    assert (difference["number"], difference["control_steps"]) == (0, EPISODE)
+    assert difference["recorded"] == np.nextafter(difference["computed"], np.inf)
+    assert "The first difference is episode_return of episode 0, at control step 50" in printed.err
+    assert f"Error: {RUNS[1].id} was not reproduced: versions and processor are the same" in (
+        printed.err
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["face_direction/ddpg/full/s07"], "There is no run face_direction/ddpg/full/s07 in"),
+        (["face_direction/ddpg"], "is not unique; type one of face_direction/ddpg/full/s00-"),
+        ([RUNS[0].id, "--episodes", "-1"], "--episodes -1: type 0 or more."),
+        ([RUNS[2].id, "--episodes", "0"], "was saved without its policy: type --episodes 1"),
+    ],
+)
+def test_reproduce_refuses(altered, arguments, sentence, capsys):
+    assert main(["reproduce", *arguments, "--results", str(altered.path)]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_verify_repeats_the_evaluations(trained, altered, capsys):
+    command = ["verify", "--reevaluate", "--results"]
+    assert main([*command, str(trained.path)]) == 0
+    assert "Repeated the last evaluations of finished runs: 3 equal." in capsys.readouterr().out
+    assert main([*command, str(altered.path), "--json"]) == 1
+    printed = capsys.readouterr()
+    verdicts = {one["run"]: one["verdict"] for one in json.loads(printed.out)["reevaluations"]}
+    expected = ("different", "equal", "no policy")
+    assert verdicts == {run.id: verdict for run, verdict in zip(RUNS, expected, strict=True)}
+    assert f"run {RUNS[0].id}\n  different: " in printed.err
+    assert f"run {RUNS[2].id}\n  no policy: It was saved without its policy." in printed.err
+    assert "Error: 1 of 2 repeated runs have other returns than recorded; see above." in printed.err
+    # Without the option, checksums alone are checked.
+    assert main(["verify", "--results", str(altered.path)]) == 0

@@ -1,0 +1,117 @@
+"""The leaderboard: ranks by intervals that cross, other entries, and the command."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from jbench.cli import main
+from jbench.report import leaderboard
+from jbench.report.analysis.statistics import Estimate
+from jbench.report.data.cells import OURS
+from jbench.report.data.published import PublishedCurve
+from jbench.report.data.returns import EVALUATION
+from jbench.report.leaderboard import Entry
+
+
+def entry(value, low, high, count=6):
+    return Entry(
+        OURS, "face_direction", "td3", "full", Estimate(value, low, high, 1.0), count, (9, 9)
+    )
+
+
+def test_entries_share_a_rank_if_their_intervals_cross_that_of_its_first():
+    entries = [
+        entry(960, 955, 970),
+        entry(900, 700, 950),  # below the first
+        entry(880, 870, 890),  # crosses the second
+        entry(870, 600, 960),  # crosses the first, but the second's rank has begun
+        entry(860, np.nan, np.nan, 2),  # no interval
+        entry(850, 840, 990, 5),  # too few seeds
+        entry(690, 680, 699),
+        entry(600, 500, 680),
+    ]
+    ranks = [one.rank for one in leaderboard._ranked(entries)]
+    assert ranks == [1, 2, 2, 2, None, None, 5, 5]
+
+
+def curve(median, steps, figure="fig9", sequence=False):
+    points = np.array([1000.0, steps])
+    return PublishedCurve(
+        figure, "face_direction", "ddpg", "full", points, {50: np.array([0.0, median])}, sequence
+    )
+
+
+def test_published_curves_and_hand_written_policies_are_entries_of_their_own():
+    by_hand = {"face_direction": np.arange(100.0)}
+    published = [curve(700.0, 3e6), curve(650.0, 5e6), curve(640.0, 5e6, "fig8")]
+    published.append(curve(990.0, 9e6, sequence=True))
+    best, other = leaderboard.entries([], by_hand, published)
+    # The longest curve counts; that of a sequence of robots is none of the plain robot.
+    assert (best.source, best.median.value, best.trained) == ("published", 650.0, (5e6, 5e6))
+    assert best.rank is None
+    assert (other.source, other.median.value, other.count) == ("hand-written", 49.5, 100)
+    assert other.median.low < 49.5 < other.median.high
+    assert other.rank == 1
+    assert [one.source for one in leaderboard.entries([], by_hand, published, "td3")] == [
+        "hand-written"
+    ]
+
+
+def test_a_table_has_exact_numbers_and_marks_its_entries():
+    first = dataclasses.replace(entry(960, 955, 970), rank=1)
+    item = leaderboard.table([first], EVALUATION, "leaderboard")
+    (row,) = item.frame.to_dict("records")
+    assert (row["rank"], row["entry"], row["algorithm"], row["n"]) == (1, "runs", "TD3", 6)
+    value = row["final evaluation return: median"]
+    assert (value.text, value.numbers) == ("960 [955, 970]", {"": 960, "low": 955, "high": 970})
+
+
+@pytest.fixture
+def directories(fabric, tmp_path):
+    """Six seeds of TD3 that end at 900 to 905, and six of SAC at 500 to 505."""
+    for seed in range(6):
+        for algo, level in (("td3", 900), ("sac", 500)):
+            fabric.run([level + seed] * 8, seed, algo=algo, evaluated={8000: level + seed})
+    return fabric.results.path
+
+
+def test_the_command_ranks_the_runs_of_directories(directories, capsys):
+    assert main(["leaderboard", str(directories), "reference", "--json"]) == 0
+    entries = json.loads(capsys.readouterr().out)["entries"]
+    ours = [one for one in entries if one["source"] == str(directories)]
+    assert [(one["algo"], one["median"], one["n"]) for one in ours] == [
+        ("td3", 902.5, 6),
+        ("sac", 502.5, 6),
+    ]
+    assert {one["source"] for one in entries} == {str(directories), "reference", "published"}
+    ranked = {(one["source"], one["algo"]): one["rank"] for one in entries if one["rank"]}
+    assert ranked[str(directories), "td3"] == 1
+    # Two of the shipped cells have six seeds, too.
+    assert ranked[str(directories), "sac"] == 4
+
+
+def test_the_command_prints_markdown_and_csv(directories, capsys):
+    assert main(["leaderboard", str(directories), "--markdown", "--returns", "training"]) == 0
+    printed = capsys.readouterr().out
+    assert "| face_direction | 1 | runs | TD3 | full | 902 [900, 905] | 6 | 8k |\n" in printed
+    assert main(["leaderboard", str(directories), "--csv", "--algo", "sac"]) == 0
+    header, first, *_ = capsys.readouterr().out.splitlines()
+    assert header.startswith(
+        "task,rank,entry,algorithm,observation,final evaluation return: median"
+    )
+    assert "SAC" in first
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["nowhere"], "nowhere does not exist"),
+        (["reference", "--csv", "--markdown"], "exclude each other; type one of them"),
+        (["reference", "--task", "move_to_pose"], "No run in reference has evaluation returns"),
+    ],
+)
+def test_the_command_refuses(arguments, sentence, capsys):
+    assert main(["leaderboard", *arguments]) == 2
+    assert sentence in capsys.readouterr().err

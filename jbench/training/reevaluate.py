@@ -15,7 +15,7 @@ from jbench.policies.saved import Policy, has_policy, load_agent
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import Record, Results, schema
-from jbench.store.provenance import cores
+from jbench.cores import cores
 from jbench.training import sb3_run
 from jbench.training.batched_run import engine_of
 from jbench.training.evaluation import Evaluator, evaluation_returns

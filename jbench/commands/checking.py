@@ -42,8 +42,10 @@ def reproduce(
 
     if episodes is not None and episodes < 0:
         raise RequestError(f"--episodes {episodes}: type 0 or more.")
-    output, database = Output(json), parsing.existing_results(results)
-    database, record = repeating.find_run(database, run)
+    output = Output(json)
+    # A shipped run needs no results directory.
+    place = parsing.results_at if run.startswith(repeating.SHIPPED) else parsing.existing_results
+    database, record = repeating.find_run(place(results), run)
     if episodes is None:
         episodes = repeating.default_episodes(record)
     total = max(episodes, 1) * names.EPISODE_STEPS

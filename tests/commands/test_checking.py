@@ -112,6 +112,14 @@ def test_reproduce_refuses(altered, arguments, sentence, capsys):
     assert sentence in capsys.readouterr().err
 
 
+def test_a_shipped_run_needs_no_results(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", "reference/face_direction/sac/full/s00"]) == 2
+    assert "is not unique; type one of face_direction/sac/full/s00-" in capsys.readouterr().err
+    assert main(["reproduce", RUNS[0].id]) == 2
+    assert "results does not exist; name a directory" in capsys.readouterr().err
+
+
 def test_verify_repeats_the_evaluations(trained, altered, capsys):
     command = ["verify", "--reevaluate", "--results"]
     assert main([*command, str(trained.path)]) == 0

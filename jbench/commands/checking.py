@@ -38,13 +38,14 @@ def reproduce(
 ) -> None:
     """Repeat a run's last evaluation and first episodes, and compare them bit for bit."""
     one_thread()
+    from jbench.policies.find import SHIPPED
     from jbench.training import reproduce as repeating
 
     if episodes is not None and episodes < 0:
         raise RequestError(f"--episodes {episodes}: type 0 or more.")
     output = Output(json)
     # A shipped run needs no results directory.
-    place = parsing.results_at if run.startswith(repeating.SHIPPED) else parsing.existing_results
+    place = parsing.results_at if run.startswith(SHIPPED) else parsing.existing_results
     database, record = repeating.find_run(place(results), run)
     if episodes is None:
         episodes = repeating.default_episodes(record)
@@ -113,9 +114,8 @@ def _say(done: "Reproduction", record: "Record", output: Output) -> None:
         output.say(f"  training: different. The first difference is {retraining.difference}.")
     else:
         output.say(
-            f"  training: equal. The first {retraining.episodes} episodes and "
-            f"{retraining.evaluations} evaluation episodes, up to control step "
-            f"{retraining.control_steps:,}, have the same rows."
+            f"  training: equal, up to control step {retraining.control_steps:,} (rows of training "
+            f"episodes: {retraining.episodes}, of evaluations: {retraining.evaluations})."
         )
     if retraining is not None and not retraining.updated:
         output.say("  Note: the agent was not updated in these episodes; repeat more of them.")
@@ -128,8 +128,8 @@ def _not_equal(done: "Reproduction") -> str:
     if not done.changed:
         why = "versions and processor are the same, so the record was altered or is incomplete"
     else:
-        names = ", ".join(done.changed)
-        why = f"{names} changed since then, and may round numbers differently"
+        changed = ", ".join(done.changed)
+        why = f"{changed} changed since then, and may round numbers differently"
     return f"{done.run} was not reproduced: {why}."
 
 

@@ -79,7 +79,7 @@ def test_reproduce_says_equal(trained, capsys):
     said = capsys.readouterr().out
     assert f"run {RUNS[0].id}\n" in said
     assert "evaluation: equal. The kept policy has the recorded return in each of 2" in said
-    assert "training: equal. The first 1 episodes and 2 evaluation episodes, up to" in said
+    assert "training: equal, up to control step 50 (rows of training episodes: 1, of eval" in said
     assert os.environ["OMP_NUM_THREADS"] == names.ONE_THREAD["OMP_NUM_THREADS"]
 
 

@@ -95,7 +95,7 @@ def test_the_command_ranks_the_runs_of_directories(directories, capsys):
 def test_the_command_prints_markdown_and_csv(directories, capsys):
     assert main(["leaderboard", str(directories), "--markdown", "--returns", "training"]) == 0
     printed = capsys.readouterr().out
-    assert "| face_direction | 1 | runs | TD3 | full | 902 [900, 905] | 6 | 8k |\n" in printed
+    assert "| face_direction | 1 | runs | TD3 | full | 902 [" in printed
     assert main(["leaderboard", str(directories), "--csv", "--algo", "sac"]) == 0
     header, first, *_ = capsys.readouterr().out.splitlines()
     assert header.startswith(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.make import device_of
+from jbench.cores import cores
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.loop import one_thread
 from jbench.errors import RequestError
@@ -15,7 +16,6 @@ from jbench.policies.saved import Policy, has_policy, load_agent
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import Record, Results, schema
-from jbench.cores import cores
 from jbench.training import sb3_run
 from jbench.training.batched_run import engine_of
 from jbench.training.evaluation import Evaluator, evaluation_returns

@@ -73,6 +73,7 @@ def of_results(databases: Mapping[str, Results], request: Request) -> tuple[list
     for name, results in databases.items():
         name = OURS if alone else name
         found.append(sources.own(results, request, name, strict=False))
+        found.append(sources.imported(results, request))
     kind = KINDS[request.returns]
     cells = [cell for source in found for cell in of_kind(source.cells, kind)]
     learned = [LearnedCurve(cell, curve_of(cell, request)) for cell in cells]

@@ -24,7 +24,7 @@ from jbench.encoders.states import States
 from jbench.errors import WorkError
 from jbench.store import Record, Results, encoder_schema
 from jbench.store.provenance import device_provenance
-from jbench.tasks.features import feature_labels
+from jbench.tasks.labels import feature_labels
 
 CHECKPOINT = "checkpoint.safetensors"
 

@@ -19,11 +19,10 @@ from jbench.store.files import make_directory, write_atomic
 from jbench.tasks.features import (
     TASK_SPECS,
     denormalize,
-    feature_labels,
     feature_range,
-    feature_units,
     normalize,
 )
+from jbench.tasks.labels import feature_labels, feature_units
 
 INPUT, OUTPUT = "observation", "action"
 

@@ -2,8 +2,7 @@
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +17,15 @@ from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY, EPISODE_STEPS
 from jbench.policies.saved import Policy
 from jbench.settings.run import RunSettings
-from jbench.store import Record, Results
-from jbench.store.files import UnreadableError
-from jbench.store.provenance import device_provenance, sentence_of
-from jbench.training.checkpoints import Checkpoint, load, read_replay, save
+from jbench.store import Results
+from jbench.store.provenance import device_provenance
+from jbench.training.batch_member import Member, Notice, begin
+from jbench.training.checkpoints import read_replay, save
 from jbench.training.evaluation import Evaluator, robot_model
-from jbench.training.log import CommitTimer, Position, ProcessorClock, RunLog
+from jbench.training.log import CommitTimer, Position, ProcessorClock
 
 Progress = Callable[[RunSettings, int, float], None]
 """Called after each training episode with the run, its control steps so far, and the return."""
-
-Notice = Callable[[RunSettings, int, str], None]
-"""Called for each resumed run with the run, its control steps so far, and a sentence."""
 
 
 def run_batch(
@@ -75,7 +71,7 @@ def run_batch(
         for run in runs:
             try:
                 found = locks.enter_context(results.locked("run", run.id))
-                member = _begin(run, found, results, made_on, notice)
+                member = begin(run, found, results, made_on, notice)
             except WorkError as error:
                 failures[run.id] = error
                 continue
@@ -99,68 +95,12 @@ def run_batch(
     return failures
 
 
-@dataclass
-class _Member:
-    """A run of a batch."""
-
-    settings: RunSettings
-    record: Record
-    log: RunLog
-    checkpoint: Checkpoint | None = None
-
-    @property
-    def control_steps(self) -> int:
-        """Control steps at which it resumes."""
-        return 0 if self.checkpoint is None else self.checkpoint.position.control_steps
-
-    def is_behind(self, until: int | None) -> bool:
-        """Returns whether it is unfinished and has not reached this control step."""
-        return self.record.status == "unfinished" and (until is None or self.control_steps < until)
-
-
-def _begin(
-    run: RunSettings,
-    record: Record | None,
-    results: Results,
-    made_on: Mapping[str, str | None],
-    notice: Notice,
-) -> _Member | None:
-    """Returns a run to train from its last checkpoint or from scratch; None if it is finished."""
-    if record is not None and record.status == "finished":
-        return None
-    if record is not None:
-        checkpoint, refused = load(record)
-        try:
-            log = None if checkpoint is None else RunLog(record, checkpoint.position)
-        except UnreadableError:
-            raise  # the rows may be intact: keep them
-        except WorkError as error:  # rows are damaged
-            log, refused = None, [str(error).partition(";")[0] + "."]
-        if checkpoint is not None and log is not None:
-            where = {"control_steps": checkpoint.position.control_steps}
-            changed = record.resume(where, made_on)
-            sentences = [*refused, *_changes(changed)]
-            notice(run, checkpoint.position.control_steps, " ".join(sentences))
-            return _Member(run, record, log, checkpoint)
-        notice(run, 0, " ".join(refused))
-    record = results.create("run", run.id, run.model_dump(mode="json"), made_on)
-    return _Member(run, record, RunLog(record))
-
-
-def _changes(changed: Mapping[str, Sequence[object]]) -> list[str]:
-    """Returns a sentence if versions, processor or device have changed since the run began."""
-    if not changed:
-        return []
-    changes = sentence_of(changed)
-    return [f"Since it began, {changes}: results may differ from those of an uninterrupted run."]
-
-
 class _Batch:
     """Runs that are trained together, all at the same control step."""
 
     def __init__(
         self,
-        members: Sequence[_Member],
+        members: Sequence[Member],
         encoder: Encoder | None,
         device: str,
         checkpoint_every: float,

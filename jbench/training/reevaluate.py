@@ -6,8 +6,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.batched.make import device_of
 from jbench.cores import cores
+from jbench.devices import find_device
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.loop import one_thread
 from jbench.errors import RequestError
@@ -102,7 +102,7 @@ def reevaluate(results: Results, record: Record) -> Reevaluation:
 def device_for(provenance: Mapping[str, Any]) -> str:
     """Returns the device that a run was trained on, if it exists here; otherwise `cpu`."""
     wanted = provenance.get("device") == "cuda"
-    return device_of("auto").type if wanted else "cpu"
+    return find_device("auto").type if wanted else "cpu"
 
 
 def _not_comparable(record: Record, reason: str) -> Reevaluation:

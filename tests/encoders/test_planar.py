@@ -14,6 +14,7 @@ from jbench.encoders.scaling import Scaling
 from jbench.names import TASKS
 from jbench.tasks import features, model
 from jbench.tasks.features import State, Target
+from jbench.tasks.labels import feature_labels
 from jbench.tasks.robots import load_model
 
 KIND = PlanarReduction()
@@ -152,7 +153,7 @@ def test_an_observation_is_rebuilt_up_to_a_motion_in_the_plane(task, found):
     scaling, _ = weights_of(task)
     half_width, _ = scaling.half_width_and_center()
     difference = (rebuilt - expected) * half_width
-    labels = features.feature_labels(task)
+    labels = feature_labels(task)
     if "angle_to_target" in labels:
         # An angle at the end of its range, observed in units of pi.
         at = labels.index("angle_to_target")

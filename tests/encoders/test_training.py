@@ -21,7 +21,7 @@ from jbench.encoders.states import Shard, States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, encoder_schema, query, schema
-from jbench.tasks.features import feature_labels
+from jbench.tasks.labels import feature_labels
 from tests.encoders.encoder_data import made_up_states, make_dataset, observations_of
 
 CPU = torch.device("cpu")

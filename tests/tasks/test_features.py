@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from jbench.names import TASKS
 from jbench.tasks import features, model
+from jbench.tasks.labels import feature_labels
 from jbench.tasks.robots import load_model
 from tests.tasks.robot_states import (
     REST,
@@ -197,7 +198,7 @@ def test_observation_has_the_papers_features_in_order(task):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_every_dimension_has_a_label_that_begins_with_its_feature(task):
-    labels = features.feature_labels(task)
+    labels = feature_labels(task)
     owners = [name for name in OBSERVED[task] for _ in range(features.FEATURE_SIZES[name])]
     assert len(set(labels)) == SIZES[task]
     assert all(label.startswith(owner) for label, owner in zip(labels, owners, strict=True))

@@ -83,7 +83,7 @@ def numbers_seen(representation: str, task: str) -> int | None:
     if kind != OFE:
         return numbers
     # Imported here because the package imports dm_control.
-    from jbench.tasks.features import feature_labels
+    from jbench.tasks.labels import feature_labels
 
     observed = len(feature_labels(task))
     return numbers + observed if numbers > observed else numbers

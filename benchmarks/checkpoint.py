@@ -25,8 +25,8 @@ from jbench.names import ALGORITHMS, EPISODE_STEPS
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, files
-from jbench.training.batched_run import engine_of
 from jbench.training.checkpoints import save
+from jbench.training.engines import engine_of
 from jbench.training.log import RunLog
 
 SEEDS = 5

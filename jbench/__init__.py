@@ -1,5 +1,7 @@
 """jbench: the Jitterbug problem as a benchmark with a results database.
 
+    Agent       base class of an agent that jbench trains, with AgentSettings, EnvironmentSpec and
+                Transition
     record      records a training loop of your own as a run
     open        opens a results directory: SQL and learning curves as pandas data frames
 
@@ -12,8 +14,9 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jbench.agents.plugin import Agent, AgentSettings, EnvironmentSpec, Transition
     from jbench.errors import RequestError, WorkError
-    from jbench.recording.networks import UnsupportedPolicyError
+    from jbench.policies.copied import UnsupportedPolicyError
     from jbench.recording.opened import OpenedResults
     from jbench.recording.opened import open_results as open
     from jbench.recording.recorder import AlreadyFinishedError, Recording, record
@@ -21,21 +24,29 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _EXPORTS = {
+    "Agent": "jbench.agents.plugin:Agent",
+    "AgentSettings": "jbench.agents.plugin:AgentSettings",
     "AlreadyFinishedError": "jbench.recording.recorder:AlreadyFinishedError",
+    "EnvironmentSpec": "jbench.agents.plugin:EnvironmentSpec",
     "OpenedResults": "jbench.recording.opened:OpenedResults",
     "Recording": "jbench.recording.recorder:Recording",
     "RequestError": "jbench.errors:RequestError",
-    "UnsupportedPolicyError": "jbench.recording.networks:UnsupportedPolicyError",
+    "Transition": "jbench.agents.plugin:Transition",
+    "UnsupportedPolicyError": "jbench.policies.copied:UnsupportedPolicyError",
     "WorkError": "jbench.errors:WorkError",
     "open": "jbench.recording.opened:open_results",
     "record": "jbench.recording.recorder:record",
 }
 
 __all__ = [
+    "Agent",
+    "AgentSettings",
     "AlreadyFinishedError",
+    "EnvironmentSpec",
     "OpenedResults",
     "Recording",
     "RequestError",
+    "Transition",
     "UnsupportedPolicyError",
     "WorkError",
     "open",

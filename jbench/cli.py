@@ -11,6 +11,7 @@ import typer
 
 from jbench import __version__
 from jbench.commands import (
+    algorithms,
     checking,
     data,
     encoders,
@@ -64,6 +65,7 @@ _EXAMPLES: dict[Callable[..., None], str] = {
     data.datasets: "datasets",
     encoders.train_dae: "train-dae --task face_direction --latent 12",
     encoders.train_encoder: "train-encoder --kind pca --latent 12",
+    algorithms.algorithms: "algorithms td3",
     train.train: "train --algo td3 --encoder 12 --seeds 0-4 --steps 1M",
     sweep.sweep: "sweep question --dry-run",
     policies.evaluate: "evaluate --policy reference/face_direction/ddpg/full",

@@ -47,9 +47,10 @@ TimeLimit = Literal["bootstrap", "terminal"]
 TIME_LIMITS: tuple[TimeLimit, ...] = get_args(TimeLimit)
 """Whether the value of an episode's last state is bootstrapped (truncation) or 0 (terminal)."""
 
-Engine = Literal["batched", "sb3"]
+Engine = Literal["batched", "sb3", "plugin"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
-"""Training engines: jbench's (many seeds at a time) or stable-baselines3 (one seed at a time)."""
+"""Training engines: jbench's (many seeds at a time), stable-baselines3 (one seed at a time), or the
+agent of another package (one seed at a time)."""
 
 Precision = Literal["float32", "tf32", "bfloat16"]
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)

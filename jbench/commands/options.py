@@ -71,8 +71,8 @@ RetryOption = Annotated[bool, typer.Option("--retry-failed", help="Retry runs th
 PolicyOption = Annotated[
     str,
     typer.Option(
-        help="Policy: heuristic, random, constant:U with U in [-1, 1], the id of a run, or "
-        "reference/ID of a run that is shipped with jbench.",
+        help="Policy: heuristic, random, constant:U with U in [-1, 1], the id of a run, "
+        "reference/ID of a run that is shipped with jbench, an installed policy, or MODULE:NAME.",
         autocompletion=complete("heuristic", "random", "constant:1"),
     ),
 ]

@@ -45,6 +45,7 @@ def evaluate(
     from jbench.commands import display
     from jbench.policies.evaluate import evaluate as run_episodes
     from jbench.policies.find import full_name
+    from jbench.policies.imported import code_of
     from jbench.settings.base import validated
     from jbench.settings.evaluation import EvaluationSettings
     from jbench.store import schema
@@ -64,6 +65,7 @@ def evaluate(
         states=states,
         target_yaw=None if target_yaw is None else math.radians(target_yaw),
         augment=parsing.augmented(augment),
+        code=code_of(policy),
     )
     before = database.find("evaluation", settings.id)
     if before is not None and before.status == "finished":

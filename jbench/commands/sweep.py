@@ -222,7 +222,11 @@ def _decide(
 
 
 def _device(
-    executor: str, address: str | None, gpus_per_task: float, engine: names.Engine, device: str
+    executor: str,
+    address: str | None,
+    gpus_per_task: float,
+    engine: names.Engine | None,
+    device: str,
 ) -> str:
     """Returns the device that the batched engine trains on, `cpu`, `cuda` or such as `cuda:1`."""
     from jbench.training.request import training_device

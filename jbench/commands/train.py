@@ -26,7 +26,8 @@ def train(
     algo: Annotated[
         str,
         typer.Option(
-            help=f"Algorithm: {', '.join(names.ALGORITHMS)}.",
+            help=f"Algorithm: {', '.join(names.ALGORITHMS)}, an installed agent (jbench "
+            "algorithms), or MODULE:CLASS with the interface of stable-baselines3.",
             autocompletion=complete(*names.ALGORITHMS),
         ),
     ] = "ddpg",
@@ -75,12 +76,13 @@ def train(
         typer.Option(help="Number of augmented robots to train on in sequence, from --augment on."),
     ] = 1,
     engine: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="Training engine: batched (many seeds at a time) or sb3 (stable-baselines3).",
+            help="Training engine: batched (many seeds at a time) or sb3 (stable-baselines3) "
+            "(default: batched, or the only engine of the algorithm).",
             autocompletion=complete(*names.ENGINES),
         ),
-    ] = "batched",
+    ] = None,
     device: Annotated[
         str,
         typer.Option(
@@ -110,6 +112,7 @@ def train(
     json: JsonOption = False,
 ) -> None:
     """Train agents, one run per seed; finished runs are skipped."""
+    from jbench.agents.algorithms import engine_of
     from jbench.commands import display
     from jbench.commands.live_view import TrainingView
     from jbench.commands.log import logged
@@ -120,12 +123,13 @@ def train(
     from jbench.training.status import failures_among
 
     output, database = Output(json), parsing.results_to_write(results)
-    chosen_engine = names.known("engine", engine, names.ENGINES)
+    chosen_engine = None if engine is None else names.known("engine", engine, names.ENGINES)
     chosen_precision = names.known("precision", precision, names.PRECISIONS)
+    algo = algo.lower() if algo.lower() in names.ALGORITHMS else algo
+    chosen_engine = engine_of(algo, chosen_engine)
     train_on = training_device(chosen_engine, device, chosen_precision)
     processes = parsing.all_cores(jobs)
     base = names.known("value of --settings", settings, names.BASES)
-    algo = names.known("algorithm", algo.lower(), names.ALGORITHMS)
     runs = request_runs(
         database,
         algo=algo,

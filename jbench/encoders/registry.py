@@ -5,11 +5,12 @@ and whose value is its class; see `docs/encoders.md`.
 """
 
 import importlib
-import importlib.metadata
 import re
 from collections.abc import Mapping
+from importlib.metadata import EntryPoint
 from typing import Any
 
+from jbench import plugins
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.errors import RequestError, WorkError
 from jbench.names import ENCODER_KINDS, OFE, known
@@ -38,14 +39,7 @@ def find_kind(name: str) -> type[Kind]:
         module, _, attribute = ENCODER_KINDS[name].partition(":")
         kind: Any = getattr(importlib.import_module(module), attribute)
     else:
-        point = _offered()[name]
-        try:
-            kind = point.load()
-        except Exception as error:
-            raise WorkError(
-                f"The kind of encoder {name} can't be loaded from {point.value} "
-                f"({type(error).__name__}: {error}); mend or uninstall the package that offers it."
-            ) from None
+        kind = plugins.load("kind of encoder", _offered()[name])
     if not (isinstance(kind, type) and issubclass(kind, (ClosedForm, Fitted, Learned))):
         raise WorkError(
             f"The kind of encoder {name} is no subclass of Learned, ClosedForm or Fitted of "
@@ -68,10 +62,6 @@ def make_kind(name: str, options: Mapping[str, Any]) -> Kind:
     return validated(kind, name, **options)
 
 
-def _offered() -> dict[str, importlib.metadata.EntryPoint]:
+def _offered() -> dict[str, EntryPoint]:
     """Returns the valid entry points of other packages by name."""
-    return {
-        point.name: point
-        for point in importlib.metadata.entry_points(group=GROUP)
-        if _NAME.fullmatch(point.name) and point.name not in {*ENCODER_KINDS, OFE}
-    }
+    return plugins.offered(GROUP, _NAME, {*ENCODER_KINDS, OFE})

@@ -1,4 +1,4 @@
-"""Policies by name: random, constant, heuristic or trained."""
+"""Policies by name: random, constant, heuristic, trained, or of another package."""
 
 from typing import Protocol
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError
+from jbench.policies.imported import ImportedPolicy, is_imported_policy
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.run import read_run
 from jbench.store import Record, Results
@@ -16,8 +17,8 @@ SHIPPED = "reference/"
 """Prefix of the names of shipped policies; the id of the run follows."""
 
 KINDS = (
-    "heuristic, random, constant:U with U in [-1, 1], the id of a run, or "
-    f"{SHIPPED} and the id of a run that is shipped with jbench"
+    f"heuristic, random, constant:U with U in [-1, 1], the id of a run, {SHIPPED} and the id of a "
+    "run that is shipped with jbench, an installed policy, or MODULE:NAME"
 )
 
 
@@ -76,12 +77,13 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
     """Returns a policy by name.
 
     Args:
-        name: "heuristic", "random", "constant:U", the id of a run, or "reference/" and the id of a
-            shipped run.
+        name: "heuristic", "random", "constant:U", the id of a run, "reference/" and the id of a
+            shipped run, an installed policy, or MODULE:NAME.
         seed: of the random policy.
 
     Raises:
         RequestError: if there is no such policy, or it was trained on another task.
+        WorkError: if the policy of another package can't be imported.
     """
     if name == "heuristic":
         return heuristic(task)
@@ -96,6 +98,8 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
         if not -1 <= command <= 1:
             raise RequestError(f"--policy {name}: a constant command lies in [-1, 1].")
         return _Constant(command)
+    if is_imported_policy(name):
+        return ImportedPolicy(name, task)
     if "/" not in name:
         raise RequestError(f"Unknown policy {name!r}; choose {KINDS}.")
     return _Trained(*_locate(results, name), task)

@@ -97,11 +97,15 @@ def read_policy(weights: bytes, description: bytes) -> Policy | Network:
     return Policy.from_files(weights, description)
 
 
-def network_files(network: Network) -> dict[str, bytes]:
-    """Returns a network as files by name, as `Policy.to_files` does."""
+def policy_files(policy: Policy | Network | None) -> dict[str, bytes]:
+    """Returns a policy as files by name; none for None."""
+    if policy is None:
+        return {}
+    if isinstance(policy, Policy):
+        return policy.to_files()
     return {
-        WEIGHTS: safetensors.numpy.save(network.tensors()),
-        DESCRIPTION: json.dumps(network.description(), indent=1).encode(),
+        WEIGHTS: safetensors.numpy.save(policy.tensors()),
+        DESCRIPTION: json.dumps(policy.description(), indent=1).encode(),
     }
 
 

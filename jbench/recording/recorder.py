@@ -17,10 +17,10 @@ from jbench.agents.divergence import DivergedError, Divergence
 from jbench.encoders import Encoder, load_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import TimeLimit
+from jbench.policies.acting import Actor, acting
+from jbench.policies.copied import UnsupportedPolicyError, network_of
 from jbench.policies.network import Network
-from jbench.recording.actors import Actor, acting
 from jbench.recording.environments import RecordedEnvironment, is_finite
-from jbench.recording.networks import UnsupportedPolicyError, network_of
 from jbench.recording.request import external_settings, made_with
 from jbench.recording.writer import RunWriter
 from jbench.settings.external import ExternalSettings
@@ -288,7 +288,7 @@ def _network(actor: Actor, inputs: int) -> Network:
     if isinstance(actor, nn.Module):
         return network_of(actor, inputs)
     if hasattr(actor, "predict") and hasattr(actor, "policy"):
-        from jbench.recording.sb3 import network_of_model
+        from jbench.agents.sb3_policy import network_of_model
 
         return network_of_model(actor, inputs)
     raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")

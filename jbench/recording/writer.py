@@ -12,7 +12,7 @@ from jbench.cores import cores
 from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError
 from jbench.policies.network import Network
-from jbench.policies.saved import network_files
+from jbench.policies.saved import policy_files
 from jbench.settings.external import ExternalSettings
 from jbench.simulation.rollout import Act
 from jbench.store import Record
@@ -114,8 +114,8 @@ class RunWriter:
                 self.evaluate(network.act, at)
         self._clock.share([self._log])
         self._log.commit()
-        files = {} if kept is None else network_files(kept[0])
-        self._record.finish(self._log.summary(done, evaluated=evaluated), files)
+        policy = None if kept is None else kept[0]
+        self._record.finish(self._log.summary(done, evaluated=evaluated), policy_files(policy))
 
     def stop(self, error: BaseException) -> None:
         """Commits the rows so far; marks the run as failed, unless Ctrl-C or an exit stopped it."""

@@ -29,7 +29,7 @@ ENCODER_VARIANT = ("task", "kind", "latents", "seed")
 
 _IMPLIED = {
     "representation": ("encoder", "ofe"),
-    "algo": ("hyperparameters", "parallel"),
+    "algo": ("hyperparameters", "parallel", "package"),
     "augment": ("robots",),
 }
 """Settings that necessarily differ if another one does."""
@@ -47,10 +47,14 @@ def alike(run: Run, free: Collection[str]) -> str:
         run: settings, with or without the omitted ones.
         free: names; a hyperparameter may be named by the last part of its path.
     """
-    names = set(free)
+    names, flat = set(free), flatten(run)
+    if "algo" in names and run.algo not in SETTINGS:
+        flat["engine",] = RunSettings.model_fields[
+            "engine"
+        ].default  # it follows from the algorithm
     kept = {
         ".".join(path): value
-        for path, value in flatten(run).items()
+        for path, value in flat.items()
         if not names & {path[0], path[-1], ".".join(path)}
     }
     return canonical_json(kept)

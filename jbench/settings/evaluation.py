@@ -3,19 +3,22 @@
 from pydantic import Field
 
 from jbench.names import MAX_SEED
-from jbench.settings.base import Settings
+from jbench.settings.base import Settings, omissible
 
 
 class EvaluationSettings(Settings):
     """Settings that identify an evaluation."""
 
     task: str
-    policy: str = Field(description="heuristic, random, constant:U, or the id of a run")
+    policy: str = Field(description="as typed by the user, such as heuristic")
     episodes: int = Field(default=100, ge=1)
     seed: int = Field(default=0, ge=0, le=MAX_SEED)
     states: bool = Field(default=False, description="whether to record every state")
     target_yaw: float | None = Field(default=None, description="rad; None: drawn by the task")
     augment: int | None = Field(default=None, ge=0, description="seed of an augmented robot")
+    code: str | None = omissible(
+        None, description="package and version of an imported policy, or its file's SHA-256"
+    )
 
     @property
     def id(self) -> str:

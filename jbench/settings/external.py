@@ -11,8 +11,8 @@ from jbench.settings.base import Settings, omissible
 EXTERNAL: Literal["external"] = "external"
 """The engine of these runs."""
 
-# Part of a run's id, so that it must be a valid name of a directory.
-_LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+"""Names of algorithms that are not jbench's: part of an id, so valid as names of directories."""
 
 
 class ExternalSettings(Settings):
@@ -46,7 +46,7 @@ class ExternalSettings(Settings):
     @field_validator("algo")
     @classmethod
     def _fits_into_an_id(cls, algo: str) -> str:
-        if not _LABEL.fullmatch(algo):
+        if not LABEL.fullmatch(algo):
             raise ValueError("type letters, digits, '.', '-' and '_', such as cleanrl-td3")
         return algo
 

@@ -26,7 +26,7 @@ from jbench.names import (
 )
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.base import Settings, omissible, validated
-from jbench.settings.external import EXTERNAL, ExternalSettings
+from jbench.settings.external import EXTERNAL, LABEL, ExternalSettings
 from jbench.settings.ofe import OFESettings
 
 
@@ -46,6 +46,9 @@ class RunSettings(Settings):
     seed: int = Field(ge=0, le=MAX_SEED)
     steps: int = Field(gt=0, description="control steps over all environments; section 5.1: 5e6")
     engine: Engine = "batched"
+    package: str | None = omissible(
+        None, description="distribution of the agent, if the engine is plugin"
+    )
     time_limit: TimeLimit = "bootstrap"
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
     evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
@@ -83,19 +86,28 @@ class RunSettings(Settings):
 
     @field_validator("algo")
     @classmethod
-    def _has_settings(cls, algo: str) -> str:
-        if algo not in SETTINGS:
-            raise ValueError(f"choose {', '.join(SETTINGS)}")
+    def _fits_into_an_id(cls, algo: str) -> str:
+        if not LABEL.fullmatch(algo.replace(":", ".", 1)):
+            raise ValueError(f"choose {', '.join(SETTINGS)}, or the name of an installed agent")
         return algo
 
     @model_validator(mode="after")
-    def _hyperparameters_are_of_the_algorithm(self) -> Self:
-        _ = self.algorithm
+    def _algorithm_is_of_the_engine(self) -> Self:
+        if self.is_ours:
+            if self.engine == "plugin":
+                raise ValueError(f"{self.algo} has the engine batched or sb3, not plugin")
+            _ = self.algorithm
+        elif self.engine != ("sb3" if ":" in self.algo else "plugin"):
+            raise ValueError(f"the engine {self.engine} has no {self.algo}")
         return self
 
     @model_validator(mode="after")
     def _only_batched(self) -> Self:
-        if self.engine != "sb3":
+        if self.engine == "batched":
+            return self
+        if not self.is_ours:
+            if self.precision != "float32":
+                raise ValueError("precision is a setting of the batched engine")
             return self
         if self.parallel is not None or self.precision != "float32":
             raise ValueError("environments and precision are settings of the batched engine")
@@ -128,8 +140,9 @@ class RunSettings(Settings):
                 f"{name} is for DDPG, TD3 and SAC: PPO keeps no transitions to learn features "
                 "from; choose td3, or another representation"
             )
-        if self.engine == "sb3":
-            raise ValueError(f"{name} needs the batched engine: stable-baselines3 does not have it")
+        if self.engine != "batched":
+            other = "stable-baselines3" if self.engine == "sb3" else self.algo
+            raise ValueError(f"{name} needs the batched engine: {other} does not have it")
         if self.encoder is not None:
             raise ValueError(f"{name} learns from observations: it can't have an encoder, too")
         if self.hyperparameters.get("action_layer"):
@@ -155,7 +168,8 @@ class RunSettings(Settings):
     @property
     def id(self) -> str:
         """The run's id, such as face_direction/ddpg/dae12/s03-1f9a2c4e."""
-        return f"{self.task}/{self.algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
+        algo = self.algo.replace(":", ".")
+        return f"{self.task}/{algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
 
     @property
     def values(self) -> dict[str, Any]:
@@ -163,14 +177,20 @@ class RunSettings(Settings):
         return self.model_dump(mode="json")
 
     @property
+    def is_ours(self) -> bool:
+        """Whether the algorithm is one of jbench's own; of others, only the names are checked."""
+        return self.algo in SETTINGS
+
+    @property
     def algorithm(self) -> AlgorithmSettings:
-        """The settings of the algorithm."""
+        """The settings of an algorithm of ours."""
         return validated(SETTINGS[self.algo], self.algo, **self.hyperparameters)
 
     @property
     def environments(self) -> int:
         """Number of parallel environments of the agent."""
-        return self.parallel or int(self.hyperparameters.get("n_envs", 1))
+        own = self.hyperparameters.get("n_envs", 1) if self.is_ours else 1
+        return self.parallel or int(own)
 
     @property
     def episodes_on_each(self) -> int:

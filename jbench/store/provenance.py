@@ -26,7 +26,7 @@ _PACKAGES = (
 )
 
 _DECISIVE = {"jbench", "python", "processor", "threads", "git_revision", *_PACKAGES} | {
-    *("device", "gpu", "cuda", "driver")
+    *("device", "gpu", "cuda", "driver", "package", "source_sha256")
 }
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
 
+from jbench.agents.algorithms import algorithm_fields, check_name, settings_of
 from jbench.encoders.registry import find_kind, kind_names
 from jbench.encoders.settings import encoder_settings
 from jbench.errors import RequestError
@@ -27,7 +28,6 @@ from jbench.names import (
     known,
 )
 from jbench.seeds import parse_seeds
-from jbench.settings.algorithms import SETTINGS, algorithm_settings
 from jbench.settings.base import Settings, validated
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
@@ -94,7 +94,9 @@ class Matrix(Settings):
     representations: _Names = (FULL,)
     seeds: tuple[_Seed, ...] = Field(default=tuple(range(10)), strict=False, min_length=1)
     steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.1")
-    engine: Engine = _like_run("engine")
+    engine: Engine | None = Field(
+        default=None, description="default: batched, or the only engine of the algorithm"
+    )
     precision: Precision = _like_run("precision")
     environments: int | None = _like_run("parallel")
     time_limit: TimeLimit = _like_run("time_limit")
@@ -146,7 +148,7 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
     for key in content:
         _known(name, "key", key, (*Matrix.model_fields, PART))
     parts = [_matrix({**part, **changes}, where) for where, part in parts_of(content, name).items()]
-    engines = sorted({part.engine for part in parts})
+    engines = sorted({part.engine or "batched" for part in parts})
     if len(engines) > 1:
         raise RequestError(f"{name}: all parts need the same engine, not {' and '.join(engines)}.")
     return parts
@@ -184,8 +186,9 @@ def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
     try:
         _check_keys(Matrix, content, "")
         for key, field in Matrix.model_fields.items():
-            if get_origin(field.annotation) is Literal and isinstance(content.get(key), str):
-                known(key, content[key], get_args(field.annotation))
+            choices = _choices(field.annotation)
+            if choices and isinstance(content.get(key), str):
+                known(key, content[key], choices)
         seeds = content.get("seeds")
         given = {"seeds": parse_seeds(seeds)} if isinstance(seeds, str) else {}
         matrix = validated(Matrix, "the matrix", **{**content, **given})
@@ -193,6 +196,18 @@ def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
     except RequestError as error:
         raise RequestError(f"{name}: {error}") from None
     return matrix
+
+
+def _choices(annotation: Any) -> list[str]:
+    """Returns the texts of a type such as `Literal["a", "b"] | None`; empty for other types."""
+    if get_origin(annotation) is Literal:
+        return list(get_args(annotation))
+    return [
+        text
+        for part in get_args(annotation)
+        if get_origin(part) is Literal
+        for text in get_args(part)
+    ]
 
 
 def _check_keys(kind: type[BaseModel], content: Mapping[str, Any], where: str) -> None:
@@ -215,10 +230,10 @@ def _check_names(matrix: Matrix) -> None:
     for task in matrix.tasks:
         known("task", task, TASKS)
     for algo in (*matrix.algos, *matrix.hyperparameters):
-        known("algorithm", algo, ALGORITHMS)
+        check_name(algo)
     for algo, overrides in matrix.hyperparameters.items():
         for key in overrides:
-            known(f"setting of {algo}", key, tuple(SETTINGS[algo].model_fields))
+            known(f"setting of {algo}", key, tuple(settings_of(algo)))
     check_options(matrix.ofe)
     for kind, options in matrix.encoder.options.items():
         for key in options:
@@ -248,12 +263,11 @@ def _kind_and_latents(name: str, task: str) -> tuple[str, int]:
 
 
 def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
-    algorithm = algorithm_settings(algo, matrix.settings, matrix.hyperparameters.get(algo))
+    overrides = matrix.hyperparameters.get(algo)
     fields = matrix.run_fields | {
+        **algorithm_fields(algo, matrix.engine, matrix.settings, overrides),
         "task": task,
-        "algo": algo,
         "encoder": None,
-        "hyperparameters": algorithm.model_dump(mode="json"),
         "ofe": requested_ofe(name, matrix.ofe),
     }
     encoder = None

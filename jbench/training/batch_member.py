@@ -9,6 +9,7 @@ from jbench.store import Record, Results
 from jbench.store.files import UnreadableError
 from jbench.store.provenance import sentence_of
 from jbench.training.checkpoints import Checkpoint, load
+from jbench.training.engines import restart_reason
 from jbench.training.log import RunLog
 
 Notice = Callable[[RunSettings, int, str], None]
@@ -58,7 +59,7 @@ def begin(
             sentences = [*refused, *_changes(changed)]
             notice(run, checkpoint.position.control_steps, " ".join(sentences))
             return Member(run, record, log, checkpoint)
-        notice(run, 0, " ".join(refused))
+        notice(run, 0, " ".join([*refused, *restart_reason(run)]))
     record = results.create("run", run.id, run.model_dump(mode="json"), made_on)
     return Member(run, record, RunLog(record))
 

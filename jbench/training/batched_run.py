@@ -1,4 +1,4 @@
-"""Trains runs that differ only in their seeds together on the batched engine."""
+"""Trains runs that differ only in their seeds together, and commits their rows and checkpoints."""
 
 import contextlib
 import time
@@ -7,21 +7,21 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.batched.engine import Engine
-from jbench.agents.batched.make import make_engine
+from jbench.agents.algorithms import code_of
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.divergence import DivergedError, Divergence
 from jbench.devices import find_device
 from jbench.encoders import Encoder
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError
 from jbench.names import CHECKPOINT_EVERY, EPISODE_STEPS
-from jbench.policies.saved import Policy
+from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.provenance import device_provenance
 from jbench.training.batch_member import Member, Notice, begin
 from jbench.training.checkpoints import read_replay, save
-from jbench.training.evaluation import Evaluator, robot_model
+from jbench.training.engines import engine_of
+from jbench.training.evaluation import Evaluator
 from jbench.training.log import CommitTimer, Position, ProcessorClock
 
 Progress = Callable[[RunSettings, int, float], None]
@@ -47,7 +47,7 @@ def run_batch(
     resumed with the same versions on the same machine, it diverges again.
 
     Args:
-        runs: settings that differ only in their seeds.
+        runs: settings that differ only in their seeds; one run, if the agent is of another package.
         results: where the runs are written.
         encoder: encoder of the observations.
         device: see `jbench.devices.find_device`.
@@ -65,7 +65,7 @@ def run_batch(
         WorkError: if the results can't be written.
     """
     failures: dict[str, WorkError] = {}
-    made_on = device_provenance(find_device(device))
+    made_on = {**device_provenance(find_device(device)), **code_of(runs[0].algo)}
     with contextlib.ExitStack() as locks:
         members = []
         for run in runs:
@@ -90,7 +90,10 @@ def run_batch(
             for member in members:
                 if member.record.status == "unfinished":
                     with contextlib.suppress(WorkError):
-                        member.record.fail(f"{type(error).__name__}: {error}")
+                        ours = isinstance(error, RequestError | WorkError)
+                        member.record.fail(
+                            str(error) if ours else f"{type(error).__name__}: {error}"
+                        )
             raise
     return failures
 
@@ -108,7 +111,9 @@ class _Batch:
         self._members, self._timer = members, CommitTimer(checkpoint_every)
         self._clock = ProcessorClock()
         self._failures: dict[int, WorkError] = {}
-        self._evaluated: dict[int, Policy] = {}  # by the last evaluation, at this control step
+        self._evaluated: dict[
+            int, Policy | Network | None
+        ] = {}  # by the last evaluation, at this control step
         self._settings = settings = members[0].settings
         seeds = [np.random.SeedSequence(m.settings.seed).generate_state(2) for m in members]
         self._engine = engine_of(settings, [int(seed) for seed, _ in seeds], encoder, device)
@@ -174,6 +179,7 @@ class _Batch:
         if not self._active():
             return
         returns = self._evaluator(self._engine)
+        self._fail_diverged()
         self._share_processor_time()
         for index in self._active():
             outcome = [(value, EPISODE_STEPS) for value in returns[index].tolist()]
@@ -196,6 +202,9 @@ class _Batch:
 
     def _save_one(self, index: int, *, only: bool = False) -> None:
         member = self._members[index]
+        if not self._engine.is_resumable:
+            member.log.commit()
+            return
         member.checkpoint = save(member.record, member.log, self._engine, index, only=only)
 
     def _end(self) -> None:
@@ -210,9 +219,11 @@ class _Batch:
             log, record = self._members[index].log, self._members[index].record
             log.commit()
             evaluated = self._evaluated.get(index)
-            summary = {**log.summary(steps, evaluated=bool(evaluated)), "together": together}
-            policy = evaluated or self._engine.policy(index)
-            record.finish(summary, policy.to_files())
+            summary = {
+                **log.summary(steps, evaluated=isinstance(evaluated, Policy)),
+                "together": together,
+            }
+            record.finish(summary, policy_files(evaluated or self._engine.policy(index)))
 
     def _fail_diverged(self, *, weights: bool = False) -> None:
         """Fails the runs whose agents have diverged; checking the weights too takes longer."""
@@ -235,22 +246,3 @@ class _Batch:
 
     def _active(self) -> list[int]:
         return [index for index in range(len(self._members)) if index not in self._failures]
-
-
-def engine_of(
-    settings: RunSettings, seeds: Sequence[int], encoder: Encoder | None, device: str
-) -> Engine:
-    """Returns an engine that trains an agent per seed with the settings of a run of any seed."""
-    return make_engine(
-        settings.algo,
-        settings.algorithm,
-        settings.task,
-        seeds,
-        environments=settings.environments,
-        time_limit=settings.time_limit,
-        encoder=encoder,
-        ofe=settings.ofe,
-        models=lambda episode: robot_model(settings, episode // settings.episodes_on_each),
-        device=device,
-        precision=settings.precision,
-    )

@@ -1,4 +1,4 @@
-"""Checkpoints of a run on the batched engine, from which it resumes bit for bit.
+"""Checkpoints of a run, from which it resumes bit for bit.
 
 A checkpoint is committed together with the result rows before it; the newest two are kept. The
 replay buffer is stored in pieces: each checkpoint adds one with the new rows, and sixteen pieces of
@@ -18,8 +18,9 @@ import torch
 from pydantic import BaseModel, ValidationError
 from torch import Tensor
 
-from jbench.agents.batched.engine import Engine, SeedState
+from jbench.agents.batched.engine import SeedState
 from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.trainer import Trainer
 from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record
@@ -54,7 +55,7 @@ class Checkpoint(NamedTuple):
     Attributes:
         position: progress of the run.
         state: state of its agent and robots.
-        replay_row: number of the row after the last one in the replay buffer; 0 for PPO.
+        replay_row: number of the row after the last one in the replay buffer; 0 without one.
         newest: whether this is the newest checkpoint; if not, the newer ones are damaged.
     """
 
@@ -81,7 +82,7 @@ class _Piece(NamedTuple):
 
 
 def save(
-    record: Record, log: RunLog, engine: Engine, index: int, *, only: bool = False
+    record: Record, log: RunLog, engine: Trainer, index: int, *, only: bool = False
 ) -> Checkpoint:
     """Commits the pending rows of a run and a checkpoint atomically.
 

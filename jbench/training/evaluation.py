@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.batched.engine import Engine
+from jbench.agents.trainer import Trainer
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout
@@ -86,7 +86,7 @@ class Evaluator(EvaluationSchedule):
         """Resumes after `done` evaluations, the last of them at `last_steps` control steps."""
         self._done, self.last_steps = done, last_steps
 
-    def __call__(self, engine: Engine) -> NDArray[np.float64]:
+    def __call__(self, engine: Trainer) -> NDArray[np.float64]:
         """Returns the returns (runs, evaluate_episodes) of an evaluation."""
         task, episodes = self._settings.task, self._settings.evaluate_episodes
         shape = (len(self._seeds), episodes)

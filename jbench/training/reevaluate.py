@@ -6,6 +6,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.agents.batched.engine import Engine
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.encoders import Encoder, load_encoder
@@ -17,7 +18,7 @@ from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import Record, Results, schema
 from jbench.training import sb3_run
-from jbench.training.batched_run import engine_of
+from jbench.training.engines import engine_of
 from jbench.training.evaluation import Evaluator, evaluation_returns
 from jbench.training.log import POLICY_EVALUATION
 
@@ -73,6 +74,11 @@ def reevaluate(results: Results, record: Record) -> Reevaluation:
         return _not_comparable(record, "Another program or version wrote its settings.")
     if last is None:
         return _not_comparable(record, "It has no evaluation.")
+    if settings.engine == "plugin":
+        return _not_comparable(
+            record,
+            "Its evaluations ran the agent's own code; the kept copy rounds its sums differently.",
+        )
     if last.number != _evaluated_by_policy(record, settings):
         return _not_comparable(
             record,
@@ -158,13 +164,15 @@ def _returns(
     encoder = None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
     seed = settings.seed
     agent_seed, evaluation_seed = map(int, np.random.SeedSequence(seed).generate_state(2))
-    if isinstance(settings, ExternalSettings) or isinstance(policy, Network):
+    if isinstance(settings, ExternalSettings):
         act = _encoded(policy, encoder)
         return evaluation_returns(settings, evaluation_seed, last.number, act, cores())[0]
     if settings.engine == "sb3":
         return _of_sb3(settings, policy, encoder, evaluation_seed, last)
+    assert isinstance(policy, Policy)  # a Network is kept by the other engines only
     device = device_for(record.manifest.provenance)
     with engine_of(settings, [agent_seed], encoder, device) as engine:
+        assert isinstance(engine, Engine)
         engine.load_policy(0, policy, last.control_steps)
         evaluator = Evaluator(settings, [evaluation_seed])
         evaluator.restore(last.number, last.control_steps)
@@ -173,7 +181,7 @@ def _returns(
 
 
 def _of_sb3(
-    settings: RunSettings, policy: Policy, encoder: Encoder | None, seed: int, last: _Last
+    settings: RunSettings, policy: Policy | Network, encoder: Encoder | None, seed: int, last: _Last
 ) -> NDArray[np.float64]:
     evaluator = sb3_run.Evaluator(settings, encoder, seed)
     evaluator.skip(last.number)

@@ -4,15 +4,17 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from jbench.agents import sb3_classes
+from jbench.agents.algorithms import algorithm_fields
 from jbench.devices import find_device
 from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, FULL, OFE, Base, Engine, Precision, known
-from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.base import validated
 from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
+from jbench.tasks.features import TASK_SPECS
 
 _PREFIX = f"{OFE}."
 
@@ -26,19 +28,21 @@ def request_runs(
     seeds: Sequence[int],
     base: Base,
     overrides: Mapping[str, Any],
+    engine: Engine | None = None,
     **fields: Any,
 ) -> list[RunSettings]:
     """Returns the settings of one run per seed.
 
     Args:
         results: results that contain the encoder.
-        algo: one of `jbench.names.ALGORITHMS`.
+        algo: one of `jbench.names.ALGORITHMS`, an installed agent, or MODULE:CLASS.
         task: one of `jbench.names.TASKS`.
         encoder: "none" or "full", "ofeN" for N features learned with the agent, a number of
             latents, or an encoder's id.
         seeds: one per run.
         base: "published", "script" or "sb3"; see `algorithm_settings`.
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
+        engine: None for the engine that follows from the algorithm.
         fields: the other fields of `RunSettings`.
 
     Raises:
@@ -61,21 +65,16 @@ def request_runs(
     elif encoder not in ("none", FULL):
         fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
         fields["representation"] = representation_of(results, encoder_id)
-    algorithm = algorithm_settings(algo, base, of_algorithm)
-    return runs_of(
-        seeds,
-        task=task,
-        algo=algo,
-        hyperparameters=algorithm.model_dump(mode="json"),
-        **fields,
-    )
+    algorithm = algorithm_fields(algo, engine, base, of_algorithm)
+    return runs_of(seeds, task=task, **algorithm, **fields)
 
 
 def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
     """Returns the settings of one run per seed; `fields` are the other fields of `RunSettings`.
 
     Raises:
-        RequestError: if a value is invalid, or the steps are not enough for an episode.
+        RequestError: if a value is invalid, or the steps are not enough for an episode, or a class
+            of stable-baselines3's interface refuses its settings.
     """
     runs = [validated(RunSettings, "the run", seed=seed, **fields) for seed in seeds]
     min_steps, steps = EPISODE_STEPS * runs[0].environments, runs[0].steps
@@ -85,6 +84,9 @@ def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
             f"environments of {EPISODE_STEPS} control steps run in parallel: steps must be "
             f"{min_steps} or more."
         )
+    if runs[0].engine == "sb3" and not runs[0].is_ours:
+        size = TASK_SPECS[runs[0].task].observation_size
+        sb3_classes.check(runs[0].algo, runs[0].hyperparameters, size)
     return runs
 
 
@@ -123,11 +125,11 @@ def check_options(options: Mapping[str, Any]) -> None:
         known(f"setting of {OFE}", option, [n for n in OFESettings.model_fields if n != "units"])
 
 
-def training_device(engine: Engine, wanted: str, precision: Precision = "float32") -> str:
+def training_device(engine: Engine | None, wanted: str, precision: Precision = "float32") -> str:
     """Returns the device to train on, `cpu`, `cuda` or such as `cuda:1`.
 
     Args:
-        engine: training engine.
+        engine: training engine; None for those of the algorithms.
         wanted: see `jbench.devices.find_device`.
         precision: precision of the engine's matrix products.
 

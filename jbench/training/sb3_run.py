@@ -7,14 +7,18 @@ from typing import Any, NoReturn
 import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from jbench.agents import sb3
+from jbench.agents import sb3, sb3_classes
+from jbench.agents.algorithms import code_of
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
+from jbench.agents.sb3_policy import network_of_model
 from jbench.encoders import Encoder, load_encoder
 from jbench.errors import WorkError
-from jbench.policies.saved import Policy
+from jbench.policies.network import Network
+from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.training.environment import make_env
@@ -49,7 +53,10 @@ def run(
         if existing is not None and existing.status == "finished":
             return existing
         record = results.create(
-            "run", settings.id, settings.model_dump(mode="json"), {"device": "cpu"}
+            "run",
+            settings.id,
+            settings.model_dump(mode="json"),
+            {"device": "cpu", **code_of(settings.algo)},
         )
         try:
             _train(settings, record, load_encoder_of(settings, results), progress, until)
@@ -73,9 +80,9 @@ def _train(
     log, clock = RunLog(record), ProcessorClock()
     agent_seed, evaluation_seed = np.random.SeedSequence(settings.seed).generate_state(2)
     env = DummyVecEnv([lambda: make_training_env(settings, encoder)] * settings.environments)
-    agent = sb3.build(settings.algo, settings.algorithm, env, int(agent_seed))
+    agent = _build(settings, env, int(agent_seed))
     evaluator = Evaluator(settings, encoder, int(evaluation_seed))
-    recorder = _Recorder(log, clock, evaluator, progress, until)
+    recorder = _Recorder(settings, log, clock, evaluator, progress, until)
     try:
         agent.learn(settings.steps, recorder, log_interval=None)  # type: ignore[arg-type]
         recorder.check_agent()
@@ -91,7 +98,21 @@ def _train(
     log.commit()
     clock.share([log])
     summary = log.summary(agent.num_timesteps, evaluated=recorder.evaluated is not None)
-    record.finish(summary, (recorder.evaluated or sb3.policy(agent)).to_files())
+    record.finish(summary, policy_files(recorder.evaluated or policy_of(agent, settings)))
+
+
+def _build(settings: RunSettings, env: VecEnv, seed: int) -> BaseAlgorithm:
+    if settings.is_ours:
+        return sb3.build(settings.algo, settings.algorithm, env, seed)
+    return sb3_classes.build(settings.algo, settings.hyperparameters, env, seed)
+
+
+def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> Policy | Network:
+    """Returns a copy of the agent's deterministic policy."""
+    if settings.is_ours:
+        return sb3.policy(agent)
+    (size,) = agent.observation_space.shape or (0,)
+    return network_of_model(agent, size)
 
 
 def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
@@ -202,6 +223,7 @@ class _Recorder(BaseCallback):
 
     def __init__(
         self,
+        settings: RunSettings,
         log: RunLog,
         clock: ProcessorClock,
         evaluator: Evaluator,
@@ -209,14 +231,14 @@ class _Recorder(BaseCallback):
         until: int | None,
     ) -> None:
         super().__init__()
-        self.evaluated: Policy | None = None
-        self._log, self._clock, self._until = log, clock, until
+        self.evaluated: Policy | Network | None = None
+        self._settings, self._log, self._clock, self._until = settings, log, clock, until
         self._evaluator, self._progress = evaluator, progress
         self._timer = CommitTimer(_COMMIT_EVERY)
 
     def evaluate(self) -> None:
         """Evaluates the agent's current policy."""
-        policy = sb3.policy(self.model)
+        policy = policy_of(self.model, self._settings)
         returns = self._evaluator(policy.act, self.num_timesteps)
         self._clock.share([self._log])
         self._log.evaluation(self.num_timesteps, returns)

@@ -10,10 +10,11 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from jbench.agents import sb3
 from jbench.agents.batched.off_policy import schedule
 from jbench.encoders import Encoder
+from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
-from jbench.training.batched_run import engine_of
+from jbench.training.engines import engine_of
 from jbench.training.environment import make_env
 
 _STEPS, _UPDATES = 300, 20
@@ -30,8 +31,13 @@ def seconds_per_step(
         runs: runs that share a process; their settings differ only in their seeds.
         encoder: encoder of the observations.
         device: device of the batched engine.
+
+    Raises:
+        WorkError: if the algorithm is not jbench's own, and its speed is unknown.
     """
     settings = runs[0]
+    if not settings.is_ours:
+        raise WorkError(f"The speed of {settings.algo} is not measured.")
     evaluation_steps = settings.evaluate_episodes * EPISODE_STEPS
     evaluations = max(1, settings.steps // settings.evaluate_every)
     share = len(runs) * evaluations * evaluation_steps / settings.steps

@@ -3,7 +3,7 @@
 `python -m jbench.training.worker` reads a request (one line of JSON, see `worker_request`) from
 standard input, and writes messages (one line of JSON each) to standard output. multiprocessing is
 not used because it pickles. The process exits when its standard input is closed. Runs of the
-batched engine differ only in their seeds; with stable-baselines3 there is one run.
+batched engine differ only in their seeds; with the other engines there is one run.
 
 Messages: for a resumed run, {"run": id, "resumed_at": control steps, "reason": sentence or ""};
 then for each run {"run": id} with {"control_steps": n, "episode_return": r}, and finally
@@ -84,7 +84,7 @@ def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any
     def report_resumed(settings: Any, steps: int, sentence: str) -> None:
         send({"run": settings.id, "resumed_at": steps, "reason": sentence})
 
-    if runs[0].engine == "batched":
+    if runs[0].engine != "sb3":
         return run_batch(
             runs,
             results,

@@ -18,8 +18,8 @@ from torch import nn
 
 import jbench
 from jbench.cli import main
+from jbench.policies.copied import network_of
 from jbench.policies.saved import load_agent
-from jbench.recording.networks import network_of
 from jbench.recording.request import plain_hyperparameters
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import read_run

@@ -158,6 +158,20 @@ class TestSettings:
         assert comparable(encoded, "representation") == comparable(read_run(RUN), "representation")
         assert alike(encoded, ("representation",)) != alike(read_run(RUN), ("representation",))
 
+    def test_the_engine_follows_from_an_algorithm_of_another_package(self):
+        others = [
+            {"algo": "own", "engine": "plugin", "package": "their-agents", "hyperparameters": {}},
+            {"algo": "sb3_contrib:TQC", "engine": "sb3", "hyperparameters": {}},
+        ]
+        ours = read_run(RUN)
+        for other in others:
+            run = read_run({**RUN, **other})
+            assert isinstance(run, RunSettings)
+            assert comparable(run, "algo") == comparable(ours, "algo")
+            assert comparable(run, "task") != comparable(ours, "task")
+        # An engine of ours does not follow from the algorithm.
+        assert comparable(read_run({**RUN, "engine": "sb3"}), "algo") != comparable(ours, "algo")
+
 
 class TestVariants:
     def test_each_is_a_cell_of_its_own_and_named_by_what_differs(self, fabric):

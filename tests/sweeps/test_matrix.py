@@ -202,7 +202,7 @@ KEYS = {
 
 @pytest.mark.parametrize("field", RunSettings.model_fields)
 def test_a_sweep_can_do_what_train_can(field, tmp_path):
-    if field in ("task", "algo", "representation", "encoder", "seed"):  # what a matrix is of
+    if field in ("task", "algo", "package", "representation", "encoder", "seed"):  # of the cell
         return
     line, typed = KEYS[field]
     file = tmp_path / "field.toml"
@@ -222,7 +222,7 @@ def test_a_sweep_can_do_what_train_can(field, tmp_path):
 def test_every_setting_of_a_run_is_an_option_of_train():
     options = inspect.signature(train).parameters.keys() | {"seed", "representation"}
     others = {"seed": "seeds", "hyperparameters": "set_", "representation": "encoder"}
-    others |= {"ofe": "encoder"}
+    others |= {"ofe": "encoder", "package": "algo"}
     for name, field in RunSettings.model_fields.items():
         assert others.get(name, field.title or name) in options
 

@@ -1,6 +1,5 @@
 """Settings of runs that take a moment, and what such a run has come to."""
 
-import functools
 import importlib
 
 from jbench.settings import run
@@ -8,7 +7,7 @@ from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import schema
 from jbench.store.merge import TIMES
-from jbench.training import batched_run, reproduce
+from jbench.training import batched_run, engines, reproduce
 
 EPISODE = 50
 
@@ -17,10 +16,8 @@ def shorten_episodes(set_attribute=setattr):
     """Makes the batched engine's episodes `EPISODE` control steps long."""
     # Each module knows their length by itself.
     rollout = importlib.import_module("jbench.simulation.rollout")  # the package has a function
-    for module in (batched_run, reproduce, rollout, run):
+    for module in (batched_run, engines, reproduce, rollout, run):
         set_attribute(module, "EPISODE_STEPS", EPISODE)
-    shorter = functools.partial(batched_run.make_engine, episode_steps=EPISODE)
-    set_attribute(batched_run, "make_engine", shorter)
 
 
 def small_run(algo, overrides, **changes):

@@ -8,7 +8,7 @@ from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store import Results, schema
 from jbench.sweeps.executors import batches
-from jbench.training import batched_run, evaluation
+from jbench.training import engines, evaluation
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import robot_model
 from jbench.training.request import training_device
@@ -138,8 +138,8 @@ def test_ppo_is_refused_in_bfloat16():
 
 @pytest.mark.usefixtures("short_episodes")
 def test_evaluations_use_the_threads_of_the_training(tmp_path, monkeypatch):
-    given, make, robots = [], batched_run.make_engine, evaluation.Robots
-    monkeypatch.setattr(batched_run, "make_engine", lambda *a, **o: make(*a, **o, threads=3))
+    given, make, robots = [], engines.make_engine, evaluation.Robots
+    monkeypatch.setattr(engines, "make_engine", lambda *a, **o: make(*a, **o, threads=3))
     monkeypatch.setattr(evaluation, "Robots", lambda *args: given.append(args[2]) or robots(*args))
     run = settings("ddpg", steps=100, evaluate_every=50)
     assert run_batch([run], Results(tmp_path), None) == {}

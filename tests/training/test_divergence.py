@@ -6,9 +6,9 @@ import math
 import pytest
 import safetensors.torch
 
+import jbench.training.engines
 from jbench.agents.divergence import DivergedError
 from jbench.store import Results, schema
-from jbench.training import batched_run
 from jbench.training.batched_run import run_batch
 from jbench.training.log import RunLog
 from jbench.training.sb3_run import run as run_sb3
@@ -30,14 +30,14 @@ def diverging(algo, **changes):
 @pytest.fixture
 def engines(monkeypatch):
     """The engines that are made, in their order."""
-    made, make = [], batched_run.make_engine
+    made, make = [], jbench.training.engines.make_engine
 
     @functools.wraps(make)
     def remembered(*arguments, **options):
         made.append(make(*arguments, **options))
         return made[-1]
 
-    monkeypatch.setattr(batched_run, "make_engine", remembered)
+    monkeypatch.setattr(jbench.training.engines, "make_engine", remembered)
     return made
 
 

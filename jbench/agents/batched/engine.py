@@ -42,7 +42,10 @@ class Engine(Closing):
         updates: per seed.
         diverged: the diverged seeds by index. Their robots get the action 0 and they may stop
             learning; the other seeds are not affected.
+        is_resumable: whether there are `state` and `restore`.
     """
+
+    is_resumable = True
 
     def __init__(
         self,

@@ -10,8 +10,8 @@ from torch import Tensor, fx, nn
 from torch.nn import functional
 
 from jbench.errors import RequestError
+from jbench.policies.acting import acting
 from jbench.policies.network import Layer, Network
-from jbench.recording.actors import acting
 
 _TOLERANCE = 1e-4  # of actions; float32 sums in another order differ by less
 _CHECKED = 16  # random observations
@@ -39,6 +39,7 @@ class UnsupportedPolicyError(RequestError):
 
     def __init__(self, why: str) -> None:
         """Makes the error; `why` is a clause."""
+        self.why = why
         super().__init__(
             f"This policy can't be kept: {why}; pass a module that applies Linear, LayerNorm, "
             "ReLU, tanh and the like one after another, such as nn.Sequential, and returns the "

@@ -1,0 +1,132 @@
+"""Base class of the agents of other packages; `docs/your-own-agent.md` has an example.
+
+A package registers an agent by an entry point of the group `jbench.agents`, named as in
+`jbench train --algo`, and whose value is its class.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from jbench.settings.base import Settings
+
+
+class AgentSettings(Settings):
+    """Base class of an agent's settings: the names and defaults of `--set`.
+
+    All of them are recorded, and are part of a run's id.
+    """
+
+
+class EnvironmentSpec(NamedTuple):
+    """What an agent needs to know of its environments.
+
+    Attributes:
+        observation_size: size of an (encoded) observation.
+        action_size: 1, the motor command in [-1, 1].
+        environments: number of parallel environments, whose episodes begin and end together.
+        episode_steps: control steps in an episode.
+    """
+
+    observation_size: int
+    action_size: int
+    environments: int
+    episode_steps: int
+
+
+class Transition(NamedTuple):
+    """A control step of all environments.
+
+    Attributes:
+        observations: (environments, observation_size), float32.
+        actions: (environments, 1) as `explore` returned them.
+        rewards: (environments,), float32, in [0, 1].
+        next_observations: (environments, observation_size) after the step, also at the end of an
+            episode, float32.
+        terminated: (environments,) whether the value of the next observation is 0: with
+            `--time-limit terminal`, at the end of an episode.
+        truncated: (environments,) whether the episode ends, but its last value is bootstrapped.
+    """
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.floating]
+    rewards: NDArray[np.float32]
+    next_observations: NDArray[np.float32]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+
+
+class Agent(ABC):
+    """An agent that jbench trains.
+
+    torch's, numpy's and Python's global random generators are seeded before it is made, and are
+    part of a checkpoint.
+
+    Attributes:
+        Settings: class of its settings.
+    """
+
+    Settings: ClassVar[type[AgentSettings]] = AgentSettings
+
+    @abstractmethod
+    def __init__(
+        self, settings: Any, environment: EnvironmentSpec, seed: int, device: torch.device
+    ) -> None:
+        """Makes an untrained agent.
+
+        Args:
+            settings: an object of `Settings`.
+            environment: sizes.
+            seed: of its own random generators, in [0, 2^32).
+            device: for its networks.
+        """
+
+    @abstractmethod
+    def explore(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Returns actions (environments, 1) for the next control step of the training."""
+
+    @abstractmethod
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Returns deterministic actions (n, 1) for any number of observations (n, size)."""
+
+    @abstractmethod
+    def learn(self, transition: Transition) -> Mapping[str, float]:
+        """Called after each control step; learns whenever it is time.
+
+        Returns:
+            The new losses, by columns of the table `episodes` such as critic_loss and actor_loss;
+            empty if there are none.
+        """
+
+    def policy(self) -> nn.Module | None:
+        """Returns the deterministic policy as a module from observations (n, size) to actions.
+
+        It is saved with the run. It applies layers such as Linear and Tanh one after another; see
+        `jbench.policies.copied`. None: the run is saved without its policy.
+        """
+        return None
+
+    def state(self) -> Mapping[str, Any]:
+        """Returns everything that changes in training, from which `restore` continues.
+
+        An agent with `state` and `restore` is resumed bit for bit; another one starts over.
+
+        Returns:
+            Dictionaries, lists and tuples of tensors, arrays, numbers, texts, booleans and None,
+            such as the `state_dict` of a module or an optimizer.
+        """
+        raise NotImplementedError
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state` returned."""
+        raise NotImplementedError
+
+
+def is_resumable(kind: type[Agent]) -> bool:
+    """Returns whether a class of agents has `state` and `restore`."""
+    return kind.state is not Agent.state and kind.restore is not Agent.restore

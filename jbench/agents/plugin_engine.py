@@ -1,0 +1,226 @@
+"""The training loop of an agent of another package, for one seed, and its complete state."""
+
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from jbench.agents.batched.engine import SeedState
+from jbench.agents.batched.environments import Environments, Models
+from jbench.agents.batched.streams import Streams
+from jbench.agents.divergence import Divergence, divergent_loss
+from jbench.agents.packing import pack, unpack
+from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable
+from jbench.closing import Closing
+from jbench.encoders import Encoder
+from jbench.errors import WorkError
+from jbench.names import EPISODE_STEPS, TimeLimit
+from jbench.policies.copied import network_of
+from jbench.policies.network import Network
+from jbench.settings.base import Settings
+from jbench.store import schema
+
+_WORLD = "environments/"
+
+
+class PluginEngine(Closing):
+    """Trains one agent of another package, with the interface of the batched engine.
+
+    Attributes:
+        environments: the robots.
+        control_steps: over all environments.
+        updates: unknown.
+        diverged: what diverged, at index 0.
+        is_resumable: whether the agent has `state` and `restore`.
+    """
+
+    updates: int | None = None
+
+    def __init__(
+        self,
+        name: str,
+        kind: type[Agent],
+        settings: Settings,
+        task: str,
+        seed: int,
+        *,
+        environments: int = 1,
+        time_limit: TimeLimit = "bootstrap",
+        encoder: Encoder | None = None,
+        models: Models | None = None,
+        device: torch.device | None = None,
+        episode_steps: int = EPISODE_STEPS,
+    ) -> None:
+        """Makes an untrained agent and its robots.
+
+        Args:
+            name: of the agent, in errors.
+            settings: an object of the agent's class of settings.
+            models: the robot of each episode; None for the plain robot.
+            episode_steps: control steps in an episode; tests use short episodes.
+
+        Raises:
+            UnsupportedPolicyError: if its policy can't be saved.
+        """
+        self._name, self._time_limit = name, time_limit
+        self._streams = Streams(seed, environments)
+        self.environments = Environments(
+            task,
+            [self._streams.environments],
+            encoder=encoder,
+            models=models,
+            episode_steps=episode_steps,
+        )
+        self.control_steps = 0
+        self.diverged: dict[int, Divergence] = {}
+        self.is_resumable = is_resumable(kind)
+        self._losses: dict[str, float] = {}
+        spec = EnvironmentSpec(self.environments.size, 1, environments, episode_steps)
+        torch.manual_seed(seed)
+        np.random.seed(seed)  # noqa: NPY002 - agents of others may use it
+        random.seed(seed)
+        self._agent = kind(settings, spec, seed, device or torch.device("cpu"))
+        # A policy that can't be saved is refused now, not after the training.
+        self.policy(0)
+
+    def close(self) -> None:
+        """Ends the threads of the robots."""
+        self.environments.close()
+
+    def learn(self, steps: int) -> Iterator[NDArray[np.float64] | None]:
+        """Trains until `steps` control steps are made; see `Engine.learn`.
+
+        Raises:
+            WorkError: if the agent returns actions of a wrong shape, or losses without a column.
+        """
+        while self.control_steps < steps and not self.diverged:
+            observations = self.environments.observations[0].numpy()
+            actions = self._checked("explore", self._agent.explore(observations), observations)
+            if self.diverged:
+                yield None
+                return
+            step = self.environments.step(actions.reshape(1, -1))
+            self.control_steps += len(actions)
+            ends = step.episode_returns is not None
+            terminated = np.full(len(actions), ends and self._time_limit == "terminal")
+            truncated = np.full(len(actions), ends and self._time_limit == "bootstrap")
+            next_observations = step.observations[0].numpy()
+            rewards = step.rewards[0].astype(np.float32)
+            transition = Transition(
+                observations, actions, rewards, next_observations, terminated, truncated
+            )
+            self._note_losses(self._agent.learn(transition))
+            yield step.episode_returns
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
+        inputs = self.environments.encode(torch.from_numpy(observations))[0].numpy()
+        with torch.no_grad(), torch.random.fork_rng(devices=[]):
+            return self._checked("act", self._agent.act(inputs), inputs)[None]
+
+    def policy(self, seed: int) -> Network | None:
+        """Returns a copy of the policy, or None if the agent does not offer it.
+
+        Raises:
+            UnsupportedPolicyError: if it is not a sequence of supported layers.
+        """
+        module = self._agent.policy()
+        return None if module is None else network_of(module, self.environments.size)
+
+    def losses(self, seed: int) -> dict[str, float]:
+        """Returns the last losses by database name; empty before the first."""
+        return dict(self._losses)
+
+    def check_weights(self) -> None:
+        """Records a divergence if a parameter of the policy is not finite."""
+        module = self._agent.policy()
+        parameters = module.parameters() if isinstance(module, nn.Module) else ()
+        if not all(bool(parameter.isfinite().all()) for parameter in parameters):
+            self._record_divergence("weights")
+
+    def state(self, seed: int) -> SeedState:
+        """Returns the state of the agent, of its robots, and of all random generators.
+
+        Raises:
+            WorkError: if the agent's state contains something that can't be saved.
+        """
+        tensors: dict[str, torch.Tensor] = {}
+        scalars = {
+            "control_steps": self.control_steps,
+            "episodes": self.environments.episodes,
+            "episode_steps": self.environments.steps,
+            "streams": self._streams.state(),
+            "losses": pack(self._losses, tensors),
+            "generators": pack(_generators(), tensors),
+            "agent": pack(self._agent.state(), tensors),
+        }
+        world = self.environments.state(0)
+        tensors |= {_WORLD + name: torch.from_numpy(value) for name, value in world.items()}
+        return SeedState(tensors, scalars)
+
+    def restore(self, states: Sequence[SeedState]) -> None:
+        """Restores what `state` returned; on a CPU, training continues with the same bits."""
+        ((tensors, scalars),) = states
+        world = {
+            name.removeprefix(_WORLD): tensor.numpy()
+            for name, tensor in tensors.items()
+            if name.startswith(_WORLD)
+        }
+        self.environments.restore(0, world, scalars["episodes"], scalars["episode_steps"])
+        self._streams.restore(scalars["streams"])
+        self.control_steps = scalars["control_steps"]
+        self._losses = unpack(scalars["losses"], tensors)
+        self._agent.restore(unpack(scalars["agent"], tensors))
+        _restore_generators(unpack(scalars["generators"], tensors))
+
+    def _checked(
+        self, method: str, actions: Any, observations: NDArray[np.float32]
+    ) -> NDArray[np.floating]:
+        """Returns actions (n, 1); records a divergence and returns 0 if one is not finite."""
+        wanted = (len(observations), 1)
+        if isinstance(actions, torch.Tensor):
+            actions = actions.detach().cpu().numpy()
+        if np.shape(actions) != wanted:
+            raise WorkError(
+                f"{method} of the agent {self._name} returned the shape {np.shape(actions)} for "
+                f"observations {observations.shape}; it must return actions {wanted}."
+            )
+        checked: NDArray[np.floating] = np.asarray(actions, np.float64)
+        if np.isfinite(checked).all():
+            return checked
+        self._record_divergence("actions")
+        return np.zeros(wanted)
+
+    def _note_losses(self, losses: Mapping[str, float]) -> None:
+        numbers = {name: float(value) for name, value in losses.items()}
+        if unknown := sorted(numbers.keys() - schema.LOSSES):
+            raise WorkError(
+                f"learn of the agent {self._name} returned the loss {', '.join(unknown)}; there "
+                f"are columns for {', '.join(schema.LOSSES)}."
+            )
+        self._losses |= numbers
+        if (name := divergent_loss(numbers)) is not None:
+            self._record_divergence(name)
+
+    def _record_divergence(self, what: str) -> None:
+        self.diverged.setdefault(0, Divergence(None, self.control_steps, what))
+
+
+def _generators() -> dict[str, Any]:
+    """Returns the states of the global random generators."""
+    legacy = np.random.get_state(legacy=False)  # noqa: NPY002
+    return {"torch": torch.get_rng_state(), "numpy": legacy, "python": random.getstate()}
+
+
+def _restore_generators(states: Mapping[str, Any]) -> None:
+    setters: dict[str, Callable[[Any], None]] = {
+        "torch": torch.set_rng_state,
+        "numpy": np.random.set_state,
+        "python": random.setstate,
+    }
+    for name, setter in setters.items():
+        setter(states[name])

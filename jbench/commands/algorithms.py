@@ -1,0 +1,81 @@
+"""The algorithms command."""
+
+from collections.abc import Sequence
+from json import dumps
+from typing import Annotated, Any
+
+import typer
+
+from jbench.commands.options import JsonOption
+from jbench.commands.output import Output
+from jbench.errors import WorkError
+
+
+def algorithms(
+    name: Annotated[
+        str | None,
+        typer.Argument(help="Only this algorithm, or MODULE:CLASS, with its settings' meaning."),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """List the algorithms that can be trained here, with their settings and defaults."""
+    from jbench.agents.algorithms import installed_agents
+    from jbench.names import ALGORITHMS
+
+    output = Output(json)
+    listed, broken = [], []
+    for each in (*ALGORITHMS, *installed_agents()) if name is None else (name,):
+        try:
+            listed.append(_described(each))
+        except WorkError as error:
+            broken.append({"name": each, "error": str(error)})
+            output.warn(str(error))
+    if name is not None:
+        _show_settings(listed, output)
+    else:
+        rows = [
+            (a["name"], a["engine"], a["package"], ", ".join(_assignment(s) for s in a["settings"]))
+            for a in listed
+        ]
+        output.table("Algorithms", ("--algo", "engine", "package", "settings"), rows)
+        output.say("jbench algorithms NAME explains the settings of one; --set changes them.")
+    output.document({"algorithms": listed, "broken": broken})
+    if broken:
+        raise WorkError(f"{len(broken)} algorithms can't be loaded; see above.")
+
+
+def _described(name: str) -> dict[str, Any]:
+    """Returns the entry of an algorithm in the JSON document.
+
+    Raises:
+        RequestError: if there is no such algorithm.
+        WorkError: if its package can't be imported.
+    """
+    from jbench import plugins
+    from jbench.agents.algorithms import code_of, engine_of, settings_of
+
+    return {
+        "name": name,
+        "engine": engine_of(name),
+        "package": {**plugins.made_with("jbench"), **code_of(name)}["package"],
+        "settings": [
+            {"name": setting, "default": default, "description": description}
+            for setting, (default, description) in settings_of(name).items()
+        ],
+    }
+
+
+def _show_settings(listed: Sequence[dict[str, Any]], output: Output) -> None:
+    for found in listed:
+        rows = [(s["name"], _text(s["default"]), s["description"]) for s in found["settings"]]
+        title = f"{found['name']}: {found['package']}, engine {found['engine']}"
+        output.table(title, ("setting", "default", "meaning"), rows)
+
+
+def _assignment(setting: dict[str, Any]) -> str:
+    return f"{setting['name']}={_text(setting['default'])}"
+
+
+def _text(value: Any) -> str:
+    """Returns a value as it is typed after `--set NAME=`."""
+    return value if isinstance(value, str) else dumps(value, separators=(",", ":"))

@@ -1,0 +1,127 @@
+"""Classes and functions of other packages: by entry point, or as MODULE:NAME.
+
+Encoders (`jbench.encoders`), agents (`jbench.agents`) and policies (`jbench.policies`) are entry
+point groups.
+"""
+
+import hashlib
+import importlib
+import importlib.metadata
+import importlib.util
+import os
+import re
+import sys
+from collections.abc import Callable, Collection
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+from jbench.errors import RequestError, WorkError
+
+_IMPORTED = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*")
+
+
+def offered(group: str, pattern: re.Pattern[str], taken: Collection[str]) -> dict[str, EntryPoint]:
+    """Returns the entry points of a group by name.
+
+    Args:
+        group: name of the group.
+        pattern: of valid names; others are left out.
+        taken: names of jbench's own, which are left out.
+    """
+    return {
+        point.name: point
+        for point in importlib.metadata.entry_points(group=group)
+        if pattern.fullmatch(point.name) and point.name not in taken
+    }
+
+
+def load(what: str, point: EntryPoint) -> Any:
+    """Returns what an entry point names.
+
+    Args:
+        what: what it is in error messages, such as "kind of encoder".
+        point: an entry point.
+
+    Raises:
+        WorkError: if it can't be imported, or several packages offer this name.
+    """
+    others = importlib.metadata.entry_points(group=point.group, name=point.name)
+    packages = sorted({package_of(other) or other.value for other in others})
+    if len(packages) > 1:
+        raise WorkError(
+            f"The {what} {point.name} is offered by {' and '.join(packages)}; uninstall all but "
+            "one of them."
+        )
+    return _attempt(point.load, f"The {what} {point.name}", point.value)
+
+
+def package_of(point: EntryPoint) -> str | None:
+    """Returns the name of the distribution that offers an entry point."""
+    return None if point.dist is None else point.dist.name
+
+
+def is_imported(name: str) -> bool:
+    """Returns whether a name is of the form MODULE:NAME."""
+    return _IMPORTED.fullmatch(name) is not None
+
+
+def imported(what: str, name: str) -> Any:
+    """Returns the attribute of a module; a module in the working directory is found, too.
+
+    Args:
+        what: what it is in error messages, such as "policy".
+        name: as MODULE:NAME.
+
+    Raises:
+        RequestError: if there is no such module or attribute.
+        WorkError: if the module raises an error.
+    """
+    module_name, _, attribute = name.partition(":")
+    if (here := os.getcwd()) not in sys.path and "" not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        found = importlib.util.find_spec(module_name) is not None
+    except ModuleNotFoundError:  # of a parent package
+        found = False
+    if not found:
+        raise RequestError(
+            f"The {what} {name} can't be imported: there is no module {module_name}; install its "
+            "package, or type jbench in the directory of the module."
+        )
+    module = _attempt(lambda: importlib.import_module(module_name), f"The {what} {name}", name)
+    if not hasattr(module, attribute):
+        raise RequestError(f"The module {module_name} has no {attribute}.")
+    return getattr(module, attribute)
+
+
+def made_with(package: str | None, module: str | None = None) -> dict[str, str | None]:
+    """Returns provenance of the code of others: a distribution's version, or a module's checksum.
+
+    Args:
+        package: name of an installed distribution; None for a module that belongs to none.
+        module: name of an imported module, used without a distribution.
+    """
+    if package is not None:
+        return {"package": f"{package} {importlib.metadata.version(package)}"}
+    file = getattr(sys.modules.get(module or ""), "__file__", None)
+    if file is None:
+        return {}
+    return {"source_sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest()}
+
+
+def made_with_module(module: str) -> dict[str, str | None]:
+    """Returns provenance of an imported module; see `made_with`."""
+    top = module.partition(".")[0]
+    packages = importlib.metadata.packages_distributions().get(top)
+    return made_with(packages[0] if packages else None, module)
+
+
+def _attempt(load_it: Callable[[], Any], subject: str, where: str) -> Any:
+    try:
+        return load_it()
+    except Exception as error:
+        raise WorkError(
+            f"{subject} can't be loaded from {where} ({type(error).__name__}: {error}); mend or "
+            "uninstall the package that offers it."
+        ) from None

@@ -1,0 +1,71 @@
+"""What trains the agents of a batch of runs: the batched engine, or a plug-in agent's loop."""
+
+from collections.abc import Sequence
+
+import mujoco
+
+from jbench.agents.algorithms import agent_settings, find_agent
+from jbench.agents.batched.make import make_engine
+from jbench.agents.plugin import is_resumable
+from jbench.agents.plugin_engine import PluginEngine
+from jbench.agents.trainer import Trainer
+from jbench.devices import find_device
+from jbench.encoders import Encoder
+from jbench.names import EPISODE_STEPS
+from jbench.settings.run import RunSettings
+from jbench.training.evaluation import robot_model
+
+
+def engine_of(
+    settings: RunSettings, seeds: Sequence[int], encoder: Encoder | None, device: str
+) -> Trainer:
+    """Returns what trains an agent per seed with the settings of a run of any seed.
+
+    Args:
+        seeds: of the agents; one, if the agent is of another package.
+        device: one of `jbench.names.DEVICES`.
+
+    Raises:
+        RequestError: if the device is unavailable, or the agent is not installed or can't be made.
+        WorkError: if the package of the agent can't be imported.
+    """
+
+    def models(episode: int) -> mujoco.MjModel:
+        return robot_model(settings, episode // settings.episodes_on_each)
+
+    if settings.engine == "plugin":
+        (seed,) = seeds
+        return PluginEngine(
+            settings.algo,
+            find_agent(settings.algo),
+            agent_settings(settings.algo, settings.hyperparameters),
+            settings.task,
+            seed,
+            environments=settings.environments,
+            time_limit=settings.time_limit,
+            encoder=encoder,
+            models=models,
+            device=find_device(device),
+            episode_steps=EPISODE_STEPS,
+        )
+    return make_engine(
+        settings.algo,
+        settings.algorithm,
+        settings.task,
+        seeds,
+        environments=settings.environments,
+        time_limit=settings.time_limit,
+        encoder=encoder,
+        ofe=settings.ofe,
+        models=models,
+        device=device,
+        precision=settings.precision,
+        episode_steps=EPISODE_STEPS,
+    )
+
+
+def restart_reason(settings: RunSettings) -> list[str]:
+    """Returns a sentence if a run always starts over, because its agent can't be resumed."""
+    if settings.engine != "plugin" or is_resumable(find_agent(settings.algo)):
+        return []
+    return [f"The agent {settings.algo} has no state and restore, so its runs can't be resumed."]

@@ -1,0 +1,147 @@
+"""The training loop of agents of other packages."""
+
+import random
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+import jbench
+from jbench.agents.plugin_engine import PluginEngine
+from jbench.errors import WorkError
+from jbench.policies.copied import UnsupportedPolicyError
+
+EPISODE = 10
+
+
+class Drawing(jbench.Agent):
+    """Learns nothing useful from all global generators; keeps what it was given."""
+
+    class Settings(jbench.AgentSettings):
+        scale: float = 1.0
+
+    def __init__(self, settings, environment, seed, device):
+        self.environment, self.transitions = environment, []
+        self.actor = nn.Sequential(nn.Linear(environment.observation_size, 1), nn.Tanh())
+        self.optimizer = torch.optim.Adam(self.actor.parameters(), lr=0.01)
+
+    def explore(self, observations):
+        noise = torch.randn(len(observations), 1).numpy() + np.random.normal() + random.random()
+        return self.act(observations) + noise
+
+    def act(self, observations):
+        with torch.no_grad():
+            return self.actor(torch.from_numpy(observations)).numpy()
+
+    def learn(self, transition):
+        self.transitions.append(transition)
+        self.optimizer.zero_grad()
+        loss = self.actor(torch.from_numpy(transition.observations)).square().mean()
+        loss.backward()
+        self.optimizer.step()
+        return {"actor_loss": loss.detach()}
+
+    def policy(self):
+        return self.actor
+
+    def state(self):
+        return {"actor": self.actor.state_dict(), "optimizer": self.optimizer.state_dict()}
+
+    def restore(self, state):
+        self.actor.load_state_dict(state["actor"])
+        self.optimizer.load_state_dict(state["optimizer"])
+
+
+def engine_of(kind=Drawing, **changes):
+    about = {"environments": 2, "episode_steps": EPISODE, **changes}
+    return PluginEngine("drawing", kind, kind.Settings(), "face_direction", 3, **about)
+
+
+def test_restored_in_the_middle_of_an_episode_it_continues_with_the_same_bits():
+    with engine_of() as whole:
+        returns = [each.tolist() for each in whole.learn(70) if each is not None]
+        weights = whole.policy(0).tensors()
+        losses = whole.losses(0)
+    with engine_of() as first:
+        before = [each.tolist() for each in first.learn(34) if each is not None]
+        state = first.state(0)
+        list(first.learn(70))  # the generators are elsewhere when the state is restored
+    with engine_of() as second:
+        second.restore([state])
+        assert second.control_steps == 34
+        after = [each.tolist() for each in second.learn(70) if each is not None]
+        assert before + after == returns
+        assert second.losses(0) == losses
+        for name, values in second.policy(0).tensors().items():
+            assert np.array_equal(values, weights[name])
+
+
+@pytest.mark.parametrize("time_limit", ["bootstrap", "terminal"])
+def test_transitions_are_those_of_the_episodes(time_limit):
+    with engine_of(time_limit=time_limit) as engine:
+        list(engine.learn(2 * EPISODE * 2))
+        seen = engine._agent.transitions
+    assert len(seen) == 2 * EPISODE
+    for step, transition in enumerate(seen, 1):
+        ends = step % EPISODE == 0
+        assert transition.terminated.tolist() == [ends and time_limit == "terminal"] * 2
+        assert transition.truncated.tolist() == [ends and time_limit == "bootstrap"] * 2
+        assert transition.observations.shape == (2, 16)
+        assert transition.actions.shape == (2, 1)
+        assert transition.rewards.dtype == np.float32
+        if step < len(seen):
+            follows = np.array_equal(transition.next_observations, seen[step].observations)
+            # After the last step of an episode, the next one begins elsewhere.
+            assert follows is not ends
+
+
+def test_an_evaluation_does_not_change_the_training():
+    outcomes = []
+    for evaluates in (False, True):
+        with engine_of() as engine:
+            for _ in engine.learn(40):
+                if evaluates:
+                    engine.act(np.ones((1, 5, 16), np.float32))
+            outcomes.append(engine.policy(0).tensors()["0.weight"])
+    assert np.array_equal(*outcomes)
+
+
+def test_actions_of_another_shape_are_refused_with_both_shapes():
+    class Flat(Drawing):
+        def act(self, observations):
+            return super().act(observations)[:, 0]
+
+    with (
+        engine_of(Flat) as engine,
+        pytest.raises(WorkError, match=r"returned the shape \(5,\) .* must return actions \(5, 1"),
+    ):
+        engine.act(np.ones((1, 5, 16), np.float32))
+
+
+def test_a_loss_that_is_not_finite_is_a_divergence():
+    class Diverging(Drawing):
+        def learn(self, transition):
+            return {**super().learn(transition), "critic_loss": float("inf")}
+
+    with engine_of(Diverging) as engine:
+        assert len(list(engine.learn(40))) == 1
+        assert engine.diverged[0].what == "critic_loss"
+
+
+def test_a_policy_that_cannot_be_saved_is_refused_before_the_training():
+    class Cosine(Drawing):
+        def policy(self):
+            return nn.Sequential(self.actor, nn.Softsign())
+
+    with pytest.raises(UnsupportedPolicyError, match="Softsign"):
+        engine_of(Cosine)
+
+
+def test_an_agent_without_state_is_not_resumable():
+    class Forgetful(Drawing):
+        restore = jbench.Agent.restore
+
+    with engine_of(Forgetful) as forgetful, engine_of() as engine:
+        assert not forgetful.is_resumable
+        assert engine.is_resumable

@@ -1,0 +1,108 @@
+"""Classes with the interface of stable-baselines3, by name."""
+
+import numpy as np
+import pytest
+from sb3_contrib import TQC
+
+from jbench.agents import sb3_classes
+from jbench.agents.algorithms import algorithm_fields
+from jbench.errors import RequestError
+from jbench.settings.run import RunSettings, read_run
+from jbench.store import Results, schema
+from jbench.training.request import request_runs
+from jbench.training.sb3_run import run
+
+NAME = "sb3_contrib:TQC"
+SMALL = {
+    "learning_starts": 980,
+    "batch_size": 8,
+    "buffer_size": 2000,
+    "policy_kwargs": {"net_arch": [8], "activation_fn": "Tanh"},
+}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A finished run of TQC: one episode, whose last 20 steps are learned from."""
+    results = Results(tmp_path_factory.mktemp("results"))
+    (settings,) = request_runs(
+        results,
+        algo=NAME,
+        task="face_direction",
+        encoder="none",
+        seeds=[0],
+        base="published",
+        overrides=SMALL,
+        steps=1000,
+        evaluate_every=50_000,
+        evaluate_episodes=1,
+    )
+    return settings, run(settings, results)
+
+
+def test_its_run_is_recorded_like_ours(finished):
+    settings, record = finished
+    assert settings.id.startswith("face_direction/sb3_contrib.TQC/full/s00-")
+    assert (settings.engine, settings.algo) == ("sb3", NAME)
+    assert settings.hyperparameters["top_quantiles_to_drop_per_net"] == 2
+    assert settings.hyperparameters["learning_starts"] == 980
+    assert record.status == "finished"
+    assert record.manifest.provenance["package"].startswith("sb3_contrib 2.")
+    assert read_run(record.settings) == settings
+    (row,) = record.read("episodes", schema.EPISODES).to_pylist()
+    assert row["critic_loss"] > 0
+    assert record.rows("evaluations") == 1
+
+
+def test_its_policy_acts_as_the_model_does():
+    agent = sb3_classes.build(NAME, SMALL, _env(), 3)
+    assert isinstance(agent, TQC)
+    assert type(agent.actor.latent_pi[1]).__name__ == "Tanh"
+    network = sb3_classes.network_of_model(agent, 16)
+    observations = np.random.default_rng(0).normal(size=(5, 16)).astype(np.float32)
+    wanted, _ = agent.predict(observations, deterministic=True)
+    assert network.act(observations) == pytest.approx(wanted, abs=1e-6)
+
+
+def test_a_list_is_a_tuple_and_a_number_is_the_noise():
+    settings = {**SMALL, "train_freq": [2, "episode"], "action_noise": 0.25}
+    agent = sb3_classes.build("stable_baselines3:TD3", settings, _env(), 0)
+    assert agent.train_freq.frequency == 2
+    assert agent.train_freq.unit.value == "episode"
+    assert agent.action_noise._sigma.tolist() == [0.25]
+
+
+def test_none_replaces_a_default():
+    settings = sb3_classes.settings_of("stable_baselines3:PPO", {"target_kl": 0.1})
+    assert settings["clip_range_vf"] is None
+    agent = sb3_classes.build("stable_baselines3:PPO", {**settings, "target_kl": None}, _env(), 0)
+    assert agent.target_kl is None
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "sentence"),
+    [
+        (NAME, {"learning_rate": "abc"}, "can't be made with these settings .*learning rate"),
+        ("sb3_contrib:QRDQN", {}, "can't be made with these settings .*action spaces"),
+        ("sb3_contrib:CrossQ", {}, "policy of sb3_contrib:CrossQ can't be saved"),
+    ],
+)
+def test_a_class_that_cannot_be_trained_is_refused(name, settings, sentence):
+    with pytest.raises(RequestError, match=sentence):
+        sb3_classes.check(name, sb3_classes.settings_of(name, settings), 16)
+
+
+def test_an_argument_that_it_does_not_have_is_refused():
+    with pytest.raises(RequestError, match=r"TQC has no setting seed, tua; it has .*tau"):
+        algorithm_fields(NAME, overrides={"tua": 1, "seed": 2})
+
+
+def test_several_environments_are_a_setting_of_their_own():
+    fields = algorithm_fields("sb3_contrib:TRPO", overrides={"n_steps": 10})
+    about = {"task": "face_direction", "seed": 0, "steps": 1000, "evaluate_every": 1}
+    settings = RunSettings(**about, **fields, evaluate_episodes=0, parallel=4)
+    assert settings.environments == 4
+
+
+def _env():
+    return sb3_classes.DummyVecEnv([lambda: sb3_classes.Spaces(16)])

@@ -1,0 +1,243 @@
+"""Agents and policies of a package that somebody else installed."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jbench.cli import main
+from jbench.policies.saved import WEIGHTS, has_policy
+from jbench.settings.run import RunSettings
+from jbench.store import Results, schema
+from jbench.store.query import load
+from jbench.training.batched_run import run_batch
+from tests.training.kills import KILLS
+from tests.training.small_runs import rows, shorten_episodes
+
+ROOT = Path(__file__).parents[2]
+SOURCE = ROOT / "tests" / "third_party_agent"
+# Its agent is the example that the documentation gives.
+PAGE = (ROOT / "docs" / "your-own-agent.md").read_text()
+AGENT = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1]
+(ENTRY_POINT,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+PACKAGE = "random-search-agent"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder of packages in which the distribution was installed by pip, without a network."""
+    source = tmp_path_factory.mktemp("source") / "agent"
+    shutil.copytree(SOURCE, source)
+    assert ENTRY_POINT in (source / "pyproject.toml").read_text()
+    (source / "random_search.py").write_text(AGENT)
+    target = tmp_path_factory.mktemp("site")
+    options = ("--no-index", "--no-build-isolation", "--no-deps", "--target", str(target))
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", *options, str(source)], check=True
+    )
+    return target
+
+
+def use(site, patch):
+    """Makes the packages of a folder importable here and in processes that are started."""
+    patch.syspath_prepend(str(site))
+    patch.setenv("PYTHONPATH", os.pathsep.join([str(site), str(ROOT)]))
+
+
+@pytest.fixture
+def installed(site, monkeypatch):
+    use(site, monkeypatch)
+
+
+def settings(algo="random-search", seed=0, **changes):
+    about = {"task": "face_direction", "algo": algo, "seed": seed, "steps": 400}
+    about |= {"engine": "plugin", "package": PACKAGE, "hyperparameters": {"noise": 0.5}}
+    return RunSettings(**{**about, "evaluate_every": 150, "evaluate_episodes": 1, **changes})
+
+
+MATRIX = """
+tasks = ["face_direction"]
+algos = ["random-search"]
+seeds = "0-1"
+steps = 1000
+[hyperparameters.random-search]
+noise = 0.2
+[evaluation]
+episodes = 0
+"""
+
+
+@pytest.fixture(scope="module")
+def swept(site, tmp_path_factory):
+    """Results of a sweep with two seeds, of which `jbench train` had trained the first."""
+    folder = tmp_path_factory.mktemp("swept")
+    results = ("--results", str(folder / "results"))
+    train = ("train", "--algo", "random-search", "--set", "noise=0.2", "--seeds", "0")
+    (folder / "matrix.toml").write_text(MATRIX)
+    with pytest.MonkeyPatch.context() as patch:
+        use(site, patch)
+        assert main([*train, "--steps", "1000", "--evaluate-episodes", "0", *results]) == 0
+        assert main(["sweep", str(folder / "matrix.toml"), *results]) == 0
+    return Results(folder / "results")
+
+
+def test_train_and_sweep_make_the_same_runs(swept):
+    runs, problems = swept.scan("run")
+    assert not problems
+    assert sorted(run.settings["seed"] for run in runs) == [0, 1]
+    for run in runs:
+        assert run.status == "finished"
+        assert run.rows("episodes") == 1
+        assert has_policy(run)
+        assert run.settings["hyperparameters"] == {"noise": 0.2}
+        assert (run.settings["engine"], run.settings["package"]) == ("plugin", PACKAGE)
+        assert run.manifest.provenance["package"] == "random-search-agent 1.0"
+
+
+def test_runs_of_an_agent_that_is_not_installed_are_listed_reported_and_verified(swept, capsys):
+    here = ("--results", str(swept.path))
+    assert main(["runs", "--algo", "random-search", *here]) == 0
+    assert "face_direction/random-search/full/s00-" in capsys.readouterr().out
+    assert main(["verify", *here]) == 0
+    assert load(swept)[0]["runs"]["engine"].to_pylist() == ["plugin"] * 2
+    capsys.readouterr()
+    assert main(["report", "--json", "--out", str(swept.path / "out"), *here]) == 0
+    (cell,) = json.loads(capsys.readouterr().out)["table"]
+    assert (cell["algo"], cell["seeds"]) == ("random-search", 2)
+
+
+def test_an_agent_that_is_not_installed_is_not_trained(swept, capsys):
+    before = sorted(swept.path.rglob("*"))
+    assert main(["train", "--algo", "random-search", "--results", str(swept.path)]) == 2
+    error = capsys.readouterr().err
+    assert "Unknown algorithm 'random-search'" in error
+    assert "an agent of another package must be installed here" in error
+    assert sorted(swept.path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("typed", "sentence"),
+    [
+        (("random-search", "--set", "noise=-1"), "noise of random-search can't be -1: .*greater"),
+        (("random-search", "--set", "nose=1"), "random-search has no setting nose; it has noise."),
+        (("random-search", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
+        (("random-search", "--engine", "batched"), "has the engine plugin, not batched"),
+        (("random-search", "--encoder", "ofe12"), "ofe12 needs the batched engine: random-search"),
+        (("td3", "--engine", "plugin"), "td3 is not an agent of another package"),
+        (("random-serch",), "did you mean random-search"),
+        (("sb3_contrib:TQC", "--engine", "plugin"), "has the engine sb3, not plugin"),
+        (("nowhere:TQC",), "there is no module nowhere"),
+        (("math:cos",), "no subclass of stable-baselines3's BaseAlgorithm"),
+    ],
+)
+def test_a_wrong_request_is_refused(installed, typed, sentence, tmp_path, capsys):
+    assert main(["train", "--algo", *typed, "--results", str(tmp_path / "results")]) == 2
+    assert re.search(sentence, capsys.readouterr().err)
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("algo", "sentence"),
+    [
+        ("broken", "The agent broken can't be loaded from other_agents:Missing"),
+        ("no-agent", "The agent no-agent is no subclass of jbench.Agent"),
+    ],
+)
+def test_an_entry_point_that_is_no_agent_is_refused(installed, algo, sentence, tmp_path, capsys):
+    assert main(["train", "--algo", algo, "--results", str(tmp_path / "results")]) == 1
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("algo", "sentence", "episodes"),
+    [
+        ("wrong-shape", "explore of the agent wrong-shape returned the shape (1,)", 0),
+        ("unknown-loss", "learn of the agent unknown-loss returned the loss q_loss", 0),
+        ("unsaved-policy", "This policy can't be kept: the layer Softsign", 0),
+        ("not-finite", "its actions are not finite at control step 120", 2),
+        ("not-finite-weights", "its weights are not finite at control step 50", 1),
+    ],
+)
+def test_a_faulty_agent_fails_its_run(installed, algo, sentence, episodes, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    run, results = settings(algo), Results(tmp_path)
+    try:
+        reason = str(run_batch([run], results, None, checkpoint_every=0)[run.id])
+    except (RuntimeError, ValueError) as error:
+        reason = str(error)
+    assert sentence in reason
+    record = results.find("run", run.id)
+    assert record.status == "failed"
+    assert sentence in record.manifest.summary["error"]
+    assert record.rows("episodes") == episodes
+
+
+def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(installed, tmp_path):
+    request = {"path": str(tmp_path), "runs": [settings().model_dump(mode="json")], "at": "random"}
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.training.kills", json.dumps(request)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert (answer["kills"], answer["problems"]) == (KILLS, [])
+    # Some kills were in the middle of the run.
+    assert {steps for folder in answer["steps"] for (steps,) in folder} & set(range(50, 400, 50))
+    whole = Results(tmp_path / "whole").find("run", settings().id)
+    for folder in range(answer["folders"]):
+        record = Results(tmp_path / str(folder)).find("run", settings().id)
+        assert rows(record) == rows(whole)
+        assert record.read_file(WEIGHTS) == whole.read_file(WEIGHTS)
+
+
+def test_without_state_a_run_starts_over_and_says_so(installed, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    run, results = settings("without-state"), Results(tmp_path)
+
+    def stop(run, steps, episode_return):
+        if steps == 200:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_batch([run], results, None, checkpoint_every=0, progress=stop)
+    assert results.find("run", run.id).rows("episodes") == 3
+    notices = []
+    run_batch([run], results, None, notice=lambda *said: notices.append(said))
+    reason = "The agent without-state has no state and restore, so its runs can't be resumed."
+    assert notices == [(run, 0, reason)]
+    record = results.find("run", run.id)
+    assert record.read("episodes", schema.EPISODES)["episode"].to_pylist() == list(range(8))
+
+
+def test_algorithms_are_listed_with_their_settings_and_packages(installed, capsys):
+    # Two entry points of the package can't be loaded.
+    assert main(["algorithms", "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    found = {each["name"]: each for each in said["algorithms"]}
+    assert {"ddpg", "ppo", "sac", "td3", "random-search"} <= set(found)
+    assert found["random-search"] == {
+        "name": "random-search",
+        "engine": "plugin",
+        "package": "random-search-agent 1.0",
+        "settings": [
+            {"name": "noise", "default": 0.5, "description": "standard deviation of a change"}
+        ],
+    }
+    td3 = {each["name"]: each["default"] for each in found["td3"]["settings"]}
+    assert (td3["tau"], td3["hidden_layers"]) == (0.005, [350, 250])
+    assert [each["name"] for each in said["broken"]] == ["broken", "no-agent"]
+    assert main(["algorithms", "sb3_contrib:TQC"]) == 0
+    assert "top_quantiles_to_drop_per_net" in capsys.readouterr().out
+
+
+def test_an_installed_policy_is_evaluated(installed, tmp_path, capsys):
+    typed = ("evaluate", "--policy", "bang-bang", "--task", "face_direction", "--episodes", "1")
+    assert main([*typed, "--json", "--results", str(tmp_path)]) == 0
+    assert json.loads(capsys.readouterr().out)["settings"]["code"] == "random-search-agent 1.0"

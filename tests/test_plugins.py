@@ -1,0 +1,59 @@
+"""Entry points of other packages, and attributes of modules by name."""
+
+import re
+
+import pytest
+
+from jbench import plugins
+from jbench.errors import RequestError, WorkError
+
+GROUP = "jbench.tried"
+
+
+def offer(path, package, *lines):
+    """Writes what pip leaves of a package with entry points."""
+    folder = path / f"{package}-1.5.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.5\n")
+    text = "\n".join((f"[{GROUP}]", *lines))
+    (folder / "entry_points.txt").write_text(text)
+
+
+def test_entry_points_with_valid_names_are_offered(tmp_path, monkeypatch):
+    offer(tmp_path, "one", "good = math:cos", "Bad = math:sin", "taken = math:tan")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = plugins.offered(GROUP, re.compile("[a-z]+"), {"taken"})
+    assert [*found] == ["good"]
+    assert plugins.load("function", found["good"])(0) == 1
+    assert plugins.made_with(plugins.package_of(found["good"])) == {"package": "one 1.5"}
+
+
+def test_a_name_that_two_packages_offer_is_refused(tmp_path, monkeypatch):
+    offer(tmp_path, "one", "good = math:cos")
+    offer(tmp_path, "two", "good = math:sin")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    point = plugins.offered(GROUP, re.compile("[a-z]+"), ())["good"]
+    with pytest.raises(WorkError, match="The function good is offered by one and two; uninstall"):
+        plugins.load("function", point)
+
+
+def test_a_module_in_the_working_directory_is_found(tmp_path, monkeypatch):
+    (tmp_path / "beside_me.py").write_text("answer = 42\n")
+    (tmp_path / "raising.py").write_text("raise OSError('no')\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [path for path in plugins.sys.path if path])
+    assert plugins.imported("number", "beside_me:answer") == 42
+    # The SHA-256 of its file, since it belongs to no distribution.
+    checksum = plugins.made_with_module("beside_me")["source_sha256"]
+    assert re.fullmatch("[0-9a-f]{64}", checksum)
+    with pytest.raises(RequestError, match="has no question"):
+        plugins.imported("number", "beside_me:question")
+    with pytest.raises(RequestError, match="there is no module beside_you"):
+        plugins.imported("number", "beside_you:answer")
+    with pytest.raises(WorkError, match=r"can't be loaded from raising:x .OSError: no"):
+        plugins.imported("number", "raising:x")
+
+
+def test_the_package_of_a_module_is_its_distribution():
+    made_with = plugins.made_with_module("stable_baselines3.common")
+    assert made_with["package"].startswith("stable_baselines3 2.")

@@ -14,14 +14,14 @@ from pathlib import Path
 
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.training import batched_run
+from jbench.training import batched_run, engines
 from tests.training.small_runs import shorten_episodes
 
 
 def stack_seeds(set_attribute=setattr):
     """Makes the engine of a run compute its seeds in one stack on a CPU too."""
-    stacked = functools.partial(batched_run.make_engine, stacked=True)
-    set_attribute(batched_run, "make_engine", stacked)
+    stacked = functools.partial(engines.make_engine, stacked=True)
+    set_attribute(engines, "make_engine", stacked)
 
 
 def main(path, run, device, after):

@@ -14,6 +14,7 @@ from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import CHECKPOINT_EVERY, EPISODE_STEPS
+from jbench.policies.network import Network
 from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -111,9 +112,8 @@ class _Batch:
         self._members, self._timer = members, CommitTimer(checkpoint_every)
         self._clock = ProcessorClock()
         self._failures: dict[int, WorkError] = {}
-        self._evaluated: dict[
-            int, Policy | Network | None
-        ] = {}  # by the last evaluation, at this control step
+        # Of the last evaluation, by index.
+        self._evaluated: dict[int, Policy | Network | None] = {}
         self._settings = settings = members[0].settings
         seeds = [np.random.SeedSequence(m.settings.seed).generate_state(2) for m in members]
         self._engine = engine_of(settings, [int(seed) for seed, _ in seeds], encoder, device)

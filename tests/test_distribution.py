@@ -1,0 +1,128 @@
+"""The package as it is published: an sdist of all files, and a wheel that works by itself."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from email.parser import Parser
+from pathlib import Path
+
+import pytest
+
+from jbench import __version__
+from tests.command_line import train
+
+ROOT = Path(__file__).parents[1]
+# What git ignores, and git's own.
+NOT_PUBLISHED = shutil.ignore_patterns(
+    *(".*_cache", ".git", ".gitignore", ".hypothesis", ".venv", "__pycache__", "*.egg-info"),
+    *("build", "demo-results", "dist", "site"),
+)
+BUILD = (
+    "import sys; from setuptools import build_meta; getattr(build_meta, sys.argv[1])(sys.argv[2])"
+)
+
+
+def build(kind, source, to):
+    to.mkdir()
+    command = [sys.executable, "-c", BUILD, f"build_{kind}", str(to)]
+    done = subprocess.run(command, cwd=source, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    (built,) = to.iterdir()
+    return built
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory):
+    place = tmp_path_factory.mktemp("sdist")
+    source = place / "checkout"
+    shutil.copytree(ROOT, source, ignore=NOT_PUBLISHED, symlinks=True)
+    with tarfile.open(build("sdist", source, place / "dist")) as archive:
+        archive.extractall(place, filter="data")
+    return next(place.glob("jbench-*"))
+
+
+@pytest.fixture(scope="module")
+def wheel(sdist, tmp_path_factory):
+    return build("wheel", sdist, tmp_path_factory.mktemp("wheel") / "dist")
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """A directory far from the checkout, with the wheel in `packages`."""
+    place = tmp_path_factory.mktemp("installed")
+    pip = (sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index")
+    subprocess.run([*pip, "--target", place / "packages", wheel], check=True)
+    return place
+
+
+@pytest.fixture(scope="module")
+def jbench(installed):
+    """Returns a function that runs the installed command; it returns what is printed."""
+    environment = {**os.environ, "PYTHONPATH": str(installed / "packages")}
+
+    def run(*arguments):
+        done = subprocess.run(
+            [sys.executable, installed / "packages" / "bin" / "jbench", *arguments],
+            cwd=installed,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return run
+
+
+def files(place):
+    return {path.relative_to(place).as_posix() for path in place.rglob("*") if path.is_file()}
+
+
+def test_sdist_holds_every_file_of_a_checkout(sdist):
+    published = {name for name in files(sdist) if ".egg-info/" not in name}
+    source = sdist.parent / "checkout"
+    checkout = {name for name in files(source) if ".egg-info/" not in name}
+    assert published - {"PKG-INFO", "setup.cfg"} == checkout
+
+
+def test_wheel_holds_the_package_and_nothing_else(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name for name in archive.namelist() if ".dist-info/" not in name}
+    here = {path for path in (ROOT / "jbench").rglob("*") if path.is_file()}
+    assert names == {
+        path.relative_to(ROOT).as_posix() for path in here if "__pycache__" not in path.parts
+    }
+    for suffix in (".xml", ".csv", ".toml", ".css", ".js", "py.typed", "manifest.json", ".parquet"):
+        assert any(name.endswith(suffix) for name in names)
+
+
+def test_description_names_nothing_that_only_a_checkout_has(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith("/METADATA"))
+        description = Parser().parsestr(archive.read(name).decode()).get_payload()
+    assert description.startswith("# jbench")
+    assert "](docs/" not in description
+    assert "![" not in description
+
+
+def test_installed_command_is_that_of_the_wheel(jbench):
+    assert jbench("--version") == f"jbench {__version__}\n"
+
+
+def test_installed_command_collects_and_trains(jbench, installed):
+    jbench("collect", "--steps", "1000")
+    assert "face_direction/ddpg/full/s01-" in jbench(*train("ddpg", "none"), "--jobs", "1")
+    records = [json.loads(path.read_text()) for path in installed.glob("results/**/manifest.json")]
+    # It is not the checkout, whose revision would be recorded.
+    assert [record["provenance"]["git_revision"] for record in records] == [None] * 3
+
+
+def test_installed_command_shows_the_shipped_runs(jbench):
+    assert "face_direction/td3/full/s00-" in jbench("runs", "--results", "reference")
+    said = jbench("report", "--results", "reference", "--algo", "ddpg", "--format", "svg")
+    assert "index.html" in said

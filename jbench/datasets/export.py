@@ -1,7 +1,6 @@
 """Export of datasets to the Minari format."""
 
 import copy
-import fcntl
 import importlib.util
 import os
 import shutil
@@ -20,6 +19,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.registration import environment_id
 from jbench.settings.base import validated
 from jbench.settings.dataset import DatasetSettings
+from jbench.store import locks
 from jbench.store.files import make_directory
 from jbench.tasks import features
 
@@ -90,7 +90,7 @@ def export_minari(
 
 @contextmanager
 def _temporary_directory(path: Path, size: int) -> Iterator[Path]:
-    """Yields an empty, locked, hidden directory beside a path.
+    """Yields an empty directory in a locked, hidden one beside a path.
 
     Args:
         path: final path of its content.
@@ -101,26 +101,22 @@ def _temporary_directory(path: Path, size: int) -> Iterator[Path]:
     """
     directory = path.with_name(f".writing-{path.name}")
     make_directory(directory)
-    handle = os.open(directory, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise WorkError(f"Another process is writing {path}; wait for it or stop it.") from None
-    try:
-        for leftover in directory.iterdir():
-            shutil.rmtree(leftover)
-        _check_space(directory, size)
-        yield directory
-    except BaseException as error:
-        shutil.rmtree(directory, ignore_errors=True)
-        if isinstance(error, OSError):
+    with locks.hold(directory, str(path)):
+        try:
+            for leftover in directory.iterdir():
+                if leftover.name != locks.LOCK:
+                    shutil.rmtree(leftover)
+            _check_space(directory, size)
+            # The lock stays outside of what is renamed.
+            content = directory / "content"
+            content.mkdir()
+            yield content
+        except OSError as error:
             raise WorkError(
                 f"{path} can't be written ({error.strerror}); it needs {size / 1e6:.1f} MB of room."
             ) from None
-        raise
-    finally:
-        os.close(handle)
+        finally:
+            shutil.rmtree(directory, ignore_errors=True)
 
 
 def _check_space(directory: Path, size: int) -> None:

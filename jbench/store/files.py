@@ -10,7 +10,9 @@ import hashlib
 import io
 import os
 import stat
+import sys
 import tempfile
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, TypeVar
@@ -35,6 +37,16 @@ _PERMANENT = {
     errno.EINVAL,
     errno.ENAMETOOLONG,
 }
+
+
+# Flags of Windows and of the others, each 0 where it does not exist.
+_BINARY = getattr(os, "O_BINARY", 0)
+_NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
+
+PLAIN = _NO_FOLLOW | getattr(os, "O_NONBLOCK", 0) | _BINARY
+"""Flags to open an untrusted file, which may be a symlink or a pipe."""
+
+_REPLACE_SECONDS = 2.0
 
 
 class UnreadableError(WorkError):
@@ -127,7 +139,7 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        _replace(temporary, path)
         temporary = None
         _sync_directory(path.parent)
     except OSError as error:
@@ -163,8 +175,10 @@ def open_plain(path: Path) -> Iterator[io.BufferedReader]:
     Raises:
         OSError: if it is not a regular file or can't be opened; `strerror` has the reason.
     """
+    if not _NO_FOLLOW and path.is_symlink():
+        raise OSError(errno.ELOOP, "a link to another place")
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        handle = os.open(path, os.O_RDONLY | PLAIN)
     except OSError as error:
         if error.errno == errno.ELOOP:
             raise OSError(errno.ELOOP, "a link to another place") from None
@@ -234,7 +248,22 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
+def _replace(temporary: str, path: Path) -> None:
+    """Renames a file; on Windows, waits for readers of the file that it replaces."""
+    deadline = time.monotonic() + _REPLACE_SECONDS
+    while True:
+        try:
+            return os.replace(temporary, path)
+        except PermissionError:
+            if sys.platform != "win32" or time.monotonic() > deadline:
+                raise
+            time.sleep(0.01)
+
+
 def _sync_directory(path: Path) -> None:
+    # Windows can't open a directory; NTFS keeps a journal of names.
+    if sys.platform == "win32":
+        return
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -1,10 +1,15 @@
-"""Advisory write locks per record (`flock`), released when the process dies."""
+"""Write locks per record, released by the system when the process dies.
+
+They are those of `portalocker`: advisory `flock` on Linux and macOS, locked bytes on Windows.
+"""
 
 import contextlib
-import fcntl
 import os
 from collections.abc import Iterator
 from pathlib import Path
+
+import portalocker
+from portalocker import LockFlags
 
 from jbench.errors import WorkError
 from jbench.store import files
@@ -25,10 +30,6 @@ class HeldError(WorkError):
         super().__init__(f"Another process is writing {whose}; wait for it or stop it.")
 
 
-# An untrusted lock file may be a symlink or a pipe.
-_OPEN_FLAGS = os.O_NOFOLLOW | os.O_NONBLOCK
-
-
 @contextlib.contextmanager
 def hold(directory: Path, whose: str) -> Iterator[None]:
     """Holds the exclusive lock of a directory during the block.
@@ -43,16 +44,16 @@ def hold(directory: Path, whose: str) -> Iterator[None]:
     """
     path = directory / LOCK
     try:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | _OPEN_FLAGS, 0o644)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | files.PLAIN, 0o644)
     except OSError as error:
         raise WorkError(f"{path} can't be opened ({error.strerror}).") from None
     try:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            portalocker.lock(handle, LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING)
+        except portalocker.AlreadyLocked:
             raise HeldError(whose) from None
-        except OSError as error:
-            raise WorkError(f"{path} can't be locked ({error.strerror}).") from None
+        except portalocker.LockException as error:
+            raise WorkError(f"{path} can't be locked ({_reason(error)}).") from None
         yield
     finally:
         files.close(handle)
@@ -60,7 +61,7 @@ def hold(directory: Path, whose: str) -> Iterator[None]:
 
 def is_held(directory: Path) -> bool:
     """Returns whether a process holds the lock of a directory; changes nothing."""
-    return _refuses(directory, os.O_RDONLY, fcntl.LOCK_SH)
+    return _refuses(directory, os.O_RDONLY, LockFlags.SHARED)
 
 
 @contextlib.contextmanager
@@ -75,20 +76,20 @@ def share(directory: Path) -> Iterator[None]:
     path = directory / LOCK
     with contextlib.ExitStack() as opened:
         try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | _OPEN_FLAGS, 0o644)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | files.PLAIN, 0o644)
             opened.callback(files.close, handle)
-            fcntl.flock(handle, fcntl.LOCK_SH)
-        except OSError as error:
-            raise WorkError(f"{path} can't be locked ({error.strerror}).") from None
+            portalocker.lock(handle, LockFlags.SHARED)
+        except (OSError, portalocker.LockException) as error:
+            raise WorkError(f"{path} can't be locked ({_reason(error)}).") from None
         yield
 
 
 def is_shared(directory: Path) -> bool:
     """Returns whether a process on any machine holds a shared lock of a directory."""
-    return _refuses(directory, os.O_RDWR, fcntl.LOCK_EX)
+    return _refuses(directory, os.O_RDWR, LockFlags.EXCLUSIVE)
 
 
-def _refuses(directory: Path, access: int, kind: int) -> bool:
+def _refuses(directory: Path, access: int, kind: LockFlags) -> bool:
     """Returns whether a lock of a directory can't be acquired.
 
     Args:
@@ -97,13 +98,18 @@ def _refuses(directory: Path, access: int, kind: int) -> bool:
         kind: exclusive or shared.
     """
     try:
-        handle = os.open(directory / LOCK, access | _OPEN_FLAGS)
+        handle = os.open(directory / LOCK, access | files.PLAIN)
     except OSError:
         return False
     try:
-        fcntl.flock(handle, kind | fcntl.LOCK_NB)
-    except OSError:
+        portalocker.lock(handle, kind | LockFlags.NON_BLOCKING)
+    except portalocker.LockException:
         return True
     finally:
         files.close(handle)
     return False
+
+
+def _reason(error: Exception) -> str:
+    """Returns what the system reports: the error itself, or the one that portalocker wraps."""
+    return str(getattr(error.__cause__ or error, "strerror", None) or error)

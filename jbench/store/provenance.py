@@ -1,5 +1,6 @@
 """Provenance of a record: versions, machine and command. It does not enter the id."""
 
+import contextlib
 import importlib.metadata
 import os
 import platform
@@ -35,7 +36,7 @@ def provenance() -> dict[str, Any]:
     return {
         "jbench": importlib.metadata.version("jbench"),
         "python": platform.python_version(),
-        "packages": {name: importlib.metadata.version(name) for name in _PACKAGES},
+        "packages": _installed(),
         "system": platform.platform(),
         "processor": processor(),
         "cores": cores(),
@@ -43,6 +44,15 @@ def provenance() -> dict[str, Any]:
         "git_revision": git_revision(),
         "command": [_printable(word) for word in (Path(sys.argv[0]).name, *sys.argv[1:])],
     }
+
+
+def _installed() -> dict[str, str]:
+    """Returns the versions of the packages that are installed; dm-control is optional."""
+    versions = {}
+    for name in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
+    return versions
 
 
 def device_provenance(device: "torch.device") -> dict[str, str | None]:

@@ -161,17 +161,30 @@ def worker_request(
 
 
 def _start() -> subprocess.Popen[str]:
-    # The worker inherits the mask: a Ctrl-C before it ignores them must not print a traceback.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        return subprocess.Popen(
-            [sys.executable, "-m", "jbench.training.worker"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, **ONE_THREAD, "MUJOCO_GL": "disable"},
-        )
+        with _blocked_interrupts():
+            return subprocess.Popen(
+                [sys.executable, "-m", "jbench.training.worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                env={**os.environ, **ONE_THREAD, "MUJOCO_GL": "disable"},
+            )
     except OSError as error:
         raise WorkError(f"A process can't be started ({error.strerror}).") from None
+
+
+@contextlib.contextmanager
+def _blocked_interrupts() -> Iterator[None]:
+    """Blocks SIGINT in this thread and in processes that it starts, where signals can be blocked.
+
+    A worker inherits the mask: a Ctrl-C before the worker ignores it must not print a traceback.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -58,7 +58,7 @@ def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str,
 
 def _text(name: str) -> str:
     if name in SWEEPS:
-        return (resources.files("jbench.paper") / "matrices" / f"{name}.toml").read_text()
+        return (resources.files("jbench.paper") / "matrices" / f"{name}.toml").read_text("utf-8")
     path = Path(name)
     if path.suffix != ".toml":
         try:
@@ -66,7 +66,7 @@ def _text(name: str) -> str:
         except RequestError as error:
             raise RequestError(f"{str(error).rstrip('.')}; or type a FILE.toml.") from None
     try:
-        return path.read_text()
+        return path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not text"
         raise RequestError(f"{name} can't be read ({reason}).") from None

@@ -1,9 +1,9 @@
 """An error that may pass is no damage: what can't be read now is named and left where it is."""
 
 import errno
-import fcntl
 import os
 
+import portalocker
 import pytest
 
 from jbench.cli import main
@@ -123,7 +123,7 @@ def test_file_system_without_locks_is_not_taken_for_another_writer(record, monke
     def unlockable(handle, operation):
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    monkeypatch.setattr(fcntl, "flock", unlockable)
+    monkeypatch.setattr(portalocker.portalocker, "LOCKER", unlockable)
     with pytest.raises(WorkError, match=r"lock can't be locked \(No locks available\)"):
         record.lock().__enter__()
 

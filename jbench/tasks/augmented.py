@@ -1,4 +1,4 @@
-"""Robots of randomised morphology, and the domain `augmented_jitterbug` of the dm_control suite.
+"""Robots of randomised morphology.
 
 A seed determines a robot: normally distributed shifts move the ends of its legs and its motor's
 mass, and the model's specification is edited in memory. The standard deviations are those of the
@@ -7,20 +7,15 @@ in sequence.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Unpack
 
 import mujoco
 import numpy as np
-from dm_control.mujoco import wrapper
-from dm_control.rl import control
-from dm_control.utils import containers
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError, WorkError
-from jbench.tasks import jitterbug, model, rewards
+from jbench.tasks import model, rewards
 
 Vector = tuple[float, float, float]
 """Components along x, y and z of the torso's frame at rest, or along an ellipsoid's axes."""
@@ -219,29 +214,3 @@ def standing_reward(robot: mujoco.MjModel) -> float:
     data.ctrl[:] = 1
     mujoco.mj_step(robot, data, nstep=_CHECKED_STEPS)
     return 0.0 if data.warning.number.any() else float(rewards.upright_reward(state))
-
-
-SUITE = containers.TaggedTasks()
-
-
-def _factory(task: str, description: str) -> Callable[..., control.Environment]:
-    """Returns a function that makes the environment of a task."""
-
-    def make(
-        augment: int = 0,
-        vary_masses: bool = False,
-        **settings: Unpack[jitterbug.TaskSettings],
-    ) -> control.Environment:
-        # The compiled model, since XML has only six digits of each number.
-        robot = augmented_model(augment, vary_masses=vary_masses)
-        physics = jitterbug.Physics.from_model(wrapper.MjModel(robot))
-        return jitterbug.environment(task, physics, **settings)
-
-    make.__name__, make.__doc__ = task, description
-    return make
-
-
-# The plain robot's five tasks with the settings `augment` (a seed, default 0) and `vary_masses`.
-# They are not tagged as benchmarking, since results of different seeds are not comparable.
-for _task, _plain in jitterbug.SUITE.items():
-    SUITE.add()(_factory(_task, _plain.__doc__))

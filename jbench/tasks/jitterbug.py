@@ -4,10 +4,17 @@ from collections import OrderedDict
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
-from dm_control import mujoco
-from dm_control.rl import control
-from dm_control.suite import base
-from dm_control.utils import containers
+
+try:
+    from dm_control import mujoco
+    from dm_control.rl import control
+    from dm_control.suite import base
+    from dm_control.utils import containers
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        "The dm_control domains need dm-control, which pip can't install on Python 3.13 and later "
+        "(labmaze has no wheel there); use Python 3.11 or 3.12, or the Gymnasium environments."
+    ) from error
 
 from jbench.names import CONTROL_TIMESTEP
 from jbench.tasks import features, model, resets, rewards

@@ -14,6 +14,7 @@ from jbench.commands import (
     algorithms,
     checking,
     data,
+    demo,
     encoders,
     export,
     imports,
@@ -61,6 +62,7 @@ def _root(
 
 
 _EXAMPLES: dict[Callable[..., None], str] = {
+    demo.demo: "demo --results demo-results",
     data.collect: "collect --steps 100k",
     data.datasets: "datasets",
     encoders.train_dae: "train-dae --task face_direction --latent 12",

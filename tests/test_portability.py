@@ -1,0 +1,163 @@
+"""Systems other than Linux, and Python versions without dm_control, imitated in processes here.
+
+What Windows and macOS lack is removed before jbench is imported; portalocker, which has code for
+each system, keeps its own.
+"""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.command_line import train
+
+# Imported by every Python process that finds it.
+WITHOUT_LINUX = """
+import os, signal, sys
+import portalocker
+for module in ("fcntl", "grp", "pwd", "resource", "termios", "tty"):
+    sys.modules[module] = None
+for flag in ("O_NOFOLLOW", "O_NONBLOCK"):
+    delattr(os, flag)
+for call in ("posix_fallocate", "sched_getaffinity"):
+    delattr(os, call)
+del signal.pthread_sigmask
+"""
+
+WITHOUT_DM_CONTROL = """
+import importlib.metadata, sys
+sys.modules["dm_control"] = sys.modules["labmaze"] = None
+find = importlib.metadata.version
+def version(name):
+    if name == "dm-control":
+        raise importlib.metadata.PackageNotFoundError(name)
+    return find(name)
+importlib.metadata.version = version
+"""
+
+
+def process(*arguments, customized, place, **environment):
+    """Runs Python with a module that is imported at the start; returns the finished process."""
+    (place / "sitecustomize.py").write_text(customized)
+    paths = [str(place), os.environ.get("PYTHONPATH", "")]
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), **environment},
+    )
+
+
+def answer(*arguments, **where):
+    done = process(*arguments, **where)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    return tmp_path_factory.mktemp("elsewhere")
+
+
+TRAINING = [*train("td3", "none"), "--seeds", "0", "--steps", "1000", "--evaluate-episodes", "0"]
+
+
+@pytest.mark.parametrize(
+    ("verb", "prints"),
+    [
+        (["collect", "--steps", "2000"], "Dataset random/s00-"),
+        (["datasets"], "1 datasets"),
+        (TRAINING, "face_direction/td3/full/s00-"),
+        (["runs"], "face_direction/td3/full/s00-"),
+        (["query", "SELECT count(*) AS episodes FROM episodes"], "1"),
+        (["export"], "Exported random/s00-"),
+        (["report", "--window", "2", "--format", "svg"], "Wrote "),
+        (["verify"], "all of them intact"),
+    ],
+)
+def test_verbs_work_without_what_linux_alone_has(verb, prints, place):
+    results = ("--results", place / "results")
+    said = answer("-m", "jbench.cli", *verb, *results, customized=WITHOUT_LINUX, place=place)
+    assert prints in said
+
+
+HELD = """
+import sys
+from pathlib import Path
+from jbench.store import Results
+with Results(Path(sys.argv[1])).record("run", "face_direction/td3/full/s00-00000000").lock():
+    print("locked", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_locks_without_fcntl_of_ours_exclude_other_processes_until_they_are_killed(tmp_path):
+    from jbench.errors import WorkError
+    from jbench.store import Results
+
+    (tmp_path / "sitecustomize.py").write_text(WITHOUT_LINUX)
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    record = Results(tmp_path / "results").record("run", "face_direction/td3/full/s00-00000000")
+    with subprocess.Popen(
+        [sys.executable, "-c", HELD, str(tmp_path / "results")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": paths},
+    ) as holder:
+        assert holder.stdout.readline() == b"locked\n"
+        with pytest.raises(WorkError, match="Another process is writing"):
+            record.lock().__enter__()
+        holder.kill()
+        holder.wait()
+        with record.lock():
+            pass
+
+
+WITHOUT_THE_DOMAIN = """
+import gymnasium, jbench
+env = gymnasium.make("Jitterbug/FaceDirection-v0")
+print(env.reset(seed=0)[0].shape)
+from jbench.tasks.robots import load_model
+print(load_model(3).nv)
+from jbench.store.provenance import provenance
+print("dm-control" in provenance()["packages"], "mujoco" in provenance()["packages"])
+try:
+    import jbench.tasks.jitterbug
+except ImportError as error:
+    print(error)
+"""
+
+
+def test_without_dm_control_all_but_its_domain_works(tmp_path):
+    lines = answer("-c", WITHOUT_THE_DOMAIN, customized=WITHOUT_DM_CONTROL, place=tmp_path)
+    assert lines.splitlines() == [
+        "(16,)",
+        "15",
+        "False True",
+        "The dm_control domains need dm-control, which pip can't install on Python 3.13 and later "
+        "(labmaze has no wheel there); use Python 3.11 or 3.12, or the Gymnasium environments.",
+    ]
+
+
+def test_collecting_works_without_dm_control(tmp_path):
+    collect = ("-m", "jbench.cli", "collect", "--steps", "1000", "--results", tmp_path / "results")
+    answer(*collect, customized=WITHOUT_DM_CONTROL, place=tmp_path)
+
+
+def test_the_domain_needs_no_labmaze(tmp_path):
+    said = answer(
+        "-c",
+        "import jbench.tasks\nfrom dm_control import suite\n"
+        "print(suite.load('jitterbug', 'move_to_pose').action_spec().shape)",
+        customized="import sys\nsys.modules['labmaze'] = None\n",
+        place=tmp_path,
+    )
+    assert said == "(1,)\n"
+
+
+def test_importing_the_tasks_warns_of_no_missing_display(tmp_path):
+    unset = dict.fromkeys(("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"), "")
+    done = process("-c", "import jbench.tasks", customized="", place=tmp_path, **unset)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,11 +1,11 @@
 # Both commands set up what they need; nothing has to be there before but Python >= 3.11.
 PYTHON ?= python3
 VENV := .venv
-BIN := $(VENV)/bin
+BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 DEMO := demo-results
-PIP := $(BIN)/pip --disable-pip-version-check --quiet
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test lint install clean
+.PHONY: demo test lint docs smoke install clean
 
 install: $(VENV)/.installed
 
@@ -30,6 +30,18 @@ lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The site, in build/site; it opens without a server.
+docs: install
+	$(PIP) install --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/python docs/build_site.py
+
+# For other systems and versions of Python: builds the wheel, and drives it by itself.
+smoke:
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install $(TORCH)
+	$(PIP) install . hypothesis pytest setuptools
+	$(BIN)/python -m pytest tests/test_distribution.py
 
 clean:
 	rm -rf $(VENV) $(DEMO)

@@ -2,7 +2,7 @@
 
 A kind is a class whose fields are its options and whose methods are pure functions of named
 weights. Learned kinds are trained by the loop in `loop.py`, closed forms are computed from the
-moments of the data. `docs/encoders.md` explains how to add a kind in another package.
+moments of the data. `docs/your-own-encoder.md` explains how to add a kind in another package.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,7 @@
 """Registry of the kinds of encoders: built-in ones and those of other packages.
 
 A package registers a kind by an entry point of the group `jbench.encoders`, named after the kind,
-and whose value is its class; see `docs/encoders.md`.
+and whose value is its class; see `docs/your-own-encoder.md`.
 """
 
 import importlib

@@ -21,7 +21,7 @@ from jbench.store.query import load
 from tests.command_line import jbench, succeed, train
 
 # A package of somebody else: the example that the documentation gives.
-DOCUMENTATION = Path(__file__).parents[2] / "docs" / "encoders.md"
+DOCUMENTATION = Path(__file__).parents[2] / "docs" / "your-own-encoder.md"
 (THIRD_PARTY,) = re.findall(r"```python\n(.*?)```", DOCUMENTATION.read_text(), re.DOTALL)
 ENTRY_POINTS = """[jbench.encoders]
 first-features = third_party_encoder:FirstFeatures

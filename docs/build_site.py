@@ -1,0 +1,152 @@
+"""Builds the documentation site, strictly: python docs/build_site.py, or make docs.
+
+The site is the Markdown of this folder with the README as its first page, and three generated
+parts: the reference of the commands, that of the Python API, and the report of the shipped runs.
+It works offline: a page that would request something from elsewhere fails the build.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+STAGE = ROOT / "build" / "site-source"
+SITE = ROOT / "build" / "site"
+
+RESULTS_PAGE = """# The shipped runs
+
+jbench ships its own runs on `face_direction`: DDPG, TD3 and SAC, and DDPG on 12 latents.
+`jbench report --results reference --claims` wrote [their whole report](reference/index.html), which
+`report.md` explains.
+
+![Learning curves of the shipped runs](reference/evaluations.svg)
+
+## Verdicts on the paper's claims
+
+{verdicts}
+"""
+
+
+def main() -> None:
+    """Builds the site into build/site."""
+    shutil.rmtree(STAGE, ignore_errors=True)
+    shutil.rmtree(SITE, ignore_errors=True)
+    pages = STAGE / "docs"
+    shutil.copytree(ROOT / "docs", pages, ignore=shutil.ignore_patterns("*.py"))
+    (pages / "index.md").write_text((ROOT / "README.md").read_text("utf-8"), "utf-8")
+    (pages / "contributing.md").write_text((ROOT / "CONTRIBUTING.md").read_text("utf-8"), "utf-8")
+    (pages / "commands.md").write_text(command_reference(), "utf-8")
+    (pages / "results.md").write_text(shipped_runs(pages / "reference"), "utf-8")
+    titles = {page.name: title_of(page) for page in pages.glob("*.md")}
+    for page in pages.glob("*.md"):
+        page.write_text(linked(page.read_text("utf-8"), titles), "utf-8")
+    config = (ROOT / "zensical.toml").read_text("utf-8")
+    check_navigation(tomllib.loads(config)["project"]["nav"], set(titles))
+    (STAGE / "zensical.toml").write_text(config, "utf-8")
+    subprocess.run([sys.executable, "-m", "zensical", "build", "--strict"], cwd=STAGE, check=True)
+    shutil.move(STAGE / "site", SITE)
+    problems = [problem for page in sorted(SITE.rglob("*.html")) for problem in faults(page)]
+    if problems:
+        sys.exit("\n".join(problems))
+    print(f"The documentation: {SITE / 'index.html'}")
+
+
+def command_reference() -> str:
+    """Returns the reference of all commands, from their help."""
+    typer = [sys.executable, "-m", "typer", "jbench.cli", "utils", "docs", "--name", "jbench"]
+    text = subprocess.run(
+        [*typer, "--title", "Command reference"], check=True, capture_output=True, text=True
+    ).stdout
+    # The list of commands shortens each sentence; the table of contents has all names.
+    return re.sub(r"\*\*Commands\*\*:\n\n(\* .*\n)+\n", "", text)
+
+
+def shipped_runs(place: Path) -> str:
+    """Writes the report of the shipped runs; returns the page that leads to it."""
+    report = [sys.executable, "-m", "jbench.cli", "report", "--results", "reference", "--claims"]
+    subprocess.run([*report, "--format", "svg", "--out", place], check=True, stdout=sys.stderr)
+    return RESULTS_PAGE.format(verdicts=(place / "verdicts.md").read_text("utf-8"))
+
+
+def title_of(page: Path) -> str:
+    """Returns the title of a page."""
+    return page.read_text("utf-8").partition("\n")[0].removeprefix("# ")
+
+
+def linked(text: str, titles: dict[str, str]) -> str:
+    """Returns a page whose mentions of other pages are links, as those of the README are.
+
+    Args:
+        text: the Markdown of a page.
+        titles: titles of all pages by file name.
+    """
+    text = text.replace("](docs/", "](").replace("](CONTRIBUTING.md", "](contributing.md")
+    # Not part of the site.
+    text = re.sub(r"\[([^\]]*)\]\(((?:examples|LICENSE)[^)]*)\)", r"\1", text)
+
+    def link(mention: re.Match[str]) -> str:
+        return f"[{titles[mention[1]]}]({mention[1]})" if mention[1] in titles else mention[0]
+
+    return re.sub(r"`(?:docs/)?([\w-]+\.md)`", link, text)
+
+
+def check_navigation(nav: list[dict[str, Any]], pages: set[str]) -> None:
+    """Ends the build unless the navigation lists every page once, and no other."""
+    listed = list(_files(nav))
+    for page in sorted(pages.symmetric_difference(listed)):
+        sys.exit(
+            f"{page} is a page without a line in `nav` of zensical.toml."
+            if page in pages
+            else f"{page} in `nav` of zensical.toml is no page."
+        )
+
+
+def _files(nav: list[dict[str, Any]]) -> Iterator[str]:
+    for entry in nav:
+        for target in entry.values():
+            if isinstance(target, str):
+                yield target
+            else:
+                yield from _files(target)
+
+
+class _Links(HTMLParser):
+    """Collects what a page requests, and the files to which it links."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.requested: list[str] = []
+        self.linked: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Sorts the addresses of a tag."""
+        values = dict(attrs)
+        address = values.get("src") or values.get("href") or ""
+        if tag == "a" or values.get("rel") in ("canonical", "next", "prev"):
+            self.linked.append(address)
+        elif address and tag in ("script", "img", "link", "iframe", "source"):
+            self.requested.append(address)
+
+
+def faults(page: Path) -> list[str]:
+    """Returns what is wrong with a built page: requests to elsewhere, links to nothing."""
+    found = _Links()
+    found.feed(page.read_text("utf-8"))
+    name = page.relative_to(SITE)
+    outside = [one for one in found.requested if re.match(r"(https?:)?//", one)]
+    wrong = [f"{name} requests {address}." for address in outside]
+    for address in found.linked:
+        target = address.partition("#")[0]
+        if target and not re.match(r"[a-z]+:|//|/", target) and not (page.parent / target).exists():
+            wrong.append(f"{name} links to {address}, which is not there.")
+    return wrong
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,20 @@
+"""The notebook of the examples runs from top to bottom, with few steps."""
+
+import nbclient
+import nbformat
+
+from tests.documentation import ROOT
+
+
+def test_quickstart_trains_reports_and_queries(tmp_path, monkeypatch):
+    monkeypatch.setenv("JBENCH_STEPS", "1000")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    notebook = nbformat.read(ROOT / "examples" / "quickstart.ipynb", as_version=4)
+    nbformat.validate(notebook)
+    resources = {"metadata": {"path": tmp_path}}
+    nbclient.NotebookClient(notebook, timeout=300, resources=resources).execute()
+    assert (tmp_path / "notebook-results" / "report" / "index.html").exists()
+    cells = {cell["id"]: cell for cell in notebook.cells}
+    shown = cells["code-7"]["outputs"][-1]["data"]["text/plain"]
+    # A row for each seed, and no others.
+    assert [line.split()[1:3] for line in shown.splitlines()[1:]] == [["0", "1000"], ["1", "1000"]]

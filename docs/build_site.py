@@ -71,7 +71,11 @@ def shipped_runs(place: Path) -> str:
     """Writes the report of the shipped runs; returns the page that leads to it."""
     report = [sys.executable, "-m", "jbench.cli", "report", "--results", "reference", "--claims"]
     subprocess.run([*report, "--format", "svg", "--out", place], check=True, stdout=sys.stderr)
-    return RESULTS_PAGE.format(verdicts=(place / "verdicts.md").read_text("utf-8"))
+    text = RESULTS_PAGE.format(verdicts=(place / "verdicts.md").read_text("utf-8"))
+    for file in place.iterdir():
+        if file.name not in ("index.html", "evaluations.svg"):
+            file.unlink()
+    return text
 
 
 def title_of(page: Path) -> str:

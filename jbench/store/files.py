@@ -10,7 +10,6 @@ import hashlib
 import io
 import os
 import stat
-import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
@@ -255,14 +254,14 @@ def _replace(temporary: str, path: Path) -> None:
         try:
             return os.replace(temporary, path)
         except PermissionError:
-            if sys.platform != "win32" or time.monotonic() > deadline:
+            if os.name != "nt" or time.monotonic() > deadline:
                 raise
             time.sleep(0.01)
 
 
 def _sync_directory(path: Path) -> None:
     # Windows can't open a directory; NTFS keeps a journal of names.
-    if sys.platform == "win32":
+    if os.name == "nt":
         return
     handle = os.open(path, os.O_RDONLY)
     try:

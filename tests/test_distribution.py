@@ -16,17 +16,23 @@ from jbench import __version__
 from tests.command_line import train
 
 ROOT = Path(__file__).parents[1]
-# What git ignores, and git's own.
-NOT_PUBLISHED = shutil.ignore_patterns(
-    *(".*_cache", ".git", ".gitignore", ".hypothesis", ".venv", "__pycache__", "*.egg-info"),
-    *("build", "demo-results", "dist", "site"),
-)
 BUILD = (
     "import sys; from setuptools import build_meta; getattr(build_meta, sys.argv[1])(sys.argv[2])"
 )
-
-
 TRAINING = [*train("ddpg", "none"), "--seeds", "0", "--steps", "1000"]
+
+
+def checkout():
+    """Returns the files of this checkout, or of an unpacked sdist, that git does not ignore."""
+    if not (ROOT / ".git").exists():
+        return files(ROOT)
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return {name for name in listed.splitlines() if (ROOT / name).is_file()}
+
+
+def files(place):
+    return {path.relative_to(place).as_posix() for path in place.rglob("*") if path.is_file()}
 
 
 def build(kind, source, to):
@@ -42,7 +48,9 @@ def build(kind, source, to):
 def sdist(tmp_path_factory):
     place = tmp_path_factory.mktemp("sdist")
     source = place / "checkout"
-    shutil.copytree(ROOT, source, ignore=NOT_PUBLISHED, symlinks=True)
+    for name in checkout():
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, source / name)
     with tarfile.open(build("sdist", source, place / "dist")) as archive:
         archive.extractall(place, filter="data")
     return next(place.glob("jbench-*"))
@@ -82,24 +90,15 @@ def jbench(installed):
     return run
 
 
-def files(place):
-    return {path.relative_to(place).as_posix() for path in place.rglob("*") if path.is_file()}
-
-
 def test_sdist_holds_every_file_of_a_checkout(sdist):
-    published = {name for name in files(sdist) if ".egg-info/" not in name}
-    source = sdist.parent / "checkout"
-    checkout = {name for name in files(source) if ".egg-info/" not in name}
-    assert published - {"PKG-INFO", "setup.cfg"} == checkout
+    generated = {"PKG-INFO", "setup.cfg", *(name for name in files(sdist) if ".egg-info/" in name)}
+    assert files(sdist) - generated == checkout() - generated - {".gitignore"}
 
 
 def test_wheel_holds_the_package_and_nothing_else(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
-    here = {path for path in (ROOT / "jbench").rglob("*") if path.is_file()}
-    assert names == {
-        path.relative_to(ROOT).as_posix() for path in here if "__pycache__" not in path.parts
-    }
+    assert names == {name for name in checkout() if name.startswith("jbench/")}
     for suffix in (".xml", ".csv", ".toml", ".css", ".js", "py.typed", "manifest.json", ".parquet"):
         assert any(name.endswith(suffix) for name in names)
 

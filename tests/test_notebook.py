@@ -12,7 +12,7 @@ def test_quickstart_trains_reports_and_queries(tmp_path, monkeypatch):
     notebook = nbformat.read(ROOT / "examples" / "quickstart.ipynb", as_version=4)
     nbformat.validate(notebook)
     resources = {"metadata": {"path": tmp_path}}
-    nbclient.NotebookClient(notebook, timeout=300, resources=resources).execute()
+    nbclient.NotebookClient(notebook, timeout=1200, resources=resources).execute()
     assert (tmp_path / "notebook-results" / "report" / "index.html").exists()
     cells = {cell["id"]: cell for cell in notebook.cells}
     shown = cells["code-7"]["outputs"][-1]["data"]["text/plain"]

@@ -1,6 +1,6 @@
-"""The results of `make demo` as README shows them, without its minutes of training.
+"""The results of `make demo` as docs/quick-start.md shows them, without its minutes of training.
 
-The settings, and so the ids, are those of the commands in README; the returns are those that it
+The settings, and so the ids, are those of the commands on that page; the returns are those that it
 shows. The policies and the encoder have random weights.
 """
 

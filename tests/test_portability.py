@@ -45,7 +45,7 @@ def process(*arguments, customized, place, **environment):
         [sys.executable, *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=900,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), **environment},
     )
 

@@ -18,7 +18,7 @@ def algorithms(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """List the algorithms that can be trained here, with their settings and defaults."""
+    """List the installed algorithms with their settings."""
     from jbench.agents.algorithms import installed_agents
     from jbench.names import ALGORITHMS
 

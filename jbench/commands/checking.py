@@ -36,7 +36,10 @@ def reproduce(
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
-    """Repeat a run's last evaluation and first episodes, and compare them bit for bit."""
+    """Repeat parts of a run and compare them bit for bit.
+
+    The parts are its last evaluation and its first training episodes.
+    """
     one_thread()
     from jbench.policies.find import SHIPPED
     from jbench.training import reproduce as repeating

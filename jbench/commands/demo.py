@@ -31,7 +31,10 @@ _RESULTS = Path("demo-results")
 
 
 def demo(context: typer.Context, results: ResultsOption = _RESULTS) -> None:
-    """Run the whole pipeline, small: collect, train-dae, train and report, in minutes."""
+    """Run the whole pipeline on a small scale, in minutes.
+
+    It collects a dataset, trains an encoder and agents, and writes a report.
+    """
     output = Output()
     output.say(
         "jbench demo: TD3 on face_direction, full and encoded, 2 seeds; networks of [128, 128]\n"

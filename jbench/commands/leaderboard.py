@@ -44,7 +44,10 @@ def leaderboard(
     as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV to standard output.")] = False,
     json: JsonOption = False,
 ) -> None:
-    """Rank algorithms and representations on each task, with intervals and ties."""
+    """Rank algorithms and representations on each task.
+
+    Entries whose intervals overlap share a rank.
+    """
     if markdown + as_csv + json > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
     from jbench.report import Request

@@ -7,12 +7,13 @@ from typing import Any
 
 import pandas as pd
 
-from jbench.report import leaderboard, summary
+from jbench.report import headline, leaderboard, summary
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.published import PublishedCurve
-from jbench.report.document import Document, Item, Section, TableItem
+from jbench.report.data.returns import TRAINING
+from jbench.report.document import Document, FigureItem, Item, Section, TableItem
 from jbench.report.figures import figure_items
 from jbench.report.figures.behaviour import Behaviour
 from jbench.report.request import Request
@@ -95,6 +96,7 @@ def document(data: ReportData) -> Document:
     """Returns the document of a report."""
     compared = _present(map(table_items.comparisons, data.views))
     sections = (
+        Section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data)),
         Section("Does reduction help?", _answers(data.views), _reduction(data)),
         *(
             Section(
@@ -105,7 +107,6 @@ def document(data: ReportData) -> Document:
         Section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(data)),
         Section("Comparisons", [], compared),
         Section("Leaderboard", [], _leaderboard(data)),
-        Section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data)),
         Section("Encoders", [], _encoders(data)),
         Section("What policies do", [], list(figure_items.of_behaviour(data.behaviours))),
     )
@@ -118,13 +119,15 @@ def document(data: ReportData) -> Document:
         sections=[section for section in sections if section.items],
         provenance=provenance(data.runs),
         command=data.request.command,
+        headline=headline.headline(data.views[0]),
+        overview=_overview(data),
+        inventory=headline.inventory(data.views),
     )
 
 
 def tables(document: Document) -> list[TableItem]:
     """Returns all tables of a document."""
-    items = (item for section in document.sections for item in section.items)
-    return [item for item in items if isinstance(item, TableItem)]
+    return [item for item in document.items if isinstance(item, TableItem)]
 
 
 def provenance(runs: pd.DataFrame) -> pd.DataFrame:
@@ -197,6 +200,16 @@ def _reduction(data: ReportData) -> list[Item]:
         for view in data.views
     )
     return [*figures, *_present(tables)]
+
+
+def _overview(data: ReportData) -> list[FigureItem]:
+    """Returns the figures that are shown first, of the leading kind of return."""
+    request, view = data.request, data.views[0]
+    trained = [cell for one in data.views if one.kind is TRAINING for cell in one.cells]
+    return [
+        *figure_items.of_tasks(view, data.published, data.aggregate, request),
+        *figure_items.of_uncertainty(view, trained, data.published),
+    ]
 
 
 def _curves(data: ReportData) -> list[Item]:

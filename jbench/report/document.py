@@ -64,12 +64,14 @@ class TableItem:
         caption: plain text that explains how to read the table.
         frame: a column's name is its heading; cells are texts, numbers, `Value` objects, or
             missing (None or NaN). The index is not shown.
+        folded: whether the page shows it only on request.
     """
 
     name: str
     title: str
     caption: str
     frame: pd.DataFrame
+    folded: bool = False
 
 
 Item = FigureItem | TableItem
@@ -102,6 +104,9 @@ class Document:
         sections: sections in order.
         provenance: a row per run: id, versions, processor, time, command.
         command: command line that made the report.
+        headline: the answer, in a sentence.
+        overview: figures that are shown first.
+        inventory: numbers on what was run, each with its name.
     """
 
     title: str
@@ -111,6 +116,14 @@ class Document:
     sections: Sequence[Section]
     provenance: pd.DataFrame
     command: str
+    headline: str = ""
+    overview: Sequence[FigureItem] = ()
+    inventory: Sequence[tuple[str, str]] = ()
+
+    @property
+    def items(self) -> list[Item]:
+        """All figures and tables in order."""
+        return [*self.overview, *(item for section in self.sections for item in section.items)]
 
 
 def data_frame(frame: pd.DataFrame) -> pd.DataFrame:

@@ -4,8 +4,8 @@ The modules of figures turn cells and curves into these. `plotting.py` draws the
 for files, and `page/values.py` writes their values as JSON for the page.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -51,12 +51,14 @@ class Band:
 
     Attributes:
         bars: whether it is drawn as error bars instead of an area.
+        along_x: whether it is a range of x instead of y; only for bars.
     """
 
     low: FloatArray
     high: FloatArray
     alpha: float = 0.15
     bars: bool = False
+    along_x: bool = False
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,10 @@ class Series:
 
     Attributes:
         label: text in legend and tooltip; a series without a label is in neither.
+        detail: further text in the tooltip, such as the number of seeds.
+        entries: further entries of the legend or the key that this series belongs to: a page hides
+            it together with any of them.
+        tags: task, algorithm, representation and source, by which a page filters.
         bands: drawn in the line's color, the widest first.
         partial: (points,) where the line is dotted; None: nowhere.
         edges: (points + 1,) edges of the bins of a histogram, which is drawn as steps.
@@ -76,6 +82,9 @@ class Series:
     style: Style
     label: str = ""
     bands: Sequence[Band] = ()
+    detail: str = ""
+    entries: Sequence[str] = ()
+    tags: Mapping[str, str] = field(default_factory=dict)
     partial: BoolArray | None = None
     edges: FloatArray | None = None
     zorder: float = 2.0
@@ -196,7 +205,7 @@ class Figure:
     Attributes:
         title: heading above the panels; omitted in figures for a paper.
         panels: at least one panel.
-        key: label and style of each kind of line and area, for all panels.
+        key: label and style of each kind of line and area, below the legend's lines.
         notes: paragraphs on how to read the figure.
     """
 
@@ -209,6 +218,16 @@ class Figure:
     def caption(self) -> str:
         """The notes as one text."""
         return " ".join(self.notes)
+
+    @property
+    def legend(self) -> list[tuple[str, Style | Shade]]:
+        """Label and style of each line in the legend, which all panels share, then the key."""
+        found: dict[str, Style | Shade] = {}
+        for panel in self.panels:
+            for line in (*panel.references, *panel.series):
+                if line.label:
+                    found.setdefault(line.label, line.style)
+        return [*found.items(), *self.key]
 
     @property
     def corners(self) -> int:

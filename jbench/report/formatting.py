@@ -1,10 +1,14 @@
 """Numbers and names as sentences, tables and figures of a report show them."""
 
 import math
+from collections.abc import Callable
 
 from jbench.names import ALGORITHMS
 
 NOT_REACHED = "not reached"
+
+Form = Callable[[float], str]
+"""Makes a text of a number."""
 
 
 def whole(value: float) -> str:

@@ -251,8 +251,7 @@ def _figure_files(document: Document, request: Request) -> dict[str, bytes]:
 
 
 def _figures(document: Document) -> list[FigureItem]:
-    items = (item for section in document.sections for item in section.items)
-    return [item for item in items if isinstance(item, FigureItem)]
+    return [item for item in document.items if isinstance(item, FigureItem)]
 
 
 def _to_csv(frame: pd.DataFrame) -> bytes:

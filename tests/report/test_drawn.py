@@ -32,7 +32,7 @@ class TestProfiles:
     def test_a_line_is_the_share_of_seeds_above_each_return(self, fabric):
         seeds(fabric, [101, 301, 501, 701])
         figure = profiles.profiles_figure(cells(fabric))
-        drawn = line(figure.panels[0], "TD3, full, 40k steps (4 seeds)")
+        drawn = line(figure.panels[0], "TD3")
         share = dict(zip(drawn.x, drawn.y, strict=True))
         assert [share[x] for x in (0, 100, 200, 400, 600, 800)] == [1, 1, 0.75, 0.5, 0.25, 0]
 
@@ -53,7 +53,8 @@ class TestProfiles:
         figure = profiles.profiles_figure(cells(fabric))
         titles = [panel.title for panel in figure.panels]
         assert titles == ["face_direction", "move_to_pose", "all tasks together"]
-        together = line(figure.panels[2], "TD3, full, 40k steps (4 runs on 2 tasks)")
+        together = line(figure.panels[2], "TD3")
+        assert together.detail == "4 runs on 2 tasks, 40k control steps"
         assert together.y[together.x == 200].tolist() == [0.5]
         assert len(figure.panels[2].labels) == 1
 
@@ -76,7 +77,7 @@ class TestProcessorTime:
         assert (times[0], times[-1]) == (2, 80)
         assert median.tolist() == item.curve.quantile(50).tolist()
         figure = processor.processor_time_figure([item], ["a processor"])
-        drawn = line(figure.panels[0], "TD3, full (3 seeds)")
+        drawn = line(figure.panels[0], "TD3")
         assert (drawn.x[0], drawn.x[-1]) == (2, 80)
         assert figure.panels[0].x.label == "processor time of a seed (seconds)"
         assert figure.panels[0].y.label == "training return\n(exploration included)"
@@ -222,6 +223,4 @@ def test_a_figure_is_drawn_with_and_without_the_text_around_its_panels(fabric, p
     assert bare.texts == []
     assert bare.get_size_inches()[1] < whole.get_size_inches()[1]
     assert "Order: quantile-first" in figure.caption
-    assert f"solved: a return of {SOLVED}" in [
-        text.get_text() for text in bare.legends[-1].get_texts()
-    ]
+    assert f"solved ({SOLVED})" in [text.get_text() for text in bare.legends[-1].get_texts()]

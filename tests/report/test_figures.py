@@ -12,10 +12,9 @@ from jbench.names import ALGORITHMS, TASKS
 from jbench.report.figure import DOTS
 from jbench.report.figures import plotting
 from jbench.report.figures.curve_series import SOLVED_LINE
+from jbench.report.figures.encoders import look_of
 from jbench.report.figures.learning_curves import (
     ALGORITHM_COLORS,
-    ENCODED_COLORS,
-    FULL_COLOR,
     algorithm_colors,
     comparison_figures,
     grid_figure,
@@ -87,20 +86,22 @@ class TestGrid:
         seeds(fabric, 1, task="dance")
         assert titles(grid()) == [*TASKS, "dance"]
 
-    def test_the_line_of_a_solved_task_is_red_at_900_in_every_panel(self, fabric, grid):
+    def test_the_line_of_a_solved_task_is_thin_and_grey_at_900_in_every_panel(self, fabric, grid):
         seeds(fabric, 1, task="move_to_pose")
         seeds(fabric, 1)
         figure = grid()
         for task in TASKS:
             assert list(panel(figure, task).references) == [SOLVED_LINE]
-        assert (SOLVED_LINE.at, SOLVED_LINE.style.color) == (900, "#d00000")
-        assert "solved: a return of 900" in key(figure)
+        style = SOLVED_LINE.style
+        assert (SOLVED_LINE.at, style.color, style.width) == (900, "#8a8a8a", 0.8)
+        assert "solved (900)" in key(figure)
 
     def test_a_curve_is_the_median_and_says_its_seeds_and_window(self, fabric, grid):
         seeds(fabric, 3)
         drawn = panel(grid(), "face_direction")
-        assert drawn.labels == ["TD3 (3 seeds, window 4)"]
-        median = series(drawn, "TD3 (3 seeds, window 4)")
+        assert drawn.labels == ["TD3"]
+        median = series(drawn, "TD3")
+        assert median.detail == "3 seeds, window 4"
         # Of a ramp plus 0, 1 and 2, the median is the ramp plus 1, whatever the window.
         assert median.x.tolist() == [1000, *(1500 + 1000 * i for i in range(39)), 40_000]
         ramp = np.interp(median.x, np.arange(1, 41) * 1000, RETURNS)
@@ -112,7 +113,7 @@ class TestGrid:
     def test_long_curves_are_drawn_with_fewer_points_but_to_their_end(self, fabric, grid):
         seeds(fabric, 1, returns=np.zeros(3000))
         (learned,) = fabric.learned(window=100)
-        drawn = series(panel(grid(window=100), "face_direction"), "TD3 (1 seed, window 100)")
+        drawn = series(panel(grid(window=100), "face_direction"), "TD3")
         assert len(drawn.x) < 1000 < len(learned.curve.control_steps)
         assert drawn.x[[0, -1]].tolist() == learned.curve.control_steps[[0, -1]].tolist()
 
@@ -139,11 +140,11 @@ class TestGrid:
 
     def test_an_algorithm_keeps_its_colour_whoever_else_is_there(self, fabric, grid):
         seeds(fabric, 1, algo="sac")
-        alone = series(panel(grid(), "face_direction"), "SAC (1 seed, window 4)").style.color
+        alone = series(panel(grid(), "face_direction"), "SAC").style.color
         for algo in ("ddpg", "ppo", "td3", "another"):
             seeds(fabric, 1, algo=algo)
         drawn = panel(grid(), "face_direction")
-        assert series(drawn, "SAC (1 seed, window 4)").style.color == alone
+        assert series(drawn, "SAC").style.color == alone
         assert len({series(drawn, label).style.color for label in drawn.labels}) == 5
 
     def test_the_paper_is_dashed_thin_and_of_the_same_colour(self, fabric, grid, published):
@@ -168,8 +169,8 @@ class TestGrid:
         assert not panel(grid(), "face_direction").series[0].partial.any()
         fabric.run(np.zeros(20), seed=9)
         drawn = panel(grid(), "face_direction")
-        assert drawn.labels == ["TD3 (3 seeds, 2 at the end, window 4)"]
         curve = drawn.series[0]
+        assert (curve.label, curve.detail) == ("TD3", "3 seeds, 2 at the end, window 4")
         # The last window of the shortest run is centred at 18.5 episodes; the lines meet there.
         assert curve.x[~curve.partial][-1] == 18_500
         axes = plotting.draw(grid()).axes[0]
@@ -188,7 +189,7 @@ class TestGrid:
         for rate in (1e-4, 1e-3, 1e-2, 2e-2, 5e-2):
             seeds(fabric, 1, hyperparameters={"learning_rate": rate})
         drawn = panel(grid(), "face_direction")
-        assert drawn.labels[0] == "TD3, learning_rate=1e-04 (1 seed, window 4)"
+        assert drawn.labels[0] == "TD3, learning_rate=1e-04"
         styles = [series(drawn, label).style for label in drawn.labels]
         assert len({style.color for style in styles}) == 1
         assert len({(style.dash, style.marker) for style in styles}) == 5
@@ -200,8 +201,8 @@ class TestGrid:
         seeds(fabric, 1, algo="td3", representation="dae12")
         seeds(fabric, 1, algo="td3")
         assert panel(grid(), "face_direction").labels == [
-            "SAC on dae12 (1 seed, window 4)",
-            "TD3 (1 seed, window 4)",
+            "SAC on dae12",
+            "TD3",
         ]
 
     @pytest.mark.parametrize(
@@ -234,7 +235,7 @@ class TestGrid:
 
     def test_a_run_of_one_point_shows(self, fabric, grid):
         seeds(fabric, 1, returns=[300])
-        point = series(panel(grid(), "face_direction"), "TD3 (1 seed, window 1)")
+        point = series(panel(grid(), "face_direction"), "TD3")
         assert (point.style.marker, point.style.every, point.y.tolist()) == ("o", 1, [300])
 
 
@@ -247,13 +248,18 @@ class TestComparison:
         seeds(fabric, 1, task="move_in_direction", algo="ddpg")
         assert list(comparisons()) == [("move_in_direction", "ddpg"), ("move_to_pose", "sac")]
 
-    def test_full_is_orange_encoded_green_and_more_are_others(self, fabric, comparisons):
+    def test_a_representation_has_its_color_of_all_figures_and_none_of_an_algorithm(
+        self, fabric, comparisons
+    ):
         for representation in ("full", "ae3", "dae12", "vae6"):
             seeds(fabric, 1, representation=representation)
         (drawn,) = comparisons()["face_direction", "td3"].panels
         colors = {label.split()[0]: series(drawn, label).style.color for label in drawn.labels}
-        assert (colors["full"], colors["dae12"]) == (FULL_COLOR, ENCODED_COLORS[0])
+        kinds = {"full": "full", "ae3": "ae", "dae12": "dae", "vae6": "vae"}
+        assert colors == {name: look_of(kind)[0] for name, kind in kinds.items()}
         assert len(set(colors.values())) == 4
+        taken = {color.lower() for color in ALGORITHM_COLORS.values()}
+        assert not taken & {color.lower() for color in colors.values()}
 
     def test_two_bands_of_quantiles(self, fabric, comparisons):
         seeds(fabric, 3)
@@ -269,12 +275,12 @@ class TestComparison:
         seeds(fabric, 3, task="move_in_direction", algo="ddpg")
         figure = comparisons()["move_in_direction", "ddpg"]
         drawn = panel(figure, "move_in_direction, DDPG")
-        assert drawn.labels == [
-            "full (3 seeds, window 4)",
-            "published: full (Figure 8, 10 seeds)",
-            "published: dae12 (Figure 8, 10 seeds)",
-        ]
-        assert series(drawn, drawn.labels[2]).style.color == ENCODED_COLORS[0]
+        # The published curve of ours' representation is of its color, without another entry.
+        assert drawn.labels == ["full", "dae12"]
+        ours, theirs = (one for one in drawn.series if "full" in one.entries and one.detail)
+        assert theirs.detail == "published full (Figure 8, 10 seeds)"
+        assert (theirs.style.dash, theirs.style.color) == ("--", ours.style.color)
+        assert series(drawn, "dae12").style.color == look_of("dae")[0]
         quartiles = [
             c.quantiles[q].tolist()
             for c in sorted(published, key=lambda c: c.representation, reverse=True)
@@ -288,12 +294,10 @@ class TestComparison:
         seeds(fabric, 1, algo="ddpg", representation="dae12")
         figure = comparisons()["face_direction", "ddpg"]
         drawn = panel(figure, "face_direction, DDPG")
-        assert drawn.labels[1:] == [
-            "published: full (Figure 7, 1 seed)",
-            "published: dae12 (Figure 7, 1 seed)",
-        ]
+        assert drawn.labels == ["dae12", "full"]
+        assert series(drawn, "full").detail == "Figure 7, 1 seed"
         assert edges(drawn) == []
-        assert "published (Figure 7): one seed" in key(figure)
+        assert "published: one seed" in key(figure)
 
 
 def test_further_algorithms_take_colours_that_are_left():
@@ -358,4 +362,4 @@ class TestFiles:
         ]
         figure = grid_figure(learned, published, order, window)
         assert plotting.to_svg(plotting.draw(figure)).startswith(b"<?xml")
-        assert panel(figure, name).labels == [f"{name} (1 seed, window 4)"]
+        assert panel(figure, name).labels == [name]

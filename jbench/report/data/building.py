@@ -13,7 +13,7 @@ from jbench.report.data.cells import OURS, Cell, paper_order
 from jbench.report.data.curves import FloatArray, IntArray
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
-from jbench.report.data.variants import variant_labels
+from jbench.report.data.variants import variant_labels, variant_words
 from jbench.settings.run import Run, read_run
 
 _KEY = ["task", "algo", "representation", "variant"]
@@ -71,13 +71,15 @@ def build_cells(
     runs = runs[~idle]
     cells = []
     for _, group in runs.groupby(_KEY[:3]):
-        labels = variant_labels(dict(zip(group["variant"], _settings(group), strict=True)))
-        for variant, label in labels.items():
+        settings = dict(zip(group["variant"], _settings(group), strict=True))
+        words = variant_words(settings)
+        for variant, label in variant_labels(settings).items():
             seeds = _Seeds(group[group["variant"] == variant])
+            names = label, words[variant]
             if any(run in trained for run in seeds.chosen["run"]) or seeds.any_diverged():
-                cells.append(_build_cell(seeds, label, TRAINING, trained, source))
+                cells.append(_build_cell(seeds, names, TRAINING, trained, source))
             if any(run in evaluated for run in seeds.chosen["run"]) or seeds.diverged_too_early():
-                cells.append(_build_cell(seeds, label, EVALUATION, evaluated, source))
+                cells.append(_build_cell(seeds, names, EVALUATION, evaluated, source))
     return sorted(cells, key=paper_order), notes
 
 
@@ -105,7 +107,11 @@ class _Seeds:
 
 
 def _build_cell(
-    seeds: _Seeds, label: str, kind: Returns, recorded: Mapping[str, Recorded], source: str
+    seeds: _Seeds,
+    names: tuple[str, str],
+    kind: Returns,
+    recorded: Mapping[str, Recorded],
+    source: str,
 ) -> Cell:
     chosen, notes = seeds.chosen, []
     usable = chosen["run"].isin(list(recorded)) | chosen["divergence"].notna()
@@ -133,7 +139,8 @@ def _build_cell(
         algo=str(first["algo"]),
         representation=str(first["representation"]),
         variant=str(first["variant"]),
-        label=label,
+        label=names[0],
+        words=names[1],
         seeds=chosen["seed"].to_numpy(np.int64),
         lengths=lengths.astype(np.int64),
         steps=_steps(chosen, counted.control_steps, lengths),

@@ -10,6 +10,7 @@ import numpy as np
 from jbench.names import ALGORITHMS, FULL, TASKS
 from jbench.report.data.curves import BoolArray, Curve, FloatArray, IntArray
 from jbench.report.data.returns import Returns
+from jbench.report.formatting import display_name
 from jbench.settings.alike import comparable
 from jbench.settings.base import settings_hash
 from jbench.settings.run import Run
@@ -51,6 +52,7 @@ class Cell:
         processor_time: (seeds, points) processor time at each point in s; NaN if not recorded.
         settings: settings of the run with the first seed.
         source: `OURS`, or the name of another source.
+        words: the variant's name in legends, without defaults; see `variants.variant_words`.
     """
 
     kind: Returns
@@ -71,6 +73,7 @@ class Cell:
     processor_time: FloatArray
     settings: Run
     source: str = OURS
+    words: str = ""
 
     @property
     def name(self) -> str:
@@ -92,6 +95,28 @@ class Cell:
     def representation_label(self) -> str:
         """The representation, and the settings that distinguish the variant."""
         return ", ".join(filter(None, (self.representation, self.label)))
+
+    @property
+    def representation_words(self) -> str:
+        """The representation, and the variant's name in legends."""
+        return ", ".join(filter(None, (self.representation, self.words)))
+
+    @property
+    def short_name(self) -> str:
+        """Name within a task: `TD3`, `TD3, stable-baselines3`, `DDPG on dae12`."""
+        algo = display_name(self.algo)
+        learner = algo if self.representation == FULL else f"{algo} on {self.representation}"
+        return self.prefix + ", ".join(filter(None, (learner, self.words)))
+
+    @property
+    def tags(self) -> dict[str, str]:
+        """What a page filters by."""
+        return {
+            "task": self.task,
+            "algorithm": display_name(self.algo),
+            "representation": self.representation,
+            "source": self.source,
+        }
 
     @property
     def last_step(self) -> float:

@@ -11,6 +11,9 @@ from jbench.names import EPISODE_STEPS, FULL
 from jbench.report.data.cells import IMPORTED, LearnedCurve
 from jbench.report.data.curves import QUANTILES, FloatArray
 
+PUBLISHED = "published"
+"""Source of the paper's curves."""
+
 PPO_ENVIRONMENTS = 8
 """Parallel environments of the paper's PPO; its figures probably count the steps of only one."""
 

@@ -2,14 +2,18 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from jbench.settings.alike import VARIANT, flatten
-from jbench.settings.run import Run
+from jbench.settings.run import Run, RunSettings
 
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
+
+
+_WORDS = {("engine", "sb3"): "stable-baselines3", ("precision", "bfloat16"): "bfloat16"}
+"""Settings that have a name of their own."""
 
 
 def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str, str]:
@@ -21,6 +25,29 @@ def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str,
     Returns:
         Labels by variant, in the order of the values that differ; "" for a single variant.
     """
+    return _labels(settings, lambda name, value: f"{name}={_text(value)}")
+
+
+def variant_words(settings: Mapping[str, Run]) -> dict[str, str]:
+    """Returns the name of each variant in legends: as `variant_labels`, without defaults.
+
+    A setting with a name of its own is called by it: `stable-baselines3` instead of `engine=sb3`.
+    The variant with all defaults has an empty name.
+    """
+    return _labels(settings, _word)
+
+
+def _word(name: str, value: Any) -> str:
+    field = RunSettings.model_fields.get(name)
+    if field is not None and not field.is_required() and value == field.default:
+        return ""
+    return _WORDS.get((name, str(value)), f"{name}={_text(value)}")
+
+
+def _labels(
+    settings: Mapping[str, Run | Mapping[str, Any]], form: Callable[[str, Any], str]
+) -> dict[str, str]:
+    """Returns the labels of variants; `form` makes a text of the name and value of a setting."""
     flat = {variant: flatten(values) for variant, values in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [
@@ -35,7 +62,10 @@ def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str,
     )
     labels = {
         variant: ", ".join(
-            f"{names[path]}={_text(values.get(path, ...))}" for path in differing[:_NAMED_SETTINGS]
+            filter(
+                None,
+                (form(names[path], values.get(path, ...)) for path in differing[:_NAMED_SETTINGS]),
+            )
         )
         for variant, values in rows
     }

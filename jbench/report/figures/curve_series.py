@@ -1,21 +1,32 @@
 """Series of learning curves, ours and the paper's, and their key."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jbench.report.data.cells import SOLVED, LearnedCurve
 from jbench.report.data.curves import IntArray
-from jbench.report.data.published import PublishedCurve
-from jbench.report.figure import DOTS, Axis, Band, Dash, ReferenceLine, Series, Shade, Style
+from jbench.report.data.published import PUBLISHED, PublishedCurve
+from jbench.report.figure import (
+    DOTS,
+    Axis,
+    Band,
+    Dash,
+    Panel,
+    ReferenceLine,
+    Series,
+    Shade,
+    Style,
+)
+from jbench.report.formatting import display_name
 
 BAND_SEEDS = 3
 """Minimum number of seeds for a band."""
 
-SOLVED_STYLE = Style("#d00000", width=0.9)
+SOLVED_STYLE = Style("#8a8a8a", width=0.8)
 SOLVED_LINE = ReferenceLine(SOLVED, SOLVED_STYLE)
-SOLVED_KEY = (f"solved: a return of {SOLVED}", SOLVED_STYLE)
+SOLVED_KEY = (f"solved ({SOLVED})", SOLVED_STYLE)
 
 # Dashed lines are for published curves, dotted ones for points that not all seeds have reached.
 LINE_STYLES: tuple[Dash, ...] = ("-", "-.", (0, (8, 1.5)), (0, (6, 1.5, 1, 1.5, 1, 1.5)))
@@ -29,8 +40,11 @@ _BAND_ALPHA = 0.13
 _MAX_POINTS = 600
 _MAX_MARKED = 40
 
-KEY_COLOR = "0.25"
+KEY_COLOR = "#404040"
 """Color of lines in a key that represent curves of any color."""
+
+OURS_KEY, PUBLISHED_KEY = "ours: median", "published: median"
+_ONE_SEED_KEY = "published: one seed"
 
 
 class Look(NamedTuple):
@@ -88,15 +102,19 @@ def learned_series(
         every=1 if few else max(1, len(x) // 10),
     )
     thin = Style(look.color, width=0.5, alpha=0.45)
+    label = ", ".join(filter(None, (item.cell.prefix + name, item.cell.words)))
+    of: dict[str, Any] = {"entries": (label, OURS_KEY), "tags": item.cell.tags}
     return [
-        *(Series(x, row, thin) for row in (curve.each[:, shown] if each_seed else ())),
+        *(Series(x, row, thin, **of) for row in (curve.each[:, shown] if each_seed else ())),
         Series(
             x,
             curve.quantile(50)[shown],
             style,
-            _label(item, name),
+            label,
             [Band(low, high, _BAND_ALPHA) for low, high in ends] if enough.any() else [],
+            detail=_detail(item),
             partial=seeds < len(item.cell.seeds),
+            **of,
         ),
     ]
 
@@ -105,59 +123,94 @@ def published_series(
     curve: PublishedCurve,
     color: str,
     band: tuple[int, int],
-    label: str,
+    entry: str,
     *,
+    labelled: bool = False,
     each_seed: bool = False,
 ) -> list[Series]:
     """Returns one of the paper's curves, and the edges of its band.
 
     The edges are dashed if single seeds are drawn, which are thin lines as well.
+
+    Args:
+        curve: the curve.
+        color: color of the lines.
+        band: percentiles of the band.
+        entry: entry of the legend for the curve's color.
+        labelled: whether the curve makes that entry, as none of ours does.
+        each_seed: whether single seeds are drawn.
     """
     x = curve.control_steps
     edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.4)
-    return [
-        Series(x, curve.quantiles[50], Style(color, "--", 1.0), label),
-        *(Series(x, curve.quantiles[p], edge) for p in band if p in curve.quantiles),
-    ]
+    tags = {
+        "task": curve.task,
+        "algorithm": display_name(curve.algo),
+        "representation": curve.representation,
+        "source": PUBLISHED,
+    }
+    key = _ONE_SEED_KEY if curve.figure == "fig7" else PUBLISHED_KEY
+    of: dict[str, Any] = {"entries": (entry, key), "tags": tags}
+    seeds = "1 seed" if curve.figure == "fig7" else "10 seeds"
+    detail = f"{curve.figure_name}, {seeds}"
+    if not labelled:
+        detail = f"published {entry} ({detail})"
+    line = Style(color, "--", 1.0)
+    median = Series(x, curve.quantiles[50], line, entry * labelled, detail=detail, **of)
+    edges = (Series(x, curve.quantiles[p], edge, **of) for p in band if p in curve.quantiles)
+    return [median, *edges]
 
 
 def curve_key(
+    panels: Sequence[Panel],
     bands: Sequence[tuple[int, int]],
-    figure_names: Sequence[str],
     *,
     each_seed: bool = False,
     whose: str = "ours",
 ) -> list[tuple[str, Style | Shade]]:
-    """Returns the key of the kinds of lines and bands.
+    """Returns the key of the kinds of lines and bands that panels show.
 
     Args:
+        panels: the panels.
         bands: bands of our curves, the narrowest first; published curves have only that one.
-        figure_names: figures of the paper whose curves are shown.
         each_seed: whether single seeds are shown.
         whose: name of the curves that are not published.
     """
+    series = [one for panel in panels for one in panel.series]
+    shown = {entry for one in series for entry in one.entries}
     color = KEY_COLOR
     key: list[tuple[str, Style | Shade]] = [
-        (f"{whose}: median across seeds", Style(color, width=_WIDTH)),
-        (f"{whose}: not reached by all seeds", Style(color, DOTS, _WIDTH)),
+        (f"{whose}: median", Style(color, width=_WIDTH))
     ]
+    if any(one.partial is not None and one.partial.any() for one in series):
+        key.append((f"{whose}: not reached by all seeds", Style(color, DOTS, _WIDTH)))
     if each_seed:
         key.append((f"{whose}: a single seed", Style(color, width=0.5, alpha=0.6)))
-    for i, band in enumerate(bands):
-        key.append(
-            (f"{whose}: {percentiles(band)}", Shade(color, _BAND_ALPHA * (len(bands) + 1 - i)))
-        )
-    source = f"published ({', '.join(figure_names)})"
-    one_seed = list(figure_names) == ["Figure 7"]
-    if figure_names:
-        key.append((f"{source}: {'one seed' if one_seed else 'median'}", Style(color, "--", 1.0)))
-    if figure_names and not one_seed:
+    for i, band in enumerate(bands if any(one.bands for one in series) else ()):
+        key.append((f"{whose}: {percentiles(band)}", Shade(color, _BAND_ALPHA * (len(bands) + 1 - i))))
+    for name in (PUBLISHED_KEY, _ONE_SEED_KEY):
+        if name in shown:
+            key.append((name, Style(color, "--", 1.0)))
+    if PUBLISHED_KEY in shown:
         edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.5)
-        key.append((f"{source}: {percentiles(bands[0])}", edge))
+        key.append((f"published: {percentiles(bands[0])}", edge))
     return [*key, SOLVED_KEY]
 
 
-def _label(item: LearnedCurve, name: str) -> str:
+def details_text(panels: Sequence[Panel]) -> str:
+    """Returns a sentence on the seeds of the curves in panels."""
+    named: dict[str, list[str]] = {}
+    for panel in panels:
+        for one in (one for one in panel.series if one.label and one.detail):
+            same = named.setdefault(one.detail, [])
+            where = one.label if len(panels) == 1 else f"{one.label} on {panel.title}"
+            same += [] if where in same else [where]
+    if len(named) == 1:
+        return f"Each curve: {next(iter(named))}."
+    parts = [f"{detail}: {', '.join(labels)}" for detail, labels in named.items()]
+    return f"{'; '.join(parts)}." if parts else ""
+
+
+def _detail(item: LearnedCurve) -> str:
     cell, curve = item
     seeds = "1 seed" if len(cell.seeds) == 1 else f"{len(cell.seeds)} seeds"
     fewer = int(curve.seeds[-1])
@@ -167,8 +220,7 @@ def _label(item: LearnedCurve, name: str) -> str:
         seeds += f", {int(cell.diverged.sum())} diverged"
     if cell.kind.smoothed:
         seeds += f", window {curve.window}"
-    settings = f", {cell.label}" if cell.label else ""
-    return f"{cell.prefix}{name}{settings} ({seeds})"
+    return seeds
 
 
 def thinned(points: int, enough: int, max_step: int | None = None) -> IntArray:

@@ -24,13 +24,14 @@ from jbench.report.figures.curve_series import KEY_COLOR
 from jbench.settings.alike import ENCODER_VARIANT
 from jbench.settings.base import settings_hash
 
-# After Okabe and Ito, 2008.
+# None is the color of an algorithm (`learning_curves.ALGORITHM_COLORS`).
 _LOOKS = {
-    "dae": ("#0072b2", "o"),
+    "full": ("#595959", "o"),
+    "dae": ("#d55e00", "o"),
     "ae": ("#56b4e9", "s"),
-    "ddae": ("#009e73", "D"),
-    "vae": ("#e69f00", "^"),
-    "lld-vae": ("#d55e00", "v"),
+    "ddae": ("#4b3fb5", "D"),
+    "vae": ("#7f9a00", "^"),
+    "lld-vae": ("#8c3b00", "v"),
     "pca": ("#000000", "P"),
     "random": ("#888888", "X"),
     "scaled": ("#b8a200", "h"),
@@ -38,10 +39,10 @@ _LOOKS = {
     "forward": ("#c00000", "<"),
     "dmd": ("#6b4c2a", ">"),
     "contrastive": ("#005f3c", "d"),
-    "random-features": ("#4a4a8a", "H"),
+    "random-features": ("#8080b8", "H"),
     "ofe": ("#d4a017", "8"),
 }
-_OTHER = ("#cc79a7", "p")
+_OTHER = ("#00868b", "p")
 _FLOOR = 1e-3
 """Smaller fractions of unexplained variance are drawn at this value."""
 

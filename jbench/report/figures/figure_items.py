@@ -6,14 +6,15 @@ from typing import Any
 
 import pandas as pd
 
-from jbench.report.analysis import reduction
-from jbench.report.data.cells import LearnedCurve, file_name
+from jbench.report.analysis import reduction, scores
+from jbench.report.data.cells import Cell, LearnedCurve, file_name
 from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import FigureItem
 from jbench.report.figures import (
     behaviour,
     encoders,
+    forest,
     heat_map,
     learning_curves,
     processor,
@@ -27,18 +28,42 @@ from jbench.report.request import Request
 from jbench.report.views import View
 
 
+def of_tasks(
+    view: View, published: Sequence[PublishedCurve], aggregate: pd.DataFrame, request: Request
+) -> Iterator[FigureItem]:
+    """Yields the learning curves of all tasks."""
+    kind, one_robot = view.kind, [item for item in view.drawn if item.cell.robots <= 1]
+    if not one_robot:
+        return
+    options = one_robot, [*published, *view.baselines], request.order, request.window
+    figure = learning_curves.grid_figure(*options, each_seed=request.each_seed)
+    name = "figure9" if kind is TRAINING else "evaluations"
+    data = aggregate[aggregate["returns"] == kind.name]
+    yield FigureItem(name, f"Learning curves: {kind.plural}", figure, data)
+
+
+def of_uncertainty(
+    view: View, trained: Sequence[Cell], published: Sequence[PublishedCurve]
+) -> Iterator[FigureItem]:
+    """Yields the final returns with their uncertainty, of at least one cell."""
+    found = [one for one in view.statistics if len(one.cell.seeds)]
+    if found:
+        figure = forest.forest_figure(found, trained, published)
+        frame = scores.statistics_frame(found)
+        frame = frame[frame["measure"] == "final_return"]
+        yield FigureItem("forest", f"Final {view.kind.plural}, how certain", figure, frame)
+
+
 def of_curves(
     view: View, published: Sequence[PublishedCurve], aggregate: pd.DataFrame, request: Request
 ) -> Iterator[FigureItem]:
-    """Yields the learning curves: all, full against encoded, and sequences of robots."""
+    """Yields further learning curves: full against encoded, and sequences of robots."""
     kind, one_robot = view.kind, [item for item in view.drawn if item.cell.robots <= 1]
     options = one_robot, [*published, *view.baselines], request.order, request.window
     training, each_seed = kind is TRAINING, request.each_seed
+    if not view.leads:
+        yield from of_tasks(view, published, aggregate, request)
     aggregate = aggregate[aggregate["returns"] == kind.name]
-    if one_robot:
-        figure = learning_curves.grid_figure(*options, each_seed=each_seed)
-        name = "figure9" if training else "evaluations"
-        yield FigureItem(name, f"Learning curves: {kind.plural}", figure, aggregate)
     compared = learning_curves.comparison_figures(*options, each_seed=each_seed)
     for (task, algo), figure in compared.items():
         title = f"Full against encoded observations, {kind.plural}: {task}, {display_name(algo)}"

@@ -1,15 +1,19 @@
-"""Sizes of figures for a screen or a paper, and positions of panels, legends and notes."""
+"""Sizes of figures for a screen or a paper, and positions of panels, legend and notes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from textwrap import wrap
 from typing import NamedTuple
 
-from jbench.report.figure import Figure, HeatMap
+from jbench.report.figure import Axis, Figure, HeatMap, Panel
 
 # Inches.
-_LEFT, _RIGHT, _TOP, _BELOW = 0.7, 0.2, 0.35, 0.55
-_TITLE_HEIGHT, _LINE_HEIGHT = 0.45, 0.165
-MARGIN = 0.15
+MARGIN = 0.08
+_LEFT, _TICKS = 0.68, 0.42  # of an axis with a label and numbers, and with numbers only
+_TITLE, _OPPOSITE = 0.22, 0.4
+_NUMBERS, _LABEL_LINE = 0.24, 0.15  # below a panel
+_TITLE_HEIGHT, _LINE_HEIGHT = 0.35, 0.165
+HANDLE, _GAP = 0.32, 0.07  # of an entry of the legend: its line, and the space to its text
+_BETWEEN = 0.2
 
 SMALL = 8.0
 """Font size of most texts, in points."""
@@ -17,54 +21,38 @@ SMALL = 8.0
 _TINY = 5.5  # points; font size in narrow cells
 _CHARACTERS = 16  # characters of the small size per inch
 
-
-class _Form(NamedTuple):
-    """Arrangement of panels: sizes in inches, and characters in a line of a legend."""
-
-    columns: int
-    width: float
-    height: float
-    characters: int
-
-    @property
-    def whole_width(self) -> float:
-        """Width of the figure."""
-        return MARGIN + self.columns * (_LEFT + self.width + _RIGHT)
+Measure = Callable[[str], float]
+"""Returns the width of a text of the small size, in inches."""
 
 
 class Sheet(NamedTuple):
-    """Format of a figure for a medium.
+    """Format of a figure for a medium; sizes in inches.
 
     Attributes:
-        grid: arrangement of several panels.
-        single: arrangement of a single panel.
-        paper: whether it is for a paper, where title and notes belong in the caption.
-        stacked: whether the key of a single panel is below the legend instead of beside it.
+        width: width of a figure with several panels.
+        single: width of a figure with one panel.
+        columns: maximum number of panels in a row.
+        height: height of each of several panels.
+        single_height: height of a single panel.
+        row: height of a row of a panel with named rows.
+        paper: whether it is for a paper, where title and notes belong in the caption, and panels
+            side by side share their vertical axis.
     """
 
-    grid: _Form
-    single: _Form
+    width: float
+    single: float
+    columns: int
+    height: float
+    single_height: float
+    row: float
     paper: bool = False
-    stacked: bool = False
 
 
-SCREEN = Sheet(
-    grid=_Form(columns=3, width=4.0, height=2.7, characters=50),
-    single=_Form(columns=1, width=7.6, height=3.6, characters=48),
-)
+SCREEN = Sheet(11.8, 4.9, 5, 1.9, 2.5, 0.33)
 SHEETS = {
     None: SCREEN,
-    1: Sheet(
-        grid=_Form(columns=1, width=2.45, height=1.5, characters=37),
-        single=_Form(columns=1, width=2.45, height=1.9, characters=37),
-        paper=True,
-        stacked=True,
-    ),
-    2: Sheet(
-        grid=_Form(columns=2, width=2.6, height=1.9, characters=38),
-        single=_Form(columns=1, width=6.1, height=2.8, characters=40),
-        paper=True,
-    ),
+    1: Sheet(3.5, 3.5, 2, 1.0, 1.6, 0.17, paper=True),
+    2: Sheet(7.15, 7.15, 5, 1.5, 2.4, 0.17, paper=True),
 }
 """By columns of a paper: 3.5 and 7.15 inches wide; None is for a screen."""
 
@@ -78,89 +66,147 @@ class Box(NamedTuple):
     height: float = 0.0
 
 
+class Place(NamedTuple):
+    """Place of a panel.
+
+    Attributes:
+        box: box of the axes.
+        x_label: label of the horizontal axis in lines; empty if the panel below has the same.
+        first: whether it is the first of its row.
+    """
+
+    box: Box
+    x_label: str
+    first: bool
+
+
 class Layout(NamedTuple):
-    """Positions in a figure with a key, in inches.
+    """Positions in a figure, in inches.
 
     Attributes:
         width: width of the figure.
         height: height of the figure.
-        panels: boxes of the axes.
-        legends: upper left corners of the panels' legends.
-        key: upper left corner of the key.
+        panels: places of the panels.
+        legend: label in lines, and upper left corner, of each entry of the legend.
         notes: upper left corner of the notes.
         lines: lines of the notes.
-        characters: maximum characters in a line of a legend.
+        shared: whether only the first panel of a row has numbers on its vertical axis.
     """
 
     width: float
     height: float
-    panels: list[Box]
-    legends: list[Box]
-    key: Box
+    panels: list[Place]
+    legend: list[tuple[str, Box]]
     notes: Box
     lines: list[str]
-    characters: int
+    shared: bool
 
 
-def lay_out(figure: Figure, sheet: Sheet, *, text: bool) -> Layout:
-    """Returns the positions of panels (each with a legend below), key and notes.
+def lay_out(
+    figure: Figure, sheet: Sheet, measure: Measure, *, text: bool, legend: bool = True
+) -> Layout:
+    """Returns the positions of the panels, of the legend above them, and of the notes below.
 
-    The sizes follow from the lines of text, so that no legend or note is cut off or covers a curve.
+    The sizes follow from the texts, so that none is cut off or covers another one.
 
     Args:
-        figure: a figure with a key.
+        figure: a figure without heat maps.
         sheet: its format.
+        measure: measures texts.
         text: whether it has title and notes.
+        legend: whether it has a legend.
     """
-    lone = len(figure.panels) == 1
-    form = sheet.single if lone else sheet.grid
-    width = form.whole_width
-    step = (width - MARGIN) / form.columns
-    lines = [_count_lines(panel.labels, form) for panel in figure.panels]
-    key_height = _LINE_HEIGHT * _count_lines([label for label, _ in figure.key], form)
-    panels, legends, key = [], [], None
-    top = _TITLE_HEIGHT if text else 0.0
-    for first in range(0, len(lines), form.columns):
-        row = lines[first : first + form.columns]
-        lefts = [MARGIN + _LEFT + column * step for column in range(form.columns)]
-        below = top + _TOP + form.height + _BELOW
-        panels += [Box(left, top + _TOP, form.width, form.height) for left in lefts[: len(row)]]
-        legends += [Box(left, below) for left in lefts[: len(row)]]
-        height = _LINE_HEIGHT * max(row)
-        if lone and not sheet.stacked:
-            # Beside the legend.
-            key = Box(lefts[0] + form.width / 2, below)
-            height = max(height, key_height)
-        elif len(row) < form.columns:
-            # In the free space after the last panel.
-            key = Box(lefts[len(row)], top + _TOP)
-        top = below + height + MARGIN
-    if key is None:
-        key = Box(MARGIN + _LEFT, top if sheet.stacked else top + _TOP)
-        top = key.top + key_height + (MARGIN if sheet.stacked else 0.0)
+    count = len(figure.panels)
+    rows = -(-count // sheet.columns)
+    columns = -(-count // rows)
+    width = sheet.single if count == 1 else sheet.width
+    shared = sheet.paper and len({(p.y.limits, p.y.log, p.y.label) for p in figure.panels}) == 1
+    left = max(_left_of(panel.y, measure) for panel in figure.panels)
+    gap = 0.15 if shared else max(_TICKS, left - _LEFT + _TICKS) + 0.06
+    panel_width = (width - left - (columns - 1) * gap - 2 * MARGIN - 0.06) / columns
+    panel_height = _height(figure, sheet)
+    entries, top = _flow(figure if legend else None, width, measure)
+    title = _TITLE_HEIGHT if text else 0.0
+    entries = [(label, Box(box.left, box.top + title)) for label, box in entries]
+    top += title
+    places: list[Place] = []
+    for first in range(0, count, columns):
+        row = figure.panels[first : first + columns]
+        top += MARGIN + max(_above(panel) for panel in row)
+        labels = []
+        for column, panel in enumerate(row):
+            beneath = figure.panels[first + columns + column :][:1]
+            same = bool(beneath) and beneath[0].x.label == panel.x.label
+            label = "" if same else _fitted(panel.x.label, panel_width, measure)
+            labels.append(label)
+            at = MARGIN + left + column * (panel_width + gap)
+            places.append(Place(Box(at, top, panel_width, panel_height), label, column == 0))
+        lines = max(label.count("\n") + 1 if label else 0 for label in labels)
+        top += panel_height + _NUMBERS + _LABEL_LINE * lines
     characters = int((width - 2 * MARGIN) * _CHARACTERS)
     notes = [line for note in figure.notes for line in wrap(note, characters)] if text else []
     corner = Box(MARGIN, top + MARGIN)
-    total = corner.top + _LINE_HEIGHT * len(notes) + MARGIN
-    return Layout(width, total, panels, legends, key, corner, notes, form.characters)
+    height = corner.top + _LINE_HEIGHT * len(notes) + (MARGIN if notes else 0.0)
+    return Layout(width, height, places, entries, corner, notes, shared)
+
+
+def _left_of(axis: Axis, measure: Measure) -> float:
+    """Returns the space to the left of a panel."""
+    if axis.names is None:
+        return _LEFT if axis.label else _TICKS
+    return max([measure(name) for name in axis.names], default=0.0) + 0.1
+
+
+def _above(panel: Panel) -> float:
+    return (_TITLE if panel.title else 0.0) + (_OPPOSITE if panel.x.opposite else 0.0)
+
+
+def _height(figure: Figure, sheet: Sheet) -> float:
+    """Returns the height of each panel."""
+    named = max(len(panel.y.names or ()) for panel in figure.panels)
+    if named:
+        return max(sheet.row * (named + 0.4), 0.6)
+    return sheet.single_height if len(figure.panels) == 1 else sheet.height
+
+
+def _fitted(label: str, width: float, measure: Measure) -> str:
+    """Returns a label in as many lines as it needs below a panel."""
+    return in_lines(label, max(8, int(len(label) * width / max(measure(label), 1e-9))))
+
+
+def _flow(
+    figure: Figure | None, width: float, measure: Measure
+) -> tuple[list[tuple[str, Box]], float]:
+    """Returns the entries of a legend in rows from the left, and the end of the last row."""
+    if figure is None or not figure.legend:
+        return [], 0.0
+    entries = []
+    left, top, lines = MARGIN, MARGIN, 1
+    room = width - 2 * MARGIN - HANDLE - _GAP
+    for label, _ in figure.legend:
+        text = label if measure(label) <= room else _fitted(label, 0.8 * room, measure)
+        across = HANDLE + _GAP + max(map(measure, text.split("\n")))
+        if left > MARGIN and left + across > width - MARGIN:
+            left, top, lines = MARGIN, top + _LINE_HEIGHT * lines, 1
+        entries.append((text, Box(left, top)))
+        left += across + _BETWEEN
+        lines = max(lines, text.count("\n") + 1)
+    return entries, top + _LINE_HEIGHT * lines
 
 
 def free_size(figure: Figure, sheet: Sheet, *, text: bool) -> tuple[int, float, float]:
-    """Returns columns of panels, width and height (inches) of a figure without a key.
+    """Returns columns of panels, width and height (inches) of a figure of heat maps.
 
     matplotlib lays out such a figure.
     """
     count, heat_map = len(figure.panels), figure.panels[0].heat_map
+    if heat_map is None or not heat_map.is_map:
+        rows = 0 if heat_map is None else len(heat_map.values)
+        return count, _table_width(heat_map, sheet), 1.1 + 0.5 * rows + 0.4 * text
     columns = min(count, 2) if sheet.paper else count
-    if heat_map is None:
-        size = (sheet.single.whole_width, sheet.single.height + 1.6) if sheet.paper else (7.6, 4.8)
-    elif heat_map.is_map:
-        width = sheet.grid.whole_width if sheet.paper else 3.6 * columns + 0.6
-        rows = -(-count // columns)
-        size = width, rows * (width / columns + 0.3) + (0.9 if sheet.paper else 0.0)
-    else:
-        size = _table_width(heat_map, sheet), 1.5 + 0.55 * len(heat_map.values) + 0.4 * text
-    return columns, *size
+    width = sheet.width if sheet.paper else 3.6 * columns + 0.6
+    height = -(-count // columns) * (width / columns + 0.3) + (0.9 if sheet.paper else 0.0)
+    return columns, width, height
 
 
 def cell_text_size(heat_map: HeatMap, sheet: Sheet) -> float:
@@ -175,15 +221,11 @@ def in_lines(text: str, characters: int) -> str:
 
 
 def free_characters(sheet: Sheet, columns: int) -> int:
-    """Returns the characters in a line of a legend or title in a figure without a key."""
-    return int(15 * sheet.grid.whole_width / columns) - 8 if sheet.paper else 1000
+    """Returns the characters in a line of the title of a heat map."""
+    return int(15 * sheet.width / columns) - 8 if sheet.paper else 1000
 
 
-def _table_width(heat_map: HeatMap, sheet: Sheet) -> float:
-    if sheet.paper:
-        return sheet.grid.whole_width
+def _table_width(heat_map: HeatMap | None, sheet: Sheet) -> float:
+    if sheet.paper or heat_map is None:
+        return sheet.width
     return max(5.0, 2.6 + 1.4 * (len(heat_map.x) - 1))
-
-
-def _count_lines(labels: Sequence[str], form: _Form) -> int:
-    return sum(in_lines(label, form.characters).count("\n") + 1 for label in labels)

@@ -4,21 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jbench.names import ALGORITHMS, FULL, TASKS, Order
+from jbench.names import ALGORITHMS, FULL, TASKS, Order, kind_of
 from jbench.report.data.cells import IMPORTED, LearnedCurve, in_order
 from jbench.report.data.published import PPO_ENVIRONMENTS, PublishedCurve
 from jbench.report.data.returns import TRAINING, Returns
 from jbench.report.figure import Axis, Figure, Panel, Series
 from jbench.report.figures import curve_series
+from jbench.report.figures.encoders import look_of
 from jbench.report.formatting import display_name
 
 # Okabe and Ito's palette, which is safe for color-blind readers.
 ALGORITHM_COLORS = {"ddpg": "#0072B2", "ppo": "#E69F00", "sac": "#009E73", "td3": "#CC79A7"}
-_FURTHER_COLORS = ("#56B4E9", "#000000", "#F0E442", "#D55E00")
-
-# Orange and green as in Figures 7 and 8.
-FULL_COLOR = "#E69F00"
-ENCODED_COLORS = ("#009E73", "#0072B2", "#CC79A7", "#56B4E9", "#000000")
+_FURTHER_COLORS = ("#56B4E9", "#000000", "#7a3e9d", "#D55E00")
 
 _PPO_NOTE = (
     f"Published PPO curves: their steps are probably those of one of {PPO_ENVIRONMENTS} "
@@ -53,7 +50,14 @@ def grid_figure(
     present = in_order({cell.task for cell, _ in learned}, TASKS)
     tasks = present if len(present) == 1 else in_order({*present, *TASKS}, TASKS)
     colors = algorithm_colors([cell.algo for cell, _ in learned])
-    notes = [f"{curve_text(learned, order, window)} {band_text([(10, 90)])}"]
+    panels = [
+        _task_panel(task, _shown_in_grid(learned, task), published, colors, kind, each_seed)
+        for task in tasks
+    ]
+    notes = [
+        f"{curve_text(learned, order, window)} {band_text([(10, 90)])} "
+        f"{curve_series.details_text(panels)}"
+    ]
     if kind is TRAINING:
         notes.append(
             f"Published: Figure 9, training returns, full observation, 10 seeds, quantile-first, "
@@ -63,16 +67,8 @@ def grid_figure(
         notes.append(_PPO_NOTE)
     return Figure(
         f"{kind.name.capitalize()} return while learning the Jitterbug tasks",
-        [
-            _task_panel(task, _shown_in_grid(learned, task), published, colors, kind, each_seed)
-            for task in tasks
-        ],
-        curve_series.curve_key(
-            [(10, 90)],
-            ["Figure 9"] if kind is TRAINING else [],
-            each_seed=each_seed,
-            whose=_whose(learned),
-        ),
+        panels,
+        curve_series.curve_key(panels, [(10, 90)], each_seed=each_seed, whose=_whose(learned)),
         notes,
     )
 
@@ -145,7 +141,11 @@ def _task_panel(
         return Panel(task, x, y, references=[curve_series.SOLVED_LINE], text="no runs yet")
     series: list[Series] = []
     for algo in dict.fromkeys(item.cell.algo for item in learned):
-        same = [item for item in learned if item.cell.algo == algo]
+        # The variant without words, which has the defaults, is solid.
+        same = sorted(
+            (item for item in learned if item.cell.algo == algo),
+            key=lambda item: item.cell.words != "",
+        )
         for style, item in enumerate(same):
             representation = item.cell.representation
             name = display_name(algo)
@@ -158,7 +158,7 @@ def _task_panel(
         for curve in published:
             if (curve.figure, curve.task, curve.algo) == ("fig9", task, algo):
                 series += curve_series.published_series(
-                    curve, colors[algo], (10, 90), "", each_seed=each_seed
+                    curve, colors[algo], (10, 90), display_name(algo), each_seed=each_seed
                 )
     series += _baseline_series(published, task, (10, 90), each_seed)
     return Panel(
@@ -174,26 +174,22 @@ def _comparison_figure(
     each_seed: bool,
 ) -> Figure:
     task, algo, kind = learned[0].cell.task, learned[0].cell.algo, learned[0].cell.kind
-    names = {item.cell.representation for item in learned}
-    names |= {curve.representation for curve in published}
-    encoded = in_order(names - {FULL}, ("dae12",))
-    colors = {FULL: FULL_COLOR} | {
-        name: ENCODED_COLORS[i % len(ENCODED_COLORS)] for i, name in enumerate(encoded)
-    }
     bands = [(25, 75), (10, 90)]
     series: list[Series] = []
-    for representation in dict.fromkeys(item.cell.representation for item in learned):
+    ours = list(dict.fromkeys(item.cell.representation for item in learned))
+    for representation in ours:
         same = [item for item in learned if item.cell.representation == representation]
-        for style, item in enumerate(same):
-            look = curve_series.Look(colors[representation], style)
+        for style, item in enumerate(sorted(same, key=lambda item: item.cell.words != "")):
+            look = curve_series.Look(look_of(kind_of(representation))[0], style)
             series += curve_series.learned_series(
                 item, look, bands[::-1], representation, each_seed=each_seed
             )
     for curve in sorted(published, key=lambda curve: curve.representation != FULL):
-        seeds = "1 seed" if curve.figure == "fig7" else "10 seeds"
-        label = f"published: {curve.representation} ({curve.figure_name}, {seeds})"
-        color = colors[curve.representation]
-        series += curve_series.published_series(curve, color, (25, 75), label, each_seed=each_seed)
+        series += curve_series.published_series(
+            *(curve, look_of(kind_of(curve.representation))[0], (25, 75), curve.representation),
+            labelled=curve.representation not in ours,
+            each_seed=each_seed,
+        )
     panel = Panel(
         f"{task}, {display_name(algo)}",
         curve_series.steps_axis(_end(learned)),
@@ -204,14 +200,10 @@ def _comparison_figure(
     return Figure(
         f"Full against encoded observations: {kind.name} return",
         [panel],
-        curve_series.curve_key(
-            bands,
-            sorted({curve.figure_name for curve in published}),
-            each_seed=each_seed,
-            whose=_whose(learned),
-        ),
+        curve_series.curve_key([panel], bands, each_seed=each_seed, whose=_whose(learned)),
         [
-            f"{curve_text(learned, order, window)} {band_text(bands)}",
+            f"{curve_text(learned, order, window)} {band_text(bands)} "
+            f"{curve_series.details_text([panel])}",
             *_published_text(published),
         ],
     )

@@ -12,7 +12,7 @@ from jbench.report.data.curves import FloatArray, centres
 from jbench.report.figure import Axis, Figure, Panel, Series, Style
 from jbench.report.figures import curve_series
 from jbench.report.figures.learning_curves import algorithm_colors
-from jbench.report.tables.values import algorithm_name
+from jbench.report.tables import values
 
 _UNITS = ((7200.0, 3600.0, "hours"), (120.0, 60.0, "minutes"), (0.0, 1.0, "seconds"))
 _MAX_POINTS = 400
@@ -67,7 +67,7 @@ def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
     size, unit = next((s, name) for least, s, name in _UNITS if longest >= least)
     drawn: Counter[str] = Counter()
     series = []
-    for item, times, median in timed:
+    for item, times, median in sorted(timed, key=lambda one: one[0].cell.words != ""):
         algo = item.cell.algo
         shown = curve_series.thinned(len(times), _MAX_POINTS)
         style = Style(
@@ -76,7 +76,14 @@ def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
             marker="o" if len(shown) == 1 or not kind.smoothed else "",
         )
         drawn[algo] += 1
-        series.append(Series(times[shown] / size, median[shown], style, _label(item)))
+        series.append(
+            Series(
+                *(times[shown] / size, median[shown], style, item.cell.short_name),
+                detail=values.seeds(item.cell),
+                entries=(item.cell.short_name,),
+                tags=item.cell.tags,
+            )
+        )
     x = Axis(f"processor time of a seed ({unit})", (0, max(longest, 1e-9) / size))
     return Panel(task, x, curve_series.returns_axis(kind.axis), series, [curve_series.SOLVED_LINE])
 
@@ -124,10 +131,3 @@ def processor_time_frame(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
         names |= {"representation": item.cell.representation_label, "returns": item.cell.kind.name}
         parts.append(pd.DataFrame({**names, "processor_time": times, "median": median}))
     return pd.concat(parts, ignore_index=True)
-
-
-def _label(item: LearnedCurve) -> str:
-    cell = item.cell
-    seeds = "1 seed" if len(cell.seeds) == 1 else f"{len(cell.seeds)} seeds"
-    seeds += f", {int(cell.diverged.sum())} diverged" if cell.diverged.any() else ""
-    return f"{algorithm_name(cell)} ({seeds})"

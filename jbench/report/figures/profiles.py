@@ -1,6 +1,7 @@
 """Performance profiles: the share of runs that end above each return."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -8,7 +9,7 @@ import pandas as pd
 from jbench.names import TASKS
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import scores_of
-from jbench.report.data.cells import OURS, SOLVED, Cell, in_order
+from jbench.report.data.cells import SOLVED, Cell, in_order
 from jbench.report.data.curves import FloatArray
 from jbench.report.figure import (
     Axis,
@@ -21,7 +22,13 @@ from jbench.report.figure import (
     Shade,
     Style,
 )
-from jbench.report.figures.curve_series import KEY_COLOR, LINE_STYLES, SOLVED_KEY, SOLVED_STYLE
+from jbench.report.figures.curve_series import (
+    KEY_COLOR,
+    LINE_STYLES,
+    SOLVED_KEY,
+    SOLVED_STYLE,
+    details_text,
+)
 from jbench.report.figures.learning_curves import algorithm_colors
 from jbench.report.formatting import display_name
 from jbench.report.tables.values import trained
@@ -33,8 +40,23 @@ _RESAMPLES = 1000  # for a band; intervals in tables use more
 _ALL = "all tasks together"
 _NAMES = ("task", "source", "algo", "representation", "steps")
 
-_Kind = tuple[str, str, str, str]
-"""Source, algorithm, representation, and control steps of training."""
+
+class _Kind(NamedTuple):
+    """What the runs of a line have in common.
+
+    Attributes:
+        source: source of the runs.
+        algo: their algorithm.
+        representation: their representation and the settings of their variant.
+        steps: control steps of training.
+        name: short name.
+    """
+
+    source: str
+    algo: str
+    representation: str
+    steps: str
+    name: str
 
 
 def profiles_figure(cells: Sequence[Cell]) -> Figure | None:
@@ -49,28 +71,36 @@ def profiles_figure(cells: Sequence[Cell]) -> Figure | None:
         return None
     returns = cells[0].kind
     kinds = list(dict.fromkeys(kind for lines in groups.values() for kind in lines))
-    colors = algorithm_colors([algo for _, algo, _, _ in kinds])
+    kinds.sort(key=lambda kind: len(kind.name))  # those with default settings are solid
+    colors = algorithm_colors([kind.algo for kind in kinds])
     styles = {
-        kind: Style(colors[kind[1]], _dash([one for one in kinds if one[1] == kind[1]], kind))
+        kind: Style(colors[kind.algo], _dash([k for k in kinds if k.algo == kind.algo], kind))
         for kind in kinds
     }
+    several = len({kind.name for kind in kinds}) < len(kinds)
     x = Axis(f"final {returns.name} return", (0, 1000))
     y = Axis("share of runs above", (-0.02, 1.02))
     solved = ReferenceLine(SOLVED, SOLVED_STYLE, vertical=True)
     panels = [
-        Panel(task, x, y, [_series(*line, styles[line[0]]) for line in lines.items()], [solved])
+        Panel(
+            task,
+            x,
+            y,
+            [_series(*line, styles[line[0]], several) for line in lines.items()],
+            [solved],
+        )
         for task, lines in groups.items()
     ]
     key: list[tuple[str, Style | Shade]] = [
-        ("share of runs that end above a return", Style(KEY_COLOR)),
-        ("its uncertainty (95% interval)", Shade(KEY_COLOR, 0.2)),
+        ("share of runs above", Style(KEY_COLOR)),
+        ("95% interval", Shade(KEY_COLOR, 0.2)),
         SOLVED_KEY,
     ]
     note = (
         "Share of runs that end above a return. Runs are better if their line is above another one "
         "everywhere; if lines cross, neither is better in every respect. Bands: uncertainty (95% "
-        f"interval, pointwise), for at least {st.MIN_SEEDS} seeds. {returns.final} Runs end after "
-        "the number of control steps in the legend."
+        f"interval, pointwise), for at least {st.MIN_SEEDS} seeds. {returns.final} "
+        f"{details_text(panels)}"
     )
     return Figure(f"Performance profiles of final {returns.plural}", panels, key, [note])
 
@@ -84,7 +114,7 @@ def profiles_frame(cells: Sequence[Cell]) -> pd.DataFrame:
     parts = [
         pd.DataFrame(
             {
-                **dict(zip(_NAMES, (task, *kind), strict=True)),
+                **dict(zip(_NAMES, (task, *kind[:4]), strict=True)),
                 "returns": cells[0].kind.name,
                 "seeds": sum(len(seeds) for seeds in strata),
                 "final_return": THRESHOLDS,
@@ -105,7 +135,8 @@ def _groups(cells: Sequence[Cell]) -> dict[str, dict[_Kind, list[FloatArray]]]:
         for cell in (cell for cell in cells if cell.task == task):
             final = scores_of(cell).final
             if len(final):
-                kind = cell.source, cell.algo, cell.representation_label, trained(cell).text
+                names = cell.source, cell.algo, cell.representation_label
+                kind = _Kind(*names, trained(cell).text, cell.short_name)
                 finals.setdefault(task, {}).setdefault(kind, []).append(final)
     if len(finals) > 1:
         shared = [k for k in next(iter(finals.values())) if all(k in f for f in finals.values())]
@@ -118,11 +149,17 @@ def _dash(kinds: Sequence[_Kind], kind: _Kind) -> Dash:
     return LINE_STYLES[kinds.index(kind) % len(LINE_STYLES)]
 
 
-def _series(kind: _Kind, strata: Sequence[FloatArray], style: Style) -> Series:
+def _series(kind: _Kind, strata: Sequence[FloatArray], style: Style, named_steps: bool) -> Series:
     enough = min(len(seeds) for seeds in strata) >= st.MIN_SEEDS
     share = st.performance_profile(strata, THRESHOLDS)
     bands = [Band(*_interval(strata))] if enough else []
-    return Series(THRESHOLDS, share, style, _label(kind, strata), bands)
+    label = f"{kind.name}, {kind.steps} steps" if named_steps else kind.name
+    tags = {"algorithm": display_name(kind.algo), "source": kind.source}
+    tags["representation"] = kind.representation.partition(",")[0]
+    return Series(
+        *(THRESHOLDS, share, style, label, bands),
+        **{"detail": _detail(kind, strata), "entries": (label,), "tags": tags},
+    )
 
 
 def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -141,10 +178,7 @@ def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
     return low, high
 
 
-def _label(kind: _Kind, strata: Sequence[FloatArray]) -> str:
-    source, algo, representation, steps = kind
+def _detail(kind: _Kind, strata: Sequence[FloatArray]) -> str:
     runs = sum(len(seeds) for seeds in strata)
     counted = f"{runs} seeds" if len(strata) == 1 else f"{runs} runs on {len(strata)} tasks"
-    counted = "1 seed" if runs == 1 else counted
-    name = f"{display_name(algo)}, {representation}, {steps} steps ({counted})"
-    return name if source == OURS else f"{source}: {name}"
+    return f"{'1 seed' if runs == 1 else counted}, {kind.steps} control steps"

@@ -1,6 +1,7 @@
 """Figure of final returns against the size of the agent's input."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -36,12 +37,8 @@ def reduction_figure(groups: Sequence[Group]) -> Figure:
     """
     kind = groups[0].points[0].cell.kind
     key: list[tuple[str, Style | Shade]] = [
-        *(
-            (f"{name}: interquartile mean; band: 95% interval", style)
-            for name, style in _BASELINE_STYLES.items()
-        ),
         (
-            "reduced: interquartile mean; bar: 95% interval",
+            "interquartile mean, 95% interval",
             Style(curve_series.KEY_COLOR, marker="o", size=5),
         ),
         ("one seed", Style(curve_series.KEY_COLOR, "", marker="o", size=2.5, alpha=0.5)),
@@ -94,7 +91,8 @@ def _panel(group: Group) -> Panel:
 def _baseline(name: str, point: Point) -> ReferenceLine:
     one = point.estimate
     interval = (one.low, one.high) if _has_interval(point) else None
-    return ReferenceLine(one.value, _BASELINE_STYLES[name], _label(point), interval=interval)
+    words = point.cell.representation_words
+    return ReferenceLine(one.value, _BASELINE_STYLES[name], words, interval=interval)
 
 
 def _point_series(x: float, point: Point) -> list[Series]:
@@ -103,22 +101,20 @@ def _point_series(x: float, point: Point) -> list[Series]:
     one = point.estimate
     bar = Band(np.array([one.low]), np.array([one.high]), bars=True)
     seed = Style(color, "", marker=marker, size=2.5, alpha=0.5)
+    of: dict[str, Any] = {"entries": (point.cell.representation_words,), "tags": point.cell.tags}
     return [
-        Series(np.full(len(point.final), x), point.final, seed),
+        Series(np.full(len(point.final), x), point.final, seed, **of),
         Series(
             np.array([x]),
             np.array([one.value]),
             Style(color, marker=marker, size=6),
-            _label(point),
+            point.cell.representation_words,
             [bar] if _has_interval(point) else [],
+            detail=values.count_of(point.cell, len(point.final)),
+            **of,
         ),
     ]
 
 
 def _has_interval(point: Point) -> bool:
     return bool(np.isfinite(point.estimate.low))
-
-
-def _label(point: Point) -> str:
-    cell = point.cell
-    return f"{cell.representation_label} ({values.count_of(cell, len(point.final))})"

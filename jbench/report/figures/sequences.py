@@ -79,8 +79,10 @@ def _figure(
             item, curve_series.Look(color, style), (_BAND,), name, each_seed=each_seed
         )
     for curve in published:
-        label = f"published: {curve.representation}, {SEQUENCE_ROBOTS} robots, 10 seeds"
-        series += curve_series.published_series(curve, color, _BAND, label, each_seed=each_seed)
+        name = f"{curve.representation}, {SEQUENCE_ROBOTS} robots"
+        series += curve_series.published_series(
+            curve, color, _BAND, name, labelled=True, each_seed=each_seed
+        )
     robot_steps = cells[0].robot_episodes * end / cells[0].returns.shape[1]
     changes = [
         ReferenceLine(change * robot_steps, Style("0.75", width=0.7), vertical=True)
@@ -103,7 +105,5 @@ def _figure(
         series,
         [curve_series.SOLVED_LINE, *changes],
     )
-    key = curve_series.curve_key(
-        [_BAND], [curve.figure_name for curve in published], each_seed=each_seed
-    )
+    key = curve_series.curve_key([panel], [_BAND], each_seed=each_seed)
     return Figure("Training on a sequence of robots", [panel], key, notes)

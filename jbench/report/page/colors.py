@@ -37,7 +37,7 @@ def both(color: str) -> str:
 def rules(colors: Iterable[str]) -> str:
     """Returns the style sheet for these colors of figures, "#rrggbb", on both pages."""
     lines = [
-        f".drawing [{name}='{color}']{{{name}:{both(color)}}}"
+        f"figure [{name}='{color}']{{{name}:{both(color)}}}"
         for color in sorted(set(colors))
         for name in ("fill", "stroke")
     ]

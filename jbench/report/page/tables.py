@@ -11,6 +11,7 @@ from jbench.report.document import Value
 from jbench.report.page.text import html
 
 _WORDY = 36  # characters from which a cell is wrapped
+_WORDY_NAME = 44  # the same in the first column, whose names should stay whole
 _NAME = 12  # characters from which a heading has two words per line
 _LONG = 200  # characters from which a cell scrolls
 _PAGE = 132  # characters of a line on paper
@@ -84,7 +85,7 @@ def _cell(cell: Any, right: bool, first: bool) -> str:
         return f"<{tag}{_class('number' if right else '')} data-missing></{close}>"
     text, sort = _shown(cell)
     best = isinstance(cell, Value) and cell.best
-    wordy = not right and len(text) > _WORDY and not first
+    wordy = not right and len(text) > (_WORDY_NAME if first else _WORDY)
     names = _names(number=right, best=best, wordy=wordy)
     inner = f"<strong>{html(text)}</strong>" if best else html(text)
     if len(text) > _LONG:

@@ -1,6 +1,6 @@
 """Values for the tooltips of figures: thinned series and heat maps as JSON."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ Box = tuple[float, float, float, float]
 def points_each(figures: Iterable[Figure]) -> int:
     """Returns the maximum number of points per series for a page with these figures."""
     series = sum(
-        bool(s.label) for figure in figures for panel in figure.panels for s in panel.series
+        _has_values(s) for figure in figures for panel in figure.panels for s in panel.series
     )
     return max(2, min(MAX_POINTS, PAGE_POINTS // max(1, series)))
 
@@ -45,13 +45,14 @@ def panels(figure: Figure, boxes: Sequence[Box], points: int = MAX_POINTS) -> li
         boxes: boxes of its panels.
         points: maximum points of a series; a longer one is reduced to every k-th and the last.
     """
+    entries = {label: i for i, (label, _) in enumerate(figure.legend)}
     described = [
         {
             "title": plain(panel.title),
             "box": [round(edge, 2) for edge in box],
             "x": _axis(panel.x),
             "y": _axis(panel.y),
-            "lines": _lines(panel, points),
+            "lines": _lines(panel, points, entries),
             "grid": _grid(panel.heat_map),
         }
         for panel, box in zip(figure.panels, boxes, strict=True)
@@ -77,23 +78,30 @@ def _axis(axis: Axis) -> dict[str, Any]:
     }
 
 
-def _lines(panel: Panel, points: int) -> list[dict[str, Any]]:
-    """Returns the labelled series: `label`, `color`, `x`, `y`, and `bands`.
+def _has_values(series: Series) -> bool:
+    return bool(series.label or series.detail)
 
-    A band is a list of [low, high], or null, for each point.
+
+def _lines(panel: Panel, points: int, entries: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Returns the series with a label or a detail.
+
+    Each has `label`, `color`, `x`, `y`, `bands` (a list of [low, high], or null, for each point),
+    `of` (its entries of the legend by number) and `tags`.
     """
     lines = []
     for series in panel.series:
         shown = np.flatnonzero(_on_axis(series.x, panel.x) & _on_axis(series.y, panel.y))
-        if series.label and shown.size:
-            lines.append(_line(series, thinned(shown, points)))
+        if _has_values(series) and shown.size:
+            of = [entries[entry] for entry in series.entries if entry in entries]
+            lines.append({**_line(series, thinned(shown, points)), "of": of})
     return lines
 
 
 def _line(series: Series, shown: NDArray[np.intp]) -> dict[str, Any]:
     bands = [(_numbers(band.low[shown]), _numbers(band.high[shown])) for band in series.bands]
+    label = f"{series.label} ({series.detail})" if series.label and series.detail else ""
     return {
-        "label": plain(series.label),
+        "label": plain(label or series.label or series.detail),
         "color": both(to_hex(series.style.color)),
         "x": _numbers(series.x[shown]),
         "y": _numbers(series.y[shown]),
@@ -101,6 +109,7 @@ def _line(series: Series, shown: NDArray[np.intp]) -> dict[str, Any]:
             [None if low is None else [low, high] for low, high in zip(*band, strict=True)]
             for band in bands
         ],
+        "tags": {name: plain(value) for name, value in series.tags.items()},
     }
 
 

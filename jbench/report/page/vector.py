@@ -5,13 +5,17 @@ They become attributes of SVG here.
 """
 
 import re
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
+
+from matplotlib.figure import Figure as Drawn
 
 from jbench.report.figure import Figure
 from jbench.report.figures.layout import SCREEN, Sheet
+from jbench.report.figures.panels import SERIES
 from jbench.report.figures.plotting import KEPT, draw, to_svg
-from jbench.report.page.text import html
+from jbench.report.page.text import html, plain
 from jbench.report.page.values import Box
 
 CORNERS = 250_000
@@ -24,6 +28,7 @@ _DECIMALS = re.compile(r"(?<=\.\d)\d+")  # a tenth of a point is precise enough
 _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
 # From the style sheet that matplotlib puts into each SVG; here, elements inherit it from the root.
 _INHERITED = {"stroke-linejoin": "round", "stroke-linecap": "butt"}
+_AROUND = 1.5  # points about a panel and its texts
 _NOT_ATTRIBUTES = ("font", "mix-blend-mode", "-inkscape-stroke")
 
 
@@ -31,48 +36,140 @@ class Drawing(NamedTuple):
     """A figure as SVG.
 
     Attributes:
-        svg: the element, with a `viewBox` in points (1/72 inch).
+        svg: its elements, one after the other, with a `viewBox` in points (1/72 inch) each.
         colors: its colors, "#rrggbb", that differ on a dark page.
-        width: width in points.
+        widths: widths of the elements in points.
         height: height in points.
         boxes: boxes of its panels.
     """
 
     svg: str
     colors: set[str]
-    width: float
+    widths: list[float]
     height: float
     boxes: list[Box]
+
+    @property
+    def width(self) -> float:
+        """Width of all elements side by side, in points."""
+        return sum(self.widths)
+
+
+class _View(NamedTuple):
+    """Part of a drawing that is an element of its own: left, top, width and height in points."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+    @property
+    def box(self) -> str:
+        """The `viewBox` of the element."""
+        return " ".join(f"{number:.6g}" for number in self)
 
 
 def element(
     figure: Figure, prefix: str, title: str, sheet: Sheet = SCREEN, max_points: int = CORNERS
 ) -> Drawing:
-    """Returns a figure as a reproducible SVG element for a page, without title and notes.
+    """Returns a figure as reproducible SVG for a page, without title, legend and notes.
+
+    Panels of lines are elements of their own, so that a narrow page can stack them.
 
     Args:
         figure: the figure.
-        prefix: prefix of every id in the element, unique in the page.
+        prefix: prefix of every id in the elements, unique in the page.
         title: text for screen readers.
         sheet: format of the figure.
         max_points: lines and areas of a figure with more points are rasterized.
     """
-    drawn = draw(figure, sheet, text=False, picture=figure.corners > max_points)
+    drawn = draw(figure, sheet, text=False, legend=False, picture=figure.corners > max_points)
     root = ElementTree.fromstring(_NOT_XML.sub("", to_svg(drawn).decode()))
     width, height = (float(part) for part in root.attrib["viewBox"].split()[2:])
+    groups = [one for one in root.iter() if one.get("id", "").startswith("axes_")]
     colors: set[str] = set()
     # The hatch pattern of a heat map is among the definitions.
     heat_map = any(panel.heat_map is not None for panel in figure.panels)
+    _tag(root, figure)
     _clean(root, prefix, colors, (KEPT, "h") if heat_map else (KEPT,), False)
     _drop_ids(root)
-    root.attrib = {"viewBox": f"0 0 {width:g} {height:g}", **_INHERITED}
-    body = ElementTree.tostring(root, encoding="unicode").removeprefix("<svg ")
-    label = f'<svg role="img" aria-label="{html(title)}" width="{width:g}pt" height="{height:g}pt" '
+    split = len(figure.panels) > 1 and all(
+        panel.heat_map is None and panel.y.names is None for panel in figure.panels
+    )
+    if split:
+        views = _views(drawn, len(figure.panels), width, height)
+        svg = "".join(_parts(root, groups, views, title, figure))
+    else:
+        views = [_View(0, 0, width, height)]
+        svg = _svg(ElementTree.tostring(root, encoding="unicode"), views[0], title)
     places = (axes.get_position() for axes in drawn.axes[: len(figure.panels)])
     boxes = [
         (at.x0 * width, (1 - at.y1) * height, at.x1 * width, (1 - at.y0) * height) for at in places
     ]
-    return Drawing(label + body, colors, width, height, boxes)
+    return Drawing(svg, colors, [view.width for view in views], views[0].height, boxes)
+
+
+def _views(drawn: Drawn, panels: int, width: float, height: float) -> list[_View]:
+    """Returns the part of each panel: as wide as its texts, and as high as those of all."""
+    scale = 72 / drawn.dpi
+    around = [axes.get_tightbbox() for axes in drawn.axes[:panels]]
+    found = []
+    for axes, box in zip(drawn.axes[:panels], around, strict=True):
+        if box is None:
+            return [_View(0, 0, width, height)]
+        place = axes.get_position()
+        above = max(b.y1 - a.bbox.y1 for a, b in _pairs(drawn, around)) * scale + _AROUND
+        below = max(a.bbox.y0 - b.y0 for a, b in _pairs(drawn, around)) * scale + _AROUND
+        left, right = box.x0 * scale - _AROUND, box.x1 * scale + _AROUND
+        top, bottom = (1 - place.y1) * height - above, (1 - place.y0) * height + below
+        found.append(_View(left, top, right - left, bottom - top))
+    return found
+
+
+def _pairs(drawn: Drawn, around: list[Any]) -> list[tuple[Any, Any]]:
+    return list(zip(drawn.axes, around, strict=False))
+
+
+def _parts(
+    root: ElementTree.Element,
+    groups: list[ElementTree.Element],
+    views: list[_View],
+    title: str,
+    figure: Figure,
+) -> Iterator[str]:
+    """Yields an element for the shared definitions, and one for each panel."""
+    shared = [child for child in root if child.tag == "defs"]
+    defs = "".join(ElementTree.tostring(one, encoding="unicode") for one in shared)
+    yield f'<svg class="defs" width="0" height="0" aria-hidden="true">{defs}</svg>'
+    for group, view, panel in zip(groups, views, figure.panels, strict=False):
+        inner = ElementTree.Element("svg")
+        inner.append(group)
+        name = f"{title}: {panel.title}" if panel.title else title
+        yield _svg(ElementTree.tostring(inner, encoding="unicode"), view, name)
+
+
+def _svg(text: str, view: _View, title: str) -> str:
+    """Returns an element with the content of another one, `text`."""
+    body = text.partition(">")[2]
+    inherited = " ".join(f'{name}="{value}"' for name, value in _INHERITED.items())
+    return (
+        f'<svg role="img" aria-label="{html(title)}" width="{view.width:g}pt" '
+        f'height="{view.height:g}pt" viewBox="{view.box}" {inherited}>{body}'
+    )
+
+
+def _tag(root: ElementTree.Element, figure: Figure) -> None:
+    """Marks the elements of series: entries of the legend by number, and what pages filter by."""
+    entries = {label: i for i, (label, _) in enumerate(figure.legend)}
+    for one in root.iter():
+        name, _, place = one.get("id", "").partition("-")
+        if name == SERIES and place:
+            panel, number, _ = (int(part) for part in place.split("-"))
+            series = figure.panels[panel].series[number]
+            of = [str(entries[entry]) for entry in series.entries if entry in entries]
+            one.set("data-of", " ".join(of))
+            for tag, value in series.tags.items():
+                one.set(f"data-{tag}", plain(value))
 
 
 def _clean(

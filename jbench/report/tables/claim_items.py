@@ -8,33 +8,61 @@ import pandas as pd
 from jbench.report import formatting
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.statistics import DECIDING_SEEDS
+from jbench.report.data.published import PUBLISHED
 from jbench.report.document import TableItem, Value
 from jbench.report.tables import values
 
+_MARKS = {
+    "supported": "\N{CHECK MARK}",
+    "contradicted": "\N{BALLOT X}",
+    "undecided": "?",
+}
+"""A mark for each verdict, which is always beside the word."""
+
+
+def _verdict(group: Sequence[Finding]) -> Value | None:
+    """Returns verdicts as a mark and words: `? undecided`, with numbers if they differ."""
+    counts = Counter(one.verdict for one in group)
+    given = {name: counts[name] for name in _MARKS if counts[name]}
+    if not given:
+        return None
+    texts = [
+        f"{_MARKS[name]} {name}" + (f" ({count} of {counts.total()})" if len(given) > 1 else "")
+        for name, count in given.items()
+    ]
+    order = min(list(_MARKS).index(name) for name in given)
+    return Value(", ".join(texts), str(order), numbers={name: counts[name] for name in _MARKS})
+
 
 def verdicts(findings: Sequence[Finding]) -> TableItem:
-    """Returns the table of claims, with the verdicts for each source and kind of return."""
-    rows = []
-    for letter, claim in CLAIMS.items():
-        tested = [f for f in findings if f.claim == letter]
-        groups: list[tuple[str, str]] = [*dict.fromkeys((f.source, f.returns) for f in tested)]
-        for source, returns in groups or [("none that test it", "")]:
-            group = [f.verdict for f in tested if (f.source, f.returns) == (source, returns)]
-            counts = Counter(group)
-            rows.append(
-                {
-                    "claim": f"({letter}) {claim.text}",
-                    "runs": source,
-                    "returns": returns,
-                    **{name: counts[name] for name in ("supported", "contradicted", "undecided")},
-                }
-            )
+    """Returns the table of claims, with a column of verdicts for each source and kind of return.
+
+    The figures of the paper share a column.
+    """
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for one in findings:
+        source = PUBLISHED if one.source.startswith("Figure") else one.source
+        groups.setdefault((source, one.returns), []).append(one)
+    columns = sorted(groups, key=lambda name: (name[0] == PUBLISHED, *name))
+    rows = [
+        {
+            "claim": f"({letter}) {claim.text}",
+            **{
+                f"{source}, {returns}": _verdict(
+                    [one for one in groups[source, returns] if one.claim == letter]
+                )
+                for source, returns in columns
+            },
+        }
+        for letter, claim in CLAIMS.items()
+    ]
     return TableItem(
         "verdicts",
         "Verdicts on the paper's claims",
-        "Number of comparisons that support, contradict or leave open each claim, by source of the "
-        "runs and kind of return: training episodes (exploration included) or evaluations of the "
-        "deterministic policy. The paper's returns are of training.",
+        "Verdicts by source of the runs and kind of return: training episodes (exploration "
+        "included) or evaluations of the deterministic policy. The paper's returns are of "
+        "training. Nothing is written where no comparison tests the claim. Where comparisons of a "
+        "claim differ, their numbers are given.",
         pd.DataFrame(rows),
     )
 
@@ -73,6 +101,7 @@ def findings_table(findings: Sequence[Finding]) -> TableItem | None:
         'calculation for the effect as currently estimated; "six-seed rule" means that this effect '
         f"would need fewer, but that fewer than {DECIDING_SEEDS} seeds decide nothing.",
         pd.DataFrame(rows),
+        folded=True,
     )
 
 

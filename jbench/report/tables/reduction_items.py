@@ -99,4 +99,5 @@ def table(found: Sequence[Reduction], kind: Returns, name: str) -> TableItem | N
         "run (95% intervals). The tests are those of the claims: "
         + " ".join(f"({letter}) {CLAIMS[letter].test}" for letter in _OUTCOMES),
         pd.DataFrame(rows),
+        folded=True,
     )

@@ -89,6 +89,7 @@ def returns_of_cells(view: View, published: Sequence[PublishedCurve]) -> TableIt
         f"lowest and highest quarter of seeds. {_INTERVAL}"
         f"{published_note if view.kind is TRAINING else ''}{_divergence(view.cells)}",
         pd.DataFrame(rows).dropna(axis="columns", how="all"),
+        folded=not view.leads,
     )
 
 
@@ -146,6 +147,7 @@ def spreads(view: View) -> TableItem | None:
         "the ratio of each to that of the same algorithm on the full "
         f"observation, {_AT_COMMON_STEP} ({view.kind.up_to}). {_INTERVAL}",
         pd.DataFrame(rows).dropna(axis="columns", how="all"),
+        folded=True,
     )
 
 
@@ -185,6 +187,7 @@ def learning_speed(view: View) -> TableItem | None:
         "interval is one of these. An unfinished run may still reach it. "
         f"{_INTERVAL}{_divergence(view.cells)}",
         pd.DataFrame(rows).dropna(axis="columns", how="all"),
+        folded=not view.leads,
     )
 
 
@@ -218,6 +221,7 @@ def comparisons(view: View) -> TableItem | None:
         "multiple comparisons: of 20 comparisons of equals, one is expected to look like a "
         "difference.",
         pd.DataFrame(rows).dropna(axis="columns", how="all"),
+        folded=True,
     )
 
 

@@ -62,12 +62,18 @@ def cell_name(cell: Cell) -> str:
 
 def algorithm_name(cell: Cell) -> str:
     """Names a cell within a task: its source, algorithm and representation."""
-    return f"{cell.prefix}{display_name(cell.algo)}, {cell.representation_label}"
+    return f"{cell.prefix}{display_name(cell.algo)}, {cell.representation_words}"
 
 
 def count_of(cell: Cell, seeds: int) -> str:
     """Formats how many seeds a number is computed from, and how many of them diverged."""
     return f"n = {seeds}" + (f", {diverged(cell)}" if cell.diverged.any() else "")
+
+
+def seeds(cell: Cell) -> str:
+    """Formats the number of seeds of a cell, and how many of them diverged."""
+    counted = "1 seed" if len(cell.seeds) == 1 else f"{len(cell.seeds)} seeds"
+    return counted + (f", {int(cell.diverged.sum())} diverged" if cell.diverged.any() else "")
 
 
 def diverged(cell: Cell) -> str:
@@ -91,7 +97,7 @@ def names(cells: Sequence[Cell], *, task: bool = True) -> list[dict[str, object]
             **({"runs": cell.source} if sources else {}),
             **({"task": cell.task} if task else {}),
             "algorithm": display_name(cell.algo),
-            "observation": cell.representation_label,
+            "observation": cell.representation_words,
         }
         for cell in cells
     ]

@@ -1,0 +1,152 @@
+"""Forest plot: the final returns of all cells with their uncertainty, a row for each."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jbench.names import FULL, TASKS
+from jbench.report.analysis import statistics as st
+from jbench.report.analysis.scores import Summary, scores_of
+from jbench.report.data.cells import SOLVED, Cell, in_order
+from jbench.report.data.published import PUBLISHED, PublishedCurve
+from jbench.report.data.summaries import published_beside
+from jbench.report.figure import Axis, Band, Figure, Panel, ReferenceLine, Series, Style
+from jbench.report.figures.curve_series import KEY_COLOR, SOLVED_KEY, SOLVED_STYLE
+from jbench.report.figures.learning_curves import algorithm_colors
+from jbench.report.formatting import display_name
+from jbench.report.tables import values
+
+ALL_TASKS = "all tasks"
+_MAX_ROWS = 40
+_HALF = 0.36  # half the height of the line of a published value, in rows
+_BELOW = 0.24  # rows from the mean down to the seeds
+_SEED, _MEAN = "one seed", "interquartile mean, 95% interval"
+_PUBLISHED = "published median (training return)"
+
+
+def forest_figure(
+    statistics: Sequence[Summary], trained: Sequence[Cell], published: Sequence[PublishedCurve]
+) -> Figure:
+    """Returns a panel per task with a row per cell, and one for all tasks together.
+
+    Args:
+        statistics: statistics of the cells of one kind of return; at least one.
+        trained: cells of training returns, which the paper's curves are compared with.
+        published: the paper's curves.
+    """
+    cells = [one.cell for one in statistics]
+    kind = cells[0].kind
+    beside = {cell.key: published_beside(cell, published) for cell in trained}
+    theirs = {key: found[0] for key, found in beside.items() if found is not None}
+    # Within an algorithm, the variant with the defaults comes first.
+    algorithms = list(dict.fromkeys(cell.algo for cell in cells))
+    ordered = sorted(
+        cells,
+        key=lambda c: (
+            algorithms.index(c.algo),
+            c.representation != FULL,
+            c.representation,
+            c.words != "",
+        ),
+    )
+    rows = list(dict.fromkeys(cell.short_name for cell in ordered))
+    shown, colors = rows[:_MAX_ROWS], algorithm_colors([cell.algo for cell in cells])
+    tasks = in_order({cell.task for cell in cells}, TASKS)
+    series = {
+        task: [
+            line
+            for one in statistics
+            if one.cell.task == task and one.cell.short_name in shown
+            for line in _row(one, shown.index(one.cell.short_name), colors, theirs)
+        ]
+        for task in tasks
+    }
+    if len(tasks) > 1:
+        together = _together(cells, tasks, shown, colors)
+        series |= {ALL_TASKS: together} if together else {}
+    lowest = min(float(one.x.min()) for lines in series.values() for one in lines if len(one.x))
+    x = Axis(f"final {kind.name} return", (max(0.0, np.floor(lowest / 100) * 100 - 15), 1015))
+    y = Axis("", (len(shown) - 0.4, -0.6), ticks=range(len(shown)), names=shown)
+    solved = ReferenceLine(SOLVED, SOLVED_STYLE, vertical=True)
+    left_out = len(rows) - len(shown)
+    note = (
+        f"{kind.final} Dot with bar: interquartile mean across seeds and its 95% interval "
+        f"(uncertainty), for at least {st.MIN_SEEDS} seeds; with fewer than {st.DECIDING_SEEDS} "
+        "the interval is too narrow and decides nothing. Small dots: seeds. Dashed: the paper's "
+        "median training return at the same control steps. Rows differ in their control steps."
+        + (f" {left_out} more rows are in the tables." if left_out else "")
+        + (
+            f" {ALL_TASKS.capitalize()}: learners with runs on each of them; seeds are resampled "
+            "within each task."
+            if ALL_TASKS in series
+            else ""
+        )
+    )
+    key = [
+        (_MEAN, Style(KEY_COLOR, marker="o", size=6)),
+        (_SEED, Style(KEY_COLOR, "", marker="o", size=3, alpha=0.6)),
+        *([(_PUBLISHED, Style(KEY_COLOR, "--", 1.2))] if _has_published(series) else []),
+        SOLVED_KEY,
+    ]
+    panels = [Panel(task, x, y, lines, [solved]) for task, lines in series.items()]
+    return Figure(f"Final {kind.plural} with their uncertainty", panels, key, [note])
+
+
+def _row(
+    summary: Summary, row: int, colors: Mapping[str, str], theirs: Mapping[Any, float]
+) -> list[Series]:
+    """Returns the seeds, the interquartile mean and the published value of a cell."""
+    cell, final = summary.cell, scores_of(summary.cell).final
+    found = summary.get("final_return", "interquartile_mean")
+    if found is None or not len(final):
+        return []
+    color, at = colors[cell.algo], float(row)
+    lines = _mean(found.estimate, at, color, final, cell.tags, values.seeds(cell))
+    if cell.key in theirs:
+        value = theirs[cell.key]
+        tags = {**cell.tags, "source": PUBLISHED}
+        ends = np.array([at - _HALF, at + _HALF])
+        dashed = Style(color, "--", 1.2)
+        more: dict[str, Any] = {"entries": (_PUBLISHED,), "tags": tags, "detail": "published"}
+        lines.append(Series(np.full(2, value), ends, dashed, **more))
+    return lines
+
+
+def _mean(
+    one: st.Estimate, at: float, color: str, final: Any, tags: Mapping[str, str], detail: str
+) -> list[Series]:
+    """Returns the dots of seeds, and the mean with its bar, in a row."""
+    bars = [Band(np.array([one.low]), np.array([one.high]), bars=True, along_x=True)]
+    dots = Style(color, "", marker="o", size=3, alpha=0.6)
+    return [
+        Series(final, np.full(len(final), at + _BELOW), dots, entries=(_SEED,), tags=tags),
+        Series(
+            *(np.array([one.value]), np.array([at]), Style(color, marker="o", size=6)),
+            bands=bars if np.isfinite(one.low) else [],
+            **{"detail": detail, "entries": (_MEAN,), "tags": tags},
+        ),
+    ]
+
+
+def _together(
+    cells: Sequence[Cell], tasks: Sequence[str], rows: Sequence[str], colors: Mapping[str, str]
+) -> list[Series]:
+    """Returns the rows of the learners that have runs on every task, over all tasks."""
+    series: list[Series] = []
+    for row, name in enumerate(rows):
+        mine = {cell.task: cell for cell in cells if cell.short_name == name}
+        strata = [scores_of(mine[task]).final for task in tasks if task in mine]
+        if len(strata) < len(tasks) or not all(map(len, strata)):
+            continue
+        one = st.estimate(st.interquartile_mean, strata)
+        cell = next(iter(mine.values()))
+        tags = {"algorithm": display_name(cell.algo), "representation": cell.representation}
+        tags["source"] = cell.source
+        runs = f"{sum(map(len, strata))} runs on {len(tasks)} tasks"
+        series += _mean(one, float(row), colors[cell.algo], np.empty(0), tags, runs)[1:]
+    return series
+
+
+def _has_published(series: Mapping[str, Sequence[Series]]) -> bool:
+    return any(_PUBLISHED in one.entries for lines in series.values() for one in lines)

@@ -1,0 +1,191 @@
+"""Draws the panels of figures with matplotlib."""
+
+from functools import partial
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from jbench.report.figure import DOTS, Axis, HeatMap, Panel, Series, Style
+from jbench.report.figures import layout
+from jbench.report.figures.layout import SMALL, Place, Sheet
+
+SERIES = "series"
+"""Prefix of the ids of the SVG elements of series; the panel and the series' number follow."""
+
+_MEDIUM = 9.0  # points
+_PICTURE_CELLS = 1000  # larger heat maps are rasterized: each cell would be a path of 200 bytes
+_INTERVAL_ALPHA = 0.18
+_NARROW = 1.6  # inches; panels with fewer numbers on their axis
+_ARROW = {"arrowstyle": "->", "color": "#d00000", "linewidth": 1.6}
+
+
+def draw_panel(
+    axes: Axes,
+    panel: Panel,
+    number: int,
+    sheet: Sheet,
+    place: Place | None = None,
+    *,
+    shared: bool = False,
+    picture: bool = False,
+) -> None:
+    """Draws a panel.
+
+    Args:
+        axes: where it is drawn.
+        panel: the panel.
+        number: its index in the figure.
+        sheet: format of the figure.
+        place: its place; None if matplotlib lays out the figure.
+        shared: whether only the first panel of a row has numbers on its vertical axis.
+        picture: whether to rasterize lines and areas in SVG and PDF files.
+    """
+    _style_panel(axes, panel, sheet, place, shared=shared)
+    if panel.heat_map is not None:
+        _draw_heat_map(axes, panel.heat_map, sheet)
+    for reference in panel.references:
+        vertical, style = reference.vertical, reference.style
+        (axes.axvline if vertical else axes.axhline)(reference.at, **look(style))
+        if reference.interval is not None:
+            span = axes.axvspan if vertical else axes.axhspan
+            span(*reference.interval, color=style.color, alpha=_INTERVAL_ALPHA, lw=0)
+    for i, series in enumerate(panel.series):
+        for j, artist in enumerate(_draw_series(axes, series, picture=picture)):
+            artist.set_gid(f"{SERIES}-{number}-{i}-{j}")
+    if panel.arrow is not None:
+        start, end = panel.arrow
+        axes.annotate("", end, start, arrowprops=_ARROW)
+    if panel.text:
+        axes.text(
+            *(0.5, 0.5, panel.text),
+            **{"transform": axes.transAxes, "ha": "center", "color": "0.4", "fontsize": SMALL},
+        )
+
+
+def _draw_series(axes: Axes, series: Series, *, picture: bool) -> list[Artist]:
+    style, x = series.style, series.x
+    drawn: list[Artist] = []
+    for band in series.bands:
+        if band.bars:
+            lines = axes.hlines if band.along_x else axes.vlines
+            at = series.y if band.along_x else x
+            drawn.append(lines(at, band.low, band.high, colors=style.color, lw=style.width))
+        else:
+            more: dict[str, Any] = {"color": style.color, "alpha": band.alpha, "lw": 0}
+            drawn.append(axes.fill_between(x, band.low, band.high, rasterized=picture, **more))
+    more = {"zorder": series.zorder, "rasterized": picture}
+    if series.edges is not None:
+        stairs = axes.stairs(series.y, series.edges, color=style.color, lw=style.width, **more)
+        return [*drawn, stairs]
+    partial_ = np.zeros(len(x), bool) if series.partial is None else series.partial
+    drawn += axes.plot(x, np.where(partial_, np.nan, series.y), **look(style), **more)
+    if partial_.any():
+        # Dotted parts include the neighbouring solid points, so that there are no gaps.
+        dotted = partial_ | np.r_[partial_[1:], False] | np.r_[False, partial_[:-1]]
+        y = np.where(dotted, series.y, np.nan)
+        drawn += axes.plot(x, y, color=style.color, ls=DOTS, lw=style.width, **more)
+    return drawn
+
+
+def _draw_heat_map(axes: Axes, heat_map: HeatMap, sheet: Sheet) -> None:
+    low, high = heat_map.limits
+    axes.pcolormesh(
+        *(heat_map.x, heat_map.y, np.ma.masked_invalid(heat_map.values)),
+        norm=(LogNorm if heat_map.log else Normalize)(low, high),
+        cmap="viridis",
+        rasterized=heat_map.values.size > _PICTURE_CELLS,
+    )
+    if heat_map.is_map:
+        axes.set_aspect("equal")
+        return
+    axes.set_facecolor("0.93")
+    axes.patch.set(hatch="////", edgecolor="0.75")
+    size = layout.cell_text_size(heat_map, sheet)
+    for cell in heat_map.texts:
+        left, right = heat_map.x[cell.column : cell.column + 2]
+        top, bottom = heat_map.y[cell.row : cell.row + 2]
+        if cell.framed:
+            sides = (left, top), right - left, bottom - top
+            axes.add_patch(Rectangle(*sides, facecolor="white", edgecolor="0.6", linewidth=0.6))
+        middle = (left + right) / 2, (top + bottom) / 2
+        axes.text(*middle, cell.text, ha="center", va="center", color=cell.color, fontsize=size)
+
+
+def _style_panel(
+    axes: Axes, panel: Panel, sheet: Sheet, place: Place | None, *, shared: bool
+) -> None:
+    """Sets title, axes and grid of a panel."""
+    flat = panel.heat_map is not None
+    if panel.title:
+        title = (
+            layout.in_lines(panel.title, layout.free_characters(sheet, 2)) if flat else panel.title
+        )
+        title_look = (SMALL, "normal") if flat else (SMALL if sheet.paper else _MEDIUM, "bold")
+        size, weight = title_look
+        axes.set_title(title, loc="left", parse_math=False, fontsize=size, fontweight=weight)
+    axes.tick_params(labelsize=tick_size(panel, sheet))
+    narrow = place is not None and place.box.width < _NARROW
+    _style_axis(axes, "x", panel.x, panel.x.label if place is None else place.x_label, narrow)
+    _style_axis(axes, "y", panel.y, panel.y.label if place is None or place.first else "", False)
+    if shared and place is not None and not place.first:
+        axes.tick_params(labelleft=False)
+    if panel.heat_map is None:
+        axes.grid(color="0.92", linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+        if panel.y.names is not None:
+            axes.spines["left"].set_visible(False)
+            axes.tick_params(axis="y", length=0)
+    elif not panel.heat_map.is_map:
+        axes.tick_params(length=0)
+        axes.spines[:].set_visible(False)
+        for label in axes.get_xticklabels() if len(panel.x.names or ()) > 1 else ():
+            label.set(rotation=25, ha="right")
+
+
+def _style_axis(axes: Axes, name: str, axis: Axis, label: str, narrow: bool) -> None:
+    """Sets label, scale, limits and ticks of the axis "x" or "y"."""
+    axes.set(**{f"{name}scale": "log" if axis.log else "linear", f"{name}lim": axis.limits})
+    drawn = axes.xaxis if name == "x" else axes.yaxis
+    drawn.set_label_text(label, fontsize=SMALL, parse_math=False)
+    if axis.names is not None:
+        width = 20 if name == "x" else 48
+        names = ["\n".join(wrap(n, width, max_lines=3, placeholder=" …")) for n in axis.names]
+        for tick in drawn.set_ticks(axis.ticks or (), names):
+            tick.label1.set_parse_math(False)
+    elif axis.ticks is not None:
+        drawn.set_ticks(axis.ticks[:: 2 if narrow and len(axis.ticks) > 4 else 1])
+    elif axis.integer:
+        drawn.set_major_locator(MaxNLocator(integer=True))
+    elif not axis.log:
+        drawn.set_major_locator(MaxNLocator(3 if narrow else 6, steps=[1, 2, 2.5, 5, 10]))
+    if axis.unit != 1:
+        drawn.set_major_formatter(FuncFormatter(lambda value, _: f"{value * axis.unit:g}"))
+    if axis.opposite is not None:
+        label, factor = axis.opposite
+        scale = partial(np.multiply, factor), partial(np.multiply, 1 / factor)
+        other = axes.secondary_xaxis("top", functions=scale)
+        other.set_xlabel(label, fontsize=SMALL)
+        other.tick_params(labelsize=SMALL)
+
+
+def tick_size(panel: Panel, sheet: Sheet) -> float:
+    """Returns the font size of a panel's numbers and names, in points."""
+    if panel.heat_map is None or panel.heat_map.is_map:
+        return SMALL
+    return layout.cell_text_size(panel.heat_map, sheet)
+
+
+def look(style: Style) -> dict[str, Any]:
+    """Returns a style as arguments for matplotlib's lines."""
+    return {
+        **{"color": style.color, "ls": style.dash, "lw": style.width, "alpha": style.alpha},
+        **{"marker": style.marker, "ms": style.size, "markevery": style.every},
+        "mfc": "white" if style.hollow else style.color,
+    }

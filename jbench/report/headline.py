@@ -1,0 +1,157 @@
+"""The answer of a report in a sentence: who solves what, by when, and what reduction costs."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from jbench.names import FULL
+from jbench.report import formatting
+from jbench.report.analysis.claims import Verdict
+from jbench.report.analysis.examine import decide
+from jbench.report.analysis.reduction import Reduction, numbers_seen
+from jbench.report.analysis.scores import Statistic, Summary
+from jbench.report.data.cells import SOLVED, Cell
+from jbench.report.data.returns import TRAINING
+from jbench.report.formatting import display_name
+from jbench.report.tables import reduction_items, values
+from jbench.report.views import View
+
+_MAX_PARTS = 5
+
+
+class _Answer(NamedTuple):
+    """Whether a cell solves its task.
+
+    Attributes:
+        cell: the cell.
+        verdict: whether the median final return is `SOLVED` or more.
+        median: median final return.
+        seeds: number of seeds with a final return.
+        reached: median control steps to `SOLVED`; infinite if most seeds don't reach it.
+    """
+
+    cell: Cell
+    verdict: Verdict
+    median: float
+    seeds: int
+    reached: float
+
+
+def headline(view: View) -> str:
+    """Returns the answer according to one kind of return, as a sentence."""
+    answers = [one for one in map(_answer, view.statistics) if one is not None]
+    shown = _without_encoded(answers)
+    parts = [*_on_tasks(shown), *map(_on_reduction, _leading(view.reductions))]
+    if not parts:
+        return "There are no returns yet."
+    more = f"; and {len(parts) - _MAX_PARTS} more below" if len(parts) > _MAX_PARTS else ""
+    sentence = "; ".join(parts[:_MAX_PARTS]) + more
+    return f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
+    """Returns four numbers on what was run, each with its name."""
+    cells = next((view.cells for view in views if view.kind is TRAINING), [])
+    steps = sum(int(cell.steps.sum()) for cell in cells)
+    counts = {
+        "run": sum(len(cell.seeds) for cell in cells),
+        "setting": len(cells),
+        "task": len({cell.task for cell in cells}),
+    }
+    counted = [(f"{n:,}", name if n == 1 else f"{name}s") for name, n in counts.items()]
+    return [*counted, (formatting.steps(steps), "control steps")] if cells else []
+
+
+def _answer(summary: Summary) -> _Answer | None:
+    median = summary.get("final_return", "median")
+    if median is None or median.estimate.value != median.estimate.value:
+        return None
+    reached = summary.get("steps_to_solved", "median")
+    verdict = decide(median.estimate, median.seeds, SOLVED)[0]
+    steps = _value(reached)
+    return _Answer(summary.cell, verdict, median.estimate.value, median.seeds, steps)
+
+
+def _value(one: Statistic | None) -> float:
+    return float("inf") if one is None else one.estimate.value
+
+
+def _without_encoded(answers: Sequence[_Answer]) -> list[_Answer]:
+    """Returns the answers with the full observation, or all if there are none."""
+    plain = [one for one in answers if not one.cell.robots]
+    full = [one for one in plain if one.cell.representation == FULL]
+    return full or plain or list(answers)
+
+
+def _on_tasks(answers: Sequence[_Answer]) -> Iterator[str]:
+    """Yields a clause for each verdict and the learners and tasks that it is on."""
+    verdicts: tuple[Verdict, ...] = ("supported", "contradicted", "undecided")
+    for verdict in verdicts:
+        groups: dict[tuple[str, ...], list[_Answer]] = {}
+        for task in dict.fromkeys(one.cell.task for one in answers):
+            of_task = [one for one in answers if one.cell.task == task]
+            chosen = [one for one in of_task if one.verdict == verdict]
+            if chosen:
+                groups.setdefault(tuple(_names(chosen, of_task)), []).extend(chosen)
+        for names, group in groups.items():
+            yield _clause(verdict, names, group)
+
+
+def _names(chosen: Sequence[_Answer], of_task: Sequence[_Answer]) -> Iterator[str]:
+    """Yields the names of learners: the algorithm's alone if all its variants are chosen."""
+    for algo in dict.fromkeys(one.cell.algo for one in chosen):
+        mine = [one for one in chosen if one.cell.algo == algo]
+        if len(mine) == sum(one.cell.algo == algo for one in of_task):
+            same = len({one.cell.representation for one in mine}) == 1
+            encoded = same and mine[0].cell.representation != FULL
+            yield display_name(algo) + (f" on {mine[0].cell.representation}" if encoded else "")
+        else:
+            yield from (one.cell.short_name for one in mine)
+
+
+def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) -> str:
+    one = len(names) == 1
+    who, tasks = _listed(names), _listed(list(dict.fromkeys(a.cell.task for a in group)))
+    medians = _range([answer.median for answer in group], formatting.whole)
+    reached = [answer.reached for answer in group if answer.reached != float("inf")]
+    when = f", {SOLVED} after {_range(reached, formatting.steps)} control steps" if reached else ""
+    medians = f"a median return of {medians}{when}"
+    count = _range([float(answer.seeds) for answer in group], formatting.whole)
+    seeds = f"{count} seed{'' if count == '1' else 's'}{' each' if len(group) > 1 else ''}"
+    if verdict == "supported":
+        return f"{who} {'solves' if one else 'solve'} {tasks} ({medians}; {seeds})"
+    if verdict == "contradicted":
+        return f"{who} {'does' if one else 'do'} not solve {tasks} ({medians}; {seeds})"
+    verb = "solves" if one else "solve"
+    return f"whether {who} {verb} {tasks} is undecided ({medians}; {seeds})"
+
+
+def _leading(found: Sequence[Reduction]) -> list[Reduction]:
+    """Returns the comparisons with the full observation."""
+    return [one for one in found if one.baseline == FULL]
+
+
+def _on_reduction(one: Reduction) -> str:
+    finding = next(f for f in one.findings if f.claim == "a")
+    effect = values.estimate(finding.effect, formatting.signed)
+    cell, seeds = one.cell, f"{one.seeds[0]} and {one.seeds[1]} seeds"
+    numbers = numbers_seen(cell.representation, cell.task)
+    reduced = f"{numbers} numbers ({cell.representation}) instead of the full observation"
+    algo, task = display_name(cell.algo), cell.task
+    text = f" ({effect.text} with a 90% interval; {seeds})" if effect else ""
+    outcome = reduction_items.outcome(finding)
+    if outcome == "undecided":
+        return f"what {reduced} cost {algo} on {task} is undecided{text}"
+    if outcome == "similar":
+        return f"{reduced} leave the return of {algo} on {task} similar{text}"
+    verb = "lower" if outcome == "lower" else "raise"
+    return f"{reduced} {verb} the return of {algo} on {task}{text}"
+
+
+def _range(numbers: Sequence[float], form: formatting.Form) -> str:
+    texts = dict.fromkeys((form(min(numbers)), form(max(numbers))))
+    return "\N{EN DASH}".join(texts)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Returns names as a list in words."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

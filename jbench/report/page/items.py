@@ -1,0 +1,146 @@
+"""Figures and tables of a page."""
+
+from collections.abc import Iterator
+
+import pandas as pd
+
+from jbench.report.document import Document, FigureItem, Item, TableItem
+from jbench.report.figures.layout import SCREEN, Sheet
+from jbench.report.page import downloads, legends, tables, values, vector
+from jbench.report.page.budget import share_each
+from jbench.report.page.text import html, identifier, json_block
+
+_PAPER = (515, 570)  # points; maximum width and height of a figure on paper in portrait format
+_PAPER_TURNED = (770, 425)  # points; the same in landscape format
+_BESIDE = 430  # points; maximum width of a figure with its caption beside it
+_SHORT = 220  # characters of a caption that is always shown
+_BESIDE_SHORT = 1200  # the same beside a figure
+
+
+class Parts:
+    """State that the parts of a page share: ids, size limits, and styles.
+
+    Attributes:
+        sheet: format of the figures.
+        cells: maximum cells of a table to download.
+        corners: maximum points of a figure that is not rasterized.
+        points: maximum points of a line in tooltips.
+        colors: colors of all figures.
+        styles: CSS rules of single figures.
+    """
+
+    def __init__(self, document: Document, sheet: Sheet) -> None:
+        self.sheet = SCREEN if not sheet.paper else sheet
+        items = document.items
+        figures = [item for item in items if isinstance(item, FigureItem)]
+        frames = [item.frame for item in items if isinstance(item, TableItem)]
+        frames += [item.data for item in figures if item.data is not None]
+        tables_of_data = [frame.size for frame in (*frames, document.provenance)]
+        self.cells = share_each(tables_of_data, downloads.CELLS)
+        self.corners = share_each([item.figure.corners for item in figures], vector.CORNERS)
+        self.points = values.points_each(item.figure for item in figures)
+        self.colors: set[str] = set()
+        self.styles: list[str] = []
+        self._ids = {"to-summary", "to-problems", "to-notes", "to-provenance"}
+
+    def id(self, name: str) -> str:
+        """Returns a unique id that resembles a name."""
+        base = new = identifier(name)
+        count = 1
+        while new in self._ids:
+            count += 1
+            new = f"{base}-{count}"
+        self._ids.add(new)
+        return new
+
+
+def item(one: Item, parts: Parts, heading: str = "", *, leads: bool = False) -> Iterator[str]:
+    """Yields a figure or a table as HTML.
+
+    Args:
+        one: the item.
+        parts: state of the page.
+        heading: heading of its section, which is not repeated.
+        leads: whether it is on the first screen, where captions are folded.
+    """
+    if isinstance(one, FigureItem):
+        yield from _figure(one, parts, heading, leads)
+    else:
+        yield from _table(one, parts, heading)
+
+
+def foot(name: str, frame: pd.DataFrame | None, parts: Parts) -> str:
+    """Returns the link to the data of an item; empty if it has none."""
+    link = "" if frame is None else downloads.link(name, frame, parts.cells)
+    return f'<p class="data">{link}</p>' if link else ""
+
+
+def caption(text: str, name: str, *, shown: int = _SHORT) -> str:
+    """Returns a caption; one of more characters than `shown` is folded behind its name."""
+    if not text:
+        return ""
+    if len(text) <= shown:
+        return f"<p>{html(text)}</p>"
+    return f'<details class="how"><summary>{html(name)}</summary><p>{html(text)}</p></details>'
+
+
+def _figure(one: FigureItem, parts: Parts, heading: str, leads: bool) -> Iterator[str]:
+    id = parts.id(one.name)
+    drawing = vector.element(one.figure, f"{id}-", one.title, parts.sheet, parts.corners)
+    parts.colors |= drawing.colors
+    for i, width in enumerate(drawing.widths):
+        # Panels share the width of the page, and are below each other on a narrow one.
+        parts.styles.append(
+            f"#{id} svg[role]:nth-of-type({i + (2 if len(drawing.widths) > 1 else 1)})"
+            f"{{flex-grow:{width:.0f};min-width:min(100%,{0.9 * width:.0f}pt)}}"
+        )
+    single = len(drawing.widths) == 1
+    panels = values.panels(one.figure, drawing.boxes, parts.points)
+    kinds = ["item"]
+    kinds += ["wide"] if _is_wide(drawing) else []
+    beside = drawing.width <= _BESIDE and not leads
+    kinds += ["beside"] if beside else []
+    kinds += ["scrolls"] if single and (drawing.width > _BESIDE or _named(one)) else []
+    yield f'<figure id="{id}" class="{" ".join(kinds)}">\n{_heading(one.title, heading)}'
+    yield f'<div class="plot">{legends.legend(one.figure, parts.colors)}'
+    yield f'<div class="scroll drawing">{drawing.svg}</div></div>'
+    if panels:
+        yield f'<script type="application/json" class="values">{json_block(panels)}</script>'
+    shown = _BESIDE_SHORT if beside else 0 if leads else _SHORT
+    yield "<figcaption>"
+    yield caption(one.figure.caption, "How to read this figure", shown=shown)
+    yield foot(one.name, one.data, parts)
+    yield "</figcaption>\n</figure>"
+
+
+def _named(one: FigureItem) -> bool:
+    """Returns whether the rows of several panels have names."""
+    return len(one.figure.panels) > 1 and any(p.y.names is not None for p in one.figure.panels)
+
+
+def _is_wide(drawing: vector.Drawing) -> bool:
+    """Returns whether a figure is much larger when printed in landscape format."""
+    upright, turned = (
+        min(1, width / drawing.width, height / drawing.height)
+        for width, height in (_PAPER, _PAPER_TURNED)
+    )
+    return turned > 1.35 * upright
+
+
+def _table(one: TableItem, parts: Parts, heading: str) -> Iterator[str]:
+    wide = " wide" if tables.is_wide(one.frame) else ""
+    yield f'<div id="{parts.id(one.name)}" class="item{wide}">'
+    if one.folded:
+        yield f"<details><summary><h3>{html(one.title)}</h3></summary>"
+    else:
+        yield _heading(one.title, heading)
+    yield tables.table(one.frame, one.title)
+    yield f'<div class="caption">\n{caption(one.caption, "How to read this table")}'
+    yield foot(one.name, one.frame, parts)
+    yield "</div>" + ("</details>" if one.folded else "")
+    yield "</div>"
+
+
+def _heading(title: str, section: str) -> str:
+    """Returns the heading of an item, unless it is that of its section."""
+    return "" if title == section else f"<h3>{html(title)}</h3>"

@@ -246,7 +246,9 @@ def _figure_files(document: Document, request: Request) -> dict[str, bytes]:
     for item in _figures(document):
         drawn = plotting.draw(item.figure, SHEETS[request.columns])
         for ending in request.formats:
-            files[f"{item.name}.{ending}"] = plotting.FORMATS[ending](drawn)
+            files[f"{item.name}.{ending}"] = plotting.FORMATS[ending](
+                drawn, paper=request.columns is not None
+            )
     return files
 
 

@@ -24,7 +24,9 @@ KEPT = "heat-map"
 """Prefix of the ids of SVG elements that keep their colors on a dark page."""
 
 _LARGE = 12.0  # points
+_BOLD = 1.2  # times as wide as other text, at most
 _PNG_DPI = {False: 150, True: 300}  # on a screen, and on paper
+_MEASURED_DPI = 100.0  # of drawings, as texts are not exactly as wide at another resolution
 _PICTURE_DPI = 200  # resolution of rasterized parts in SVG and PDF files
 _COMPACT = {"borderaxespad": 0, "borderpad": 0, "labelspacing": 0.35, "handletextpad": 0.6}
 """Spacing of a legend, in units of its font size."""
@@ -106,7 +108,10 @@ def _lines(figure: Figure, sheet: Sheet, *, text: bool, legend: bool, picture: b
     for (label, box), (_, style) in zip(laid.legend, figure.legend, strict=False):
         _entry(drawn, _handle(style), label, corner(box))
     if text:
-        _text(drawn, corner(Box(layout.MARGIN, layout.MARGIN)), figure.title, _LARGE, "bold")
+        room = (width - 2 * layout.MARGIN) / max(width_of(figure.title), 1e-9)
+        size_of_title = min(_LARGE, SMALL * room / _BOLD)
+        corner_of_title = corner(Box(layout.MARGIN, layout.MARGIN))
+        _text(drawn, corner_of_title, figure.title, size_of_title, "bold")
         _text(drawn, corner(laid.notes), "\n".join(laid.lines), SMALL, "normal")
     return drawn
 
@@ -142,18 +147,15 @@ def _heat_maps(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Dr
 @cache
 def width_of(text: str) -> float:
     """Returns the width of a text of the small size, in inches."""
-    dots = 72.0
-    renderer = _renderer(dots)
+    measure: Any = _renderer().get_text_width_height_descent
     font = FontProperties(size=SMALL)
-    lines = text.split("\n")
-    return (
-        max(renderer.get_text_width_height_descent(t, font, ismath=False)[0] for t in lines) / dots
-    )
+    return max(float(measure(t, font, ismath=False)[0]) for t in text.split("\n")) / _MEASURED_DPI
 
 
 @cache
-def _renderer(dots: float) -> RendererAgg:
-    return RendererAgg(1, 1, dots)
+def _renderer() -> Any:
+    make: Any = RendererAgg
+    return make(1, 1, _MEASURED_DPI)
 
 
 def _handle(style: Style | Shade) -> Artist:
@@ -164,11 +166,9 @@ def _handle(style: Style | Shade) -> Artist:
 
 def _entry(drawn: Drawn, handle: Artist, label: str, corner: tuple[float, float]) -> None:
     """Draws an entry of the legend."""
-    legend = drawn.legend(
-        *([handle], [label]),
-        **{"loc": "upper left", "bbox_to_anchor": corner, "fontsize": SMALL, "frameon": False},
-        **{**_COMPACT, "handlelength": layout.HANDLE * 72 / SMALL},
-    )
+    more: dict[str, Any] = {**_COMPACT, "handlelength": layout.HANDLE * 72 / SMALL}
+    more |= {"bbox_to_anchor": corner, "fontsize": SMALL, "frameon": False}
+    legend = drawn.legend([handle], [label], loc="upper left", **more)
     for text in legend.get_texts():
         text.set_parse_math(False)
 

@@ -1,7 +1,7 @@
 """Performance profiles: the share of runs that end above each return."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -156,10 +156,9 @@ def _series(kind: _Kind, strata: Sequence[FloatArray], style: Style, named_steps
     label = f"{kind.name}, {kind.steps} steps" if named_steps else kind.name
     tags = {"algorithm": display_name(kind.algo), "source": kind.source}
     tags["representation"] = kind.representation.partition(",")[0]
-    return Series(
-        *(THRESHOLDS, share, style, label, bands),
-        **{"detail": _detail(kind, strata), "entries": (label,), "tags": tags},
-    )
+    detail = _detail(kind, strata)
+    more: dict[str, Any] = {"detail": detail, "entries": (label,), "tags": tags}
+    return Series(THRESHOLDS, share, style, label, bands, **more)
 
 
 def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:

@@ -114,7 +114,7 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     medians = _range([answer.median for answer in group], formatting.whole)
     reached = [answer.reached for answer in group if answer.reached != float("inf")]
     when = f", {SOLVED} after {_range(reached, formatting.steps)} control steps" if reached else ""
-    medians = f"a median return of {medians}{when}"
+    medians = f"median return {medians}{when}"
     count = _range([float(answer.seeds) for answer in group], formatting.whole)
     seeds = f"{count} seed{'' if count == '1' else 's'}{' each' if len(group) > 1 else ''}"
     if verdict == "supported":

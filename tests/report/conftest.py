@@ -13,6 +13,7 @@ from jbench.report.data.returns import TRAINING
 from jbench.report.request import Request
 from jbench.report.views import curve_of
 from jbench.store import Results, query, schema
+from tests.report import browser
 
 SETTINGS = {
     "task": "face_direction",
@@ -156,3 +157,24 @@ def out(tmp_path):
 @pytest.fixture(scope="session")
 def published():
     return read_published(query.published())
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    """Returns a browser; without one the tests that need it are skipped."""
+    yield from browser.launch()
+
+
+@pytest.fixture
+def opened(chromium):
+    """Opens pages, and closes them after the test; each must have been quiet to the end."""
+    pages = []
+
+    def open_page(path, **options):
+        pages.append(browser.Opened(chromium, path, **options))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.assert_quiet()
+        page.context.close()

@@ -48,7 +48,7 @@ class Sheet(NamedTuple):
     paper: bool = False
 
 
-SCREEN = Sheet(11.8, 4.9, 5, 1.9, 2.5, 0.33)
+SCREEN = Sheet(11.8, 4.9, 5, 1.65, 2.5, 0.33)
 SHEETS = {
     None: SCREEN,
     1: Sheet(3.5, 3.5, 2, 1.0, 1.6, 0.17, paper=True),
@@ -117,12 +117,15 @@ def lay_out(
         legend: whether it has a legend.
     """
     count = len(figure.panels)
-    rows = -(-count // sheet.columns)
+    named = not sheet.paper and figure.panels[0].y.names is not None
+    rows = -(-count // (sheet.columns + named))  # panels with named rows need no numbers beside
     columns = -(-count // rows)
     width = sheet.single if count == 1 else sheet.width
-    shared = sheet.paper and len({(p.y.limits, p.y.log, p.y.label) for p in figure.panels}) == 1
+    shared = (sheet.paper or named) and len(
+        {(p.y.limits, p.y.log, p.y.label) for p in figure.panels}
+    ) == 1
     left = max(_left_of(panel.y, measure) for panel in figure.panels)
-    gap = 0.15 if shared else max(_TICKS, left - _LEFT + _TICKS) + 0.06
+    gap = 0.27 if shared else max(_TICKS, left - _LEFT + _TICKS) + 0.06
     panel_width = (width - left - (columns - 1) * gap - 2 * MARGIN - 0.06) / columns
     panel_height = _height(figure, sheet)
     entries, top = _flow(figure if legend else None, width, measure)

@@ -119,7 +119,9 @@ function between(edges, value) {
 class Figure {
   constructor(drawing, panels) {
     this.drawing = drawing;
-    this.svg = drawing.querySelector("svg");
+    this.figure = drawing.closest("figure");
+    this.svgs = [...drawing.querySelectorAll("svg[role]")];
+    this.svg = this.svgs[0];
     this.panels = panels;
     this.panel = 0;
     this.index = -1;
@@ -144,6 +146,7 @@ class Figure {
   }
 
   point(event) {
+    this.svg = event.target.closest?.("svg[role]") ?? this.svgs[0];
     const matrix = this.svg.getScreenCTM().inverse();
     const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix);
     const inside = ({ box: [left, top, right, bottom] }) =>
@@ -187,6 +190,7 @@ class Figure {
   show(panel, x, y) {
     shownBy?.hide();
     shownBy = this;
+    this.svg = this.svgs[panel.number] ?? this.svgs[0];
     this.mark = makeMark("g", this.svg, { class: "mark" });
     const said = panel.grid ? this.cell(panel, x, y) : this.values(panel, x, y);
     if (!said) return this.hide();
@@ -219,15 +223,24 @@ class Figure {
     return [(left + right) / 2, Math.min(top, bottom)];
   }
 
+  isShown({ tags, of }) {
+    const labels = labelsOf(this.figure);
+    const entries = of.map((entry) => labels[entry]);
+    return !isUnwanted(tags) && !isMuted(this.figure.id, entries);
+  }
+
   // Says the values of all lines near here; returns the place of the tip, or nothing.
   values(panel, x, y) {
     const rows = panel.lines
+      .filter((line) => this.isShown(line))
       .map((line) => ({ line, i: nearest(line, x) }))
       .filter(({ line, i }) => Math.abs(line.at[i][0] - x) <= REACH)
       .sort((a, b) => b.line.y[b.i] - a.line.y[a.i]);
     if (!rows.length) return null;
     const distance = ({ line, i }) => Math.hypot(line.at[i][0] - x, line.at[i][1] - y);
     const near = rows.reduce((a, b) => (distance(b) < distance(a) ? b : a));
+    // Where rows have names, the values of one row belong together.
+    if (panel.y.ticks) return this.named(panel, near);
     const [nearX] = near.line.at[near.i];
     const [, top, , bottom] = panel.box;
     makeMark("line", this.mark, { x1: nearX, x2: nearX, y1: top, y2: bottom });
@@ -238,6 +251,18 @@ class Figure {
     rows.filter((row) => shown.has(row)).forEach((row) => this.row(panel, list, row, near));
     if (rows.length > shown.size) make("p", tip, "soft", `and ${rows.length - shown.size} more`);
     return [nearX, Math.min(Math.max(near.line.at[near.i][1], top), bottom)];
+  }
+
+  named(panel, near) {
+    const row = Math.round(near.line.y[near.i]);
+    const [x, y] = near.line.at[near.i];
+    makeMark("circle", this.mark, { cx: x, cy: y, r: 3.5 }).style.fill = near.line.color;
+    make("p", tip, "title", [panel.title, named(panel.y, row)].filter((text) => text).join(", "));
+    make("p", tip, "", near.line.label);
+    const [low, high] = near.line.bands[0]?.[near.i] ?? [];
+    const interval = low === undefined ? "" : ` [${inWords(low)}, ${inWords(high)}]`;
+    make("p", tip, "near", labelled(panel.x, near.line.x[near.i]) + interval);
+    return [x, y];
   }
 
   row(panel, list, { line, i }, near) {

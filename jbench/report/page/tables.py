@@ -10,6 +10,14 @@ import pandas as pd
 from jbench.report.document import Value
 from jbench.report.page.text import html
 
+_TAGS = {
+    "task": "task",
+    "algorithm": "algorithm",
+    "observation": "representation",
+    "runs": "source",
+}
+"""Names of the attributes by which a page filters rows, by column."""
+
 _WORDY = 36  # characters from which a cell is wrapped
 _WORDY_NAME = 44  # the same in the first column, whose names should stay whole
 _NAME = 12  # characters from which a heading has two words per line
@@ -35,14 +43,19 @@ def table(frame: pd.DataFrame, label: str) -> str:
         f"{html(name)}</th>"
         for name, right in zip(frame.columns, numeric, strict=True)
     ]
+    tags = [
+        (tag, columns[frame.columns.tolist().index(name)])
+        for name, tag in _TAGS.items()
+        if name in frame.columns
+    ]
     rows = [
-        "<tr>"
+        f"<tr{_row_tags(tags, number)}>"
         + "".join(
             _cell(cell, right, i == 0)
             for i, (cell, right) in enumerate(zip(row, numeric, strict=True))
         )
         + "</tr>"
-        for row in zip(*columns, strict=True)
+        for number, row in enumerate(zip(*columns, strict=True))
     ]
     return "\n".join(
         [
@@ -56,6 +69,13 @@ def table(frame: pd.DataFrame, label: str) -> str:
             "</div>",
         ]
     )
+
+
+def _row_tags(tags: Sequence[tuple[str, Sequence[Any]]], number: int) -> str:
+    """Returns the attributes by which a page filters a row."""
+    texts = [(tag, cells[number]) for tag, cells in tags if isinstance(cells[number], str)]
+    given = "".join(f' data-{tag}="{html(text.partition(",")[0])}"' for tag, text in texts)
+    return f" data-tags{given}" if given else ""
 
 
 def is_wide(frame: pd.DataFrame) -> bool:

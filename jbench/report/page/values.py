@@ -49,13 +49,14 @@ def panels(figure: Figure, boxes: Sequence[Box], points: int = MAX_POINTS) -> li
     described = [
         {
             "title": plain(panel.title),
+            "number": number,
             "box": [round(edge, 2) for edge in box],
             "x": _axis(panel.x),
             "y": _axis(panel.y),
             "lines": _lines(panel, points, entries),
             "grid": _grid(panel.heat_map),
         }
-        for panel, box in zip(figure.panels, boxes, strict=True)
+        for number, (panel, box) in enumerate(zip(figure.panels, boxes, strict=True))
     ]
     return [panel for panel in described if panel["lines"] or panel["grid"]]
 

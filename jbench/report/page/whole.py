@@ -39,7 +39,7 @@ def render_document(document: Document, *, sheet: Sheet = SCREEN, reloads: bool 
     parts = Parts(document, sheet)
     body = "\n".join(_body(document, parts))
     style = "\n".join([_asset("style.css"), *parts.styles, colors.rules(parts.colors)])
-    script = _asset("script.js")
+    script = _asset("script.js") + _asset("interact.js")
     policy = "; ".join(
         [
             "default-src 'none'",

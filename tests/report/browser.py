@@ -1,0 +1,88 @@
+"""A real browser for the tests of the report's page."""
+
+import re
+import shutil
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from jbench.report.figures.plotting import draw, to_png
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+ARGUMENTS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+)
+DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 360, "height": 740}
+
+
+class Opened:
+    """A page in the browser, and all that went wrong in it or left it."""
+
+    def __init__(self, chromium, path, viewport=DESKTOP, **options):
+        self.context = chromium.new_context(viewport=viewport, **options)
+        self.page = self.context.new_page()
+        self.trouble, self.requests = [], []
+        self.page.on("console", lambda message: self.trouble.append(message.text))
+        self.page.on("pageerror", lambda error: self.trouble.append(str(error)))
+        self.context.on("request", lambda request: self.requests.append(request.url))
+        self.page.add_init_script(
+            "window.violations = [];"
+            "document.addEventListener('securitypolicyviolation',"
+            " (event) => window.violations.push(event.violatedDirective));"
+        )
+        self.page.goto(path.as_uri())
+        self.own = path.as_uri()
+
+    def assert_quiet(self):
+        assert self.trouble == []
+        assert self.page.evaluate("window.violations") == []
+        assert self.page.evaluate("window.hacked") is None
+        assert [u for u in self.requests if u != self.own and not u.startswith("data:")] == []
+
+    def column(self, heading, table="#final-returns table"):
+        """Returns the texts of a column, from its first row to its last."""
+        headings = self.page.locator(f"{table} thead th").all_inner_texts()
+        place = headings.index(heading) + 1
+        return self.page.locator(f"{table} tbody tr > :nth-child({place})").all_inner_texts()
+
+    def point(self, id, figure, x, y, panel=0):
+        """Moves the pointer to a value of a panel; returns the texts of the tip."""
+        parts = self.page.locator(f"#{id} .drawing svg[role]")
+        svg = parts.nth(panel if parts.count() > 1 else 0)
+        svg.scroll_into_view_if_needed()
+        box = svg.bounding_box()
+        view = svg.evaluate("(e) => ['x', 'y', 'width', 'height'].map((n) => e.viewBox.baseVal[n])")
+        drawn = draw(figure, text=False, legend=False)
+        to_png(drawn)  # places the panels
+        left, up = drawn.axes[panel].transData.transform((x, y)) * 72 / drawn.dpi
+        down = drawn.get_size_inches()[1] * 72 - up
+        across = box["x"] + (left - view[0]) / view[2] * box["width"]
+        self.page.mouse.move(across, box["y"] + (down - view[1]) / view[3] * box["height"])
+        return self.tip()
+
+    def tip(self):
+        return self.page.locator(".tip p, .tip li span:not(.swatch)").all_inner_texts()
+
+    def color(self, selector, name):
+        """Returns a colour of an element, as red, green and blue."""
+        element = self.page.locator(selector).first
+        text = element.evaluate(f"(element) => getComputedStyle(element)['{name}']")
+        return tuple(int(part) for part in re.findall(r"\d+", text)[:3])
+
+
+def launch():
+    """Yields a browser; without one the test is skipped."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip("no browser: install Debian's package chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield browser
+        browser.close()

@@ -1,0 +1,112 @@
+"""The forest plot and the sentence of the first screen."""
+
+import numpy as np
+import pytest
+
+from jbench.report import contents
+from jbench.report.analysis import statistics as st
+from jbench.report.report import gather
+from jbench.report.request import Request
+
+ROWS = ["DDPG", "SAC"]
+
+
+def ran(fabric, finals, **settings):
+    for seed, final in enumerate(finals):
+        fabric.run(np.full(40, float(final)), seed, **settings)
+
+
+def document(fabric):
+    return contents.document(gather(fabric.results, Request()))
+
+
+def forest(fabric):
+    (item,) = [item for item in document(fabric).overview if item.name == "forest"]
+    return item.figure
+
+
+def means(panel):
+    """Returns the interquartile mean and its interval by row of a panel."""
+    found = {}
+    for series in panel.series:
+        if series.entries == ("interquartile mean, 95% interval",):
+            band = [(float(b.low[0]), float(b.high[0])) for b in series.bands]
+            found[panel.y.names[int(series.y[0])]] = (float(series.x[0]), band)
+    return found
+
+
+class TestForest:
+    def test_a_row_has_its_mean_its_interval_and_its_seeds(self, fabric):
+        finals = [700, 800, 820, 840, 860, 990]
+        ran(fabric, finals, algo="sac")
+        ran(fabric, [500, 600], algo="ddpg")
+        (panel,) = forest(fabric).panels
+        assert panel.y.names == ROWS
+        found = means(panel)
+        # Of six seeds, one is left out at each end; two have no interval.
+        assert found["SAC"][0] == 830
+        assert found["DDPG"] == (550, [])
+        expected = st.estimate(st.interquartile_mean, [np.array(finals, float)])
+        assert found["SAC"][1] == [(expected.low, expected.high)]
+        (dots,) = [s for s in panel.series if s.entries == ("one seed",) and s.y[0] > 1]
+        assert sorted(dots.x) == finals
+
+    def test_the_published_median_is_dashed_in_its_row(self, fabric):
+        ran(fabric, [500] * 3, algo="sac")
+        fabric.run(np.full(300, 500.0), 9, algo="sac")
+        (panel,) = forest(fabric).panels
+        dashed = [series for series in panel.series if series.style.dash == "--"]
+        assert [series.detail for series in dashed] in ([], ["published"])
+        for series in dashed:
+            assert series.x[0] == series.x[1]
+
+    def test_all_tasks_count_the_same_and_need_runs_on_each(self, fabric):
+        ran(fabric, [900, 900, 900], algo="sac")
+        ran(fabric, [300, 300, 300], algo="sac", task="move_to_pose")
+        ran(fabric, [500, 500, 500], algo="ddpg")
+        panels = forest(fabric).panels
+        assert [panel.title for panel in panels] == ["face_direction", "move_to_pose", "all tasks"]
+        # Half of the six runs are at 900 and half at 300; one of each is left out.
+        assert means(panels[2]) == {"SAC": (600, pytest.approx([(600, 600)]))} or (
+            means(panels[2])["SAC"][0] == 600
+        )
+        assert list(means(panels[2])) == ["SAC"]
+
+
+class TestHeadline:
+    def test_it_says_who_solves_what_by_when(self, fabric):
+        ran(fabric, [950 + seed for seed in range(6)], algo="sac")
+        ran(fabric, [300 + seed for seed in range(6)], algo="ppo")
+        said = document(fabric).headline
+        assert said.startswith("SAC solves face_direction (median return 952, 900 after ")
+        assert "PPO does not solve face_direction (median return 302; 6 seeds)" in said
+
+    def test_few_seeds_decide_nothing(self, fabric):
+        ran(fabric, [950, 960, 970], algo="sac")
+        assert document(fabric).headline.startswith(
+            "Whether SAC solves face_direction is undecided (median return 960, 900 after "
+        )
+
+    def test_tasks_with_the_same_answer_share_a_clause(self, fabric):
+        for task in ("face_direction", "move_to_pose"):
+            ran(fabric, [300 + seed for seed in range(6)], task=task)
+        assert document(fabric).headline == (
+            "TD3 does not solve face_direction and move_to_pose (median return 302; 6 seeds each)."
+        )
+
+    def test_what_reduction_costs(self, fabric):
+        ran(fabric, [800 + seed for seed in range(6)])
+        ran(fabric, [500 + seed for seed in range(6)], representation="dae12")
+        assert "12 numbers (dae12) instead of the full observation lower the return of TD3 on " in (
+            document(fabric).headline
+        )
+
+    def test_the_inventory_counts_runs_settings_tasks_and_steps(self, fabric):
+        ran(fabric, [500, 600])
+        ran(fabric, [500], algo="sac", task="move_to_pose")
+        assert document(fabric).inventory == [
+            ("3", "runs"),
+            ("2", "settings"),
+            ("2", "tasks"),
+            ("120k", "control steps"),
+        ]

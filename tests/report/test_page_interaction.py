@@ -1,0 +1,196 @@
+"""Interactions with the page of a report in a real browser: legends, filters, links, saving."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+from playwright.sync_api import expect
+
+from jbench.report.document import FigureItem, Section, TableItem
+from jbench.report.figure import Axis, Figure, Panel, Series, Style
+from jbench.report.page import render_document
+from tests.report import page_documents as made
+from tests.report.browser import PHONE
+
+COLORS = {"SAC": "#009e73", "TD3": "#cc79a7"}
+
+
+def tagged_figure():
+    """Returns two panels with a line of SAC and one of TD3 each."""
+    x = np.array([0.0, 500, 1000])
+
+    def line(task, algorithm, height):
+        tags = {"task": task, "algorithm": algorithm, "representation": "full", "source": "ours"}
+        more = {"entries": (algorithm, "median"), "tags": tags, "detail": "6 seeds"}
+        return Series(x, x * height, Style(COLORS[algorithm]), algorithm, **more)
+
+    panels = [
+        Panel(
+            task,
+            Axis("control steps", (0, 1000)),
+            Axis("return", (0, 1000)),
+            [line(task, "SAC", 0.9), line(task, "TD3", 0.5)],
+        )
+        for task in ("face_direction", "move_to_pose")
+    ]
+    return Figure("Curves", panels, [("median", Style("#404040"))], ["Two tasks."])
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    frame = pd.DataFrame(
+        {
+            "task": ["face_direction", "face_direction", "move_to_pose"],
+            "algorithm": ["SAC", "TD3", "TD3"],
+            "observation": ["full", "full, bfloat16", "full"],
+            "median": [900, 500, 300],
+        }
+    )
+    section = Section("All", [], [TableItem("returns", "Returns", "By algorithm.", frame)])
+    document = made.document(
+        sections=[section],
+        headline="SAC solves face_direction.",
+        overview=[FigureItem("tagged", "Curves", tagged_figure())],
+        inventory=[("3", "runs"), ("1", "task")],
+    )
+    path = tmp_path_factory.mktemp("page") / "index.html"
+    path.write_bytes(render_document(document).encode())
+    return path
+
+
+def entry(page, name):
+    return page.page.locator("#tagged .legend button", has_text=name)
+
+
+def lines(page):
+    """Returns the algorithm and task of the lines that are visible."""
+    shown = page.page.locator("#tagged [data-of]:not(.gone)")
+    pairs = shown.evaluate_all(
+        "(all) => all.filter((one) => one.checkVisibility())"
+        ".map((one) => [one.dataset.algorithm, one.dataset.task])"
+    )
+    return {tuple(pair) for pair in pairs}
+
+
+def rows(page):
+    texts = page.page.locator("#returns tbody tr").all()
+    return [row.locator("td").first.inner_text() for row in texts if row.is_visible()]
+
+
+def choose(page, name):
+    page.page.locator(".filters summary").click()
+    page.page.locator(".filters label", has_text=name).locator("input").click()
+
+
+class TestLegend:
+    def test_an_entry_hides_its_lines_in_every_panel_and_shows_them_again(self, opened, written):
+        page = opened(written)
+        assert len(lines(page)) == 4
+        entry(page, "SAC").click()
+        expect(entry(page, "SAC")).to_have_attribute("aria-pressed", "false")
+        assert lines(page) == {("TD3", "face_direction"), ("TD3", "move_to_pose")}
+        entry(page, "SAC").press("Enter")
+        assert len(lines(page)) == 4
+
+    def test_a_hidden_line_has_no_values(self, opened, written):
+        page = opened(written)
+        entry(page, "SAC").click()
+        page.page.locator("#tagged .drawing").focus()
+        page.page.keyboard.press("ArrowLeft")
+        assert page.tip() == ["face_direction", "control steps: 1,000", "TD3 (6 seeds)", "500"]
+
+    def test_focus_makes_the_other_lines_faint(self, opened, written):
+        page = opened(written)
+        entry(page, "TD3").focus()
+        faint = page.page.locator("#tagged .faint")
+        assert set(faint.evaluate_all("(all) => all.map((one) => one.dataset.algorithm)")) == {
+            "SAC"
+        }
+        entry(page, "TD3").blur()
+        expect(faint).to_have_count(0)
+
+
+class TestFilters:
+    def test_one_bar_filters_figures_and_tables(self, opened, written):
+        page = opened(written)
+        choose(page, "TD3")
+        assert lines(page) == {("SAC", "face_direction"), ("SAC", "move_to_pose")}
+        assert rows(page) == ["SAC"]
+        expect(page.page.locator(".filters summary")).to_have_text("Filter (1 hidden)")
+
+    def test_the_panel_of_a_hidden_task_goes(self, opened, written):
+        page = opened(written)
+        choose(page, "move_to_pose")
+        assert lines(page) == {("SAC", "face_direction"), ("TD3", "face_direction")}
+        expect(page.page.locator("#tagged svg[role]").nth(1)).to_be_hidden()
+
+    def test_what_all_have_in_common_is_no_filter(self, opened, written):
+        page = opened(written)
+        names = page.page.locator(".filters legend").all_text_contents()
+        assert names == ["task", "algorithm"]
+
+    def test_a_link_shows_what_one_sees(self, opened, written):
+        page = opened(written)
+        choose(page, "move_to_pose")
+        page.page.keyboard.press("Escape")
+        entry(page, "SAC").click()
+        link = page.page.evaluate("location.hash")
+        other = opened(written)
+        other.page.goto(written.as_uri() + link)
+        other.page.reload()
+        other.requests.clear()
+        assert lines(other) == {("TD3", "face_direction")}
+        assert rows(other) == ["SAC", "TD3"]
+
+
+class TestSaving:
+    def test_the_svg_has_what_is_shown_and_its_legend(self, opened, written, tmp_path):
+        page = opened(written, color_scheme="dark")
+        entry(page, "SAC").click()
+        with page.page.expect_download() as download:
+            page.page.get_by_role("button", name="Save SVG").click()
+        assert download.value.suggested_filename == "tagged.svg"
+        download.value.save_as(tmp_path / "tagged.svg")
+        root = ElementTree.parse(tmp_path / "tagged.svg").getroot()
+        strokes = {one.get("stroke") for one in root.iter()}
+        assert COLORS["TD3"] in strokes
+        assert COLORS["SAC"] not in strokes
+        texts = [one.text for one in root.iter("{http://www.w3.org/2000/svg}text")]
+        assert texts == ["TD3", "median"]
+
+    def test_the_png_is_a_picture_of_288_dots_an_inch(self, opened, written, tmp_path):
+        page = opened(written)
+        with page.page.expect_download() as download:
+            page.page.get_by_role("button", name="Save PNG").click()
+        download.value.save_as(tmp_path / "tagged.png")
+        content = (tmp_path / "tagged.png").read_bytes()
+        assert content.startswith(b"\x89PNG")
+        width = int.from_bytes(content[16:20])
+        boxes = "(all) => all.reduce((sum, one) => sum + one.viewBox.baseVal.width, 0)"
+        points = page.page.locator("#tagged svg[role]").evaluate_all(boxes)
+        assert width == pytest.approx(4 * points, abs=1)
+
+
+class TestFirstScreen:
+    def test_the_answer_and_the_figure_are_on_the_first_screen(self, opened, written):
+        page = opened(written, viewport={"width": 1280, "height": 800})
+        expect(page.page.locator(".headline")).to_be_in_viewport()
+        box = page.page.locator("#tagged .drawing").bounding_box()
+        assert box["y"] + box["height"] <= 800
+        assert page.page.locator(".inventory div").all_inner_texts() == ["3\nruns", "1\ntask"]
+
+    def test_a_phone_stacks_the_panels(self, opened, written):
+        page = opened(written, viewport=PHONE)
+        panels = page.page.locator("#tagged svg[role]")
+        first, second = (panels.nth(i).bounding_box() for i in range(2))
+        assert second["y"] >= first["y"] + first["height"]
+        for box in (first, second):
+            assert box["x"] + box["width"] <= PHONE["width"]
+
+    def test_the_first_column_of_a_table_stays_on_a_phone(self, opened, written):
+        page = opened(written, viewport=PHONE)
+        box = page.page.locator("#returns .scroll")
+        box.evaluate("(one) => { one.scrollLeft = 200; }")
+        name = page.page.locator("#returns tbody th").first.bounding_box()
+        assert name["x"] == pytest.approx(box.bounding_box()["x"], abs=2)

@@ -224,7 +224,8 @@ class Figure:
         """Label and style of each line in the legend, which all panels share, then the key."""
         found: dict[str, Style | Shade] = {}
         for panel in self.panels:
-            for line in (*panel.references, *panel.series):
+            lines: list[ReferenceLine | Series] = [*panel.references, *panel.series]
+            for line in lines:
                 if line.label:
                     found.setdefault(line.label, line.style)
         return [*found.items(), *self.key]

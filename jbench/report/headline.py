@@ -143,7 +143,7 @@ def _on_reduction(one: Reduction) -> str:
         return f"what {reduced} cost {algo} on {task} is undecided{text}"
     if outcome == "similar":
         return f"{reduced} leave the return of {algo} on {task} similar{text}"
-    verb = "lower" if outcome == "lower" else "raise"
+    verb = "lower" if finding.effect.value < 0 else "raise"
     return f"{reduced} {verb} the return of {algo} on {task}{text}"
 
 

@@ -1,7 +1,6 @@
 """The forest plot and the sentence of the first screen."""
 
 import numpy as np
-import pytest
 
 from jbench.report import contents
 from jbench.report.analysis import statistics as st
@@ -52,13 +51,13 @@ class TestForest:
         assert sorted(dots.x) == finals
 
     def test_the_published_median_is_dashed_in_its_row(self, fabric):
-        ran(fabric, [500] * 3, algo="sac")
-        fabric.run(np.full(300, 500.0), 9, algo="sac")
+        for seed in range(3):
+            fabric.run(np.full(300, 500.0), seed, algo="sac")
         (panel,) = forest(fabric).panels
-        dashed = [series for series in panel.series if series.style.dash == "--"]
-        assert [series.detail for series in dashed] in ([], ["published"])
-        for series in dashed:
-            assert series.x[0] == series.x[1]
+        (dashed,) = [series for series in panel.series if series.style.dash == "--"]
+        # SAC on face_direction has learned it by then (Figure 9).
+        assert dashed.x[0] == dashed.x[1] > 900
+        assert dashed.y.mean() == 0
 
     def test_all_tasks_count_the_same_and_need_runs_on_each(self, fabric):
         ran(fabric, [900, 900, 900], algo="sac")
@@ -66,11 +65,8 @@ class TestForest:
         ran(fabric, [500, 500, 500], algo="ddpg")
         panels = forest(fabric).panels
         assert [panel.title for panel in panels] == ["face_direction", "move_to_pose", "all tasks"]
-        # Half of the six runs are at 900 and half at 300; one of each is left out.
-        assert means(panels[2]) == {"SAC": (600, pytest.approx([(600, 600)]))} or (
-            means(panels[2])["SAC"][0] == 600
-        )
-        assert list(means(panels[2])) == ["SAC"]
+        # Of the six runs at 900 and 300, one of each is left out; a resample draws within a task.
+        assert means(panels[2]) == {"SAC": (600, [(600, 600)])}
 
 
 class TestHeadline:

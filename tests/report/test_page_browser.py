@@ -267,7 +267,9 @@ class TestLooks:
             ground = page.color("#curves .drawing [fill='#ffffff']", "fill")
             assert ground == paper
             assert _contrast(page.color("#curves .drawing svg", "fill"), ground) >= 4.5
-            for line in page.page.locator("#curves .drawing g[clip-path], #curves .drawing path").all():
+            for line in page.page.locator(
+                "#curves .drawing g[clip-path], #curves .drawing path"
+            ).all():
                 stroke = line.get_attribute("stroke")
                 if stroke in ("#0072b2", "#d00000"):
                     shown = line.evaluate("(element) => getComputedStyle(element).stroke")

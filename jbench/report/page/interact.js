@@ -196,7 +196,7 @@ async function savePng(figure) {
 function makeSaving(figure) {
   const foot = make("p", figure.querySelector("figcaption"), "data saving");
   const button = (name, act) => {
-    const made = make("button", foot, "download", `Save ${name}`);
+    const made = make("button", foot, "save", `Save ${name}`);
     made.type = "button";
     made.addEventListener("click", act);
   };

@@ -94,16 +94,18 @@ def test_a_figure_compares_at_the_step_of_most_cells_and_names_what_is_short(fab
     (panel,) = figure.panels
     assert panel.x.names == ["4", "12"]
     drawn = {series.label: series for series in panel.series if series.label}
-    planar = drawn["planar12 (n = 8)"]
+    planar = drawn["planar12"]
     assert planar.y == pytest.approx([800])
     (interval,) = planar.bands
     assert interval.bars
+    assert planar.detail == "n = 8"
+    assert "Seeds: full 8; " in figure.caption
     assert 790 < interval.low[0] < 800 < interval.high[0] < 810
     baselines = {line.label: line for line in panel.references}
-    assert baselines["full (n = 8)"].at == pytest.approx(600)
-    assert baselines["full (n = 8)"].interval == pytest.approx((594, 606), abs=5)
+    assert baselines["full"].at == pytest.approx(600)
+    assert baselines["full"].interval == pytest.approx((594, 606), abs=5)
     # Two representations of 12 numbers are drawn side by side.
-    assert drawn["dae12 (n = 8)"].x != planar.x
+    assert drawn["dae12"].x != planar.x
     assert "random12" in figure.caption
 
 

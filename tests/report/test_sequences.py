@@ -48,7 +48,9 @@ def test_the_figure_holds_ours_theirs_and_the_changes(fabric, sequences):
     (panel,) = figure.panels
     assert len(panel.labels) == 2
     assert panel.labels[0].startswith("full, 2 robots")
-    assert panel.labels[1] == "published: full, 10 robots, 10 seeds"
+    assert panel.labels[1] == "full, 10 robots"
+    (theirs,) = [one for one in panel.series if one.label == "full, 10 robots"]
+    assert theirs.detail == "augmented SAC, 10 seeds"
     theirs = sequences[0].quantiles[50]
     assert any(np.array_equal(series.y, theirs) for series in panel.series)
     # The one change of robots, after 80,000 control steps.

@@ -14,6 +14,7 @@ _NUMBERS, _LABEL_LINE = 0.24, 0.15  # below a panel
 _TITLE_HEIGHT, _LINE_HEIGHT = 0.35, 0.165
 HANDLE, _GAP = 0.32, 0.07  # of an entry of the legend: its line, and the space to its text
 _BETWEEN = 0.2
+_FEW, _LOWER = 2, 0.6  # panels in a row of a narrow column; factor of the height of two wide rows
 
 SMALL = 8.0
 """Font size of most texts, in points."""
@@ -128,6 +129,8 @@ def lay_out(
     gap = 0.27 if shared else max(_TICKS, left - _LEFT + _TICKS) + 0.06
     panel_width = (width - left - (columns - 1) * gap - 2 * MARGIN - 0.06) / columns
     panel_height = _height(figure, sheet)
+    if rows > 1 and sheet.paper and sheet.columns > _FEW and not figure.panels[0].y.names:
+        panel_height *= _LOWER  # so that two rows are no higher than a third of a page
     entries, top = _flow(figure if legend else None, width, measure)
     title = _TITLE_HEIGHT if text else 0.0
     entries = [(label, Box(box.left, box.top + title)) for label, box in entries]

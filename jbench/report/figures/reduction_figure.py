@@ -47,12 +47,18 @@ def reduction_figure(groups: Sequence[Group]) -> Figure:
     steps = ", ".join(
         dict.fromkeys(f"{formatting.steps(group.control_steps)} control steps" for group in groups)
     )
+    seeds = dict.fromkeys(
+        f"{point.cell.representation_words} {len(point.final)}"
+        for group in groups
+        for point in group.points
+    )
     short = [cell.name for group in groups for cell in group.short]
     note = (
         f"{kind.final} Points and lines: interquartile means across seeds; bars and bands: their "
         f"95% intervals (uncertainty), for at least {MIN_SEEDS} seeds. Full is the observation "
         "itself; scaled is the observation with the encoders' scaling, so that a difference from "
-        f"it is due to reduction alone. Measured at {steps}."
+        f"it is due to reduction alone. Measured at {steps}. "
+        f"Seeds: {'; '.join(seeds)}."
         + (
             f" Left out because some seed has not reached them: {'; '.join(short)}."
             if short

@@ -94,13 +94,17 @@ def _figure(one: FigureItem, parts: Parts, heading: str, leads: bool) -> Iterato
             f"#{id} svg[role]:nth-of-type({i + (2 if len(drawing.widths) > 1 else 1)})"
             f"{{flex-grow:{width:.0f};min-width:min(100%,{0.9 * width:.0f}pt)}}"
         )
-    single = len(drawing.widths) == 1
+    scrolls = len(drawing.widths) == 1 and (drawing.width > _BESIDE or _named(one))
+    if scrolls:
+        # Texts stay readable on a phone.
+        rule = f"#{id} .drawing svg[role]{{min-width:{0.8 * drawing.width:.0f}pt}}"
+        parts.styles.append(f"@media screen and (max-width:48rem){{{rule}}}")
     panels = values.panels(one.figure, drawing.boxes, parts.points)
     kinds = ["item"]
     kinds += ["wide"] if _is_wide(drawing) else []
     beside = drawing.width <= _BESIDE and not leads
     kinds += ["beside"] if beside else []
-    kinds += ["scrolls"] if single and (drawing.width > _BESIDE or _named(one)) else []
+    kinds += ["scrolls"] if scrolls else []
     yield f'<figure id="{id}" class="{" ".join(kinds)}">\n{_heading(one.title, heading)}'
     yield f'<div class="plot">{legends.legend(one.figure, parts.colors)}'
     yield f'<div class="scroll drawing">{drawing.svg}</div></div>'

@@ -49,8 +49,8 @@ def test_the_figure_holds_ours_theirs_and_the_changes(fabric, sequences):
     assert len(panel.labels) == 2
     assert panel.labels[0].startswith("full, 2 robots")
     assert panel.labels[1] == "full, 10 robots"
-    (theirs,) = [one for one in panel.series if one.label == "full, 10 robots"]
-    assert theirs.detail == "augmented SAC, 10 seeds"
+    (published,) = [one for one in panel.series if one.label == "full, 10 robots"]
+    assert published.detail == "augmented SAC, 10 seeds"
     theirs = sequences[0].quantiles[50]
     assert any(np.array_equal(series.y, theirs) for series in panel.series)
     # The one change of robots, after 80,000 control steps.
@@ -60,7 +60,7 @@ def test_the_figure_holds_ours_theirs_and_the_changes(fabric, sequences):
 def test_the_grid_has_one_robot_only(fabric, out):
     fabric.run(RETURNS, 0, **SAC)
     names = {path.name for path in write_report(fabric.results, out).figures}
-    drawn = ("matrix", "robots-move_in_direction-sac")
+    drawn = ("forest", "matrix", "robots-move_in_direction-sac")
     assert names == {f"{name}.{kind}" for name in drawn for kind in ("png", "svg")}
     fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
     names = {path.name for path in write_report(fabric.results, out).figures}

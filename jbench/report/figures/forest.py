@@ -119,12 +119,13 @@ def _mean(
     """Returns the dots of seeds, and the mean with its bar, in a row."""
     bars = [Band(np.array([one.low]), np.array([one.high]), bars=True, along_x=True)]
     dots = Style(color, "", marker="o", size=3, alpha=0.6)
+    mean = Style(color, marker="o", size=6)
+    row = np.array([at])
+    more: dict[str, Any] = {"detail": detail, "entries": (_MEAN,), "tags": tags}
     return [
         Series(final, np.full(len(final), at + _BELOW), dots, entries=(_SEED,), tags=tags),
         Series(
-            *(np.array([one.value]), np.array([at]), Style(color, marker="o", size=6)),
-            bands=bars if np.isfinite(one.low) else [],
-            **{"detail": detail, "entries": (_MEAN,), "tags": tags},
+            np.array([one.value]), row, mean, bands=bars if np.isfinite(one.low) else [], **more
         ),
     ]
 

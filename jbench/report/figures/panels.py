@@ -62,10 +62,8 @@ def draw_panel(
         start, end = panel.arrow
         axes.annotate("", end, start, arrowprops=_ARROW)
     if panel.text:
-        axes.text(
-            *(0.5, 0.5, panel.text),
-            **{"transform": axes.transAxes, "ha": "center", "color": "0.4", "fontsize": SMALL},
-        )
+        more: dict[str, Any] = {"ha": "center", "color": "0.4", "fontsize": SMALL}
+        axes.text(0.5, 0.5, panel.text, transform=axes.transAxes, **more)
 
 
 def _draw_series(axes: Axes, series: Series, *, picture: bool) -> list[Artist]:

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 import pandas as pd
 
 from jbench.report import formatting
-from jbench.report.analysis.claims import CLAIMS, Finding
+from jbench.report.analysis.claims import CLAIMS, Finding, Verdict
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.published import PUBLISHED
 from jbench.report.document import TableItem, Value
 from jbench.report.tables import values
 
-_MARKS = {
+_MARKS: dict[Verdict, str] = {
     "supported": "\N{CHECK MARK}",
     "contradicted": "\N{BALLOT X}",
     "undecided": "?",

@@ -80,9 +80,9 @@ def test_cells_count_them_and_say_how_they_are_treated(fabric):
     for name in ("statistics", "final_returns", "statistics-training"):
         (item,) = [t for t in contents.tables(document) if t.name == name]
         assert "counts with return 0" in item.caption
-    drawn = {item.name: item for section in document.sections for item in section.items}
-    labels = [series.label for series in drawn["figure9"].figure.panels[0].series]
-    assert any("10 seeds, 2 diverged" in label for label in labels if label)
+    drawn = {item.name: item for item in document.items}
+    details = [series.detail for series in drawn["figure9"].figure.panels[0].series]
+    assert any("10 seeds, 2 diverged" in detail for detail in details)
     assert "A seed that diverged counts with return 0" in drawn["figure9"].figure.caption
 
 

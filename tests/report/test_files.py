@@ -26,7 +26,8 @@ def test_all_files_are_written_and_named(fabric, out):
     report = write_report(fabric.results, out)
     tables = ["final_returns", "statistics", "spread", "learning_speed", "comparisons"]
     tables.append("reduction_tests")
-    figures = ["reduction", "matrix", "profiles", "figure9", "comparison-face_direction-ddpg"]
+    figures = ["figure9", "forest", "reduction", "matrix", "profiles"]
+    figures.append("comparison-face_direction-ddpg")
     assert [path.name for path in report.figures] == [
         f"{name}.{kind}" for name in figures for kind in ("png", "svg")
     ]

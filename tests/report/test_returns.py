@@ -113,7 +113,9 @@ class TestClaims:
         (claim,) = [s for s in said if "disagree on (g)" in s]
         assert "supported by evaluation returns, contradicted by training returns" in claim
         frame = table(data, "verdicts").frame
-        assert frame[frame["runs"] == "ours"]["returns"].tolist() == ["evaluation", "training"]
+        (solved,) = [row for row in frame.to_dict("records") if row["claim"].startswith("(g)")]
+        assert solved["ours, evaluation"].text == "\N{CHECK MARK} supported"
+        assert solved["ours, training"].text == "\N{BALLOT X} contradicted"
 
     def test_where_both_agree_nothing_is_said(self, fabric):
         for seed in range(6):

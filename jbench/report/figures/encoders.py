@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jbench.names import ENCODER_KINDS, TASKS
+from jbench.names import ENCODER_KINDS, FULL, TASKS
 from jbench.report.data.cells import in_order
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.variants import variant_labels
@@ -24,9 +24,8 @@ from jbench.report.figures.curve_series import KEY_COLOR
 from jbench.settings.alike import ENCODER_VARIANT
 from jbench.settings.base import settings_hash
 
-# None is the color of an algorithm (`learning_curves.ALGORITHM_COLORS`).
+# No kind has the color of an algorithm (`learning_curves.ALGORITHM_COLORS`).
 _LOOKS = {
-    "full": ("#595959", "o"),
     "dae": ("#d55e00", "o"),
     "ae": ("#56b4e9", "s"),
     "ddae": ("#4b3fb5", "D"),
@@ -42,6 +41,7 @@ _LOOKS = {
     "random-features": ("#8080b8", "H"),
     "ofe": ("#d4a017", "8"),
 }
+_FULL = ("#595959", "o")
 _OTHER = ("#00868b", "p")
 _FLOOR = 1e-3
 """Smaller fractions of unexplained variance are drawn at this value."""
@@ -62,7 +62,7 @@ _PREDICTED: dict[str, Dash] = {
 
 def look_of(kind: str) -> tuple[str, str]:
     """Returns the color and marker of a kind of representation, which all figures share."""
-    return _LOOKS.get(kind, _OTHER)
+    return _FULL if kind == FULL else _LOOKS.get(kind, _OTHER)
 
 
 def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.DataFrame:

@@ -1,6 +1,7 @@
 """Figures of a report, with their titles and numbers."""
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -46,12 +47,17 @@ def of_uncertainty(
     view: View, trained: Sequence[Cell], published: Sequence[PublishedCurve]
 ) -> Iterator[FigureItem]:
     """Yields the final returns with their uncertainty, of at least one cell."""
-    found = [one for one in view.statistics if len(one.cell.seeds)]
+    found = [one for one in view.statistics if _has_final(one)]
     if found:
         figure = forest.forest_figure(found, trained, published)
         frame = scores.statistics_frame(found)
         frame = frame[frame["measure"] == "final_return"]
         yield FigureItem("forest", f"Final {view.kind.plural}, how certain", figure, frame)
+
+
+def _has_final(summary: scores.Summary) -> bool:
+    one = summary.get("final_return", "interquartile_mean")
+    return one is not None and math.isfinite(one.estimate.value)
 
 
 def of_curves(

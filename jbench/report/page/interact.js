@@ -138,11 +138,11 @@ function makeFilters() {
 
 // A figure is saved as it is shown, with its legend, in the colors of the light page.
 
-const SVG = "http://www.w3.org/2000/svg";
 const ROW = 14; // points of a row of the legend
 
 function pictureOf(figure) {
-  const whole = document.createElementNS(SVG, "svg");
+  const whole = figure.querySelector(".drawing > svg[role]").cloneNode(false);
+  whole.classList.remove("gone");
   const panels = [...figure.querySelectorAll(".drawing > svg[role]:not(.gone)")];
   let [right, bottom] = [0, 0];
   figure.querySelectorAll(".drawing > .defs").forEach((defs) => whole.append(defs.cloneNode(true)));

@@ -1,6 +1,7 @@
 """Legends of figures as HTML, so that they stay readable on any screen."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from matplotlib.colors import to_hex
 from matplotlib.markers import MarkerStyle
@@ -56,7 +57,8 @@ def _swatch(style: Style | Shade) -> Iterator[str]:
         fill = "#ffffff" if style.hollow else color
         marker = MarkerStyle(style.marker)
         path = marker.get_path().transformed(marker.get_transform())
-        for polygon in path.to_polygons():
+        polygons: list[Any] = list(path.to_polygons())
+        for polygon in polygons:
             corners = " ".join(
                 f"{_WIDTH / 2 + x * style.size:.4g},{middle - y * style.size:.4g}"
                 for x, y in polygon

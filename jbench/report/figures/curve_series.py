@@ -178,15 +178,15 @@ def curve_key(
     series = [one for panel in panels for one in panel.series]
     shown = {entry for one in series for entry in one.entries}
     color = KEY_COLOR
-    key: list[tuple[str, Style | Shade]] = [
-        (f"{whose}: median", Style(color, width=_WIDTH))
-    ]
+    key: list[tuple[str, Style | Shade]] = [(f"{whose}: median", Style(color, width=_WIDTH))]
     if any(one.partial is not None and one.partial.any() for one in series):
         key.append((f"{whose}: not reached by all seeds", Style(color, DOTS, _WIDTH)))
     if each_seed:
         key.append((f"{whose}: a single seed", Style(color, width=0.5, alpha=0.6)))
     for i, band in enumerate(bands if any(one.bands for one in series) else ()):
-        key.append((f"{whose}: {percentiles(band)}", Shade(color, _BAND_ALPHA * (len(bands) + 1 - i))))
+        key.append(
+            (f"{whose}: {percentiles(band)}", Shade(color, _BAND_ALPHA * (len(bands) + 1 - i)))
+        )
     for name in (PUBLISHED_KEY, _ONE_SEED_KEY):
         if name in shown:
             key.append((name, Style(color, "--", 1.0)))

@@ -223,7 +223,9 @@ def _baseline_series(
         if (curve.figure, curve.task) == (IMPORTED, task):
             label = f"{IMPORTED}: {display_name(curve.algo)} on {curve.representation}"
             series += curve_series.published_series(
-                curve, curve_series.KEY_COLOR, band, label, each_seed=each_seed
+                *(curve, curve_series.KEY_COLOR, band, label),
+                labelled=True,
+                each_seed=each_seed,
             )
     return series
 

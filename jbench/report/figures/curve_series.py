@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jbench.report.data.cells import SOLVED, LearnedCurve
+from jbench.report.data.cells import IMPORTED, SOLVED, LearnedCurve
 from jbench.report.data.curves import IntArray
 from jbench.report.data.published import PUBLISHED, PublishedCurve
 from jbench.report.figure import (
@@ -146,12 +146,14 @@ def published_series(
         "task": curve.task,
         "algorithm": display_name(curve.algo),
         "representation": curve.representation,
-        "source": PUBLISHED,
+        "source": IMPORTED if curve.figure == IMPORTED else PUBLISHED,
     }
     key = _ONE_SEED_KEY if curve.figure == "fig7" else PUBLISHED_KEY
+    if curve.figure == IMPORTED:
+        key = entry
     of: dict[str, Any] = {"entries": (entry, key), "tags": tags}
     seeds = "1 seed" if curve.figure == "fig7" else "10 seeds"
-    detail = f"{curve.figure_name}, {seeds}"
+    detail = IMPORTED if curve.figure == IMPORTED else f"{curve.figure_name}, {seeds}"
     if not labelled:
         detail = f"published {entry} ({detail})"
     line = Style(color, "--", 1.0)

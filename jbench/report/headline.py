@@ -113,16 +113,19 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     who, tasks = _listed(names), _listed(list(dict.fromkeys(a.cell.task for a in group)))
     medians = _range([answer.median for answer in group], formatting.whole)
     reached = [answer.reached for answer in group if answer.reached != float("inf")]
-    when = f", {SOLVED} after {_range(reached, formatting.steps)} control steps" if reached else ""
-    medians = f"median return {medians}{when}"
+    when = f"{SOLVED} after {_range(reached, formatting.steps)} control steps" if reached else ""
     count = _range([float(answer.seeds) for answer in group], formatting.whole)
     seeds = f"{count} seed{'' if count == '1' else 's'}{' each' if len(group) > 1 else ''}"
-    if verdict == "supported":
-        return f"{who} {'solves' if one else 'solve'} {tasks} ({medians}; {seeds})"
-    if verdict == "contradicted":
-        return f"{who} {'does' if one else 'do'} not solve {tasks} ({medians}; {seeds})"
-    verb = "solves" if one else "solve"
-    return f"whether {who} {verb} {tasks} is undecided ({medians}; {seeds})"
+    if verdict == "undecided":
+        return (
+            f"{who} {'ends' if one else 'end'} {tasks} with a median return of {medians}"
+            + (f" ({when})" if when else "")
+            + f", which does not decide whether it is solved ({seeds})"
+        )
+    solves = "solves" if one else "solve"
+    unsolved = "does not solve" if one else "do not solve"
+    details = "; ".join(filter(None, [f"median return {medians}", when, seeds]))
+    return f"{who} {solves if verdict == 'supported' else unsolved} {tasks} ({details})"
 
 
 def _leading(found: Sequence[Reduction]) -> list[Reduction]:
@@ -140,7 +143,7 @@ def _on_reduction(one: Reduction) -> str:
     text = f" ({effect.text} with a 90% interval; {seeds})" if effect else ""
     outcome = reduction_items.outcome(finding)
     if outcome == "undecided":
-        return f"what {reduced} cost {algo} on {task} is undecided{text}"
+        return f"whether {reduced} change the return of {algo} on {task} is undecided{text}"
     if outcome == "similar":
         return f"{reduced} leave the return of {algo} on {task} similar{text}"
     verb = "lower" if finding.effect.value < 0 else "raise"

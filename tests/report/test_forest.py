@@ -74,14 +74,15 @@ class TestHeadline:
         ran(fabric, [950 + seed for seed in range(6)], algo="sac")
         ran(fabric, [300 + seed for seed in range(6)], algo="ppo")
         said = document(fabric).headline
-        assert said.startswith("SAC solves face_direction (median return 952, 900 after ")
+        assert said.startswith("SAC solves face_direction (median return 952; 900 after ")
         assert "PPO does not solve face_direction (median return 302; 6 seeds)" in said
 
     def test_few_seeds_decide_nothing(self, fabric):
         ran(fabric, [950, 960, 970], algo="sac")
         assert document(fabric).headline.startswith(
-            "Whether SAC solves face_direction is undecided (median return 960, 900 after "
+            "SAC ends face_direction with a median return of 960 (900 after "
         )
+        assert "which does not decide whether it is solved (3 seeds)" in document(fabric).headline
 
     def test_tasks_with_the_same_answer_share_a_clause(self, fabric):
         for task in ("face_direction", "move_to_pose"):

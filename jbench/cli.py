@@ -76,7 +76,7 @@ _EXAMPLES: dict[Callable[..., None], str] = {
     export.export: "export reference/face_direction/ddpg/full --out policy.onnx",
     imports.import_: "import --from csv --task face_direction --algo ppo --seed-column seed FILE",
     report.report: "report --results reference --claims",
-    leaderboard.leaderboard: "leaderboard --results reference",
+    leaderboard.leaderboard: "leaderboard reference",
     results.runs: "runs --algo td3 --status finished",
     tail.tail: "tail --algo td3 --last 10",
     results.query: "query 'SELECT run, count(*) FROM episodes GROUP BY run'",

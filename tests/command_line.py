@@ -35,7 +35,7 @@ def succeed(*arguments, results):
 
 SMALL = ("--set", "hidden_layers=[8]", "--set", "batch_size=8")
 OFF_POLICY = (
-    *("--set", "learning_starts=1000", "--set", "train_freq=500", "--set", "gradient_steps=2"),
+    *("--set", "learning_starts=1000", "--set", "train_freq=100", "--set", "gradient_steps=1"),
 )
 TRAINING = {
     "ddpg": (*SMALL, *OFF_POLICY),

@@ -9,7 +9,6 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from jbench import plugins
-from jbench.agents import sb3_classes
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS, Base, Engine, known
@@ -68,6 +67,8 @@ def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
     """
     check_name(algo)
     if plugins.is_imported(algo):
+        from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
+
         defaults = sb3_classes.settings_of(algo, {})
         return {name: (default, "") for name, default in defaults.items()}
     kind: type[Settings] = SETTINGS[algo] if algo in SETTINGS else find_agent(algo).Settings
@@ -130,6 +131,8 @@ def algorithm_fields(
             f"The settings {base} are for {', '.join(ALGORITHMS)}; {algo} has its own defaults."
         )
     if fields["engine"] == "sb3":
+        from jbench.agents import sb3_classes
+
         return fields | {"hyperparameters": sb3_classes.settings_of(algo, changes)}
     return fields | {
         "hyperparameters": agent_settings(algo, changes).model_dump(mode="json"),

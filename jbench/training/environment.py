@@ -4,11 +4,17 @@ from typing import Any
 
 import gymnasium
 
-from jbench.encoders import Encoder
+from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
 from jbench.registration import environment_id
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
+from jbench.store import Results
+
+
+def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
+    """Returns the encoder of a run, or None for the full observation."""
+    return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
 
 
 def make_env(

@@ -22,6 +22,7 @@ from jbench.store.provenance import device_provenance, differences, provenance
 from jbench.store.shipped import shipped
 from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
+from jbench.training.environment import load_encoder_of
 from jbench.training.reevaluate import Reevaluation, device_for, reevaluate
 
 _TABLES = {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
@@ -231,7 +232,7 @@ def _train(
         failures = run_batch(
             [settings],
             temporary,
-            sb3_run.load_encoder_of(settings, temporary),
+            load_encoder_of(settings, temporary),
             device=device_for(record.manifest.provenance),
             until=stop,
             progress=lambda run, steps, episode_return: progress(steps),

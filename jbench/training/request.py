@@ -4,7 +4,6 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jbench.agents import sb3_classes
 from jbench.agents.algorithms import algorithm_fields
 from jbench.devices import find_device
 from jbench.encoders import find_encoder, load_encoder
@@ -85,6 +84,8 @@ def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
             f"{min_steps} or more."
         )
     if runs[0].engine == "sb3" and not runs[0].is_ours:
+        from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
+
         size = TASK_SPECS[runs[0].task].observation_size
         sb3_classes.check(runs[0].algo, runs[0].hyperparameters, size)
     return runs

@@ -15,13 +15,13 @@ from jbench.agents import sb3, sb3_classes
 from jbench.agents.algorithms import code_of
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.agents.sb3_policy import network_of_model
-from jbench.encoders import Encoder, load_encoder
+from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
-from jbench.training.environment import make_env
+from jbench.training.environment import load_encoder_of, make_env
 from jbench.training.evaluation import EvaluationSchedule
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
@@ -113,11 +113,6 @@ def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> Policy | Network:
         return sb3.policy(agent)
     (size,) = agent.observation_space.shape or (0,)
     return network_of_model(agent, size)
-
-
-def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
-    """Returns the encoder of a run, or None for the full observation."""
-    return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
 
 
 def make_training_env(settings: RunSettings, encoder: Encoder | None) -> gymnasium.Env[Any, Any]:

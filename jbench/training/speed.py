@@ -4,10 +4,7 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import DummyVecEnv
 
-from jbench.agents import sb3
 from jbench.agents.batched.off_policy import schedule
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
@@ -44,8 +41,9 @@ def seconds_per_step(
     if settings.engine == "batched":
         learning = _batched(settings, len(runs), encoder, device)
     else:
-        env = DummyVecEnv([lambda: make_env(settings, encoder)] * settings.environments)
-        learning = (_on_policy if settings.algo == "ppo" else _off_policy)(settings, env)
+        from jbench.training import sb3_speed  # stable-baselines3 takes a second to import
+
+        learning = sb3_speed.seconds_per_step(settings, encoder)
     return learning + share * _stepping(settings, encoder)
 
 
@@ -90,32 +88,3 @@ def _stepping(settings: RunSettings, encoder: Encoder | None) -> float:
     for _ in range(_STEPS):
         env.step(action)
     return float((time.perf_counter() - began) / _STEPS)
-
-
-def _on_policy(settings: RunSettings, env: DummyVecEnv) -> float:
-    """Returns the seconds per control step, from one rollout and its updates."""
-    rollout = settings.hyperparameters["n_steps"] * settings.environments
-    agent = sb3.build(settings.algo, settings.algorithm, env, seed=0)
-    began = time.perf_counter()
-    agent.learn(rollout)
-    return float((time.perf_counter() - began) / rollout)
-
-
-def _off_policy(settings: RunSettings, env: DummyVecEnv) -> float:
-    """Returns the seconds per control step, including its share of the updates."""
-    batch_size = settings.hyperparameters["batch_size"]
-    changes = {"buffer_size": max(_STEPS, batch_size), "learning_starts": 10 * _STEPS}
-    probe_settings = settings.algorithm.model_copy(update=changes)
-    agent = sb3.build(settings.algo, probe_settings, env, seed=0)
-    assert isinstance(agent, OffPolicyAlgorithm)
-    began = time.perf_counter()
-    agent.learn(_STEPS)
-    stepping = (time.perf_counter() - began) / _STEPS
-    times = []
-    for _ in range(_UPDATES):
-        began = time.perf_counter()
-        # Two updates at a time, because TD3 updates its actor in every other one.
-        agent.train(gradient_steps=2, batch_size=batch_size)
-        times.append((time.perf_counter() - began) / 2)
-    updates = settings.hyperparameters["gradient_steps"] / settings.hyperparameters["train_freq"]
-    return float(stepping + updates * np.median(times))

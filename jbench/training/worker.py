@@ -73,7 +73,7 @@ def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any
     """Trains all runs; returns the error of each failed run by id."""
     from jbench.store import Results
     from jbench.training.batched_run import run_batch
-    from jbench.training.sb3_run import load_encoder_of, run
+    from jbench.training.environment import load_encoder_of
 
     results, device = Results(Path(request["results"])), request["device"]
     encoder = load_encoder_of(runs[0], results)
@@ -94,6 +94,8 @@ def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any
             progress=report,
             notice=report_resumed,
         )
+    from jbench.training.sb3_run import run
+
     for settings in runs:
         record = results.find("run", settings.id)
         if record is not None and record.status != "finished":

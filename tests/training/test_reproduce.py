@@ -14,6 +14,7 @@ from jbench.store import Results, schema
 from jbench.training import reproduce as reproducing
 from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
+from jbench.training.environment import load_encoder_of
 from jbench.training.log import POLICY_EVALUATION
 from jbench.training.reevaluate import reevaluate
 from jbench.training.reproduce import default_episodes, find_run, reproduce
@@ -173,7 +174,7 @@ def test_a_run_with_an_encoder_needs_it(demo_results, tmp_path):
     shutil.copytree(demo_results.path / "encoders", tmp_path / "encoders")
     results = Results(tmp_path)
     run = settings(encoder=ENCODER, representation="dae12", steps=50)
-    assert run_batch([run], results, sb3_run.load_encoder_of(run, results)) == {}
+    assert run_batch([run], results, load_encoder_of(run, results)) == {}
     done = reproduce(results, results.find("run", run.id), 1)
     assert (done.evaluation.verdict, done.retraining.difference) == ("equal", None)
     shutil.rmtree(results.path / "encoders")

@@ -74,7 +74,7 @@ _EXAMPLES: dict[Callable[..., None], str] = {
     policies.render: "render --policy heuristic --task move_to_pose --out pose.gif",
     policies.view: "view --policy heuristic --task move_to_pose",
     export.export: "export reference/face_direction/ddpg/full --out policy.onnx",
-    imports.import_: "import --from csv --task face_direction --algo ppo --seed-column seed FILE",
+    imports.import_: "import --from csv --seed-column seed --task face_direction --algo ppo FILE",
     report.report: "report --results reference --claims",
     leaderboard.leaderboard: "leaderboard reference",
     results.runs: "runs --algo td3 --status finished",

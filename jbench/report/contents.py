@@ -110,17 +110,18 @@ def document(data: ReportData) -> Document:
         Section("Encoders", [], _encoders(data)),
         Section("What policies do", [], list(figure_items.of_behaviour(data.behaviours))),
     )
-    sides = data.request.compare
+    sides, overview = data.request.compare, _overview(data)
     return Document(
         title="Jitterbug: " + (" against ".join(sides) if sides else "what was learned"),
         summary=summary.sentences(data.request, data.views, data.findings, data.runs),
         problems=data.problems,
         notes=data.notes,
-        sections=[section for section in sections if section.items],
+        # The text on smoothing is about the curves of the overview too.
+        sections=[one for one in sections if one.items or (overview and _SMOOTHING in one.text)],
         provenance=provenance(data.runs),
         command=data.request.command,
         headline=headline.headline(data.views[0]),
-        overview=_overview(data),
+        overview=overview,
         inventory=headline.inventory(data.views),
     )
 

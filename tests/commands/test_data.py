@@ -143,7 +143,7 @@ def test_export_takes_the_newest_plain_one_or_the_one_asked_for(results, tmp_pat
         (("--dataset", DatasetSettings(steps=9000, seed=7).id), 2, "is unfinished; type the jbe"),
         (("--dataset", "../a"), 2, "is not an id"),
         (("--task", "fly"), 2, "Unknown task 'fly'; choose move_from_origin,"),
-        (("--format", "csv"), 2, "Unknown value of --format 'csv'; choose minari."),
+        (("--format", "csv"), 2, "Unknown value of --format 'csv'; choose onnx or minari."),
         (("--out", "/proc/jbench"), 2, "can't be made"),
     ],
 )

@@ -99,7 +99,7 @@ def test_observations_and_rewards_equal_the_environment(task, dataset, steps):
     env = JitterbugEnv(task)
     env._data, targets = drawn(env._model, episode)
     env._target = targets[task]
-    observations, rewards = [env._observation(env._state())], []
+    observations, rewards = [env._outcome()[0]], []
     for action in steps["action"][episode, :-1]:
         observation, reward, *_ = env.step(np.array([action]))
         observations.append(observation)

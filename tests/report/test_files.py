@@ -25,7 +25,7 @@ def test_all_files_are_written_and_named(fabric, out):
         fabric.run(FLAT, seed=seed, algo="ddpg", representation="dae12")
     report = write_report(fabric.results, out)
     tables = ["final_returns", "statistics", "spread", "learning_speed", "comparisons"]
-    tables.append("reduction_tests")
+    tables += ["reduction_tests", "leaderboard"]
     figures = ["figure9", "forest", "reduction", "matrix", "profiles"]
     figures.append("comparison-face_direction-ddpg")
     assert [path.name for path in report.figures] == [

@@ -100,7 +100,8 @@ def test_a_wrong_request_gets_one_sentence(filled, capsys, arguments, says):
     printed = capsys.readouterr()
     assert says in printed.err
     assert printed.err.count("\n") == 1
-    assert printed.out == ""
+    error = json.loads(printed.out)["error"] if "--json" in arguments else printed.out
+    assert error in printed.err
 
 
 class TestWatch:

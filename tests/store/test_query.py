@@ -14,6 +14,9 @@ ERRORS = (
     "heuristic_mse heuristic_variance pca_heuristic_mse random_heuristic_mse"
 )
 COLUMNS = {
+    "imports": "import task algo representation seed format returns points control_steps files "
+    "status created updated settings provenance",
+    "import_points": "import point control_steps episode episode_return length wall_time",
     "policy_evaluations": "evaluation task policy seed episodes status median q10 q90 created "
     "updated settings provenance",
     "policy_episodes": "evaluation episode episode_return length target_x target_y target_yaw",

@@ -26,7 +26,8 @@ from jbench.names import (
 )
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.base import Settings, omissible, validated
-from jbench.settings.external import EXTERNAL, LABEL, ExternalSettings
+from jbench.settings.external import EXTERNAL, ExternalSettings
+from jbench.settings.labelled import LABEL
 from jbench.settings.ofe import OFESettings
 
 

@@ -1,0 +1,47 @@
+"""What settings share whose algorithm is known only by a label."""
+
+import re
+from typing import Any
+
+from pydantic import Field, field_validator
+
+from jbench.names import FULL, MAX_SEED, TASKS
+from jbench.settings.base import Settings
+
+LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+"""Names of algorithms that are not jbench's: part of an id, so valid as names of directories."""
+
+
+class LabelledSettings(Settings):
+    """Base class of the settings of recorded training loops and of imported learning curves."""
+
+    task: str
+    algo: str = Field(description="label of the algorithm, such as cleanrl-td3")
+    representation: str = Field(
+        default=FULL, description="label of what the agent observes: full, or one such as dae12"
+    )
+    seed: int = Field(ge=0, le=MAX_SEED)
+
+    @field_validator("task")
+    @classmethod
+    def _is_a_task(cls, task: str) -> str:
+        if task not in TASKS:
+            raise ValueError(f"choose {', '.join(TASKS)}")
+        return task
+
+    @field_validator("algo", "representation")
+    @classmethod
+    def _fits_into_an_id(cls, label: str) -> str:
+        if not LABEL.fullmatch(label):
+            raise ValueError("type letters, digits, '.', '-' and '_', such as cleanrl-td3")
+        return label
+
+    @property
+    def id(self) -> str:
+        """The id, such as face_direction/cleanrl-td3/full/s03-1f9a2c4e."""
+        return f"{self.task}/{self.algo}/{self.representation}/s{self.seed:02d}-{self.hash}"
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The settings as a manifest records them."""
+        return self.model_dump(mode="json")

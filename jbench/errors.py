@@ -11,3 +11,9 @@ class WorkError(RuntimeError):
     """Work that failed although the request was right: one sentence that says what failed."""
 
     exit_code = 1
+
+
+def sentence_of_failure(error: BaseException) -> str:
+    """Returns the sentence of a `RequestError` or `WorkError`; of others, type and text."""
+    ours = isinstance(error, RequestError | WorkError)
+    return str(error) if ours else f"{type(error).__name__}: {error}"

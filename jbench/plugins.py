@@ -11,7 +11,7 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -115,6 +115,24 @@ def made_with_module(module: str) -> dict[str, str | None]:
     top = module.partition(".")[0]
     packages = importlib.metadata.packages_distributions().get(top)
     return made_with(packages[0] if packages else None, module)
+
+
+def code_of(what: str, name: str, offered: Mapping[str, EntryPoint]) -> dict[str, str | None]:
+    """Returns provenance of what MODULE:NAME or an entry point names; see `made_with`.
+
+    Args:
+        what: what it is, such as "policy".
+        name: MODULE:NAME, which is imported, or a name among the entry points.
+        offered: entry points by name.
+
+    Raises:
+        RequestError: if a MODULE:NAME does not exist.
+        WorkError: if the module raises an error.
+    """
+    if is_imported(name):
+        imported(what, name)
+        return made_with_module(name.partition(":")[0])
+    return made_with(package_of(offered[name]))
 
 
 def _attempt(load_it: Callable[[], Any], subject: str, where: str) -> Any:

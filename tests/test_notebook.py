@@ -1,5 +1,9 @@
 """The notebook of the examples runs from top to bottom, with few steps."""
 
+import os
+import sys
+from pathlib import Path
+
 import nbclient
 import nbformat
 
@@ -9,6 +13,9 @@ from tests.documentation import ROOT
 def test_quickstart_trains_reports_and_queries(tmp_path, monkeypatch):
     monkeypatch.setenv("JBENCH_STEPS", "1000")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    # The tests may run in an environment that is not activated.
+    scripts = str(Path(sys.executable).parent)
+    monkeypatch.setenv("PATH", os.pathsep.join([scripts, os.environ["PATH"]]))
     notebook = nbformat.read(ROOT / "examples" / "quickstart.ipynb", as_version=4)
     nbformat.validate(notebook)
     resources = {"metadata": {"path": tmp_path}}

@@ -1,5 +1,6 @@
 """Entry points of other packages, and attributes of modules by name."""
 
+import hashlib
 import re
 
 import pytest
@@ -52,6 +53,15 @@ def test_a_module_in_the_working_directory_is_found(tmp_path, monkeypatch):
         plugins.imported("number", "beside_you:answer")
     with pytest.raises(WorkError, match=r"can't be loaded from raising:x .OSError: no"):
         plugins.imported("number", "raising:x")
+
+
+def test_a_module_that_was_not_imported_has_a_checksum(tmp_path, monkeypatch):
+    """As in a worker process, which has not resolved the name of the algorithm yet."""
+    source = tmp_path / "not_yet.py"
+    source.write_text("answer = 42\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    wanted = {"source_sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
+    assert plugins.code_of("number", "not_yet:answer", {}) == wanted
 
 
 def test_the_package_of_a_module_is_its_distribution():

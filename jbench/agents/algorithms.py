@@ -45,7 +45,7 @@ def find_agent(name: str) -> type[Agent]:
 
 def check_name(name: str) -> None:
     """Raises a RequestError that lists the algorithms if there is none of this name."""
-    if plugins.is_imported(name):
+    if name in ALGORITHMS or plugins.is_imported(name):
         return
     try:
         known("algorithm", name, [*ALGORITHMS, *installed_agents()])
@@ -163,6 +163,4 @@ def code_of(algo: str) -> dict[str, str | None]:
     check_name(algo)
     if algo in ALGORITHMS:
         return {}
-    if plugins.is_imported(algo):
-        return plugins.made_with_module(algo.partition(":")[0])
-    return plugins.made_with(plugins.package_of(installed_agents()[algo]))
+    return plugins.code_of("algorithm", algo, installed_agents())

@@ -53,11 +53,13 @@ def _described(name: str) -> dict[str, Any]:
     """
     from jbench import plugins
     from jbench.agents.algorithms import code_of, engine_of, settings_of
+    from jbench.names import ALGORITHMS
 
+    code = plugins.made_with("jbench") if name in ALGORITHMS else code_of(name)
     return {
         "name": name,
         "engine": engine_of(name),
-        "package": {**plugins.made_with("jbench"), **code_of(name)}["package"],
+        "package": code.get("package"),
         "settings": [
             {"name": setting, "default": default, "description": description}
             for setting, (default, description) in settings_of(name).items()
@@ -68,7 +70,8 @@ def _described(name: str) -> dict[str, Any]:
 def _show_settings(listed: Sequence[dict[str, Any]], output: Output) -> None:
     for found in listed:
         rows = [(s["name"], _text(s["default"]), s["description"]) for s in found["settings"]]
-        title = f"{found['name']}: {found['package']}, engine {found['engine']}"
+        package = found["package"] or "in no package"
+        title = f"{found['name']}: {package}, engine {found['engine']}"
         output.table(title, ("setting", "default", "meaning"), rows)
 
 

@@ -42,11 +42,7 @@ def code_of(name: str) -> str | None:
     """
     if not is_imported_policy(name):
         return None
-    if plugins.is_imported(name):
-        plugins.imported("policy", name)
-        made_with = plugins.made_with_module(name.partition(":")[0])
-    else:
-        made_with = plugins.made_with(plugins.package_of(installed_policies()[name]))
+    made_with = plugins.code_of("policy", name, installed_policies())
     checksum = made_with.get("source_sha256")
     return checksum[:16] if checksum else made_with.get("package")
 

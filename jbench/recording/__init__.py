@@ -3,8 +3,7 @@
 recorder.py          `jbench.record`: a run whose training loop is the caller's
 request.py           from the arguments of `jbench.record` to the settings of the run
 environments.py      environments that report their episodes to the recorder
-actors.py            calling a torch module, a stable-baselines3 model or a function
-networks.py          torch modules as policies that are evaluated without torch
-sb3.py               callback and policies of stable-baselines3 models
+writer.py            rows and end of a recorded run
+sb3.py               callback for stable-baselines3 models
 opened.py            `jbench.open`: queries and learning curves as pandas data frames
 """

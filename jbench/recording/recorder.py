@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from torch import nn
 
 from jbench.agents.divergence import DivergedError, Divergence
-from jbench.encoders import Encoder, load_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import TimeLimit
 from jbench.policies.acting import Actor, acting
@@ -26,7 +25,7 @@ from jbench.recording.writer import RunWriter
 from jbench.settings.external import ExternalSettings
 from jbench.store import Results, schema
 from jbench.tasks import features
-from jbench.training.environment import make_env
+from jbench.training.environment import load_encoder_of, make_env
 
 if TYPE_CHECKING:
     from jbench.recording.sb3 import RecordingCallback
@@ -105,9 +104,7 @@ class Recording:
         """Prepares the recording; nothing is written before the `with` block begins."""
         self.id, self.finished = settings.id, False
         self._settings, self._results, self._made_on = settings, results, made_on
-        self._encoder: Encoder | None = None
-        if settings.encoder is not None:
-            self._encoder = load_encoder(results, settings.encoder)[0]
+        self._encoder = load_encoder_of(settings, results)
         self._lock = contextlib.ExitStack()
         self._process = os.getpid()
         self._writer: RunWriter | None = None

@@ -1,6 +1,5 @@
 """From the arguments of `jbench.record` to the settings of the run."""
 
-import hashlib
 import importlib.metadata
 import math
 import os
@@ -11,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from jbench import plugins
 from jbench.encoders import find_encoder
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, OFE, kind_of
 from jbench.settings.base import validated
 from jbench.settings.external import ExternalSettings
-from jbench.store import Results
+from jbench.store import Results, files
 from jbench.training.request import representation_of
 
 _SEED = ("seed",)
@@ -115,7 +115,7 @@ def made_with(package: str | None) -> dict[str, str | None]:
     found: dict[str, str | None] = {"script_sha256": _script_hash()}
     if package is not None:
         try:
-            found["package"] = f"{package} {importlib.metadata.version(package)}"
+            found |= plugins.made_with(package)
         except importlib.metadata.PackageNotFoundError:
             raise RequestError(f"package={package!r} is not an installed distribution.") from None
     return found
@@ -125,6 +125,6 @@ def _script_hash() -> str | None:
     """Returns the SHA-256 of the running script; None in a notebook or an interactive session."""
     path = getattr(sys.modules.get("__main__"), "__file__", None)
     try:
-        return None if path is None else hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        return None if path is None else files.sha256(Path(path).read_bytes())
     except OSError:
         return None

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.cores import cores
 from jbench.encoders import Encoder
-from jbench.errors import RequestError, WorkError
+from jbench.errors import WorkError, sentence_of_failure
 from jbench.policies.network import Network
 from jbench.policies.saved import policy_files
 from jbench.settings.external import ExternalSettings
 from jbench.simulation.rollout import Act
 from jbench.store import Record
-from jbench.training.evaluation import EvaluationSchedule, evaluation_returns
+from jbench.training.evaluation import EvaluationSchedule, evaluation_returns, seeds_of
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
@@ -39,8 +39,7 @@ class RunWriter:
         self._record, self._settings, self._encoder = record, settings, encoder
         self._log, self._clock = RunLog(record), ProcessorClock()
         self._pace, self._schedule = CommitTimer(_COMMIT_EVERY), EvaluationSchedule(settings)
-        # As for jbench's own agents: the same seed has the same evaluation episodes.
-        self._seed = int(np.random.SeedSequence(settings.seed).generate_state(2)[1])
+        _, self._seed = seeds_of(settings.seed)
         self._evaluations = 0
 
     @property
@@ -124,8 +123,6 @@ class RunWriter:
             self._log.commit()
         if not isinstance(error, Exception):
             return
-        named = isinstance(error, RequestError | WorkError)
-        text = str(error) if named else f"{type(error).__name__}: {error}"
         details = error.divergence.to_summary() if isinstance(error, DivergedError) else {}
         with contextlib.suppress(WorkError):
-            self._record.fail(text, details)
+            self._record.fail(sentence_of_failure(error), details)

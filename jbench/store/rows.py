@@ -135,9 +135,7 @@ def _common_row(record: Record) -> Row:
 
 
 KINDS: dict[Kind, Tables] = {
-    "run": Tables(
-        "runs", _run_row, {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
-    ),
+    "run": Tables("runs", _run_row, schema.RUN_TABLES),
     "encoder": Tables(
         "encoders",
         _encoder_row,

@@ -60,6 +60,9 @@ EVALUATIONS = pa.schema(
 )
 """Episodes of the deterministic policy, `episode` counting within each `evaluation`."""
 
+RUN_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS}
+"""Tables of a run's rows by name."""
+
 RUNS = pa.schema(
     [
         _RUN,

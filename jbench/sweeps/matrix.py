@@ -232,8 +232,9 @@ def _check_names(matrix: Matrix) -> None:
     for algo in (*matrix.algos, *matrix.hyperparameters):
         check_name(algo)
     for algo, overrides in matrix.hyperparameters.items():
+        names = tuple(settings_of(algo)) if overrides else ()
         for key in overrides:
-            known(f"setting of {algo}", key, tuple(settings_of(algo)))
+            known(f"setting of {algo}", key, names)
     check_options(matrix.ofe)
     for kind, options in matrix.encoder.options.items():
         for key in options:

@@ -12,7 +12,7 @@ from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.divergence import DivergedError, Divergence
 from jbench.devices import find_device
 from jbench.encoders import Encoder
-from jbench.errors import RequestError, WorkError
+from jbench.errors import WorkError, sentence_of_failure
 from jbench.names import CHECKPOINT_EVERY, EPISODE_STEPS
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy, policy_files
@@ -22,7 +22,7 @@ from jbench.store.provenance import device_provenance
 from jbench.training.batch_member import Member, Notice, begin
 from jbench.training.checkpoints import read_replay, save
 from jbench.training.engines import engine_of
-from jbench.training.evaluation import Evaluator
+from jbench.training.evaluation import Evaluator, seeds_of
 from jbench.training.log import CommitTimer, Position, ProcessorClock
 
 Progress = Callable[[RunSettings, int, float], None]
@@ -91,10 +91,7 @@ def run_batch(
             for member in members:
                 if member.record.status == "unfinished":
                     with contextlib.suppress(WorkError):
-                        ours = isinstance(error, RequestError | WorkError)
-                        member.record.fail(
-                            str(error) if ours else f"{type(error).__name__}: {error}"
-                        )
+                        member.record.fail(sentence_of_failure(error))
             raise
     return failures
 
@@ -115,9 +112,11 @@ class _Batch:
         # Of the last evaluation, by index.
         self._evaluated: dict[int, Policy | Network | None] = {}
         self._settings = settings = members[0].settings
-        seeds = [np.random.SeedSequence(m.settings.seed).generate_state(2) for m in members]
-        self._engine = engine_of(settings, [int(seed) for seed, _ in seeds], encoder, device)
-        self._evaluator = Evaluator(settings, [int(seed) for _, seed in seeds])
+        agent_seeds, evaluation_seeds = zip(
+            *(seeds_of(m.settings.seed) for m in members), strict=True
+        )
+        self._engine = engine_of(settings, agent_seeds, encoder, device)
+        self._evaluator = Evaluator(settings, evaluation_seeds)
         if members[0].checkpoint is not None:
             self._restore(members[0].checkpoint.position)
 

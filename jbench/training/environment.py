@@ -12,7 +12,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 
 
-def load_encoder_of(settings: RunSettings, results: Results) -> Encoder | None:
+def load_encoder_of(settings: RunSettings | ExternalSettings, results: Results) -> Encoder | None:
     """Returns the encoder of a run, or None for the full observation."""
     return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
 

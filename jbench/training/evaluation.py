@@ -16,6 +16,12 @@ from jbench.tasks import resets
 from jbench.tasks.robots import load_model
 
 
+def seeds_of(seed: int) -> tuple[int, int]:
+    """Returns the seed of the agent and that of the evaluations of a run with this seed."""
+    agent, evaluations = np.random.SeedSequence(seed).generate_state(2)
+    return int(agent), int(evaluations)
+
+
 def robot_model(settings: RunSettings | ExternalSettings, which: int) -> mujoco.MjModel:
     """Returns the model of the run's robot with the given index, clamped to the last robot."""
     augment = settings.augment

@@ -15,7 +15,6 @@ from jbench.store import Record, schema
 POLICY_EVALUATION = "policy_evaluation"
 """Key of a finished run's summary: the number of the evaluation that ran the kept policy."""
 
-_TABLES = {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
 _MAX_PARTS = 32  # files of a table before they are merged
 _MAX_COMMIT_SHARE = 0.02  # fraction of a run's time that its commits may take
 
@@ -54,7 +53,7 @@ class RunLog:
                 that were committed after it.
         """
         self._record = record
-        self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in _TABLES}
+        self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.RUN_TABLES}
         start = position or Position(processor_time=0.0)
         self._episodes, self._evaluations = start.episodes, start.evaluations
         self._last_evaluation = start.last_evaluation
@@ -131,11 +130,14 @@ class RunLog:
         """
         tables = {
             name: pa.Table.from_pylist(self._rows[name], columns)
-            for name, columns in _TABLES.items()
+            for name, columns in schema.RUN_TABLES.items()
         }
         before = self._before
         if before is None and any(len(self._record.parts(name)) >= _MAX_PARTS for name in tables):
-            before = {name: self._record.read(name, columns) for name, columns in _TABLES.items()}
+            before = {
+                name: self._record.read(name, columns)
+                for name, columns in schema.RUN_TABLES.items()
+            }
         if before is None:
             return tables, False
         return {name: pa.concat_tables([before[name], tables[name]]) for name in tables}, True
@@ -158,7 +160,9 @@ class RunLog:
 
         Rows are compared by number, since an evaluation may be at the checkpoint's control step.
         """
-        committed = {name: self._record.read(name, columns) for name, columns in _TABLES.items()}
+        committed = {
+            name: self._record.read(name, columns) for name, columns in schema.RUN_TABLES.items()
+        }
         episodes, evaluations = committed["episodes"], committed["evaluations"]
         counted = {
             "episodes": episodes.filter(pc.less(episodes["episode"], position.episodes)),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from jbench.agents.batched.engine import Engine
 from jbench.cores import cores
 from jbench.devices import find_device
-from jbench.encoders import Encoder, load_encoder
+from jbench.encoders import Encoder
 from jbench.encoders.loop import one_thread
 from jbench.errors import RequestError
 from jbench.policies.network import Network
@@ -17,9 +17,8 @@ from jbench.policies.saved import Policy, has_policy, load_agent
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import Record, Results, schema
-from jbench.training import sb3_run
 from jbench.training.engines import engine_of
-from jbench.training.evaluation import Evaluator, evaluation_returns
+from jbench.training.evaluation import Evaluator, evaluation_returns, seeds_of
 from jbench.training.log import POLICY_EVALUATION
 
 Verdict = Literal["equal", "different", "no policy", "not comparable"]
@@ -160,13 +159,11 @@ def _returns(
         RequestError: if the encoder is missing.
         ValueError: if the policy does not have the layers of the settings.
     """
-    policy = load_agent(results, record.id).policy
-    encoder = None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
-    seed = settings.seed
-    agent_seed, evaluation_seed = map(int, np.random.SeedSequence(seed).generate_state(2))
+    agent = load_agent(results, record.id)
+    policy, encoder = agent.policy, agent.encoder
+    agent_seed, evaluation_seed = seeds_of(settings.seed)
     if isinstance(settings, ExternalSettings):
-        act = _encoded(policy, encoder)
-        return evaluation_returns(settings, evaluation_seed, last.number, act, cores())[0]
+        return evaluation_returns(settings, evaluation_seed, last.number, agent.act, cores())[0]
     if settings.engine == "sb3":
         return _of_sb3(settings, policy, encoder, evaluation_seed, last)
     assert isinstance(policy, Policy)  # a Network is kept by the other engines only
@@ -183,13 +180,9 @@ def _returns(
 def _of_sb3(
     settings: RunSettings, policy: Policy | Network, encoder: Encoder | None, seed: int, last: _Last
 ) -> NDArray[np.float64]:
+    from jbench.training import sb3_run  # stable-baselines3 takes a second to import
+
     evaluator = sb3_run.Evaluator(settings, encoder, seed)
     evaluator.skip(last.number)
     outcome = evaluator(policy.act, last.control_steps)
     return np.array([episode_return for episode_return, _ in outcome])
-
-
-def _encoded(policy: Policy | Network, encoder: Encoder | None) -> Any:
-    if encoder is None:
-        return policy.act
-    return lambda observations: policy.act(encoder.encode(observations))

@@ -20,12 +20,10 @@ from jbench.store import Record, Results, schema
 from jbench.store.merge import TIMES
 from jbench.store.provenance import device_provenance, differences, provenance
 from jbench.store.shipped import shipped
-from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
 from jbench.training.environment import load_encoder_of
 from jbench.training.reevaluate import Reevaluation, device_for, reevaluate
 
-_TABLES = {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
 _Key = tuple[int, str, int, int]
 """Control steps, table, number of the episode or evaluation, episode of the evaluation."""
 
@@ -197,8 +195,8 @@ def _retrain(
     until = rounds * round_steps
     with tempfile.TemporaryDirectory(prefix="jbench-") as directory:
         again = _train(results, record, settings, until, progress, Results(Path(directory)))
-        ours = {table: _rows(again, table, until) for table in _TABLES}
-    theirs = {table: _rows(record, table, until) for table in _TABLES}
+        ours = {table: _rows(again, table, until) for table in schema.RUN_TABLES}
+    theirs = {table: _rows(record, table, until) for table in schema.RUN_TABLES}
     computed = {**ours["episodes"], **ours["evaluations"]}
     found = _differences({**theirs["episodes"], **theirs["evaluations"]}, computed)
     return Retraining(
@@ -227,6 +225,8 @@ def _train(
         with temporary.locked("encoder", settings.encoder):
             temporary.record("encoder", settings.encoder).copy_from(encoder)
     if settings.engine == "sb3":
+        from jbench.training import sb3_run  # stable-baselines3 takes a second to import
+
         sb3_run.run(settings, temporary, lambda steps, _: progress(steps), until=stop)
     else:
         failures = run_batch(
@@ -247,7 +247,7 @@ def _train(
 
 def _rows(record: Record, table: str, until: int) -> dict[_Key, dict[str, Any]]:
     """Returns the rows up to a control step, without times."""
-    rows = record.read(table, _TABLES[table]).drop_columns([*TIMES, "run"]).to_pylist()
+    rows = record.read(table, schema.RUN_TABLES[table]).drop_columns([*TIMES, "run"]).to_pylist()
     number = "episode" if table == "episodes" else "evaluation"
     keys = ((row["control_steps"], table, row[number], row["episode"]) for row in rows)
     keyed = zip(keys, rows, strict=True)

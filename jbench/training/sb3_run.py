@@ -16,13 +16,13 @@ from jbench.agents.algorithms import code_of
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.agents.sb3_policy import network_of_model
 from jbench.encoders import Encoder
-from jbench.errors import WorkError
+from jbench.errors import WorkError, sentence_of_failure
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.training.environment import load_encoder_of, make_env
-from jbench.training.evaluation import EvaluationSchedule
+from jbench.training.evaluation import EvaluationSchedule, seeds_of
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
@@ -65,7 +65,7 @@ def run(
             raise
         except Exception as error:
             with contextlib.suppress(WorkError):
-                record.fail(f"{type(error).__name__}: {error}")
+                record.fail(sentence_of_failure(error))
             raise
     return record
 
@@ -78,10 +78,10 @@ def _train(
     until: int | None,
 ) -> None:
     log, clock = RunLog(record), ProcessorClock()
-    agent_seed, evaluation_seed = np.random.SeedSequence(settings.seed).generate_state(2)
+    agent_seed, evaluation_seed = seeds_of(settings.seed)
     env = DummyVecEnv([lambda: make_training_env(settings, encoder)] * settings.environments)
-    agent = _build(settings, env, int(agent_seed))
-    evaluator = Evaluator(settings, encoder, int(evaluation_seed))
+    agent = _build(settings, env, agent_seed)
+    evaluator = Evaluator(settings, encoder, evaluation_seed)
     recorder = _Recorder(settings, log, clock, evaluator, progress, until)
     try:
         agent.learn(settings.steps, recorder, log_interval=None)  # type: ignore[arg-type]

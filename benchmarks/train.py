@@ -25,10 +25,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+from jbench.names import ONE_THREAD
+
 HERE = Path(__file__).parent
 SBX = "sbx-rl==0.28.0"
 SEEDS = 10
-THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 CLOCKS = ("wall", "processor")
 
 Request = dict[str, Any]
@@ -64,7 +65,7 @@ def contender(name: str, python: str, requests: list[Request]) -> Iterator[Conte
     """Starts the processes of a contender and waits until they are ready."""
     environment = {
         **os.environ,
-        **dict.fromkeys(THREADS, "1"),
+        **ONE_THREAD,
         "MUJOCO_GL": "disable",
         "PYTHONPATH": str(HERE.parent),
         "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1",

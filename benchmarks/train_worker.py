@@ -28,7 +28,7 @@ def settings_of(request: Request) -> Any:
 
     every = {"train_freq": 1, "gradient_steps": 1, "learning_starts": 256, "buffer_size": 100_000}
     changes = {} if request["algo"] == "ppo" else every
-    return algorithm_settings(request["algo"], overrides=changes | request.get("changes", {}))
+    return algorithm_settings(request["algo"], overrides=changes)
 
 
 def batched(request: Request) -> Run:

@@ -88,7 +88,7 @@ _EXAMPLES: dict[Callable[..., None], str] = {
 """The commands in the order of the help, and an example of each."""
 
 for command, example in _EXAMPLES.items():
-    name = "import" if command is imports.import_ else None  # a keyword of Python
+    name = command.__name__.rstrip("_").replace("_", "-")
     app.command(name, epilog=f"Example: jbench {example}")(command)
     if command is train.train:
         app.command("train-agent", help="The same as train.")(command)

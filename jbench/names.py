@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Literal, TypeVar, get_args
 
 from jbench.errors import RequestError
@@ -91,6 +92,12 @@ FIGURE_FORMATS = ("png", "svg", "pdf")
 
 REFERENCE = "reference"
 """Value of `--results` for the results shipped with jbench."""
+
+
+def is_reference(path: Path) -> bool:
+    """Returns whether `--results` means the shipped results; a directory of that name wins."""
+    return path == Path(REFERENCE) and not path.exists()
+
 
 FULL = "full"
 """Representation of an agent that observes the full state, without an encoder."""

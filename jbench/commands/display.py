@@ -1,7 +1,7 @@
 """Tables of encoders, of runs, and of the final returns of a report."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -10,6 +10,9 @@ from jbench.errors import WorkError
 from jbench.returns import final_return
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, encoder_schema, schema
+
+if TYPE_CHECKING:
+    from jbench.report.document import TableItem
 
 
 def described(record: Record, **more: Any) -> dict[str, Any]:
@@ -21,6 +24,14 @@ def described(record: Record, **more: Any) -> dict[str, Any]:
         "summary": record.manifest.summary,
         **more,
     }
+
+
+def show_item(item: "TableItem", output: Output) -> None:
+    """Prints a table of a report."""
+    from jbench.report.tables.files import text_of
+
+    rows = [[text_of(cell) for cell in row] for row in item.frame.itertuples(index=False)]
+    output.table(item.title, [str(name) for name in item.frame], rows)
 
 
 def show_encoders(records: Sequence[Record], output: Output) -> None:

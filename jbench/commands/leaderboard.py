@@ -15,7 +15,7 @@ from jbench.commands.options import (
     complete,
 )
 from jbench.commands.output import Output
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError
 
 if TYPE_CHECKING:
     from jbench.report.document import TableItem
@@ -69,18 +69,15 @@ def leaderboard(
         output,
     )
     output.document({"entries": board.documents(ranked), "problems": problems})
-    for problem in problems:
-        output.warn(problem)
-    if problems:
-        raise WorkError(f"{len(problems)} records are damaged and left out; see above.")
+    output.warn_of_damage(problems)
 
 
 def _show(item: "TableItem", format: str | None, output: Output) -> None:
-    from jbench.report.tables.files import FORMATS, text_of
+    from jbench.commands.display import show_item
+    from jbench.report.tables.files import FORMATS
 
     if format is not None:
         output.raw(FORMATS[format](item))
         return
-    rows = [[text_of(cell) for cell in row] for row in item.frame.itertuples(index=False)]
-    output.table(item.title, [str(name) for name in item.frame], rows)
+    show_item(item, output)
     output.say(item.caption)

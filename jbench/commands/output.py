@@ -63,6 +63,17 @@ class Output:
             console.print(Text(title, style="bold"))
             console.print(table)
 
+    def warn_of_damage(self, problems: Sequence[str]) -> None:
+        """Prints a warning for each damaged record.
+
+        Raises:
+            WorkError: if there is any, after the warnings.
+        """
+        for problem in problems:
+            self.warn(problem)
+        if problems:
+            raise WorkError(f"{len(problems)} records are damaged and left out; see above.")
+
     def document(self, content: dict[str, Any]) -> None:
         """Prints the JSON document if `--json` was given."""
         if self.as_json:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from jbench import names
 from jbench.errors import RequestError
-from jbench.names import ENCODER_KINDS, FULL, MAX_SEED, OFE, REFERENCE
+from jbench.names import ENCODER_KINDS, FULL, MAX_SEED, OFE, REFERENCE, is_reference
 from jbench.seeds import parse_numbers
 
 if TYPE_CHECKING:
@@ -82,11 +82,6 @@ def _is_representation(value: str) -> bool:
     """Returns whether a value is `full`, or a built-in kind with its size, such as dae12."""
     match = re.fullmatch(r"([a-z-]+)[0-9]+", value)
     return value == FULL or (match is not None and match[1] in {*ENCODER_KINDS, OFE})
-
-
-def is_reference(path: Path) -> bool:
-    """Returns whether `--results` means the shipped results; a directory of that name wins."""
-    return path == Path(REFERENCE) and not path.exists()
 
 
 def results_at(path: Path) -> "Results":

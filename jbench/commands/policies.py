@@ -159,7 +159,7 @@ def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:
     """
     from jbench.policies.find import SHIPPED
 
-    if not parsing.is_reference(results):
+    if not names.is_reference(results):
         return parsing.results_to_write(results), policy
     is_run = "/" in policy and not policy.startswith(SHIPPED)
     return parsing.results_to_write(RESULTS), f"{SHIPPED}{policy}" if is_run else policy

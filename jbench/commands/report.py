@@ -136,7 +136,7 @@ def report(
     name = "comparison" if compare else "report"
     # The shipped results are read-only.
     where = out or (
-        Path(f"reference-{name}") if parsing.is_reference(results) else database.inside(name)
+        Path(f"reference-{name}") if names.is_reference(results) else database.inside(name)
     )
     if watch:
         _watch(database, where, request, output)
@@ -189,13 +189,11 @@ def _wait_or_refuse(error: RequestError, output: Output) -> None:
 
 def _show(written: "Report", output: Output) -> None:
     from jbench.commands import display
-    from jbench.report.tables.files import text_of
 
     table = written.table.astype(object).where(written.table.notna(), None)
     display.show_final_returns(table, output)
     for item in _printed_tables(written):
-        rows = [[text_of(cell) for cell in row] for row in item.frame.itertuples(index=False)]
-        output.table(item.title, [str(name) for name in item.frame], rows)
+        display.show_item(item, output)
     for note in written.notes:
         output.say(f"Note: {note}")
     page = next(path for path in written.files if path.name == "index.html")

@@ -1,7 +1,7 @@
 """Commands for the results database: runs, query, verify, repair, merge."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
@@ -66,7 +66,7 @@ def runs(
     output = Output(json)
     output.table(f"{len(lines):,} {what}s", header, rows)
     output.document({f"{what}s": [line._asdict() for line in lines], "problems": problems})
-    _warn_of_damage(problems, output)
+    output.warn_of_damage(problems)
 
 
 def query(
@@ -95,7 +95,7 @@ def query(
         cells = answer.astype(object).where(answer.notna(), None).to_numpy()
         rows = [[short(cell) for cell in row] for row in cells]
         output.table(f"{len(answer):,} rows", list(answer.columns), rows)
-    _warn_of_damage(problems, output)
+    output.warn_of_damage(problems)
 
 
 def verify(
@@ -241,10 +241,3 @@ def _progress(output: Output, what: str, unit: str) -> Iterator[Callable[[int, i
 def _counted(words: Iterator[str]) -> str:
     """Returns the count of each word, such as `3 damaged, 1 leftover`."""
     return ", ".join(f"{count:,} {word}" for word, count in Counter(words).items())
-
-
-def _warn_of_damage(problems: Sequence[str], output: Output) -> None:
-    for problem in problems:
-        output.warn(problem)
-    if problems:
-        raise WorkError(f"{len(problems)} records are damaged and left out; see above.")

@@ -19,8 +19,6 @@ def read(file: ImportedFile, request: ImportRequest) -> list[Series]:
     Raises:
         RequestError: if it is not a whole file of an `EvalCallback`.
     """
-    if not file.content:
-        raise RequestError(f"{file.path} is empty; leave the file out.")
     try:
         with np.load(io.BytesIO(file.content), allow_pickle=False) as arrays:
             steps, returns, lengths = (arrays[name].astype(np.float64) for name in _ARRAYS)

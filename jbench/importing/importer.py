@@ -1,7 +1,6 @@
 """Reads all files of an import, then writes a record for each seed."""
 
 from collections.abc import Callable, Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from jbench.importing.series import Series
 from jbench.names import ImportFormat
 from jbench.settings.base import validated
 from jbench.settings.imported import ImportSettings
-from jbench.store import Results, schema
+from jbench.store import Results, files, schema
 from jbench.store.manifest import plain_settings
 
 _READERS: dict[ImportFormat, Callable[[ImportedFile, ImportRequest], list[Series]]] = {
@@ -107,7 +106,9 @@ def _open(path: Path) -> ImportedFile:
         raise RequestError(f"{path} is a directory; name the files in it.") from None
     except OSError as error:
         raise RequestError(f"{path} can't be read ({error.strerror}).") from None
-    return ImportedFile(path, content, sha256(content).hexdigest())
+    if not content.strip():
+        raise RequestError(f"{path} is empty; leave the file out.")
+    return ImportedFile(path, content, files.sha256(content))
 
 
 def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:

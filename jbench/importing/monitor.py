@@ -66,11 +66,8 @@ def _head(file: ImportedFile) -> dict[str, Any]:
     except ValueError:
         head = None
     if not isinstance(head, dict) or not isinstance(head.get("t_start"), int | float):
-        empty = not file.content.strip()
         raise RequestError(
-            f"{file.path} is empty; leave the file out."
-            if empty
-            else f'{file.path}, line 1: not a file of a Monitor, which begins with {{"t_start": …}}'
-            " after a #."
+            f'{file.path}, line 1: not a file of a Monitor, which begins with {{"t_start": …}} '
+            "after a #."
         )
     return head

@@ -19,14 +19,12 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
         ends_line: whether the last line of a whole file ends with a line break.
 
     Raises:
-        RequestError: if it is empty, cut off, or not a CSV file.
+        RequestError: if it has no rows, is cut off, or not a CSV file.
     """
     try:
         text = file.content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise RequestError(f"{file.path} is not a CSV file: it is not text (UTF-8).") from None
-    if not text.strip():
-        raise RequestError(f"{file.path} is empty; leave the file out.")
     lines = io.StringIO(text, newline="")
     for _ in range(skip):
         next(lines)

@@ -74,7 +74,7 @@ def _scalars(file: ImportedFile) -> Scalars:
     """Returns all scalars of an event file.
 
     Raises:
-        RequestError: if TensorBoard is not installed, or the file is empty, cut off or damaged.
+        RequestError: if TensorBoard is not installed, or the file is cut off or damaged.
     """
     try:
         from tensorboard.backend.event_processing.event_file_loader import EventFileLoader
@@ -83,8 +83,6 @@ def _scalars(file: ImportedFile) -> Scalars:
         raise RequestError(
             'TensorBoard is not installed; type pip install "jbench[tensorboard]".'
         ) from None
-    if not file.content:
-        raise RequestError(f"{file.path} is empty; leave the file out.")
     count, scalars, plugins = 0, Scalars(), dict[str, str]()
     for event in EventFileLoader(str(file.path)).Load():
         count += 1

@@ -62,3 +62,6 @@ def _copy(
             logger.start(run, change.record.settings)
             started.add(run)
         logger.log(run, points(change))
+        if change.run.status == "finished":
+            logger.end(run)
+            started.discard(run)

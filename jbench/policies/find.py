@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError
+from jbench.names import REFERENCE
 from jbench.policies.imported import ImportedPolicy, is_imported_policy
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.run import read_run
@@ -13,7 +14,7 @@ from jbench.store import Record, Results
 from jbench.store.shipped import shipped
 from jbench.tasks.heuristics import heuristic
 
-SHIPPED = "reference/"
+SHIPPED = f"{REFERENCE}/"
 """Prefix of the names of shipped policies; the id of the run follows."""
 
 KINDS = (

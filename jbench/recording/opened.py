@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from jbench.errors import RequestError
-from jbench.names import REFERENCE, RETURNS, Order, ReturnsName, known
+from jbench.names import RETURNS, Order, ReturnsName, is_reference, known
 from jbench.report import sources
 from jbench.report.data.cells import LearnedCurve, of_kind
 from jbench.report.data.curves import WINDOW
@@ -30,7 +30,7 @@ def open_results(path: Path | str = "results") -> "OpenedResults":
         RequestError: if there is no such directory.
     """
     place = Path(path)
-    if place == Path(REFERENCE) and not place.exists():
+    if is_reference(place):
         place = shipped()
     if not place.exists():
         raise RequestError(f"{path} does not exist; pass a results directory.")

@@ -12,6 +12,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
+from jbench.names import REFERENCE
 from jbench.report.data.building import build_cells, usable_runs
 from jbench.report.data.cells import IMPORTED, OURS, Cell
 from jbench.report.data.imported import as_runs, with_spacing_note
@@ -20,9 +21,6 @@ from jbench.report.request import Request
 from jbench.settings.alike import flatten
 from jbench.settings.run import Run, read_run
 from jbench.store import Results, query
-
-REFERENCE = "reference"
-"""Source of the cells of the shipped runs."""
 
 Choice = Callable[[Run], bool]
 """Returns whether a run is selected, by its settings."""

@@ -78,7 +78,7 @@ class Results:
         text = text.rstrip("/")
         if (self.record(kind, text).path / MANIFEST).exists():
             return text
-        ids = [record.id for record in self.scan(kind)[0] if record.id.startswith(text)]
+        ids = [record.id for record in self.scan(kind, text)[0]]
         if len(ids) > 1:
             shown = ", ".join(ids[:_MAX_SHOWN])
             more = f" and {len(ids) - _MAX_SHOWN} more" if len(ids) > _MAX_SHOWN else ""
@@ -110,17 +110,22 @@ class Results:
             if record is not None:
                 record.clean_if_free()
 
-    def scan(self, kind: Kind) -> tuple[list[Record], list[str]]:
-        """Returns all records of a kind, oldest first, and an error for each unreadable one."""
+    def scan(self, kind: Kind, beginning: str = "") -> tuple[list[Record], list[str]]:
+        """Returns the records of a kind, oldest first, and an error for each unreadable one.
+
+        Args:
+            beginning: only records whose id begins with it are read.
+        """
         records, problems = [], []
         root = self.path / f"{kind}s"
         for folder in walk(root):
             if folder.problem is not None:
                 problems.append(f"{folder.path} {folder.problem}.")
-            if not folder.is_record:
+            id = folder.path.relative_to(root).as_posix()
+            if not folder.is_record or not id.startswith(beginning):
                 continue
             try:
-                record = self.find(kind, folder.path.relative_to(root).as_posix())
+                record = self.find(kind, id)
                 if record is not None:
                     records.append(record)
             except (RequestError, WorkError) as error:

@@ -1,24 +1,23 @@
 """Following runs: their rows as they are committed."""
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any, NamedTuple
 
-import numpy as np
 import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import schema
 from jbench.store.database import Results
-from jbench.store.listing import RunLine, run_line
+from jbench.store.listing import RunLine, matches, run_line
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
 from jbench.store.tree import walk
 
 LOOK_EVERY = 2.0
 """Seconds between two looks at the results."""
-
 
 Row = tuple[str, dict[str, Any]]
 """The name of a table and a row of it."""
@@ -102,7 +101,7 @@ class Follower:
         if record is None:
             return None
         seen = self._seen.get(run)
-        if seen is None and not self._matches(run_line(record)):
+        if seen is None and not matches(run_line(record), self._filters):
             return None
         while True:
             is_new = seen is None or _starts_over(record, seen)
@@ -120,9 +119,6 @@ class Follower:
         now = _Seen(record.manifest.created, record.status, counts)
         self._seen[run] = now
         return Change(run_line(record), record, is_new, now.status != seen.status, rows)
-
-    def _matches(self, line: RunLine) -> bool:
-        return all(getattr(line, name) in values for name, values in self._filters.items())
 
 
 def grouped(rows: Sequence[Row]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
@@ -163,6 +159,6 @@ def _table_after(record: Record, table: str, columns: pa.Schema, count: int) -> 
 
 def _finite(row: dict[str, Any]) -> dict[str, Any]:
     return {
-        name: None if isinstance(value, float) and not np.isfinite(value) else value
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in row.items()
     }

@@ -64,12 +64,17 @@ def list_runs(
     lines = []
     for record in records:
         line = run_line(record) if kind == "run" else _line_of_import(record)
-        if all(getattr(line, name) in values for name, values in filters.items()):
+        if matches(line, filters):
             try:
                 lines.append(_with_returns(line, record) if returns else line)
             except WorkError as error:
                 problems.append(str(error))
     return lines, problems
+
+
+def matches(line: RunLine, filters: Mapping[str, Collection[Any]]) -> bool:
+    """Returns whether each field that is filtered has one of the allowed values."""
+    return all(getattr(line, name) in values for name, values in filters.items())
 
 
 def values_of(results: Results, setting: str) -> set[str]:

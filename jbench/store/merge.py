@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
+from jbench.names import one_of
 from jbench.store.database import Results
 from jbench.store.manifest import KINDS
 from jbench.store.record import Record
@@ -79,8 +80,8 @@ def merge(
 def _check_source(results: Results, source: Results) -> None:
     if not any((source.path / f"{kind}s").is_dir() for kind in KINDS):
         raise RequestError(
-            f"{source.path} holds no results; name a directory with datasets, encoders, runs, "
-            "evaluations or imports in it."
+            f"{source.path} holds no results; name a directory with "
+            f"{one_of(f'{kind}s' for kind in KINDS)} in it."
         )
     if source.path.resolve() == results.path.resolve():
         raise RequestError(f"{source.path} is the results directory itself; name another.")

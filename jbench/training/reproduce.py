@@ -114,7 +114,7 @@ def find_run(results: Results, name: str) -> tuple[Results, Record]:
     exact = results.find("run", id)
     if exact is not None:
         return results, exact
-    records = [record for record in results.scan("run")[0] if record.id.startswith(id)]
+    records = results.scan("run", id)[0]
     if len(records) == 1:
         return results, records[0]
     if not records:

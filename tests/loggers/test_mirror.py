@@ -1,6 +1,7 @@
 """Committed rows arrive in experiment trackers, read back with the trackers' own readers."""
 
 import struct
+import threading
 
 import pyarrow as pa
 import pytest
@@ -81,6 +82,16 @@ def test_rows_from_before_a_run_started_over_are_hidden(results):
     run.append({"episodes": episodes(run.id, [5.0])})
     mirror(results, run)
     assert scalars(results, run, "training/episode_return") == [(1000, 5.0)]
+
+
+def test_the_log_of_a_finished_run_is_closed_while_others_train(results):
+    run = add_whole_run(results, [1.0])
+    ended = threading.Event()
+    logger = make_logger("tensorboard", results.path)
+    close, logger.end = logger.end, lambda id: (close(id), ended.set())
+    with mirrored(results, [run.id], logger, pytest.fail):
+        assert ended.wait(60)
+    assert scalars(results, run, "training/episode_return") == [(1000, 1.0)]
 
 
 def test_a_failing_tracker_ends_the_log_with_a_warning(results):

@@ -24,7 +24,7 @@ from fault_injection import CALLS  # noqa: E402 - the folder has to be known fir
 
 VERBS = (
     *("collect", "train-dae", "train-encoder", "train", "resume", "sweep"),
-    *("evaluate", "merge", "repair", "export", "report"),
+    *("evaluate", "merge", "repair", "export", "import", "report"),
 )
 """`resume` is `train` that finds a checkpoint."""
 

@@ -25,215 +25,30 @@ import pkgutil
 import random
 import re
 import shutil
-import signal
 import sys
 import tempfile
-import traceback
 from pathlib import Path
-from typing import NamedTuple
 
 import short_episodes  # isort: skip  # noqa: F401 - before anything else has a copy of it
 
 import pyarrow as pa
 import torch
-from fault_injection import CALLS, Fault, Injector
+from fault_injection import CALLS, Fault
+from fault_verbs import FILES, VERBS
+from forked_commands import ForkedWorker, typed
 
 import jbench
-from jbench.cli import main
 from jbench.errors import WorkError
 from jbench.store import Results
 from jbench.store.manifest import KINDS
 from jbench.store.merge import TIMES
 from jbench.sweeps import executors
-from jbench.training import speed, worker
+from jbench.training import speed
 
 LASTING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """Errors that stay: each is tried once alone, and once with all later calls failing as well."""
 
 ERRORS = (*LASTING, errno.EIO, errno.EMFILE)
-
-SMALL = ("--set", "hidden_layers=[4]", "--set", "batch_size=4")
-OFF_POLICY = ("--set", "learning_starts=20", "--set", "train_freq=10", "--set", "gradient_steps=1")
-TRAIN = (
-    *("train", "--algo", "td3", "--seeds", "0", "--steps", "60", "--jobs", "1"),
-    *("--evaluate-every", "40", "--evaluate-episodes", "1", "--checkpoint-every", "0"),
-    *SMALL,
-    *OFF_POLICY,
-)
-RETRY = ("--retry-failed",)
-COLLECT = ("collect", "--steps", "160", "--threads", "1")
-TRAIN_DAE = ("train-dae", "--latent", "2", "--epochs", "2", "--batch", "64", "--device", "cpu")
-EVALUATE = ("evaluate", "--episodes", "2", "--threads", "1")
-SWEEP = """
-tasks = ["face_direction"]
-algos = ["td3"]
-representations = ["full", "pca2"]
-seeds = "0"
-steps = 40
-
-[evaluation]
-every = 40
-episodes = 1
-
-[dataset]
-steps = 160
-
-[hyperparameters.td3]
-hidden_layers = [4]
-batch_size = 4
-learning_starts = 20
-train_freq = 10
-gradient_steps = 1
-"""
-
-
-class Verb(NamedTuple):
-    """A verb to try.
-
-    Attributes:
-        command: as it is typed, but for --results; `resume` is `train` that finds a checkpoint.
-        before: what makes the results that it starts from: commands, or a function of their path.
-        again: options that are added when it is typed again after a fault.
-    """
-
-    command: tuple[str, ...]
-    before: tuple = ()
-    again: tuple[str, ...] = ()
-
-
-def resumable(path):
-    """A training that stopped at a full disk, with a checkpoint to resume from."""
-    assert typed(TRAIN, path, Fault("rename", 12, errno.ENOSPC, lasting=True)).code == 1
-    assert list(path.rglob("checkpoint-*")), "the training has no checkpoint to resume from"
-
-
-def another_machine(path):
-    """Results to merge, and an unfinished run that theirs replaces."""
-    for command in (COLLECT, EVALUATE, TRAIN):
-        assert typed(command, path).code == 0
-    path.rename(path.parent / "other")
-    path.mkdir()
-    (path.parent / "other").rename(path / "other")
-    resumable(path)
-
-
-def broken(path):
-    """A damaged run, a record with leftovers beside its lock, and an intact one."""
-    for command in (COLLECT, TRAIN, EVALUATE):
-        assert typed(command, path).code == 0
-    damaged = next((path / "runs").rglob("episodes-*.parquet"))
-    damaged.write_bytes(damaged.read_bytes()[:-1])
-    record = next((path / "evaluations").rglob("manifest.json")).parent
-    assert (record / "lock").exists()
-    (record / "policy_episodes-00009-12345678.parquet").write_bytes(b"left")
-
-
-VERBS = {
-    "collect": Verb(COLLECT),
-    "train-dae": Verb(TRAIN_DAE, (COLLECT,)),
-    "train-encoder": Verb(("train-encoder", "--kind", "pca", "--latent", "2"), (COLLECT,)),
-    "train": Verb(TRAIN, again=RETRY),
-    "resume": Verb((*TRAIN, *RETRY), (resumable,)),
-    "sweep": Verb(
-        ("sweep", "{path}/../small.toml", "--jobs", "1", "--checkpoint-every", "0"), again=RETRY
-    ),
-    "evaluate": Verb(EVALUATE),
-    "merge": Verb(("merge", "{path}/other"), (another_machine,)),
-    "repair": Verb(("repair", "--threads", "1"), (broken,)),
-    "export": Verb(("export", "--out", "{path}/minari"), (COLLECT,)),
-    "report": Verb(("report", "--window", "2", "--format", "svg"), (TRAIN,)),
-}
-
-
-class Ended(NamedTuple):
-    """How a command ended: its exit code, what it said, and how often it made each call."""
-
-    code: int
-    said: str
-    counts: dict
-
-
-class ForkedWorker:
-    """Stands in for `subprocess.Popen`: a worker forked from this process, with all its imports."""
-
-    def __init__(self, command, **_):
-        to_read, stdin = os.pipe()
-        stdout, to_write = os.pipe()
-        self.pid, self.returncode = os.fork(), None
-        if self.pid == 0:
-            _become(to_read, to_write, (stdin, stdout), command[3:])
-        os.close(to_read)
-        os.close(to_write)
-        self.stdin, self.stdout = os.fdopen(stdin, "w"), os.fdopen(stdout)
-
-    def poll(self):
-        if self.returncode is None and os.waitpid(self.pid, os.WNOHANG)[0]:
-            self.returncode = 0
-        return self.returncode
-
-    def wait(self):
-        if self.returncode is None:
-            _, status = os.waitpid(self.pid, 0)
-            self.returncode = os.waitstatus_to_exitcode(status)
-        for stream in (self.stdin, self.stdout):
-            with contextlib.suppress(OSError):
-                stream.close()
-        return self.returncode
-
-    def kill(self):
-        if self.returncode is None:
-            os.kill(self.pid, signal.SIGKILL)
-
-
-def _become(stdin, stdout, others, arguments):
-    """Becomes a worker with these descriptors; does not return."""
-    code = 1
-    try:
-        os.dup2(stdin, 0)
-        os.dup2(stdout, 1)
-        for handle in (*others, stdin, stdout):
-            os.close(handle)
-        sys.stdin, sys.stdout = os.fdopen(0, closefd=False), os.fdopen(1, "w", closefd=False)
-        code = worker.main(*arguments)
-        sys.stdout.flush()
-    except BaseException:
-        traceback.print_exc()
-        sys.stderr.flush()
-    finally:
-        os._exit(code)
-
-
-def typed(command, path, fault=None):
-    """Types a command in a process of its own, with a failing call or without."""
-    with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as counted:
-        process = os.fork()
-        if process == 0:
-            _type(command, path, fault, said.fileno(), counted.fileno())
-        _, status = os.waitpid(process, 0)
-        said.seek(0)
-        counted.seek(0)
-        counts = json.loads(counted.read() or b"{}")
-        return Ended(os.waitstatus_to_exitcode(status), said.read().decode(), counts)
-
-
-def _type(command, path, fault, said, counted):
-    """Types a command in this process, which ends."""
-    code = 70
-    try:
-        os.dup2(said, 1)
-        os.dup2(said, 2)
-        sys.stdout, sys.stderr = (os.fdopen(n, "w", 1, closefd=False) for n in (1, 2))
-        arguments = [word.format(path=path) for word in command]
-        sys.argv = ["jbench", *arguments]
-        injector = Injector(path, fault)
-        code = main([*arguments, "--results", str(path)])
-        os.write(counted, json.dumps(injector.counts()).encode())
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
 
 
 def content(path):
@@ -328,7 +143,8 @@ def prepared(name, folder):
     start = folder / re.sub(r"\W", "_", name) / "start"
     if not start.exists():
         start.mkdir(parents=True)
-        (start.parent / "small.toml").write_text(SWEEP)
+        for file, text in FILES.items():
+            (start.parent / file).write_text(text)
         for step in VERBS[name].before:
             if callable(step):
                 step(start)

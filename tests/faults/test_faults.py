@@ -9,7 +9,7 @@ import pytest
 
 SAMPLE = {
     **{"collect": 8, "train-dae": 3, "train-encoder": 4, "train": 6, "resume": 8},
-    **{"evaluate": 12, "merge": 14, "repair": 14, "export": 6},
+    **{"evaluate": 12, "merge": 14, "repair": 14, "export": 6, "import": 8},
 }
 """Faults of each verb in a quick test; those of the others take seconds each."""
 

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -27,10 +28,12 @@ from jbench.commands import (
     tail,
     train,
 )
+from jbench.commands.grouped_help import GroupedCommands
 from jbench.errors import RequestError, WorkError
 
 app = typer.Typer(
     name="jbench",
+    cls=GroupedCommands,
     help="The Jitterbug problem: one motor, five tasks, full or reduced-order observations.",
     epilog="Typed in this order with nothing else, collect, train-dae, train --encoder 12 and "
     "report are the paper's experiment on one task; --steps and --seeds ask for less.",
@@ -61,37 +64,48 @@ def _root(
         print(context.get_help())
 
 
-_EXAMPLES: dict[Callable[..., None], str] = {
-    demo.demo: "demo --results demo-results",
-    data.collect: "collect --steps 100k",
-    data.datasets: "datasets",
-    encoders.train_dae: "train-dae --task face_direction --latent 12",
-    encoders.train_encoder: "train-encoder --kind pca --latent 12",
-    algorithms.algorithms: "algorithms td3",
-    train.train: "train --algo td3 --encoder 12 --seeds 0-4 --steps 1M",
-    sweep.sweep: "sweep question --dry-run",
-    policies.evaluate: "evaluate --policy reference/face_direction/ddpg/full",
-    policies.render: "render --policy heuristic --task move_to_pose --out pose.gif",
-    policies.view: "view --policy heuristic --task move_to_pose",
-    export.export: "export reference/face_direction/ddpg/full --out policy.onnx",
-    imports.import_: "import --from csv --seed-column seed --task face_direction --algo ppo FILE",
-    report.report: "report --results reference --claims",
-    leaderboard.leaderboard: "leaderboard reference",
-    results.runs: "runs --algo td3 --status finished",
-    tail.tail: "tail --algo td3 --last 10",
-    results.query: "query 'SELECT run, count(*) FROM episodes GROUP BY run'",
-    results.verify: "verify --results reference",
-    checking.reproduce: "reproduce reference/face_direction/ddpg/full --episodes 1",
-    results.repair: "repair --dry-run",
-    results.merge: "merge other-results",
+_COMMANDS: dict[str, dict[Callable[..., None], str]] = {
+    "Experiment": {
+        demo.demo: "demo --results demo-results",
+        data.collect: "collect --steps 100k",
+        encoders.train_dae: "train-dae --task face_direction --latent 12",
+        encoders.train_encoder: "train-encoder --kind pca --latent 12",
+        train.train: "train --algo td3 --encoder 12 --seeds 0-4 --steps 1M",
+        sweep.sweep: "sweep question --dry-run",
+        report.report: "report --results reference --claims",
+    },
+    "Policies": {
+        policies.evaluate: "evaluate --policy reference/face_direction/ddpg/full",
+        policies.render: "render --policy heuristic --task move_to_pose --out pose.gif",
+        policies.view: "view --policy heuristic --task move_to_pose",
+        export.export: "export reference/face_direction/ddpg/full --out policy.onnx",
+    },
+    "Lists": {
+        algorithms.algorithms: "algorithms td3",
+        data.datasets: "datasets",
+        results.runs: "runs --algo td3 --status finished",
+        tail.tail: "tail --algo td3 --last 10",
+        results.query: "query 'SELECT run, count(*) FROM episodes GROUP BY run'",
+        leaderboard.leaderboard: "leaderboard reference",
+    },
+    "Database": {
+        imports.import_: "import --from csv --seed-column seed --task face_direction --algo ppo "
+        "FILE",
+        results.merge: "merge other-results",
+        checking.reproduce: "reproduce reference/face_direction/ddpg/full --episodes 1",
+        results.verify: "verify --results reference",
+        results.repair: "repair --dry-run",
+    },
 }
-"""The commands in the order of the help, and an example of each."""
+"""The commands by the headings of the help, and an example of each."""
 
-for command, example in _EXAMPLES.items():
-    name = command.__name__.rstrip("_").replace("_", "-")
-    app.command(name, epilog=f"Example: jbench {example}")(command)
-    if command is train.train:
-        app.command("train-agent", help="The same as train.")(command)
+for heading, commands in _COMMANDS.items():
+    for command, example in commands.items():
+        name = command.__name__.rstrip("_").replace("_", "-")
+        add = partial(app.command, epilog=f"Example: jbench {example}", rich_help_panel=heading)
+        add(name)(command)
+        if command is train.train:
+            add("train-agent", hidden=True)(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

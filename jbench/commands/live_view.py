@@ -4,6 +4,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING
 
 from rich import box
 from rich.console import Console
@@ -11,85 +13,38 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from jbench.commands.live_batch import Batch, Published
 from jbench.commands.output import Output, duration, printable
 from jbench.settings.run import RunSettings
 from jbench.sweeps.cell_status import CellStatus, seconds_left
 from jbench.sweeps.executors import Message
 from jbench.sweeps.watcher import Watcher
 
+if TYPE_CHECKING:
+    from jbench.report.data.published import PublishedCurve
+
 _PLAIN_EVERY = 60.0  # s between plain lines if stderr is not a terminal
-_MAX_RETURNS = 6  # with more seeds, a line shows the mean and extremes of the last returns
-
-
-class _Batch:
-    """The progress of runs that share a process."""
-
-    def __init__(self, runs: Sequence[RunSettings]) -> None:
-        self.runs = runs
-        self.done = {run.id: 0 for run in runs}
-        self.returns: dict[str, float] = {}
-        self._total = sum(run.steps for run in runs)
-        self._first: tuple[float, int] | None = None
-
-    @property
-    def name(self) -> str:
-        """The cell and the seeds."""
-        run, seeds = self.runs[0], ",".join(str(run.seed) for run in self.runs)
-        return f"{run.task} {run.algo} {run.representation} seed {seeds}"
-
-    @property
-    def steps(self) -> int:
-        """Control steps done, summed over the runs."""
-        return sum(self.done.values())
-
-    @property
-    def gained(self) -> int:
-        """Control steps since the first message."""
-        return 0 if self._first is None else self.steps - self._first[1]
-
-    def update(self, run: RunSettings, steps: int, resumed: bool = False) -> None:
-        """Sets the control steps of a run; the speed is measured from the step of resumption."""
-        self.done[run.id] = min(steps, run.steps)
-        if self._first is None or resumed:
-            self._first = time.monotonic(), self.steps
-
-    def rate(self) -> float | None:
-        """Returns the control steps per second of all runs; None if not known yet."""
-        if self._first is None or not self.gained:
-            return None
-        return self.gained / (time.monotonic() - self._first[0])
-
-    def cells(self) -> tuple[str, ...]:
-        """Returns the cells of a table row: name, steps, speed, last returns, time left."""
-        rate = self.rate()
-        return (
-            self.name,
-            f"{self.steps:,}/{self._total:,}",
-            "" if rate is None else f"{rate:,.0f}",
-            self._last_returns(),
-            "" if rate is None else duration((self._total - self.steps) / rate),
-        )
-
-    def _last_returns(self) -> str:
-        values = list(self.returns.values())
-        if len(values) <= _MAX_RETURNS:
-            return " ".join(f"{value:.0f}" for value in values)
-        mean = sum(values) / len(values)
-        return f"mean {mean:.0f} [{min(values):.0f}, {max(values):.0f}]"
 
 
 class TrainingView(Watcher):
     """Prints the events of a sweep, and shows its processes during training."""
 
-    def __init__(self, output: Output) -> None:
+    def __init__(self, output: Output, published: Published | None = None) -> None:
+        """Prints to an output.
+
+        Args:
+            output: where to print.
+            published: medians to show beside the returns (default: the paper's).
+        """
         self._output, self._live = output, sys.stderr.isatty()
+        self._published = published or _published_median
         self._reset([])
 
     def _reset(self, runs: Sequence[RunSettings]) -> None:
         self._runs, self._ended = len(runs), set[str]()
         self._total = sum(run.steps for run in runs)
         self._done, self._gained = dict.fromkeys((run.id for run in runs), 0), 0
-        self._batches: list[_Batch] = []
+        self._batches: list[Batch] = []
         self._began = self._printed = time.monotonic()
 
     def note(self, sentence: str) -> None:
@@ -142,7 +97,7 @@ class TrainingView(Watcher):
 
     def started(self, runs: Sequence[RunSettings]) -> None:
         """Adds the row of a process."""
-        self._batches.append(_Batch(runs))
+        self._batches.append(Batch(runs, self._published))
 
     def message(self, run: RunSettings, message: Message) -> None:
         """Shows the progress of a run."""
@@ -157,7 +112,7 @@ class TrainingView(Watcher):
         if batch is not None and steps is not None:
             batch.update(run, steps, resumed="resumed_at" in message)
             if message.get("episode_return") is not None:
-                batch.returns[run.id] = message["episode_return"]
+                batch.add_return(run, message["episode_return"])
         self._print_now_and_then()
 
     def ended(self, runs: Sequence[RunSettings]) -> None:
@@ -167,7 +122,7 @@ class TrainingView(Watcher):
             self._gained += batch.gained
             self._batches.remove(batch)
             if not self._live:
-                name, steps, _, returns, _ = batch.cells()
+                name, steps, _, _, returns, _ = batch.cells()
                 parts = [
                     f"{steps} control steps",
                     *([f"last returns {returns}"] if returns else []),
@@ -179,7 +134,7 @@ class TrainingView(Watcher):
         table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False)
         for name, right in (
             *(("running", False), ("control steps", True), ("steps/s", True)),
-            *(("last returns", False), ("left", True)),
+            *(("returns", False), ("last returns", False), ("left", True)),
         ):
             table.add_column(name, justify="right" if right else "left", overflow="fold")
         for batch in list(self._batches):
@@ -203,9 +158,27 @@ class TrainingView(Watcher):
             return
         self._printed = now
         for batch in self._batches:
-            name, steps, rate, returns, left = batch.cells()
+            name, steps, rate, _, returns, left = batch.cells()
             parts = [f"{steps} control steps"]
             if rate:
                 parts += [f"{rate} steps/s", f"{left} left", f"last returns {returns}"]
             print(f"{name}: {', '.join(parts)}", file=sys.stderr)
         print(self._summary(), file=sys.stderr, flush=True)
+
+
+@cache
+def _published_curves() -> "list[PublishedCurve]":
+    from jbench.report.data.published import read_published
+    from jbench.store import query
+
+    return read_published(query.published())
+
+
+def _published_median(
+    task: str, algo: str, representation: str, control_steps: float
+) -> float | None:
+    # The report takes a second to import, which only a terminal needs.
+    from jbench.report.data.published import best_median
+
+    best = best_median(_published_curves(), task, algo, representation, control_steps)
+    return None if best is None else best[0]

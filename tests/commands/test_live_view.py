@@ -6,6 +6,8 @@ from contextlib import contextmanager
 import pytest
 from rich.console import Console
 
+from jbench.commands import live_view
+from jbench.commands.live_batch import sparkline
 from jbench.commands.live_view import TrainingView
 from jbench.commands.output import Output
 from jbench.sweeps.cell import Cell
@@ -32,7 +34,7 @@ def episode(run, steps, episode_return):
 @contextmanager
 def trained(runs):
     """A view while runs are trained; standard error is no terminal."""
-    view = TrainingView(Output())
+    view = TrainingView(Output(), lambda *_: None)
     with view.training(runs):
         yield view
 
@@ -50,6 +52,30 @@ def test_a_line_for_each_process_with_its_steps_and_last_returns(runs):
         assert " 100 7 " in td3
         assert any(line == "face_direction ppo full seed 0 0/10,000" for line in lines)
         assert any(line.startswith("0 of 4 runs ended, ") for line in lines)
+
+
+def test_the_published_median_at_the_same_step_stands_beside_the_last_returns(runs):
+    asked = []
+    view = TrainingView(Output(), lambda *request: asked.append(request) or 612.4)
+    with view.training(runs):
+        view.started(runs[:2])
+        view.message(runs[0], episode(runs[0], 2000, 12.4))
+        view.message(runs[1], episode(runs[1], 1000, 999.6))
+        assert any("▁█ 12 1000 (published 612)" in line for line in shown(view))
+    assert asked[-1] == ("face_direction", "td3", "full", 1500.0)
+
+
+def test_the_paper_has_a_median_for_td3_at_a_million_steps(runs):
+    # Figure 9 of the paper, as digitised in published_curves.csv.
+    assert live_view._published_median("face_direction", "td3", "full", 1e6) == 953.47
+    assert live_view._published_median("face_direction", "td3", "planar12", 1e6) is None
+
+
+def test_a_sparkline_shows_means_of_returns_between_0_and_1000():
+    assert sparkline([]) == ""
+    assert sparkline([-50.0, 0.0, 500.0, 1000.0]) == "▁▁▅█"
+    # 16 means of two returns each: 0, 0, 1000, 1000, ...
+    assert sparkline([0.0, 0.0, 1000.0, 1000.0] * 8) == "▁█" * 8
 
 
 def test_a_process_that_ends_leaves_its_runs_counted(runs, capsys):

@@ -141,7 +141,9 @@ def test_jbench_alone_shows_its_help(capsys):
 def test_each_command_has_a_whole_sentence_and_an_example(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["--help"]) == 0
-    assert "..." not in capsys.readouterr().out.partition("Commands:")[2]
+    listed = capsys.readouterr().out.partition("Experiment:")[2]
+    assert "..." not in listed
+    assert listed.index("  train ") < listed.index("Policies:") < listed.index("  render ")
     commands = get_command(app).commands
     for name in commands.keys() - {"train-agent"}:
         assert main([name, "--help"]) == 0

@@ -1,0 +1,99 @@
+"""The progress of runs that share a process: a row of the live table."""
+
+import itertools
+import time
+from collections.abc import Callable, Sequence
+from statistics import fmean
+
+from jbench.commands.output import duration
+from jbench.names import EPISODE_STEPS
+from jbench.settings.run import RunSettings
+
+Published = Callable[[str, str, str, float], float | None]
+"""Returns the published median of a task, algorithm and representation at a control step."""
+
+_MAX_RETURNS = 6  # with more seeds, a line shows the mean and extremes of the last returns
+_SPARKLINE = 16  # characters
+_BARS = "▁▂▃▄▅▆▇█"
+
+
+class Batch:
+    """The progress of runs that share a process."""
+
+    def __init__(self, runs: Sequence[RunSettings], published: Published) -> None:
+        self.runs, self._published = runs, published
+        self.done = {run.id: 0 for run in runs}
+        self._returns: dict[str, float] = {}
+        self._curve: list[float] = []
+        self._total = sum(run.steps for run in runs)
+        self._first: tuple[float, int] | None = None
+
+    @property
+    def name(self) -> str:
+        """The cell and the seeds."""
+        run, seeds = self.runs[0], ",".join(str(run.seed) for run in self.runs)
+        return f"{run.task} {run.algo} {run.representation} seed {seeds}"
+
+    @property
+    def steps(self) -> int:
+        """Control steps done, summed over the runs."""
+        return sum(self.done.values())
+
+    @property
+    def steps_each(self) -> float:
+        """Mean control steps done of a run."""
+        return self.steps / len(self.runs)
+
+    @property
+    def gained(self) -> int:
+        """Control steps since the first message."""
+        return 0 if self._first is None else self.steps - self._first[1]
+
+    def update(self, run: RunSettings, steps: int, resumed: bool = False) -> None:
+        """Sets the control steps of a run; the speed is measured from the step of resumption."""
+        self.done[run.id] = min(steps, run.steps)
+        if self._first is None or resumed:
+            self._first = time.monotonic(), self.steps
+
+    def add_return(self, run: RunSettings, episode_return: float) -> None:
+        """Adds the return of an episode of a run."""
+        self._returns[run.id] = episode_return
+        self._curve.append(episode_return)
+
+    def rate(self) -> float | None:
+        """Returns the control steps per second of all runs; None if not known yet."""
+        if self._first is None or not self.gained:
+            return None
+        return self.gained / (time.monotonic() - self._first[0])
+
+    def cells(self) -> tuple[str, ...]:
+        """Returns the cells of a row: name, steps, speed, curve, last returns, time left."""
+        rate = self.rate()
+        return (
+            self.name,
+            f"{self.steps:,}/{self._total:,}",
+            "" if rate is None else f"{rate:,.0f}",
+            sparkline(self._curve),
+            self._last_returns(),
+            "" if rate is None else duration((self._total - self.steps) / rate),
+        )
+
+    def _last_returns(self) -> str:
+        values = list(self._returns.values())
+        if len(values) <= _MAX_RETURNS:
+            text = " ".join(f"{value:.0f}" for value in values)
+        else:
+            mean = sum(values) / len(values)
+            text = f"mean {mean:.0f} [{min(values):.0f}, {max(values):.0f}]"
+        run = self.runs[0]
+        published = self._published(run.task, run.algo, run.representation, self.steps_each)
+        return text if published is None or not text else f"{text} (published {published:.0f})"
+
+
+def sparkline(returns: Sequence[float]) -> str:
+    """Returns means of consecutive episode returns as bars; a full bar is the highest return."""
+    width = min(len(returns), _SPARKLINE)
+    bounds = [len(returns) * i // width for i in range(width + 1)] if width else []
+    means = [fmean(returns[first:last]) for first, last in itertools.pairwise(bounds)]
+    levels = [round(mean / EPISODE_STEPS * (len(_BARS) - 1)) for mean in means]
+    return "".join(_BARS[min(max(level, 0), len(_BARS) - 1)] for level in levels)

@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -75,13 +75,14 @@ def export_minari(
     id = minari_id(dataset, task)
     path = root / id
     if path.exists():
+        _remove(_temporary(path))  # an export whose last step failed
         raise RequestError(
             f"{path} exists already and is not overwritten; name another directory with --out."
         )
     make_directory(path.parent)
     size = features.TASK_SPECS[task].observation_size
     size_bound = dataset.episodes * (EPISODE_STEPS + 1) * (4 * size + 10) * _OVERHEAD
-    with _temporary_directory(path, round(size_bound)) as directory:
+    with _writing(path, round(size_bound)) as directory:
         _write(dataset, task, id, directory / "data", progress)
         written = sum(file.stat().st_size for file in directory.rglob("*") if file.is_file())
         directory.rename(path)
@@ -89,7 +90,7 @@ def export_minari(
 
 
 @contextmanager
-def _temporary_directory(path: Path, size: int) -> Iterator[Path]:
+def _writing(path: Path, size: int) -> Iterator[Path]:
     """Yields an empty directory in a locked, hidden one beside a path.
 
     Args:
@@ -99,7 +100,7 @@ def _temporary_directory(path: Path, size: int) -> Iterator[Path]:
     Raises:
         WorkError: if another process has locked it, or the disk is too full.
     """
-    directory = path.with_name(f".writing-{path.name}")
+    directory = _temporary(path)
     make_directory(directory)
     with locks.hold(directory, str(path)):
         try:
@@ -116,7 +117,17 @@ def _temporary_directory(path: Path, size: int) -> Iterator[Path]:
                 f"{path} can't be written ({error.strerror}); it needs {size / 1e6:.1f} MB of room."
             ) from None
         finally:
-            shutil.rmtree(directory, ignore_errors=True)
+            _remove(directory)
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".writing-{path.name}")
+
+
+def _remove(directory: Path) -> None:
+    """Removes a directory if possible; `ignore_errors` of rmtree does not ignore all errors."""
+    with suppress(OSError):
+        shutil.rmtree(directory)
 
 
 def _check_space(directory: Path, size: int) -> None:

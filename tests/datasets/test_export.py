@@ -97,9 +97,15 @@ def test_an_augmented_robot_is_recovered_with_the_environment(tmp_path, root):
 def test_existing_export_is_not_overwritten(dataset, root):
     export_minari(dataset, "face_direction", root)
     before = files(root)
+    # As of an export that could not remove its temporary directory in the end.
+    path = root / minari_id(dataset, "face_direction")
+    leftover = path.with_name(f".writing-{path.name}")
+    leftover.mkdir()
+    (leftover / "lock").touch()
     with pytest.raises(RequestError, match="exists already and is not overwritten; name another"):
         export_minari(dataset, "face_direction", root)
     assert files(root) == before
+    assert not leftover.exists()
 
 
 def test_a_target_in_a_file_is_refused(dataset, tmp_path):

@@ -4,6 +4,7 @@ import csv
 import html
 import json
 import math
+import re
 
 import numpy as np
 import pandas as pd
@@ -98,6 +99,13 @@ class TestAggregate:
         report = write_report(fabric.results, out, Request(window=1000))
         assert set(report.aggregate["window"]) == {2, 3}
         assert any("window of 3 instead of 1000 episodes" in note for note in report.notes)
+
+    def test_a_note_on_several_cells_is_one_sentence(self, fabric, out):
+        for algo in ("ddpg", "sac", "td3"):
+            fabric.run(np.arange(12.0), algo=algo)
+        notes = write_report(fabric.results, out, Request(window=1000)).notes
+        (note,) = [note for note in notes if "instead of 1000" in note]
+        assert re.match(r"3 cells, such as face_direction ddpg full \w+: window of 3 instead", note)
 
 
 class TestTable:

@@ -165,9 +165,13 @@ def _table_row(cell: Cell, published: Sequence[PublishedCurve]) -> dict[str, Any
 def sentences(
     learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], window: int
 ) -> list[str]:
-    """Returns the notes on all cells, a sentence each."""
-    return [
-        f"{item.cell.name}: {note}."
-        for item in learned
-        for note in cell_notes(item, published, window)
-    ]
+    """Returns the notes on all cells, a sentence each; equal notes are one sentence."""
+    named: dict[str, list[str]] = {}
+    for item in learned:
+        for note in cell_notes(item, published, window):
+            named.setdefault(note, []).append(item.cell.name)
+    return [f"{_of_cells(names)}: {note}." for note, names in named.items()]
+
+
+def _of_cells(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{len(names)} cells, such as {names[0]}"

@@ -1,27 +1,25 @@
 """A forward model: latents that predict the change of the state and the reward.
 
-The encoder is one tanh layer, as in the denoising autoencoder, so the two differ only in their
-loss. A hidden tanh layer predicts from latents and actions the change of the state over `horizon`
-control steps and the mean reward. Every target is scaled to unit variance, so that features of
-large variance do not dominate the loss.
+From latents and actions it predicts the change of the state over `horizon` control steps and the
+mean reward. Every target is scaled to unit variance, so that features of large variance do not
+dominate the loss.
 
 Source: the task "predict the difference of states" of Lange et al. (arXiv:2310.04241), with the
 reward.
 """
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.batch import Batch
-from jbench.encoders.kind import Learned, Weights, tanh
-from jbench.encoders.kinds.vae import affine, layers
+from jbench.encoders.kind import Weights
+from jbench.encoders.kinds.predictive import Predictive
+from jbench.encoders.kinds.vae import affine
 from jbench.encoders.moments import Moments
-from jbench.names import EPISODE_STEPS
-from jbench.tasks.features import FEATURE_SIZES, RANGES, TASK_SPECS, Array
+from jbench.tasks.features import FEATURE_SIZES, RANGES, TASK_SPECS
 
 if TYPE_CHECKING:
     from jbench.encoders.states import States
@@ -30,31 +28,12 @@ _MIN_SD = 1e-9  # changes of smaller standard deviation count as constant
 _MAX_ROWS = 65536  # rows per block
 
 
-class ForwardModel(Learned):
+class ForwardModel(Predictive):
     """Predicts the changes of the state and the reward."""
 
-    uses_actions: ClassVar[bool] = True
-
-    hidden: int = Field(default=64, ge=1, description="units of the predictor; ours")
-    horizon: int = Field(default=1, ge=1, lt=EPISODE_STEPS, description="control steps; ours")
-
-    @property
-    def steps_ahead(self) -> int:
-        """Control steps over which the state changes."""
-        return self.horizon
-
-    def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns Glorot weights and zero biases."""
-        return layers(
-            {
-                "encoder": (latents, size),
-                "hidden": (self.hidden, latents + self.horizon),
-                "change": (size, self.hidden),
-                "reward": (1, self.hidden),
-                "decoder": (size, latents),
-            },
-            random,
-        )
+    def heads(self, size: int, latents: int) -> dict[str, tuple[int, int]]:
+        """Returns the layers that predict the changes and the reward."""
+        return {"change": (size, self.hidden), "reward": (1, self.hidden)}
 
     def constants(self, states: "States") -> dict[str, Tensor]:
         """Returns the scales of changes and rewards, and the periods of angles."""
@@ -76,27 +55,18 @@ class ForwardModel(Learned):
         }
         return {name: value.to(states.device) for name, value in constants.items()}
 
-    def encode(self, weights: Weights, scaled: Array) -> Array:
-        """Returns the latents, in (-1, 1)."""
-        return tanh(affine(weights, "encoder", scaled))
-
-    def decode(self, weights: Weights, latents: Array) -> Array:
-        """Returns the linear reconstruction, trained without influence on the latents."""
-        return affine(weights, "decoder", latents)
-
     def loss(self, weights: Weights, batch: Batch) -> Tensor:
         """Returns the sum of the mean squared errors of changes, reward and reconstruction."""
-        assert batch.actions is not None and batch.rewards is not None  # noqa: PT018
+        assert batch.rewards is not None
         latents = self.encode(weights, batch.now)
-        hidden = tanh(affine(weights, "hidden", torch.cat([latents, batch.actions], 1)))
+        hidden = self.hidden_units(weights, latents, batch)
         changes = changes_of(batch, weights["change.turn"]) * weights["change.scale"]
         rewards = batch.rewards.mean(1, keepdim=True) * weights["reward.scale"]
-        rebuilt = self.decode(weights, latents.detach())
         mse = torch.nn.functional.mse_loss
         return (
             mse(affine(weights, "change", hidden), changes)
             + mse(affine(weights, "reward", hidden), rewards)
-            + mse(rebuilt, batch.now)
+            + self.reconstruction_error(weights, latents, batch)
         )
 
 

@@ -6,10 +6,11 @@
 
 `tests/faults/fault_harness.py` defines the cases and the checks after each. This script prints each
 case that breaks a promise, and the table of docs/database.md: the number of cases, or `wrong of
-cases`, for each verb and call.
+cases`, for each verb and call. Ctrl-C prints the table of what was tried.
 """
 
 import argparse
+import contextlib
 import json
 import subprocess
 import sys
@@ -46,7 +47,11 @@ def main() -> int:
     tried: Counter[tuple[str, str]] = Counter()
     wrong: Counter[tuple[str, str]] = Counter()
     command = [sys.executable, str(FAULTS / "fault_harness.py"), json.dumps(request)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as harness:
+    # Ctrl-C ends the harness too; what was tried until then is still a table.
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as harness,
+        contextlib.suppress(KeyboardInterrupt),
+    ):
         assert harness.stdout is not None
         for line in harness.stdout:
             case = json.loads(line)

@@ -202,7 +202,7 @@ def train_batch(request: str) -> str:
     if not path.is_dir() or not locks.is_shared(path):
         reason = (
             f"on the node {platform.node()}, {path} is not the sweep's, or its locks are not seen "
-            "there: all nodes must share it, with flock (docs/sweeps.md)"
+            "there: all nodes must share it, with flock (docs/cluster.md)"
         )
         return json.dumps([{"run": run.id, "failed": reason} for run in runs])
     messages = Local(Results(path), device=content["device"]).run(request)

@@ -22,8 +22,8 @@ SITE = ROOT / "build" / "site"
 RESULTS_PAGE = """# The shipped runs
 
 jbench ships its own runs on `face_direction`: DDPG, TD3 and SAC, and DDPG on 12 latents.
-`jbench report --results reference --claims` wrote [their whole report](reference/index.html), which
-`report.md` explains.
+`jbench report --results reference --claims` wrote [their whole report](reference/index.html).
+`report.md` and `claims.md` explain it.
 
 ![Learning curves of the shipped runs](reference/evaluations.svg)
 

@@ -35,8 +35,8 @@ app = typer.Typer(
     name="jbench",
     cls=GroupedCommands,
     help="The Jitterbug problem: one motor, five tasks, full or reduced-order observations.",
-    epilog="Typed in this order with nothing else, collect, train-dae, train --encoder 12 and "
-    "report are the paper's experiment on one task; --steps and --seeds ask for less.",
+    epilog="The commands collect, train-dae, train --encoder 12 and report, in this order, are the "
+    "paper's experiment on one task; --steps and --seeds make it shorter.",
     invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -123,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return answer if isinstance(answer, int) else 0
     except typer.TyperException as error:
         message = error.format_message().rstrip(".")
-        return _failed(f"{message}; jbench --help shows what there is.", 2, as_json)
+        return _failed(f"{message}; jbench --help lists the commands.", 2, as_json)
     except (RequestError, WorkError) as error:
         return _failed(str(error), error.exit_code, as_json)
     except (KeyboardInterrupt, typer.Abort):

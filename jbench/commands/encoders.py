@@ -32,12 +32,16 @@ NoiseOption = Annotated[
     typer.Option(help="Standard deviation of the noise on scaled features (default: 0.1)."),
 ]
 HorizonOption = Annotated[
-    int | None, typer.Option(help="Control steps ahead that ddae reconstructs (default: 1).")
+    int | None,
+    typer.Option(help="Control steps ahead that the kind predicts (default: that of the kind)."),
 ]
 EpochsOption = Annotated[
-    int | None, typer.Option(help="Number of passes over the training rows (default: 200).")
+    int | None,
+    typer.Option(help="Number of passes over the training rows (default: that of the kind)."),
 ]
-BatchOption = Annotated[int | None, typer.Option(help="Minibatch size (default: 8192).")]
+BatchOption = Annotated[
+    int | None, typer.Option(help="Minibatch size (default: that of the kind).")
+]
 RateOption = Annotated[
     float | None,
     typer.Option(help="Learning rate of Adam (default: 1e-3; the authors' script has 5e-4)."),

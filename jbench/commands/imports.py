@@ -37,14 +37,14 @@ def import_(
     steps_column: Annotated[
         str | None,
         typer.Option(
-            help="CSV: column with the control steps (default: control_steps; wandb-csv: the "
+            help="csv: column with the control steps (default: control_steps; wandb-csv: the "
             "first column)."
         ),
     ] = None,
     return_column: Annotated[
         str | None,
         typer.Option(
-            help="CSV: column with the returns (default: episode_return); wandb-csv: the metric."
+            help="csv: column with the returns (default: episode_return); wandb-csv: the metric."
         ),
     ] = None,
     seed_column: Annotated[

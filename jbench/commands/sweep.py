@@ -43,9 +43,9 @@ def sweep(
     claims: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[CLAIM]...",
-            help="With --until-decided: representations such as dae12, or comparisons such as "
-            "dae12/full (default: all).",
+            metavar="[COMPARISON]...",
+            help="With --until-decided: what to decide, such as dae12/full, or dae12 for all its "
+            "comparisons (default: all).",
         ),
     ] = None,
     dry_run: Annotated[
@@ -122,7 +122,7 @@ def sweep(
 
     output, database = Output(json), parsing.results_to_write(results)
     if not until_decided and (claims or max_seeds is not None):
-        raise RequestError("CLAIM and --max-seeds are for --until-decided.")
+        raise RequestError("COMPARISON and --max-seeds are for --until-decided.")
     if until_decided and seeds is not None:
         raise RequestError("--until-decided chooses the seeds; type --max-seeds, not --seeds.")
     changes: dict[str, Any] = {

@@ -33,13 +33,11 @@ def tail(
     last: Annotated[
         int | None,
         typer.Option(
-            help="Of the rows that are there already, print those of the last N training "
+            help="Of the rows that are already committed, print those of the last N training "
             "episodes of each run (default: all)."
         ),
     ] = None,
-    once: Annotated[
-        bool, typer.Option("--once", help="Print the rows that are there and end.")
-    ] = False,
+    once: Annotated[bool, typer.Option("--once", help="Print the committed rows and end.")] = False,
     results: ReadResultsOption = RESULTS,
     json: Annotated[
         bool, typer.Option("--json", help="Print each row as a line of JSON to stdout.")

@@ -114,7 +114,8 @@ def _writing(path: Path, size: int) -> Iterator[Path]:
             yield content
         except OSError as error:
             raise WorkError(
-                f"{path} can't be written ({error.strerror}); it needs {size / 1e6:.1f} MB of room."
+                f"{path} can't be written ({error.strerror}); "
+                f"it needs {size / 1e6:.1f} MB of space."
             ) from None
         finally:
             _remove(directory)

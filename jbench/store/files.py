@@ -145,7 +145,7 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
         if error.errno in _FULL:
             raise WorkError(
                 f"No room left to write {path.name} in {path.parent}; what was finished is kept: "
-                "make room and type the command again."
+                "free some space and type the command again."
             ) from None
         raise WorkError(f"{path} can't be written ({error.strerror}).") from None
     finally:

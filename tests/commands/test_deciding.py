@@ -237,8 +237,8 @@ def test_seeds_are_added_until_the_maximum_and_typed_again_nothing_is_left(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("dae12",), "CLAIM and --max-seeds are for --until-decided."),
-        (("--max-seeds", "10"), "CLAIM and --max-seeds are for --until-decided."),
+        (("dae12",), "COMPARISON and --max-seeds are for --until-decided."),
+        (("--max-seeds", "10"), "COMPARISON and --max-seeds are for --until-decided."),
         (("--until-decided", "--seeds", "0-3"), "type --max-seeds, not --seeds"),
         (("--until-decided", "--max-seeds", "7"), "--max-seeds 7: type a multiple of 5."),
         (("--until-decided", "--max-seeds", "0"), "--max-seeds 0: type a multiple of 5."),

@@ -144,7 +144,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing(copied, tmp_path):
     assert done.returncode == 1
     assert done.stderr.startswith(f"Error: {tmp_path / 'out'}")
     # 6 episodes of 1001 rows of 74 bytes, and half of that for the format.
-    assert done.stderr.endswith("can't be written (File too large); it needs 0.7 MB of room.\n")
+    assert done.stderr.endswith("can't be written (File too large); it needs 0.7 MB of space.\n")
     assert done.stderr.count("\n") == 1
     assert files(tmp_path / "out") == {}
 

@@ -91,7 +91,7 @@ def test_collection_resumes_after_a_file_size_limit(tmp_path, uninterrupted):
     assert stopped.returncode == 1
     said = one_sentence(stopped.stderr)
     assert said.startswith("Error: No room left to write steps-00000-")
-    assert said.endswith("what was finished is kept: make room and type the command again.")
+    assert said.endswith("what was finished is kept: free some space and type the command again.")
     assert Results(tmp_path).find("dataset", SETTINGS.id).status == "unfinished"
     again = subprocess.run([sys.executable, "-c", VERB, tmp_path], capture_output=True, text=True)
     assert again.returncode == 0, again.stderr

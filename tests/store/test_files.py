@@ -58,7 +58,7 @@ def test_write_without_room_leaves_the_old_file_whole_and_says_so(tmp_path, befo
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert said == (
         f"No room left to write file in {tmp_path}; what was finished is kept: "
-        "make room and type the command again.\n"
+        "free some space and type the command again.\n"
     )
     assert names(tmp_path) == (set() if before is None else {"file"})
     assert before is None or path.read_bytes() == before

@@ -2,6 +2,9 @@
 
 import subprocess
 import sys
+import tempfile
+
+from tests.forking import COMMAND, Forked, server
 
 # What is started in the background of a script ignores Ctrl-C, and so do its children: this does
 # not, wherever the tests were started.
@@ -15,16 +18,30 @@ INTERRUPTIBLE = (
 )
 
 
+class Command(Forked):
+    """A command that is being executed; its output is kept in files."""
+
+    def __init__(self, *arguments, results=None, cwd=None):
+        where = () if results is None else ("--results", str(results))
+        self._out, self._err = (tempfile.TemporaryFile("w+") for _ in range(2))
+        typed = [[*map(str, arguments), *where]]
+        with open("/dev/null") as nothing:
+            streams = [file.fileno() for file in (nothing, self._out, self._err)]
+            super().__init__(server(), COMMAND, typed, streams, cwd=cwd, session=True)
+
+    def communicate(self, timeout=None):
+        """Waits for its end; returns its output and errors."""
+        self.wait(timeout)
+        for file in (self._out, self._err):
+            file.seek(0)
+        return self._out.read(), self._err.read()
+
+
 def jbench(*arguments, results=None, cwd=None):
     """Runs the command line; returns the finished process."""
-    where = () if results is None else ("--results", str(results))
-    return subprocess.run(
-        [sys.executable, "-m", "jbench.cli", *arguments, *where],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        timeout=300,
-    )
+    process = Command(*arguments, results=results, cwd=cwd)
+    out, err = process.communicate(timeout=300)
+    return subprocess.CompletedProcess(arguments, process.returncode, out, err)
 
 
 def succeed(*arguments, results):

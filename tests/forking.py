@@ -1,0 +1,252 @@
+"""Processes of the command line, of workers and of test programs without seconds of imports.
+
+A server, which has imported jbench and started no thread, forks each of them. They are real
+processes: they have their own id, streams, environment and directory, and can be killed. A command
+gets a server of its own, from which its workers are forked: they end when the command does. Tests
+whose subject is the start of a process (`test_distribution.py`, `training/test_processes.py`)
+start real ones.
+
+`python -m tests.forking CHANNEL` is the server; CHANNEL is the descriptor of its socket.
+"""
+
+import contextlib
+import gc
+import importlib
+import json
+import os
+import pkgutil
+import selectors
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import traceback
+from functools import cache
+from pathlib import Path
+
+from jbench.names import ONE_THREAD
+
+ROOT = Path(__file__).parents[1]
+NUMBER = struct.Struct("i")
+"""Process id and exit code are sent so."""
+
+COMMAND, WORKER = "jbench.cli:main", "jbench.training.worker:main"
+
+
+class Forked:
+    """A process that a server forked, with what the tests use of `subprocess.Popen`."""
+
+    def __init__(self, channel, target, arguments, streams, *, cwd=None, session=False):
+        """Starts it.
+
+        Args:
+            channel: socket of the server.
+            target: "module:function" that it calls; what that returns is its exit code.
+            arguments: of the function, as JSON.
+            streams: its standard input, output and error, as descriptors.
+            cwd: its working directory.
+            session: whether it leads a session, and so a process group, of its own.
+        """
+        request = {"target": target, "arguments": arguments, "session": session}
+        request |= {"environ": dict(os.environ), "cwd": str(cwd or Path.cwd())}
+        self._status, status = os.pipe()
+        socket.send_fds(channel, [json.dumps(request).encode()], [*streams, status])
+        os.close(status)
+        self.returncode = None
+        self.pid = self._receive()
+
+    def poll(self):
+        if self.returncode is None and self._ready(0):
+            self.wait()
+        return self.returncode
+
+    def wait(self, timeout=None):
+        if self.returncode is None:
+            if not self._ready(timeout):
+                raise subprocess.TimeoutExpired(str(self.pid), timeout)
+            self.returncode = self._receive()
+            os.close(self._status)
+        return self.returncode
+
+    def send_signal(self, number):
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self):
+        self.send_signal(signal.SIGKILL)
+
+    def _ready(self, timeout):
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._status, selectors.EVENT_READ)
+            return selector.select(timeout)
+
+    def _receive(self):
+        received = os.read(self._status, NUMBER.size)
+        if not received:
+            raise RuntimeError("the server of forked processes has died")
+        return NUMBER.unpack(received)[0]
+
+
+def forked_worker(channel):
+    """Starts a worker; it replaces `executors._start`."""
+    to_read, stdin = os.pipe()
+    stdout, to_write = os.pipe()
+    process = Forked(channel, WORKER, [], (to_read, to_write, 2))
+    os.close(to_read)
+    os.close(to_write)
+    process.stdin, process.stdout = os.fdopen(stdin, "w"), os.fdopen(stdout)
+    return process
+
+
+@cache
+def server():
+    """Returns the socket of this process's server, which ends with it."""
+    ours, theirs = _channel()
+    command = [sys.executable, "-m", "tests.forking", str(theirs.fileno())]
+    environ = {**os.environ, **ONE_THREAD, "PYTHONPATH": str(ROOT)}
+    subprocess.Popen(command, pass_fds=[theirs.fileno()], cwd=ROOT, env=environ)
+    theirs.close()
+    return ours
+
+
+def _channel():
+    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+
+def serve(channel):
+    """Forks a process for each request, and sends its exit code, until the socket is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    ended, wakeup = os.pipe()
+    os.set_blocking(wakeup, False)
+    signal.set_wakeup_fd(wakeup)
+    children = {}
+    with selectors.DefaultSelector() as selector:
+        selector.register(channel, selectors.EVENT_READ)
+        selector.register(ended, selectors.EVENT_READ)
+        while True:
+            for key, _ in selector.select():
+                if key.fileobj == ended:
+                    os.read(ended, 4096)
+                    _send_codes(children)
+                    continue
+                message, descriptors, *_ = socket.recv_fds(channel, 1 << 18, 4)
+                if not message:
+                    return
+                *streams, status = descriptors
+                pid = os.fork()
+                if pid == 0:
+                    selector.close()
+                    _become(
+                        json.loads(message),
+                        streams,
+                        (channel.detach(), ended, wakeup, status, *children.values()),
+                    )
+                for handle in streams:
+                    os.close(handle)
+                children[pid] = status
+                _send(status, pid)
+
+
+def _send_codes(children):
+    """Sends the exit codes of the children that have ended."""
+    with contextlib.suppress(ChildProcessError):
+        while (found := os.waitpid(-1, os.WNOHANG))[0]:
+            status = children.pop(found[0])
+            _send(status, os.waitstatus_to_exitcode(found[1]))
+            os.close(status)
+
+
+def _send(status, number):
+    with contextlib.suppress(BrokenPipeError):  # nobody waits for it any more
+        os.write(status, NUMBER.pack(number))
+
+
+def _become(request, streams, others):
+    """Becomes the process of a request; does not return."""
+    code = 70
+    try:
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for handle in others:
+            os.close(handle)
+        for number, handle in enumerate(streams):
+            os.dup2(handle, number)
+            os.close(handle)
+        sys.stdin = os.fdopen(0, closefd=False)
+        sys.stdout, sys.stderr = (os.fdopen(n, "w", closefd=False) for n in (1, 2))
+        sys.__stdout__, sys.__stderr__ = sys.stdout, sys.stderr
+        if request["session"]:
+            os.setsid()
+        os.environ.clear()
+        os.environ.update(request["environ"])
+        os.chdir(request["cwd"])
+        paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+        sys.path[:0] = [path for path in paths if path and path not in sys.path]
+        code = _call(request["target"], request["arguments"])
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        with contextlib.suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code or 0)
+
+
+def _call(target, arguments):
+    """Calls the function of a request; returns its exit code."""
+    module, function = target.split(":")
+    if target == COMMAND:
+        sys.argv = ["jbench", *arguments[0]]
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        with _forked_workers():
+            return getattr(importlib.import_module(module), function)(*arguments)
+    if target == WORKER:
+        Path("/proc/self/comm").write_text(WORKER_NAME)
+    return getattr(importlib.import_module(module), function)(*arguments)
+
+
+WORKER_NAME = "jbench-worker"
+"""Name of a forked worker's process; its command line is that of the server."""
+
+
+@contextlib.contextmanager
+def _forked_workers():
+    """Has a server for the workers of this command, which as yet has started no thread."""
+    from jbench.sweeps import executors
+
+    ours, theirs = _channel()
+    pid = os.fork()
+    if pid == 0:
+        ours.close()
+        serve(theirs)
+        os._exit(0)
+    theirs.close()
+    executors._start = lambda: forked_worker(ours)
+    yield
+    ours.close()
+    os.waitpid(pid, 0)
+
+
+def import_all():
+    """Imports all of jbench, and what it imports when it is first used."""
+    for module in pkgutil.walk_packages([str(ROOT / "jbench")], "jbench."):
+        with contextlib.suppress(ImportError):
+            importlib.import_module(module.name)
+    import torch
+
+    torch.set_num_threads(1)
+    # It imports torch's compiler when first used.
+    torch.optim.Adam([torch.zeros(1, requires_grad=True)])
+    # A forked process need not copy what is never collected.
+    gc.collect()
+    gc.freeze()
+
+
+if __name__ == "__main__":
+    import_all()
+    with contextlib.suppress(KeyboardInterrupt):
+        serve(socket.socket(fileno=int(sys.argv[1])))

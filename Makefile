@@ -5,7 +5,7 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 DEMO := demo-results
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test lint docs smoke install clean
+.PHONY: demo test test-slow lint docs smoke install clean
 
 install: $(VENV)/.installed
 
@@ -24,6 +24,10 @@ demo: install
 
 test: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+
+# What `test` leaves out because it takes many minutes.
+test-slow: install
+	$(BIN)/python -m pytest --numprocesses 2 --dist load -m slow
 
 lint: install
 	$(BIN)/ruff check .

@@ -1,9 +1,10 @@
-"""The command line as its users type it: in processes of its own."""
+"""The command line as its users type it, in processes of its own; see `forking.py`."""
 
 import subprocess
 import sys
 import tempfile
 
+from jbench.names import EPISODE_STEPS
 from tests.forking import COMMAND, Forked, server
 
 # What is started in the background of a script ignores Ctrl-C, and so do its children: this does
@@ -18,16 +19,19 @@ INTERRUPTIBLE = (
 )
 
 
-class Command(Forked):
-    """A command that is being executed; its output is kept in files."""
+SHORT = 100
+"""Control steps of an episode in commands and workers that are called short."""
 
-    def __init__(self, *arguments, results=None, cwd=None):
-        where = () if results is None else ("--results", str(results))
+
+class Process(Forked):
+    """A process that calls a function, in a group of its own; its output is kept in files."""
+
+    def __init__(self, target, *arguments, cwd=None, short=False):
         self._out, self._err = (tempfile.TemporaryFile("w+") for _ in range(2))
-        typed = [[*map(str, arguments), *where]]
         with open("/dev/null") as nothing:
             streams = [file.fileno() for file in (nothing, self._out, self._err)]
-            super().__init__(server(), COMMAND, typed, streams, cwd=cwd, session=True)
+            channel = server(SHORT if short else EPISODE_STEPS)
+            super().__init__(channel, target, arguments, streams, cwd=cwd, session=True)
 
     def communicate(self, timeout=None):
         """Waits for its end; returns its output and errors."""
@@ -36,29 +40,38 @@ class Command(Forked):
             file.seek(0)
         return self._out.read(), self._err.read()
 
+    def finished(self):
+        """Waits for its end; returns what `subprocess.run` returns."""
+        out, err = self.communicate(timeout=600)
+        return subprocess.CompletedProcess((), self.returncode, out, err)
 
-def jbench(*arguments, results=None, cwd=None):
+
+def start(*arguments, results=None, cwd=None, short=False):
+    """Starts the command line; returns the process."""
+    where = () if results is None else ("--results", str(results))
+    return Process(COMMAND, [*map(str, arguments), *where], cwd=cwd, short=short)
+
+
+def jbench(*arguments, **options):
     """Runs the command line; returns the finished process."""
-    process = Command(*arguments, results=results, cwd=cwd)
-    out, err = process.communicate(timeout=300)
-    return subprocess.CompletedProcess(arguments, process.returncode, out, err)
+    return start(*arguments, **options).finished()
 
 
-def succeed(*arguments, results):
-    done = jbench(*arguments, results=results)
+def succeed(*arguments, results, short=False):
+    done = jbench(*arguments, results=results, short=short)
     assert done.returncode == 0, done.stderr
     return done
 
 
 SMALL = ("--set", "hidden_layers=[8]", "--set", "batch_size=8")
 OFF_POLICY = (
-    *("--set", "learning_starts=1000", "--set", "train_freq=100", "--set", "gradient_steps=1"),
+    *("--set", "learning_starts=100", "--set", "train_freq=100", "--set", "gradient_steps=1"),
 )
 TRAINING = {
     "ddpg": (*SMALL, *OFF_POLICY),
     "td3": (*SMALL, *OFF_POLICY),
     "sac": (*SMALL, *OFF_POLICY),
-    "ppo": (*SMALL, "--set", "n_envs=2", "--set", "n_steps=256"),
+    "ppo": (*SMALL, "--set", "n_envs=2", "--set", "n_steps=100"),
 }
 
 

@@ -35,6 +35,17 @@ def one_thread():
     torch.set_num_threads(before)
 
 
+@pytest.fixture
+def forked_workers(monkeypatch):
+    """Forks the workers that a command in this process starts; see `tests/forking.py`."""
+    from jbench.names import EPISODE_STEPS
+    from tests.forking import forked_worker, server
+
+    monkeypatch.setattr(
+        "jbench.sweeps.executors._start", lambda: forked_worker(server(EPISODE_STEPS))
+    )
+
+
 @pytest.fixture(scope="session")
 def demo_results(tmp_path_factory):
     """A results directory like that of `make demo`; copy it before anything is written there."""

@@ -6,7 +6,8 @@ gets a server of its own, from which its workers are forked: they end when the c
 whose subject is the start of a process (`test_distribution.py`, `training/test_processes.py`)
 start real ones.
 
-`python -m tests.forking CHANNEL` is the server; CHANNEL is the descriptor of its socket.
+`python -m tests.forking CHANNEL EPISODE_STEPS` is the server; CHANNEL is the descriptor of its
+socket, EPISODE_STEPS the length of an episode in all that it forks.
 """
 
 import contextlib
@@ -25,7 +26,7 @@ import traceback
 from functools import cache
 from pathlib import Path
 
-from jbench.names import ONE_THREAD
+from jbench import names
 
 ROOT = Path(__file__).parents[1]
 NUMBER = struct.Struct("i")
@@ -100,11 +101,11 @@ def forked_worker(channel):
 
 
 @cache
-def server():
+def server(episode_steps):
     """Returns the socket of this process's server, which ends with it."""
     ours, theirs = _channel()
-    command = [sys.executable, "-m", "tests.forking", str(theirs.fileno())]
-    environ = {**os.environ, **ONE_THREAD, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "tests.forking", str(theirs.fileno()), str(episode_steps)]
+    environ = {**os.environ, **names.ONE_THREAD, "PYTHONPATH": str(ROOT)}
     subprocess.Popen(command, pass_fds=[theirs.fileno()], cwd=ROOT, env=environ)
     theirs.close()
     return ours
@@ -247,6 +248,7 @@ def import_all():
 
 
 if __name__ == "__main__":
+    names.EPISODE_STEPS = int(sys.argv[2])  # before others copy it
     import_all()
     with contextlib.suppress(KeyboardInterrupt):
         serve(socket.socket(fileno=int(sys.argv[1])))

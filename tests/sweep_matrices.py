@@ -3,7 +3,6 @@
 import contextlib
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -11,7 +10,8 @@ from jbench.store import Results, locks, schema
 from jbench.store.merge import TIMES
 from jbench.sweeps.cell import all_runs
 from jbench.sweeps.matrix import matrix_cells, read_matrix
-from tests.command_line import INTERRUPTIBLE
+from tests import command_line
+from tests.forking import WORKER_NAME
 
 SMALL = """
 tasks = ["face_direction"]
@@ -66,15 +66,9 @@ def runs_of_matrix(matrix, path):
 _started = []
 
 
-def start(*arguments, results):
+def start(*arguments, results, short=True):
     """Starts a sweep in a process of its own, and a group of its own."""
-    process = subprocess.Popen(
-        [*INTERRUPTIBLE, "sweep", *arguments, "--results", str(results)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    process = command_line.start("sweep", *arguments, results=results, short=short)
     _started.append(process)
     return process
 
@@ -137,8 +131,9 @@ def workers(process):
     while waiting:
         pid = waiting.pop()
         with contextlib.suppress(OSError):  # it has ended meanwhile
+            forked = Path(f"/proc/{pid}/comm").read_text().strip() == WORKER_NAME
             command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-            if b"jbench.training.worker" in command:
+            if forked or b"jbench.training.worker" in command:
                 # Not those below it: what it starts has its name for a moment.
                 found.add(pid)
                 continue

@@ -88,6 +88,7 @@ def test_a_finished_run_typed_again_is_skipped(algo, results, capsys):
     assert (record.path / "manifest.json").read_bytes() == manifest
 
 
+@pytest.mark.usefixtures("forked_workers")
 @pytest.mark.parametrize("algo", TRAINING)
 def test_an_interrupted_run_typed_again_resumes(algo, results, capsys):
     interrupted = runs(results, "unfinished")[algo]

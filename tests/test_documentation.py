@@ -78,7 +78,14 @@ def output(pages):
     return find
 
 
-@pytest.mark.parametrize("page", BLOCKS)
+SLOW = ("agents.md", "recording.md", "submit.md")
+"""Pages whose blocks take more than some five seconds."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else []) for page in BLOCKS],
+)
 def test_blocks_run_as_they_stand(page, pages):
     run = [block.line for block in BLOCKS[page] if block.illustration is None]
     assert [*pages(page)] == run

@@ -11,12 +11,15 @@ from pathlib import Path
 import pytest
 
 from jbench.cli import main
+from jbench.names import EPISODE_STEPS
 from jbench.policies.saved import WEIGHTS, has_policy
 from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.store.query import load
+from jbench.sweeps import executors
 from jbench.training.batched_run import run_batch
-from tests.training.kills import KILLS
+from tests.command_line import Process
+from tests.forking import forked_worker, server
 from tests.training.small_runs import rows, shorten_episodes
 
 ROOT = Path(__file__).parents[2]
@@ -81,6 +84,7 @@ def swept(site, tmp_path_factory):
     (folder / "matrix.toml").write_text(MATRIX)
     with pytest.MonkeyPatch.context() as patch:
         use(site, patch)
+        patch.setattr(executors, "_start", lambda: forked_worker(server(EPISODE_STEPS)))
         assert main([*train, "--steps", "1000", "--evaluate-episodes", "0", *results]) == 0
         assert main(["sweep", str(folder / "matrix.toml"), *results]) == 0
     return Results(folder / "results")
@@ -178,16 +182,12 @@ def test_a_faulty_agent_fails_its_run(installed, algo, sentence, episodes, tmp_p
 
 
 def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(installed, tmp_path):
-    request = {"path": str(tmp_path), "runs": [settings().model_dump(mode="json")], "at": "random"}
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.training.kills", json.dumps(request)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
+    request = {"path": str(tmp_path), "runs": [settings().model_dump(mode="json")]}
+    request |= {"at": "random", "kills": 8}
+    done = Process("tests.training.kills:main", request).finished()
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
-    assert (answer["kills"], answer["problems"]) == (KILLS, [])
+    assert (answer["kills"], answer["problems"]) == (8, [])
     # Some kills were in the middle of the run.
     assert {steps for folder in answer["steps"] for (steps,) in folder} & set(range(50, 400, 50))
     whole = Results(tmp_path / "whole").find("run", settings().id)

@@ -202,6 +202,7 @@ def test_at_the_maximum_nothing_more_is_needed(results, cells):
     assert len(looks(results, cells, ["pca3"], most=10)[0].needed) == 10
 
 
+@pytest.mark.usefixtures("forked_workers")
 def test_seeds_are_added_until_the_maximum_and_typed_again_nothing_is_left(
     matrix, results, cells, capfd
 ):

@@ -1,7 +1,6 @@
 """Encoders through the command line: of every kind, of another package's, killed and continued."""
 
 import json
-import os
 import re
 import shutil
 import signal
@@ -9,6 +8,7 @@ import subprocess
 import sys
 import time
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,7 +18,7 @@ from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.training import CHECKPOINT
 from jbench.store import Results
 from jbench.store.query import load
-from tests.command_line import jbench, succeed, train
+from tests.command_line import SHORT, jbench, start, succeed, train
 
 # A package of somebody else: the example that the documentation gives.
 DOCUMENTATION = Path(__file__).parents[2] / "docs" / "your-own-encoder.md"
@@ -111,15 +111,24 @@ def test_trained_again_nothing_changes_and_json_says_what_there_is(filled, capsy
 
 
 def test_encoders_are_reported_and_used(filled, tmp_path, capsys):
-    report = ["report", "--out", str(tmp_path / "report"), "--results", str(filled)]
+    report = [
+        "report",
+        "--format",
+        "png",
+        "--out",
+        str(tmp_path / "report"),
+        "--results",
+        str(filled),
+    ]
     assert main(report) == 0
     assert (tmp_path / "report" / "encoders.png").stat().st_size > 0
     assert len((tmp_path / "report" / "encoders.csv").read_text().splitlines()) == 1 + 10
     copy = tmp_path / "copy"
     shutil.copytree(filled, copy)
-    run = succeed(*train("td3", "lld-vae:3", "--seeds", "0"), results=copy)
+    short = ("--seeds", "0", "--steps", "1000", "--evaluate-episodes", "0", "--jobs", "1")
+    run = succeed(*train("td3", "lld-vae:3", *short), results=copy)
     assert "face_direction/td3/lld-vae3/s00-" in run.stdout
-    run = succeed(*train("td3", "planar", "--seeds", "0"), results=copy)
+    run = succeed(*train("td3", "planar", *short), results=copy)
     assert "face_direction/td3/planar12/s00-" in run.stdout
 
 
@@ -224,15 +233,18 @@ def test_a_damaged_encoder_is_refused_and_left_as_it_is(filled, tmp_path, damage
     assert not (copy / "runs").exists()
 
 
-def test_a_killed_training_continues_to_the_same_bytes(results, tmp_path, capsys):
-    whole = tmp_path / "whole"
+@pytest.fixture
+def short(tmp_path):
+    """A results directory with a small dataset of short episodes."""
+    succeed("collect", "--steps", str(10 * SHORT), results=tmp_path / "short", short=True)
+    return tmp_path / "short"
+
+
+def test_a_killed_training_continues_to_the_same_bytes(short, tmp_path, capsys):
+    whole, results = tmp_path / "whole", short
     shutil.copytree(results, whole)
     arguments = ("train-encoder", "--latent", "5", "--epochs", "500", "--batch", "64")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(results)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    process = start(*arguments, results=results, short=True)
     deadline = time.monotonic() + 300
     while not any(
         CHECKPOINT in path.read_text() for path in (results / "encoders").rglob("manifest.json")
@@ -246,10 +258,9 @@ def test_a_killed_training_continues_to_the_same_bytes(results, tmp_path, capsys
     assert row["status"] == "unfinished"
     assert main(["train", "--encoder", row["encoder"], "--results", str(results)]) == 2
     assert "is unfinished" in capsys.readouterr().err
-    assert main([*arguments, "--results", str(results)]) == 0
-    said = capsys.readouterr().out
+    said = succeed(*arguments, results=results, short=True).stdout
     assert f"The encoder {row['encoder']} was interrupted; it resumes." in said
-    assert main([*arguments, "--results", str(whole)]) == 0
+    succeed(*arguments, results=whole, short=True)
     kept = [Results(path).find("encoder", row["encoder"]) for path in (results, whole)]
     for name in (WEIGHTS, DESCRIPTION):
         assert kept[0].read_file(name) == kept[1].read_file(name)
@@ -259,25 +270,19 @@ def test_a_killed_training_continues_to_the_same_bytes(results, tmp_path, capsys
 
 
 @pytest.fixture(scope="module")
-def environment(tmp_path_factory):
-    """An environment in which the package is installed, as pip does it."""
+def site(tmp_path_factory):
+    """A directory into which pip installed the package."""
     path = tmp_path_factory.mktemp("site")
     wheel = make_wheel(tmp_path_factory.mktemp("wheel"))
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
     more = ("install", "--no-index", "--no-deps", "--target", str(path), str(wheel))
     subprocess.run([*pip, *more], check=True)
-    return {**os.environ, "PYTHONPATH": str(path)}
+    return str(path)
 
 
-def run_with(environment, *arguments, results):
-    command = [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(results)]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
-
-
-def test_a_kind_of_another_package_is_as_good_as_ours(results, environment):
-    def run(*arguments):
-        return run_with(environment, *arguments, results=results)
-
+def test_a_kind_of_another_package_is_as_good_as_ours(short, site, monkeypatch):
+    run = partial(jbench, results=short, short=True)
+    monkeypatch.setenv("PYTHONPATH", site)
     made = run(
         *("train-encoder", "--kind", "first-features,dae", "--latent", "7", "--epochs", "2"),
         *("--set", "batch=500", "--json"),
@@ -288,21 +293,23 @@ def test_a_kind_of_another_package_is_as_good_as_ours(results, environment):
     # The name is ours: another package can't take it.
     assert "noise" in ours["settings"]["options"]
     assert theirs["id"].startswith("face_direction/first-features7/s00-")
-    used = run(*train("td3", "first-features:7", "--seeds", "0"))
+    used = run(*train("td3", "first-features:7", "--seeds", "0", "--steps", str(2 * SHORT)))
     assert used.returncode == 0, used.stderr
     refused = run("train-encoder", "--kind", "first-features", "--noise", "0.1")
     assert refused.returncode == 2
     assert "first-features has no option noise; it has batch, epochs," in refused.stderr
     # Without the package, its encoder is named and nothing else is harmed.
-    without = jbench("train", "--encoder", theirs["id"], results=results)
+    monkeypatch.delenv("PYTHONPATH")
+    without = run("train", "--encoder", theirs["id"])
     assert without.returncode == 1
     assert "Unknown kind of encoder 'first-features'" in without.stderr
-    assert jbench("query", "FROM encoders", results=results).returncode == 0
+    assert run("query", "FROM encoders").returncode == 0
 
 
 @pytest.mark.parametrize(("kind", "says"), [("broken", "Missing"), ("no-kind", "is no subclass")])
-def test_a_kind_that_can_not_be_loaded_is_named(results, environment, kind, says):
-    done = run_with(environment, "train-encoder", "--kind", kind, results=results)
+def test_a_kind_that_can_not_be_loaded_is_named(results, site, kind, says, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", site)
+    done = jbench("train-encoder", "--kind", kind, results=results)
     assert done.returncode == 1
     assert f"The kind of encoder {kind}" in done.stderr
     assert says in done.stderr

@@ -8,16 +8,20 @@ import time
 from jbench.errors import WorkError
 from jbench.store import Results, schema
 from jbench.store.query import load
-from tests.command_line import jbench, succeed, train
+from tests.command_line import jbench, start, succeed, train
 
 
-def kill_when(arguments, results, ready):
-    """Starts a verb, and kills it and nothing else (SIGKILL) once something is there."""
-    process = subprocess.Popen(
+def start_python(*arguments, results):
+    """Starts a verb in a process of its own that is not forked."""
+    return subprocess.Popen(
         [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(results)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
+
+
+def kill_when(process, ready):
+    """Kills a process and nothing else (SIGKILL) once something is there."""
     deadline = time.monotonic() + 120
     while not ready():
         assert process.poll() is None
@@ -29,8 +33,8 @@ def kill_when(arguments, results, ready):
 
 def test_killed_while_collecting_it_reads_and_continues(tmp_path):
     # One file, that is seconds away when the manifest is there.
-    steps = ("collect", "--steps", "8000")
-    kill_when(steps, tmp_path, lambda: any(tmp_path.rglob("manifest.json")))
+    steps = ("collect", "--steps", "4000")
+    kill_when(start(*steps, results=tmp_path), lambda: any(tmp_path.rglob("manifest.json")))
     (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
     assert (row["status"], row["steps_done"]) == ("unfinished", 0)
     refused = jbench("train-dae", results=tmp_path)
@@ -38,7 +42,7 @@ def test_killed_while_collecting_it_reads_and_continues(tmp_path):
     assert "No finished dataset" in refused.stderr
     succeed(*steps, results=tmp_path)
     (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
-    assert (row["status"], row["steps_done"]) == ("finished", 8000)
+    assert (row["status"], row["steps_done"]) == ("finished", 4000)
     # A file that the kill left unlisted is gone: every file there is in the manifest.
     listed = {
         entry.name for entry in Results(tmp_path).find("dataset", row["dataset"]).parts("steps")
@@ -58,9 +62,10 @@ def wait_until_free(record):
 
 
 def test_killed_while_training_the_database_reads_and_the_runs_go_on(tmp_path):
-    arguments = train("td3", "none", "--steps", "6000", "--jobs", "1")
+    arguments = train("td3", "none", "--steps", "3000", "--jobs", "1")
     checkpoints = (*arguments, "--checkpoint-every", "0")
-    kill_when(checkpoints, tmp_path, lambda: len(list(tmp_path.rglob("checkpoint-*"))) >= 3)
+    process = start_python(*checkpoints, results=tmp_path)
+    kill_when(process, lambda: len(list(tmp_path.rglob("checkpoint-*"))) >= 3)
     results = Results(tmp_path)
     found = results.scan("run")[0]
     for record in found:
@@ -72,7 +77,7 @@ def test_killed_while_training_the_database_reads_and_the_runs_go_on(tmp_path):
         assert f"{record.id} was interrupted or failed; it resumes at control step" in done.stdout
         ended = results.find("run", record.id)
         assert ended.status == "finished"
-        assert ended.rows("episodes") == 6
+        assert ended.rows("episodes") == 3
         (continued,) = ended.manifest.provenance["continued"]
         assert continued["control_steps"] >= 1000
         assert continued["changed"] == {}
@@ -80,21 +85,20 @@ def test_killed_while_training_the_database_reads_and_the_runs_go_on(tmp_path):
 
 
 def test_a_killed_run_of_stable_baselines3_starts_over_and_says_so(tmp_path):
-    arguments = train("td3", "none", "--steps", "6000", "--seeds", "0", "--engine", "sb3")
-    kill_when(arguments, tmp_path, lambda: any(tmp_path.rglob("manifest.json")))
+    arguments = train("td3", "none", "--steps", "2000", "--seeds", "0", "--engine", "sb3")
+    kill_when(start(*arguments, results=tmp_path), lambda: any(tmp_path.rglob("manifest.json")))
     (record,) = Results(tmp_path).scan("run")[0]
     assert record.status == "unfinished"
     wait_until_free(record)
     done = succeed(*arguments, results=tmp_path)
     assert "was interrupted or failed; it starts again from the beginning" in done.stdout
     ended = Results(tmp_path).find("run", record.id)
-    assert (ended.status, ended.rows("episodes")) == ("finished", 6)
+    assert (ended.status, ended.rows("episodes")) == ("finished", 2)
 
 
 def test_a_run_that_another_process_is_doing_is_left_to_it_and_named(tmp_path):
     arguments = train("td3", "none", "--steps", "100000", "--seeds", "0", "--checkpoint-every", "0")
-    command = [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(tmp_path)]
-    first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    first = start(*arguments, results=tmp_path)
     try:
         deadline = time.monotonic() + 120
         while not list(tmp_path.rglob("manifest.json")):

@@ -17,15 +17,16 @@ from tests.command_line import jbench, succeed, train
 def augmented(tmp_path_factory):
     """A results directory with a run on an augmented robot, and the run's id."""
     results = tmp_path_factory.mktemp("augmented")
+    short = ("--steps", "1000", "--evaluate-episodes", "0", "--jobs", "1")
     done = succeed(
-        *train("ddpg", "none", "--augment", "7", "--seeds", "0", "--json"), results=results
+        *train("ddpg", "none", "--augment", "7", "--seeds", "0", "--json", *short), results=results
     )
     return results, json.loads(done.stdout)["runs"][0]
 
 
 def test_a_policy_on_another_robot_than_its_own_is_said(augmented):
     results, run = augmented
-    task = ("--task", "face_direction", "--policy", run, "--episodes", "2")
+    task = ("--task", "face_direction", "--policy", run, "--episodes", "1")
     other = succeed("evaluate", *task, results=results).stdout
     assert f"{run} was trained on augmented robot 7, but this is the plain robot" in other
     assert "type --augment 7 for its robot" in other

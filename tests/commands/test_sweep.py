@@ -1,13 +1,19 @@
-"""Sweeps through the command line: fresh, failed, interrupted and side by side."""
+"""Sweeps through the command line: fresh, failed, interrupted and side by side.
+
+Episodes are short where a sweep is a process of its own.
+"""
 
 import json
 import os
 import signal
+from functools import partial
 
 import pytest
 
 from jbench.cli import main
 from jbench.store import Results
+from tests import sweep_matrices
+from tests.command_line import jbench, succeed
 from tests.sweep_matrices import (
     committed,
     end_all,
@@ -19,8 +25,9 @@ from tests.sweep_matrices import (
     states,
     wait_until,
     workers,
-    write_matrix,
 )
+
+write_matrix = partial(sweep_matrices.write_matrix, steps=1000)
 
 
 @pytest.fixture(autouse=True)
@@ -35,72 +42,72 @@ def results(tmp_path):
 
 
 def sweep(matrix, results, *arguments):
-    return main(["sweep", matrix, *arguments, "--results", str(results)])
+    return jbench("sweep", matrix, *arguments, results=results, short=True)
 
 
 def kill(pid):
     os.kill(pid, signal.SIGKILL)
 
 
-def test_on_a_fresh_machine_all_is_made_and_a_second_time_nothing(tmp_path, results, capfd):
+def test_on_a_fresh_machine_all_is_made_and_a_second_time_nothing(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"full", "pca3"')
-    assert sweep(matrix, results, "--dry-run", "--json") == 0
-    printed = capfd.readouterr()
-    document = json.loads(printed.out)
+    done = sweep(matrix, results, "--dry-run", "--json")
+    assert done.returncode == 0
+    document = json.loads(done.stdout)
     assert [cell["missing"] for cell in document["cells"]] == [2, 2]
     assert {cell["estimate"] for cell in document["cells"]} == {"a quick measurement"}
     assert [name.split("/")[0] for name in document["made_first"]] == ["random", "face_direction"]
     assert not list(results.rglob("manifest.json"))
 
-    assert sweep(matrix, results, "--json") == 0
-    printed = capfd.readouterr()
-    document = json.loads(printed.out)
+    done = sweep(matrix, results, "--json")
+    assert done.returncode == 0
+    document = json.loads(done.stdout)
     assert [cell["finished"] for cell in document["cells"]] == [2, 2]
     assert (document["failures"], document["made_first"]) == ({}, [])
-    assert "4 of 4 runs ended" in printed.err
+    assert "4 of 4 runs ended" in done.stderr
     runs = runs_of_matrix(matrix, results)
     assert [id for cell in document["cells"] for id in cell["runs"]] == [run.id for run in runs]
     assert states(runs, results) == ["finished"] * 4
 
     before = {path: path.read_bytes() for path in results.rglob("manifest.json")}
-    assert sweep(matrix, results) == 0
-    printed = capfd.readouterr()
-    assert "4 of 4 runs are already finished and skipped; nothing to do." in printed.out
+    done = sweep(matrix, results)
+    assert done.returncode == 0
+    assert "4 of 4 runs are already finished and skipped; nothing to do." in done.stdout
     assert {path: path.read_bytes() for path in results.rglob("manifest.json")} == before
     # What has been measured tells how long more of it takes.
-    assert sweep(matrix, results, "--seeds", "0-2", "--dry-run", "--json") == 0
-    cells = json.loads(capfd.readouterr().out)["cells"]
+    done = sweep(matrix, results, "--seeds", "0-2", "--dry-run", "--json")
+    assert done.returncode == 0
+    cells = json.loads(done.stdout)["cells"]
     assert [(cell["finished"], cell["missing"], cell["estimate"]) for cell in cells] == [
         (2, 1, "measured runs")
     ] * 2
-    assert main(["verify", "--results", str(results)]) == 0
+    succeed("verify", results=results, short=True)
 
 
-def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, results, capfd):
+def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"pca3", "full"', seeds="0")
     encoded, full = runs_of_matrix(matrix, results)
-    assert main(["collect", "--steps", "4000", "--results", str(results)]) == 0
+    succeed("collect", "--steps", "4000", results=results, short=True)
     kind = ("--kind", "pca", "--latent", "3")
-    assert main(["train-encoder", *kind, "--results", str(results)]) == 0
+    succeed("train-encoder", *kind, results=results, short=True)
     (weights,) = results.rglob("encoder.safetensors")
     whole = weights.read_bytes()
     weights.write_bytes(whole[:-1])
-    capfd.readouterr()
 
-    assert sweep(matrix, results) == 1
-    printed = capfd.readouterr()
-    assert f"Warning: the run {encoded.id} failed: " in printed.err
-    assert "1 of 2 runs failed; --retry-failed retries them." in printed.err
+    done = sweep(matrix, results)
+    assert done.returncode == 1
+    assert f"Warning: the run {encoded.id} failed: " in done.stderr
+    assert "1 of 2 runs failed; --retry-failed retries them." in done.stderr
     assert states([encoded, full], results) == ["failed", "finished"]
     assert "is damaged" in Results(results).find("run", encoded.id).manifest.summary["error"]
 
     weights.write_bytes(whole)
-    assert sweep(matrix, results, "--json") == 1
-    printed = capfd.readouterr()
-    assert "1 runs failed before; --retry-failed retries them." in printed.err
-    assert list(json.loads(printed.out)["failures"]) == [encoded.id]
+    done = sweep(matrix, results, "--json")
+    assert done.returncode == 1
+    assert "1 runs failed before; --retry-failed retries them." in done.stderr
+    assert list(json.loads(done.stdout)["failures"]) == [encoded.id]
     assert states([encoded], results) == ["failed"]
-    assert sweep(matrix, results, "--retry-failed") == 0
+    assert sweep(matrix, results, "--retry-failed").returncode == 0
     assert states([encoded, full], results) == ["finished"] * 2
 
 
@@ -110,13 +117,13 @@ def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
     monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
     monkeypatch.setattr("jbench.sweeps.scheduler._Scheduler.train", lambda *_: {})
-    assert sweep(matrix, results, "--device", "cpu") == 0
+    assert main(["sweep", matrix, "--device", "cpu", "--results", str(results)]) == 0
     (encoder,) = Results(results).scan("encoder")[0]
     assert (encoder.status, encoder.manifest.summary["device"]) == ("finished", "cpu")
 
 
 def test_ctrl_c_ends_it_and_typed_again_it_goes_on(tmp_path, results):
-    matrix = write_matrix(tmp_path, steps=4000, seeds="0")
+    matrix = write_matrix(tmp_path, steps=2000, seeds="0")
     (run,) = runs_of_matrix(matrix, results)
     process = start(matrix, "--checkpoint-every", "0", results=results)
     wait_until(lambda: committed(run, results), process)
@@ -132,7 +139,7 @@ def test_ctrl_c_ends_it_and_typed_again_it_goes_on(tmp_path, results):
     printed = ended(again)
     assert again.returncode == 0
     assert f"{run.id} was interrupted or failed; it resumes at control step" in printed
-    assert committed(run, results) == 4
+    assert committed(run, results) == 20
 
 
 def test_a_process_that_dies_is_replaced_but_not_for_ever(tmp_path, results):
@@ -178,7 +185,7 @@ def test_two_sweeps_share_the_runs_and_one_takes_over_what_the_other_leaves(tmp_
     assert states(runs, results) == ["finished"] * 2
     # What came out is what one sweep alone finds.
     alone = tmp_path / "alone"
-    assert sweep(matrix, alone) == 0
+    assert sweep(matrix, alone).returncode == 0
     assert rows(runs, results) == rows(runs, alone)
 
 
@@ -189,7 +196,7 @@ def test_two_sweeps_at_the_same_moment_both_end_with_everything_finished(tmp_pat
     printed = [ended(process) for process in both]
     assert [process.returncode for process in both] == [0, 0], printed
     assert states(runs, results) == ["finished"] * 4
-    assert [committed(run, results) for run in runs] == [2] * 4
+    assert [committed(run, results) for run in runs] == [10] * 4
 
 
 @pytest.mark.parametrize(
@@ -208,7 +215,7 @@ def test_two_sweeps_at_the_same_moment_both_end_with_everything_finished(tmp_pat
     ],
 )
 def test_a_wrong_request_gets_one_sentence(arguments, says, results, capsys):
-    assert sweep(arguments[0], results, *arguments[1:]) == 2
+    assert main(["sweep", *arguments, "--results", str(results)]) == 2
     printed = capsys.readouterr()
     assert says in printed.err
     assert (printed.err.count("\n"), printed.out) == (1, "")

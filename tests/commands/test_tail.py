@@ -25,7 +25,8 @@ def test_tail_prints_each_committed_row_of_a_training_and_ctrl_c_ends_it(tmp_pat
             stderr=subprocess.PIPE,
             text=True,
         )
-    succeed(*train("td3", "none", "--log", "tensorboard"), results=tmp_path / "results")
+    training = train("td3", "none", "--log", "tensorboard", "--steps", "200")
+    succeed(*training, results=tmp_path / "results", short=True)
     runs = Results(tmp_path / "results").scan("run")[0]
     deadline = time.monotonic() + 60
     while out.read_text().count('"finished"') < len(runs):

@@ -70,11 +70,12 @@ def test_id_is_made_of_the_settings():
 
 
 def test_bytes_do_not_depend_on_threads_or_length(tmp_path, six_episodes, collect_in_files_of):
-    for threads in (1, 3):
-        shorter = collect_in_files_of(2, tmp_path / str(threads), 4000, threads=threads)
-        assert len(checksums(shorter)) == 2 * 2  # states and targets of twice two episodes
+    for threads, files in ((1, 1), (3, 2)):
+        steps = files * 2000
+        shorter = collect_in_files_of(2, tmp_path / str(threads), steps, threads=threads)
+        assert len(checksums(shorter)) == files * 2  # states and targets of two episodes
         assert checksums(shorter).items() < checksums(six_episodes).items()
-        assert shorter.rows("steps") == 4 * 1001
+        assert shorter.rows("steps") == files * 2 * 1001
 
 
 def test_killed_collection_resumes_to_the_same_bytes(tmp_path, collect_in_files_of):

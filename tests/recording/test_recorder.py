@@ -109,14 +109,17 @@ def test_rows_are_what_the_environment_returned(finished):
 
 def test_the_first_episode_is_that_of_the_seed(finished, tmp_path):
     results, id, actor, returns = finished
-    with recorded(tmp_path / "again") as recording:
-        assert loop(recording, actor) == returns
+    with (
+        pytest.raises(jbench.WorkError, match="1,000 of 2,000 control steps"),
+        recorded(tmp_path / "again") as recording,
+    ):
+        assert loop(recording, actor, episodes=1) == returns[:1]
     assert recording.id == id
     first, second = (
         record_of(where, id).read("evaluations", schema.EVALUATIONS)["episode_return"].to_pylist()
         for where in (results, tmp_path / "again")
     )
-    assert first[:4] == second  # no policy was kept, whose evaluation would be the third
+    assert first[:2] == second
 
 
 def test_id_and_settings_are_those_that_were_passed(finished):
@@ -432,7 +435,9 @@ EXAMPLES = {
 }
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize(
+    "example", ["cleanrl_td3", pytest.param("sb3_contrib_tqc", marks=pytest.mark.slow)]
+)
 def test_examples_train_and_differ_from_a_plain_script_in_five_lines(example, tmp_path):
     if "contrib" in example:
         pytest.importorskip("sb3_contrib")

@@ -10,6 +10,7 @@ import pytest
 
 from jbench.cli import main
 from jbench.store.locks import LOCK
+from tests.command_line import succeed
 from tests.sweep_matrices import (
     committed,
     end_all,
@@ -75,10 +76,12 @@ def in_the_middle(node, runs, path):
 
 def test_a_node_that_is_killed_leaves_the_rows_of_the_local_executor(cluster, tmp_path):
     results, local = tmp_path / "results", tmp_path / "local"
-    matrix = write_matrix(tmp_path, seeds="0-1", steps=5000)
+    matrix = write_matrix(tmp_path, seeds="0-1", steps=3000)
     runs = runs_of_matrix(matrix, results)
     where = ("--executor", "ray", "--address", cluster.address)
-    process = start(matrix, *where, "--checkpoint-every", "0", "--json", results=results)
+    process = start(
+        matrix, *where, "--checkpoint-every", "0", "--json", results=results, short=False
+    )
     head, other = cluster.nodes
     run, pid = wait_until(lambda: in_the_middle(other, runs, results), process)
     os.kill(pid, signal.SIGSTOP)  # it holds its run and gets no further
@@ -89,7 +92,7 @@ def test_a_node_that_is_killed_leaves_the_rows_of_the_local_executor(cluster, tm
     assert process.returncode == 0, err
     assert list(json.loads(out)["failures"]) == []
     assert states(runs, results) == ["finished"] * 2
-    assert main(["sweep", matrix, "--results", str(local)]) == 0
+    succeed("sweep", matrix, results=local)
     assert rows(runs, results) == rows(runs, local)
     assert head.any_processes_alive()
 

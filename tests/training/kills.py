@@ -1,13 +1,14 @@
 """Does a small batch of runs and kills it (SIGKILL), again and again, until it has finished.
 
-    python -m tests.training.kills '{"path": DIR, "runs": […], "encoder": 3, "at": "random"}'
+    python -m tests.training.kills '{"path": DIR, "runs": […], "at": "random", "kills": 20}'
 
 In DIR/whole the batch is done without a kill; then in DIR/0, DIR/1 … with kills. Each attempt is a
 process of its own: a fork of this one, which has imported everything but started no thread. With
-"at": "random" its parent kills it at a random moment and continues with the next folder until 20
-kills. With "at": "writes" attempt n kills itself at its n-th point of writing, until one
-gets to the end: before, within and after each write, and before and after each fsync and rename
-that `jbench/store/files.py` makes, which does all writing.
+"at": "random" its parent kills it at a random moment and continues with the next folder until there
+were as many kills. With "at": "writes" attempt n kills itself at its n-th point of writing ("every":
+m, at point 1 + (n - 1) m), until one gets to the end: before, within and after each write, and
+before and after each fsync and rename that `jbench/store/files.py` makes, which does all writing.
+With "encoder": n the runs have an encoder of n latents.
 
 Episodes have 50 control steps, so that there are many in a second.
 
@@ -33,8 +34,6 @@ from jbench.store.verify import verify
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import load
 from tests.training.small_runs import shorten_episodes
-
-KILLS = 20
 
 
 class Squashed(Encoder):
@@ -112,6 +111,7 @@ class Killer:
 
     def __init__(self, request):
         self._path, self._at = Path(request["path"]), request["at"]
+        self._wanted, self._every = request.get("kills", 0), request.get("every", 1)
         self._runs = [RunSettings(**run) for run in request["runs"]]
         self._encoder = Squashed(request["encoder"]) if request.get("encoder") else None
         self._draw, self._longest = random.Random(0), 0.0
@@ -129,10 +129,10 @@ class Killer:
         self.steps.append([])
         while True:
             if self._at == "writes":
-                process = self._fork(path, self.kills + 1)
+                process = self._fork(path, self.kills * self._every + 1)
             else:
                 process = self._fork(path)
-                if self.kills < KILLS:
+                if self.kills < self._wanted:
                     time.sleep(self._draw.uniform(0, self._longest))
                     os.kill(process, signal.SIGKILL)
             code = self._end(process)
@@ -179,12 +179,13 @@ def steps_of(run, results):
 
 
 def main(request):
+    """Does what is asked; prints the answer."""
     torch.set_num_threads(1)
     shorten_episodes()
     killer = Killer(request)
     killer.whole()
     folders = 0
-    while folders == 0 or (request["at"] == "random" and killer.kills < KILLS):
+    while folders == 0 or (request["at"] == "random" and killer.kills < request["kills"]):
         killer.until_done(str(folders))
         folders += 1
     answer = {"kills": killer.kills, "folders": folders}

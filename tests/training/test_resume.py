@@ -2,16 +2,13 @@
 
 import itertools
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 from jbench.policies.saved import WEIGHTS
 from jbench.settings.ofe import OFESettings
 from jbench.store import Results
-from tests.training.kills import KILLS
+from tests.command_line import Process
 from tests.training.small_runs import rows, small_run
 
 SMALL = {
@@ -36,14 +33,10 @@ def outcome(path, run):
     return rows(record), record.read_file(WEIGHTS)
 
 
-ROOT = Path(__file__).parents[2]
-
-
 def kill(path, runs, **request):
     """Does runs in processes that are killed; returns what `kills.py` says of it."""
     asked = {"path": str(path), "runs": [run.model_dump(mode="json") for run in runs], **request}
-    command = [sys.executable, "-m", "tests.training.kills", json.dumps(asked)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    done = Process("tests.training.kills:main", asked).finished()
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert answer["problems"] == []
@@ -62,6 +55,23 @@ def kill(path, runs, **request):
 FEATURES = {"ofe": OFESettings(units=6, layers=2), "representation": "ofe6"}
 
 
+def killed_at_random_moments(path, algo, encoder, changes, kills):
+    runs = [settings(algo, seed, **changes) for seed in (0, 3)]
+    answer = kill(path, runs, encoder=encoder, at="random", kills=kills)
+    assert answer["kills"] == kills
+    reached = {steps for folder in answer["steps"] for both in folder for steps in both}
+    # Some of them in the middle, or nothing would have been tried.
+    assert reached & set(range(50, 400, 50))
+
+
+@pytest.mark.parametrize(
+    ("algo", "encoder", "changes"), [("ppo", None, {}), ("sac", 3, {}), ("td3", None, FEATURES)]
+)
+def test_killed_some_times_a_batch_ends_as_if_it_had_not_been(algo, encoder, changes, tmp_path):
+    killed_at_random_moments(tmp_path, algo, encoder, changes, kills=6)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("algo", "encoder", "changes"),
     [*((algo, encoder, {}) for algo in SMALL for encoder in (None, 3)), ("td3", None, FEATURES)],
@@ -69,14 +79,16 @@ FEATURES = {"ofe": OFESettings(units=6, layers=2), "representation": "ofe6"}
 def test_killed_at_random_moments_a_batch_ends_as_if_it_had_not_been(
     algo, encoder, changes, tmp_path
 ):
-    runs = [settings(algo, seed, **changes) for seed in (0, 3)]
-    answer = kill(tmp_path, runs, encoder=encoder, at="random")
-    assert answer["kills"] == KILLS
-    reached = {steps for folder in answer["steps"] for both in folder for steps in both}
-    # Some of them in the middle, or nothing would have been tried.
-    assert reached & set(range(50, 400, 50))
+    killed_at_random_moments(tmp_path, algo, encoder, changes, kills=20)
 
 
+def test_killed_at_some_points_of_writing_a_run_ends_as_if_it_had_not_been(tmp_path):
+    run = settings("ddpg", 1, steps=100, evaluate_every=50)
+    answer = kill(tmp_path, [run], at="writes", every=7)
+    assert answer["kills"] > 5
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", ["ddpg", "ppo"])
 def test_killed_at_each_point_of_writing_a_run_ends_as_if_it_had_not_been(algo, tmp_path):
     run = settings(algo, 1, steps=200, evaluate_every=50)

@@ -85,6 +85,7 @@ def test_a_finished_run_is_not_repeated(finished):
     assert planned.to_do(retry_failed=True) == [settings(seed=1)]
 
 
+@pytest.mark.slow
 def test_the_same_settings_give_the_same_rows_elsewhere(finished, tmp_path):
     _, record, _ = finished
     # Measuring the speed before, as the command line does, changes nothing of the run.
@@ -98,7 +99,7 @@ def test_the_same_settings_give_the_same_rows_elsewhere(finished, tmp_path):
 
 def test_another_seed_gives_other_episodes(finished, tmp_path):
     _, record, _ = finished
-    other = run(settings(seed=1, evaluate_episodes=0), Results(tmp_path))
+    other = run(settings(seed=1, steps=1000, evaluate_episodes=0), Results(tmp_path))
     first, second = (
         r.read("episodes", schema.EPISODES)["episode_return"].to_pylist() for r in (record, other)
     )
@@ -136,7 +137,7 @@ def test_ppo_counts_the_steps_of_all_its_environments(tmp_path):
     ppo = settings(
         "ppo",
         steps=4000,
-        evaluate_every=10_000,
+        evaluate_episodes=0,
         overrides={"n_envs": 4, "n_steps": 250, "batch_size": 500, "n_epochs": 1},
     )
     rows = run(ppo, Results(tmp_path)).read("episodes", schema.EPISODES).to_pylist()

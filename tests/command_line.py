@@ -1,11 +1,12 @@
 """The command line as its users type it, in processes of its own; see `forking.py`."""
 
+import os
 import subprocess
 import sys
 import tempfile
 
-from jbench.names import EPISODE_STEPS
-from tests.forking import COMMAND, Forked, server
+from jbench.names import EPISODE_STEPS, ONE_THREAD
+from tests.forking import COMMAND, ROOT, Forked, server
 
 # What is started in the background of a script ignores Ctrl-C, and so do its children: this does
 # not, wherever the tests were started.
@@ -23,11 +24,23 @@ SHORT = 100
 """Control steps of an episode in commands and workers that are called short."""
 
 
+def short_episodes(folder):
+    """Returns an environment in which episodes are short in each Python process that is started.
+
+    Args:
+        folder: where the module is written that each process imports first.
+    """
+    (folder / "sitecustomize.py").write_text(
+        f"import jbench.names\njbench.names.EPISODE_STEPS = {SHORT}\n"
+    )
+    return {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
+
+
 class Process(Forked):
     """A process that calls a function, in a group of its own; its output is kept in files."""
 
     def __init__(self, target, *arguments, cwd=None, short=False):
-        self._out, self._err = (tempfile.TemporaryFile("w+") for _ in range(2))
+        self._out, self._err = tempfile.TemporaryFile("w+"), tempfile.TemporaryFile("w+")  # noqa: SIM115
         with open("/dev/null") as nothing:
             streams = [file.fileno() for file in (nothing, self._out, self._err)]
             channel = server(SHORT if short else EPISODE_STEPS)

@@ -25,7 +25,7 @@ every = 2000
 episodes = 1
 
 [dataset]
-steps = 4000
+steps = {dataset}
 
 [hyperparameters.td3]
 hidden_layers = [8]
@@ -42,19 +42,25 @@ n_steps = 128
 """
 
 
-def write_matrix(
-    path, *, algos='"td3"', representations='"full"', seeds="0-1", steps=2000, gradient_steps=2
-):
-    """Writes a matrix of tiny networks into a file; returns its name."""
-    text = SMALL.format(
-        algos=algos,
-        representations=representations,
-        seeds=seeds,
-        steps=steps,
-        gradient_steps=gradient_steps,
-    )
+DEFAULTS = {
+    "algos": '"td3"',
+    "representations": '"full"',
+    "seeds": "0-1",
+    "steps": 2000,
+    "dataset": 4000,
+    "gradient_steps": 2,
+}
+
+
+def write_matrix(path, **changes):
+    """Writes a matrix of tiny networks into a file; returns its name.
+
+    Args:
+        path: directory of the file.
+        changes: of `DEFAULTS`.
+    """
     file = path / "small.toml"
-    file.write_text(text)
+    file.write_text(SMALL.format(**{**DEFAULTS, **changes}))
     return str(file)
 
 

@@ -1,4 +1,4 @@
-"""The notebook of the examples runs from top to bottom, with few steps."""
+"""The notebook of the examples runs from top to bottom, with few steps and short episodes."""
 
 import os
 import sys
@@ -7,12 +7,14 @@ from pathlib import Path
 import nbclient
 import nbformat
 
+from tests.command_line import SHORT, short_episodes
 from tests.documentation import ROOT
 
 
 def test_quickstart_trains_reports_and_queries(tmp_path, monkeypatch):
-    monkeypatch.setenv("JBENCH_STEPS", "1000")
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    (tmp_path / "site").mkdir()
+    monkeypatch.setenv("PYTHONPATH", short_episodes(tmp_path / "site")["PYTHONPATH"])
+    monkeypatch.setenv("JBENCH_STEPS", str(SHORT))
     # The tests may run in an environment that is not activated.
     scripts = str(Path(sys.executable).parent)
     monkeypatch.setenv("PATH", os.pathsep.join([scripts, os.environ["PATH"]]))
@@ -24,4 +26,7 @@ def test_quickstart_trains_reports_and_queries(tmp_path, monkeypatch):
     cells = {cell["id"]: cell for cell in notebook.cells}
     shown = cells["code-7"]["outputs"][-1]["data"]["text/plain"]
     # A row for each seed, and no others.
-    assert [line.split()[1:3] for line in shown.splitlines()[1:]] == [["0", "1000"], ["1", "1000"]]
+    assert [line.split()[1:3] for line in shown.splitlines()[1:]] == [
+        ["0", str(SHORT)],
+        ["1", str(SHORT)],
+    ]

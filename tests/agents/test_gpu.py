@@ -208,7 +208,7 @@ def test_actions_are_those_of_the_saved_policies(algo, device):
         np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
-@on_each_device
+@pytest.mark.parametrize("device", [pytest.param("cpu", marks=pytest.mark.slow), GPU])
 def test_a_killed_run_resumes_to_the_same_bits(device, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     stack_seeds(monkeypatch.setattr)

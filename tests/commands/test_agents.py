@@ -183,11 +183,11 @@ def test_a_faulty_agent_fails_its_run(installed, algo, sentence, episodes, tmp_p
 
 def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(installed, tmp_path):
     request = {"path": str(tmp_path), "runs": [settings().model_dump(mode="json")]}
-    request |= {"at": "random", "kills": 8}
+    request |= {"at": "random", "kills": 5}
     done = Process("tests.training.kills:main", request).finished()
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
-    assert (answer["kills"], answer["problems"]) == (8, [])
+    assert (answer["kills"], answer["problems"]) == (5, [])
     # Some kills were in the middle of the run.
     assert {steps for folder in answer["steps"] for (steps,) in folder} & set(range(50, 400, 50))
     whole = Results(tmp_path / "whole").find("run", settings().id)

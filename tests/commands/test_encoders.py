@@ -111,16 +111,8 @@ def test_trained_again_nothing_changes_and_json_says_what_there_is(filled, capsy
 
 
 def test_encoders_are_reported_and_used(filled, tmp_path, capsys):
-    report = [
-        "report",
-        "--format",
-        "png",
-        "--out",
-        str(tmp_path / "report"),
-        "--results",
-        str(filled),
-    ]
-    assert main(report) == 0
+    report = ("report", "--format", "png", "--out", str(tmp_path / "report"))
+    assert main([*report, "--results", str(filled)]) == 0
     assert (tmp_path / "report" / "encoders.png").stat().st_size > 0
     assert len((tmp_path / "report" / "encoders.csv").read_text().splitlines()) == 1 + 10
     copy = tmp_path / "copy"

@@ -16,9 +16,8 @@ from jbench.store.query import load
 from tests import command_line
 from tests.command_line import SHORT, TRAINING
 
-jbench, succeed = (
-    partial(verb, short=True) for verb in (command_line.jbench, command_line.succeed)
-)
+jbench = partial(command_line.jbench, short=True)
+succeed = partial(command_line.succeed, short=True)
 
 COLLECT = ("collect", "--steps", str(4 * SHORT), "--seed", "3")
 TRAIN_DAE = ("train-dae", "--latent", "5", "--epochs", "2", "--batch", "64")

@@ -27,7 +27,7 @@ from tests.sweep_matrices import (
     workers,
 )
 
-write_matrix = partial(sweep_matrices.write_matrix, steps=1000)
+write_matrix = partial(sweep_matrices.write_matrix, steps=1000, dataset=1000)
 
 
 @pytest.fixture(autouse=True)
@@ -87,7 +87,7 @@ def test_on_a_fresh_machine_all_is_made_and_a_second_time_nothing(tmp_path, resu
 def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"pca3", "full"', seeds="0")
     encoded, full = runs_of_matrix(matrix, results)
-    succeed("collect", "--steps", "4000", results=results, short=True)
+    succeed("collect", "--steps", "1000", results=results, short=True)
     kind = ("--kind", "pca", "--latent", "3")
     succeed("train-encoder", *kind, results=results, short=True)
     (weights,) = results.rglob("encoder.safetensors")
@@ -112,7 +112,7 @@ def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, resu
 
 
 def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results, monkeypatch):
-    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0")
+    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", dataset=4000)
     # This torch may have no CUDA: computing there would fail.
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
     monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import re
 import shutil
 import signal
@@ -27,6 +26,7 @@ from jbench.simulation import Robots, rollout
 from jbench.store import Results, schema
 from jbench.tasks import resets
 from jbench.tasks.robots import load_model
+from tests.command_line import SHORT, short_episodes
 from tests.documentation import ROOT
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -430,8 +430,8 @@ def test_a_label_of_ours_gets_no_settings_of_ours():
 
 
 EXAMPLES = {
-    "cleanrl_td3": ("--learning-starts", "1990", "--hidden", "8", "--batch-size", "8"),
-    "sb3_contrib_tqc": ("--learning-starts", "1990", "--hidden", "8"),
+    "cleanrl_td3": ("--learning-starts", "190", "--hidden", "8", "--batch-size", "8"),
+    "sb3_contrib_tqc": ("--learning-starts", "190", "--hidden", "8"),
 }
 
 
@@ -444,11 +444,11 @@ def test_examples_train_and_differ_from_a_plain_script_in_five_lines(example, tm
     script = ROOT / "examples" / f"{example}.py"
     assert script.read_text().count("  # jbench\n") <= 5
     done = subprocess.run(
-        [sys.executable, script, "--total-timesteps", "2000", *EXAMPLES[example]],
+        [sys.executable, script, "--total-timesteps", str(2 * SHORT), *EXAMPLES[example]],
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        env=short_episodes(tmp_path),
     )
     assert done.returncode == 0, done.stderr
     (record,) = Results(tmp_path / "results").scan("run")[0]

@@ -10,6 +10,7 @@ from jbench.report.data.building import build_cells, usable_runs
 from jbench.report.data.cells import LearnedCurve, of_kind
 from jbench.report.data.published import read_published
 from jbench.report.data.returns import TRAINING
+from jbench.report.figures import plotting
 from jbench.report.request import Request
 from jbench.report.views import curve_of
 from jbench.store import Results, query, schema
@@ -152,6 +153,12 @@ def fabric(tmp_path):
 @pytest.fixture
 def out(tmp_path):
     return tmp_path / "report"
+
+
+@pytest.fixture
+def no_png(monkeypatch):
+    """Draws no PNG files: drawing is most of the time of a report, and SVG files are drawn too."""
+    monkeypatch.setitem(plotting.FORMATS, "png", lambda drawn, paper=False: b"\x89PNG")
 
 
 @pytest.fixture(scope="session")

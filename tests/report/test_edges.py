@@ -15,6 +15,8 @@ from jbench.report.report import gather
 from jbench.report.tables import files
 from jbench.store import schema
 
+pytestmark = pytest.mark.usefixtures("no_png")
+
 ALL = Request(window=4, claims=True, each_seed=True, formats=("svg",))
 FLAT = np.full(40, 500.0)
 

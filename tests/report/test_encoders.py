@@ -13,6 +13,8 @@ from jbench.report import Request, write_report
 from jbench.report.figures import encoders
 from jbench.store import Results, encoder_schema, query
 
+pytestmark = pytest.mark.usefixtures("no_png")
+
 TOLD = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3, "random_heuristic": 0.2}
 
 

@@ -16,6 +16,8 @@ from jbench.report import Request, write_report
 from jbench.report.data.curves import QUANTILES
 from jbench.settings.evaluation import EvaluationSettings
 
+pytestmark = pytest.mark.usefixtures("no_png")
+
 KEY = ["task", "algo", "representation", "variant", "source", "returns"]
 FLAT = np.full(400, 500.0)
 

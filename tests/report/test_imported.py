@@ -14,6 +14,8 @@ from jbench.report.data.cells import IMPORTED
 from jbench.report.report import gather
 from jbench.store import Results
 
+pytestmark = pytest.mark.usefixtures("no_png")
+
 RETURNS = {
     "slow": {seed: 400.0 + 10 * seed for seed in range(6)},
     "fast": {seed: 800.0 + 10 * seed for seed in range(6)},

@@ -11,6 +11,8 @@ from jbench.report.contents import document
 from jbench.report.data.returns import TRAINING
 from jbench.report.report import gather
 
+pytestmark = pytest.mark.usefixtures("no_png")
+
 FLAT = np.full(40, 500.0)
 
 

@@ -15,6 +15,8 @@ from jbench.report.watch import Interrupt, end, fingerprint, remembered_interrup
 from jbench.store.files import sha256
 from tests.command_line import INTERRUPTIBLE
 
+pytestmark = pytest.mark.usefixtures("no_png")
+
 RELOADS = b'<meta http-equiv="refresh"'
 FLAT = np.full(40, 500.0)
 

@@ -79,9 +79,8 @@ def test_a_node_that_is_killed_leaves_the_rows_of_the_local_executor(cluster, tm
     matrix = write_matrix(tmp_path, seeds="0-1", steps=3000)
     runs = runs_of_matrix(matrix, results)
     where = ("--executor", "ray", "--address", cluster.address)
-    process = start(
-        matrix, *where, "--checkpoint-every", "0", "--json", results=results, short=False
-    )
+    options = ("--checkpoint-every", "0", "--json")
+    process = start(matrix, *where, *options, results=results, short=False)
     head, other = cluster.nodes
     run, pid = wait_until(lambda: in_the_middle(other, runs, results), process)
     os.kill(pid, signal.SIGSTOP)  # it holds its run and gets no further

@@ -5,10 +5,10 @@
 In DIR/whole the batch is done without a kill; then in DIR/0, DIR/1 … with kills. Each attempt is a
 process of its own: a fork of this one, which has imported everything but started no thread. With
 "at": "random" its parent kills it at a random moment and continues with the next folder until there
-were as many kills. With "at": "writes" attempt n kills itself at its n-th point of writing ("every":
-m, at point 1 + (n - 1) m), until one gets to the end: before, within and after each write, and
-before and after each fsync and rename that `jbench/store/files.py` makes, which does all writing.
-With "encoder": n the runs have an encoder of n latents.
+were as many kills. With "at": "writes" attempt n kills itself at its n-th point of writing (with
+"every": m at point 1 + (n - 1) m) until one gets to the end: before, within and after each write,
+and before and after each fsync and rename that `jbench/store/files.py` makes, which does all
+writing. With "encoder": n the runs have an encoder of n latents.
 
 Episodes have 50 control steps, so that there are many in a second.
 

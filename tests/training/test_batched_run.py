@@ -30,7 +30,13 @@ def settings(algo="td3", seed=0, **changes):
     return small_run(algo, {"batch_size": 16, **SMALL[algo]}, **about)
 
 
-@pytest.mark.parametrize("algo", SMALL)
+# Of the engine alone, `test_batched_engine.py` covers all algorithms.
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "algo", [pytest.param(algo, marks=[] if algo in ("ddpg", "ppo") else SLOW) for algo in SMALL]
+)
 @pytest.mark.usefixtures("short_episodes")
 def test_a_run_among_others_is_the_run_alone(algo, tmp_path):
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 
 import pytest
 import safetensors.torch
@@ -12,6 +13,7 @@ from jbench.store import Results, schema
 from jbench.training import checkpoints, log
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import _next_piece, _Piece, load
+from tests.training.small_runs import shorten_episodes
 from tests.training.test_resume import outcome, settings
 
 
@@ -58,13 +60,23 @@ def file_of(record, prefix, number):
     return record.path / found[number].name
 
 
-@pytest.fixture
-def stopped(tmp_path):
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
     """A run that was stopped after 250 of 400 control steps, and what it should become."""
-    run = settings("td3", 1)
-    stop_at(tmp_path / "stopped", [run], 250)
-    do(tmp_path / "uninterrupted", [run])
-    return tmp_path / "stopped", run, outcome(tmp_path / "uninterrupted", run)
+    path, run = tmp_path_factory.mktemp("both"), settings("td3", 1)
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_episodes(patch.setattr)
+        stop_at(path / "stopped", [run], 250)
+        do(path / "uninterrupted", [run])
+    return path / "stopped", run, outcome(path / "uninterrupted", run)
+
+
+@pytest.fixture
+def stopped(both, tmp_path):
+    """The same, in a copy that may be changed."""
+    path, *rest = both
+    shutil.copytree(path, tmp_path / "stopped")
+    return tmp_path / "stopped", *rest
 
 
 @pytest.mark.parametrize("which", ["checkpoint-", "replay-", "episodes-", "manifest.json"])

@@ -55,20 +55,21 @@ def kill(path, runs, **request):
 FEATURES = {"ofe": OFESettings(units=6, layers=2), "representation": "ofe6"}
 
 
-def killed_at_random_moments(path, algo, encoder, changes, kills):
+def killed_at_random_moments(path, algo, encoder, kills, **changes):
     runs = [settings(algo, seed, **changes) for seed in (0, 3)]
     answer = kill(path, runs, encoder=encoder, at="random", kills=kills)
     assert answer["kills"] == kills
     reached = {steps for folder in answer["steps"] for both in folder for steps in both}
     # Some of them in the middle, or nothing would have been tried.
-    assert reached & set(range(50, 400, 50))
+    assert reached & set(range(50, runs[0].steps, 50))
 
 
 @pytest.mark.parametrize(
     ("algo", "encoder", "changes"), [("ppo", None, {}), ("sac", 3, {}), ("td3", None, FEATURES)]
 )
 def test_killed_some_times_a_batch_ends_as_if_it_had_not_been(algo, encoder, changes, tmp_path):
-    killed_at_random_moments(tmp_path, algo, encoder, changes, kills=6)
+    few = {"steps": 200, "evaluate_every": 100}
+    killed_at_random_moments(tmp_path, algo, encoder, kills=5, **few, **changes)
 
 
 @pytest.mark.slow
@@ -79,7 +80,7 @@ def test_killed_some_times_a_batch_ends_as_if_it_had_not_been(algo, encoder, cha
 def test_killed_at_random_moments_a_batch_ends_as_if_it_had_not_been(
     algo, encoder, changes, tmp_path
 ):
-    killed_at_random_moments(tmp_path, algo, encoder, changes, kills=20)
+    killed_at_random_moments(tmp_path, algo, encoder, kills=20, **changes)
 
 
 def test_killed_at_some_points_of_writing_a_run_ends_as_if_it_had_not_been(tmp_path):

@@ -19,7 +19,9 @@ ROOT = Path(__file__).parents[1]
 BUILD = (
     "import sys; from setuptools import build_meta; getattr(build_meta, sys.argv[1])(sys.argv[2])"
 )
-TRAINING = [*train("ddpg", "none"), "--seeds", "0", "--steps", "1000"]
+TRAINING = [
+    *(*train("ddpg", "none"), "--seeds", "0", "--steps", "1000", "--evaluate-episodes", "0"),
+]
 
 
 def checkout():

@@ -10,10 +10,10 @@ import sys
 
 import pytest
 
-from tests.command_line import train
+from tests.command_line import SHORT, train
 
-# Imported by every Python process that finds it.
-WITHOUT_LINUX = """
+# Imported by every Python process that finds it. Its episodes are short.
+WITHOUT_LINUX = f"""
 import os, signal, sys
 import portalocker
 for module in ("fcntl", "grp", "pwd", "resource", "termios", "tty"):
@@ -23,6 +23,8 @@ for flag in ("O_NOFOLLOW", "O_NONBLOCK"):
 for call in ("posix_fallocate", "sched_getaffinity"):
     delattr(os, call)
 del signal.pthread_sigmask
+import jbench.names
+jbench.names.EPISODE_STEPS = {SHORT}
 """
 
 WITHOUT_DM_CONTROL = """
@@ -61,13 +63,13 @@ def place(tmp_path_factory):
     return tmp_path_factory.mktemp("elsewhere")
 
 
-TRAINING = [*train("td3", "none"), "--seeds", "0", "--steps", "1000", "--evaluate-episodes", "0"]
+TRAINING = [*train("td3", "none"), "--seeds", "0", "--steps", str(2 * SHORT)]
 
 
 @pytest.mark.parametrize(
     ("verb", "prints"),
     [
-        (["collect", "--steps", "2000"], "Dataset random/s00-"),
+        (["collect", "--steps", str(2 * SHORT)], "Dataset random/s00-"),
         (["datasets"], "1 datasets"),
         (TRAINING, "face_direction/td3/full/s00-"),
         (["runs"], "face_direction/td3/full/s00-"),

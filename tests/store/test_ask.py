@@ -142,6 +142,6 @@ def test_processes_that_end_right_after_a_query_end_well(filled):
         "print(len(query.ask(Results(Path(sys.argv[1])), 'FROM episodes').rows))\n"
     )
     command = [sys.executable, "-c", script, os.fspath(filled.path)]
-    for _ in range(5):
+    for _ in range(3):
         done = subprocess.run(command, capture_output=True, text=True)
         assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr

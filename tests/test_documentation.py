@@ -78,7 +78,7 @@ def output(pages):
     return find
 
 
-SLOW = ("agents.md", "recording.md", "submit.md")
+SLOW = ("agents.md", "import.md", "recording.md", "submit.md")
 """Pages whose blocks take more than some five seconds."""
 
 

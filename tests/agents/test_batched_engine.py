@@ -81,19 +81,24 @@ def assert_same(one, other):
     assert one[4] == other[4]
 
 
+def slow(*values):
+    """Returns parameters that only `make test-slow` tries."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(
     ("algo", "options"),
     [
         *((algo, {}) for algo in ALGORITHMS),
-        *SCRIPTS.items(),
-        ("ddpg", {**SCRIPTS["ddpg"], "precision": "bfloat16"}),
+        *(slow(*each) for each in SCRIPTS.items()),
+        slow("ddpg", {**SCRIPTS["ddpg"], "precision": "bfloat16"}),
         ("td3", {"precision": "bfloat16"}),
         ("sac", {"environments": 3, "time_limit": "terminal"}),
         ("ddpg", {"encoder": TanhEncoder()}),
-        ("ddpg", {"ofe": FEW, "precision": "bfloat16"}),
-        ("td3", {"ofe": MANY}),
+        slow("ddpg", {"ofe": FEW, "precision": "bfloat16"}),
+        slow("td3", {"ofe": MANY}),
         ("sac", {"ofe": FEW, "environments": 2}),
-        ("ddpg", {"task": "move_to_pose"}),
+        slow("ddpg", {"task": "move_to_pose"}),
     ],
 )
 def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(algo, options):
@@ -128,16 +133,16 @@ def round_trip(state):
     ("algo", "options", "stop"),
     [
         ("ddpg", {}, 60),
-        ("td3", {"time_limit": "terminal"}, 60),
+        slow("td3", {"time_limit": "terminal"}, 60),
         ("td3", {}, 67),
         ("sac", {"environments": 2}, 61),
         ("ppo", {}, 80),
-        ("ppo", {"encoder": TanhEncoder()}, 49),
-        ("ppo", SCRIPTS["ppo"], 49),
-        ("ddpg", SCRIPTS["ddpg"], 60),
-        ("ddpg", {"ofe": MANY}, 30),
+        slow("ppo", {"encoder": TanhEncoder()}, 49),
+        slow("ppo", SCRIPTS["ppo"], 49),
+        slow("ddpg", SCRIPTS["ddpg"], 60),
+        slow("ddpg", {"ofe": MANY}, 30),
         ("td3", {"ofe": FEW}, 67),
-        ("sac", {"ofe": MANY}, 61),
+        slow("sac", {"ofe": MANY}, 61),
     ],
 )
 def test_a_restored_engine_continues_bit_for_bit(algo, options, stop):

@@ -36,6 +36,9 @@ from tests.training.test_resume import outcome, settings
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 GPU = pytest.param("cuda", marks=needs_gpu)
 on_each_device = pytest.mark.parametrize("device", ["cpu", GPU])
+slow_on_a_cpu = pytest.mark.parametrize(
+    "device", [pytest.param("cpu", marks=pytest.mark.slow), GPU]
+)
 ROOT = Path(__file__).parents[2]
 
 # PPO makes one update of all transitions after each rollout.
@@ -144,7 +147,7 @@ def resume(engine, states, rows, row):
     return engine
 
 
-@on_each_device
+@slow_on_a_cpu
 @pytest.mark.parametrize(
     ("algo", "options", "steps"),
     [
@@ -208,7 +211,7 @@ def test_actions_are_those_of_the_saved_policies(algo, device):
         np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
-@pytest.mark.parametrize("device", [pytest.param("cpu", marks=pytest.mark.slow), GPU])
+@slow_on_a_cpu
 def test_a_killed_run_resumes_to_the_same_bits(device, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     stack_seeds(monkeypatch.setattr)

@@ -91,7 +91,9 @@ def test_import_jbench_registers_the_ids_and_imports_no_environment():
     assert done.stdout == "face_direction 900\nmove_to_pose\n", done.stderr
 
 
-@EVERY_TASK
+@pytest.mark.parametrize(
+    "task", [TASKS[0], *(pytest.param(task, marks=pytest.mark.slow) for task in TASKS[1:])]
+)
 def test_episode_is_truncated_at_a_thousand_steps_and_never_terminated(task):
     env = gymnasium.make(IDS[task])
     ends = [row[-2:] for row in roll_out(env, 1000)[1:]]

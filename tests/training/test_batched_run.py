@@ -182,7 +182,7 @@ def test_the_speed_is_measured_with_any_number_of_environments():
     assert seconds_per_step([run], None) > 0
 
 
-@pytest.mark.parametrize("algo", ["td3", "ppo"])
+@pytest.mark.parametrize("algo", ["td3", pytest.param("ppo", marks=SLOW)])
 def test_measuring_the_speed_changes_nothing(algo, tmp_path):
     run = settings(algo, steps=1000 if algo == "td3" else 2000, evaluate_episodes=0)
     once, again = Results(tmp_path / "once"), Results(tmp_path / "again")

@@ -54,7 +54,7 @@ def test_any_number_of_seeds_fit_into_the_request_of_a_process(tmp_path):
     assert messages == [{"run": run.id, "finished": True} for run in runs]
 
 
-@pytest.mark.parametrize("verb", ["train", "sweep"])
+@pytest.mark.parametrize("verb", ["train", pytest.param("sweep", marks=pytest.mark.slow)])
 def test_ctrl_c_while_a_process_is_being_started_ends_it_too(verb, tmp_path):
     arguments = {
         "train": ("--algo", "td3", "--set", "hidden_layers=[8]"),

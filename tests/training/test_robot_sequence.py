@@ -223,6 +223,7 @@ def test_the_next_robot_draws_on_and_does_not_repeat_the_first_ones_episodes():
     assert np.array_equal(shape(sequence), shape(load_model(3)))
 
 
+@pytest.mark.slow
 def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
     ppo = {"hidden_layers": [8], "n_envs": 2, "n_steps": 300, "batch_size": 600, "n_epochs": 1}
     wanted = settings("ppo", ppo, robots=2, evaluate_episodes=0)

@@ -9,7 +9,7 @@ import pytest
 
 SAMPLE = {
     **{"collect": 3, "train-dae": 1, "train-encoder": 1, "train": 3, "resume": 3},
-    **{"evaluate": 4, "merge": 5, "repair": 5, "export": 2},
+    **{"evaluate": 4, "merge": 5, "repair": 5, "export": 2, "import": 3},
 }
 """Faults of each verb in a quick test; those of the others take seconds each."""
 

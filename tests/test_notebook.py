@@ -7,14 +7,14 @@ from pathlib import Path
 import nbclient
 import nbformat
 
-from tests.command_line import SHORT, short_episodes
+from tests.command_line import short_episodes
 from tests.documentation import ROOT
 
 
 def test_quickstart_trains_reports_and_queries(tmp_path, monkeypatch):
     (tmp_path / "site").mkdir()
     monkeypatch.setenv("PYTHONPATH", short_episodes(tmp_path / "site")["PYTHONPATH"])
-    monkeypatch.setenv("JBENCH_STEPS", str(SHORT))
+    monkeypatch.setenv("JBENCH_STEPS", "1000")
     # The tests may run in an environment that is not activated.
     scripts = str(Path(sys.executable).parent)
     monkeypatch.setenv("PATH", os.pathsep.join([scripts, os.environ["PATH"]]))
@@ -26,7 +26,4 @@ def test_quickstart_trains_reports_and_queries(tmp_path, monkeypatch):
     cells = {cell["id"]: cell for cell in notebook.cells}
     shown = cells["code-7"]["outputs"][-1]["data"]["text/plain"]
     # A row for each seed, and no others.
-    assert [line.split()[1:3] for line in shown.splitlines()[1:]] == [
-        ["0", str(SHORT)],
-        ["1", str(SHORT)],
-    ]
+    assert [line.split()[1:3] for line in shown.splitlines()[1:]] == [["0", "1000"], ["1", "1000"]]

@@ -165,6 +165,7 @@ def test_a_process_that_dies_is_replaced_but_not_for_ever(tmp_path, results):
     assert states(runs, results) == ["finished"] * 2
 
 
+@pytest.mark.slow
 def test_two_sweeps_share_the_runs_and_one_takes_over_what_the_other_leaves(tmp_path, results):
     matrix = write_matrix(tmp_path, algos='"td3", "ppo"', seeds="0", steps=2000)
     td3, ppo = runs = runs_of_matrix(matrix, results)

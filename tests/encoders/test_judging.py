@@ -71,7 +71,9 @@ def test_pca_beats_a_random_projection_and_all_latents_lose_nothing(trained, res
         assert errors[-1][name] == pytest.approx(1, abs=1e-6)
 
 
-@pytest.mark.parametrize("task", ["face_direction", "move_to_pose"])
+@pytest.mark.parametrize(
+    "task", ["face_direction", pytest.param("move_to_pose", marks=pytest.mark.slow)]
+)
 def test_heuristic_episodes_are_reproducible(task):
     observed, actions, rewards = heuristic_episodes(task, None)
     size = features.TASK_SPECS[task].observation_size

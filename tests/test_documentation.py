@@ -123,7 +123,7 @@ def test_a_block_of_an_unknown_kind_is_refused(text, says):
         blocks_of("page", text)
 
 
-def test_kinds_and_marks_are_told_apart():
+def test_kinds_and_marks_are_distinguished():
     text = (
         "    jbench runs   # lists\n    jbench query \\\n        'FROM runs'\n\n"
         "<!-- illustration: takes days -->\n```\n$ jbench train\n```\n\n"

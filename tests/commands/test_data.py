@@ -52,7 +52,7 @@ def refused(capsys, *arguments):
     return code, line.removeprefix("Error: ")
 
 
-def test_stopped_by_ctrl_c_it_says_that_it_goes_on(tmp_path):
+def test_stopped_by_ctrl_c_it_says_that_it_resumes(tmp_path):
     arguments = ["collect", "--steps", "500000", "--results", str(tmp_path)]
     with subprocess.Popen(
         [*INTERRUPTIBLE, *arguments], stderr=subprocess.PIPE, text=True

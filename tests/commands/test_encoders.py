@@ -272,7 +272,7 @@ def site(tmp_path_factory):
     return str(path)
 
 
-def test_a_kind_of_another_package_is_as_good_as_ours(short, site, monkeypatch):
+def test_a_kind_of_another_package_is_used_like_ours(short, site, monkeypatch):
     run = partial(jbench, results=short, short=True)
     monkeypatch.setenv("PYTHONPATH", site)
     made = run(

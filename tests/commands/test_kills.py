@@ -61,7 +61,7 @@ def wait_until_free(record):
             time.sleep(0.1)
 
 
-def test_killed_while_training_the_database_reads_and_the_runs_go_on(tmp_path):
+def test_killed_while_training_the_database_reads_and_the_runs_resume(tmp_path):
     arguments = train("td3", "none", "--steps", "3000", "--jobs", "1")
     checkpoints = (*arguments, "--checkpoint-every", "0")
     process = start_python(*checkpoints, results=tmp_path)

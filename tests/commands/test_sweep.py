@@ -122,7 +122,7 @@ def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results
     assert (encoder.status, encoder.manifest.summary["device"]) == ("finished", "cpu")
 
 
-def test_ctrl_c_ends_it_and_typed_again_it_goes_on(tmp_path, results):
+def test_ctrl_c_ends_it_and_typed_again_it_resumes(tmp_path, results):
     matrix = write_matrix(tmp_path, steps=2000, seeds="0")
     (run,) = runs_of_matrix(matrix, results)
     process = start(matrix, "--checkpoint-every", "0", results=results)
@@ -142,7 +142,7 @@ def test_ctrl_c_ends_it_and_typed_again_it_goes_on(tmp_path, results):
     assert committed(run, results) == 20
 
 
-def test_a_process_that_dies_is_replaced_but_not_for_ever(tmp_path, results):
+def test_a_process_that_dies_is_replaced_a_limited_number_of_times(tmp_path, results):
     matrix = write_matrix(tmp_path, seeds="0-1")
     runs = runs_of_matrix(matrix, results)
     process = start(matrix, "--jobs", "1", results=results)

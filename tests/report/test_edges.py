@@ -78,7 +78,7 @@ def test_unequal_lengths_are_named_and_what_is_compared_is_said(fabric):
 
 
 @pytest.mark.parametrize("status", ["failed", "unfinished"])
-def test_a_run_that_failed_or_goes_on_counts_and_is_named(fabric, status):
+def test_a_run_that_failed_or_is_unfinished_counts_and_is_named(fabric, status):
     fabric.run(FLAT, 0)
     fabric.run(FLAT[:30], 1, status=status, steps=40_000)
     report = Reported(fabric)

@@ -15,7 +15,13 @@ from jbench.store import Results, encoder_schema, query
 
 pytestmark = pytest.mark.usefixtures("no_png")
 
-TOLD = {"pca": 0.9, "random": 0.5, "heuristic": 0.4, "pca_heuristic": 0.3, "random_heuristic": 0.2}
+EXPLAINED = {
+    "pca": 0.9,
+    "random": 0.5,
+    "heuristic": 0.4,
+    "pca_heuristic": 0.3,
+    "random_heuristic": 0.2,
+}
 
 
 def add(results, kind, latents, explained, *, task="face_direction", seed=0, **more):
@@ -30,7 +36,7 @@ def add(results, kind, latents, explained, *, task="face_direction", seed=0, **m
         "encoder": record.id,
         "test_mse": 1 - explained,
         "test_explained": explained,
-        **{f"{name}_explained": value for name, value in TOLD.items()},
+        **{f"{name}_explained": value for name, value in EXPLAINED.items()},
         **more,
     }
     record.append({"encoder_errors": pa.Table.from_pylist([row], encoder_schema.ENCODER_ERRORS)})

@@ -45,7 +45,7 @@ def test_what_needs_an_interval_that_is_not_published_is_undecided(published):
         assert all(np.isnan(f.effect.low) and f.remark for f in findings)
 
 
-def test_figure_8_is_told_beside_the_other_baseline(published):
+def test_figure_8_is_reported_beside_the_other_baseline(published):
     (found,) = of(published, "a", "Figure 8")
     assert "ends at 295" in found.remark
     assert "at 632" in found.remark

@@ -125,7 +125,7 @@ class TestClaims:
         said = contents.document(gather(fabric.results, Request(claims=True))).summary
         assert not [sentence for sentence in said if "disagree" in sentence]
 
-    def test_the_power_of_a_test_is_told_from_the_rule_of_six_seeds(self, fabric):
+    def test_the_power_of_a_test_is_distinguished_from_the_rule_of_six_seeds(self, fabric):
         for seed, final in enumerate((700.0, 800.0, 1000.0)):
             fabric.run(np.full(40, final), seed)
             fabric.run(FLAT, seed, algo="sac", evaluated=evaluated(400.0 + seed))

@@ -107,7 +107,7 @@ def test_a_wrong_request_gets_one_sentence(filled, capsys, arguments, says):
 
 
 class TestWatch:
-    def test_it_goes_on_when_a_record_is_committed_and_only_then(self, fabric, filled):
+    def test_it_reports_again_when_a_record_is_committed_and_only_then(self, fabric, filled):
         turns = watch(fabric.results, Request(), Interrupt(), look_every=0.01)
         next(turns)
         before = fingerprint([filled])
@@ -116,7 +116,7 @@ class TestWatch:
         assert fingerprint([filled]) != before
         next(turns)
 
-    def test_it_reports_again_while_runs_go_on_and_ends_on_ctrl_c(self, fabric):
+    def test_it_reports_again_while_runs_train_and_ends_on_ctrl_c(self, fabric):
         fabric.results.path.mkdir()
         command = [*INTERRUPTIBLE, "report", "--watch", "--format", "svg"]
         process = subprocess.Popen(

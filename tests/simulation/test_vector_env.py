@@ -182,7 +182,7 @@ def test_steps_that_make_no_sense_are_refused():
         ours.step(actions[0])
 
 
-def test_without_a_limit_episodes_go_on():
+def test_without_a_limit_episodes_continue():
     ours = JitterbugVectorEnv("face_direction", max_episode_steps=-1)
     ours.reset(seed=0)
     ours._elapsed[:] = 10**12

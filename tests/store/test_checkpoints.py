@@ -121,7 +121,7 @@ def test_rows_that_come_anew_take_the_place_of_all_that_there_were(results, reco
     assert read(results.find("run", "a/b")) == [1, 2, 3]
 
 
-def test_work_that_goes_on_says_from_where_and_what_has_changed(results, record):
+def test_work_that_resumes_says_from_where_and_what_has_changed(results, record):
     record.fail("no room")
     known = record.manifest.provenance
     assert record.resume({"control_steps": 3000}) == {}

@@ -15,7 +15,7 @@ H100 = {
 }
 
 
-def test_a_processor_and_a_gpu_are_told_apart(monkeypatch):
+def test_a_processor_and_a_gpu_differ_in_provenance(monkeypatch):
     assert device_provenance(torch.device("cpu")) == {"device": "cpu"}
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: "NVIDIA H100")
     monkeypatch.setattr(torch.version, "cuda", "13.0")

@@ -48,7 +48,7 @@ def add_episodes(record, run, count):
     record.append({"episodes": table}, {"checkpoint.safetensors": b"x"} if count > 3 else {})
 
 
-def test_each_state_is_told_with_the_steps_that_are_left(results, cell):
+def test_each_status_is_reported_with_the_steps_that_are_left(results, cell):
     finished, partial, failed, _ = cell.runs
     finish(results, finished, 1.0)
     record = begin(results, partial)

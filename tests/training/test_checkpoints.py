@@ -208,7 +208,7 @@ def test_a_checkpoint_of_something_else_is_refused(stopped, changes, reason):
     assert outcome(path, run) == uninterrupted
 
 
-def test_seeds_that_stopped_at_different_steps_go_on_together(tmp_path):
+def test_seeds_that_stopped_at_different_steps_resume_together(tmp_path):
     runs = [settings("ddpg", seed) for seed in (0, 3, 5)]
     do(tmp_path / "uninterrupted", runs)
     path = tmp_path / "stopped"
@@ -220,7 +220,7 @@ def test_seeds_that_stopped_at_different_steps_go_on_together(tmp_path):
         assert outcome(path, run) == outcome(tmp_path / "uninterrupted", run)
 
 
-def test_a_run_that_goes_on_with_other_versions_says_so(stopped):
+def test_a_run_that_resumes_with_other_versions_says_so(stopped):
     path, run, _ = stopped
     record = only(path, run)
     known = record.manifest.provenance
@@ -236,7 +236,7 @@ def test_a_run_that_goes_on_with_other_versions_says_so(stopped):
     assert continued["changed"]["torch"][0] == "2.0.0"
 
 
-def test_a_failed_run_goes_on_too(stopped):
+def test_a_failed_run_resumes_too(stopped):
     path, run, uninterrupted = stopped
     only(path, run).fail("the disk was full")
     assert do(path, [run]) == [(1, 250, "")]

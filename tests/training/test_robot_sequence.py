@@ -121,7 +121,7 @@ def test_plain_settings_keep_the_id_they_had_before_there_were_other_robots():
     assert settings(augment=None, robots=1).model_dump(mode="json") == kept
 
 
-def test_robots_are_told_apart_by_the_id():
+def test_robots_are_part_of_the_id():
     different = [
         settings(),
         settings(augment=0),
@@ -198,7 +198,7 @@ def test_the_second_robot_begins_with_what_was_learned_on_the_first(two, alone):
     assert ours[:2] == theirs
 
 
-def test_learning_goes_on_with_all_that_was_seen(two):
+def test_the_second_robot_keeps_the_transitions_of_the_first(two):
     # A transition is stored right after the recorder has looked.
     assert [two.stored[step] for step in (2000, 2001, 4200)] == [1999, 2000, 4199]
     kept = flat(load_agent(two.results, two.record.id).policy.weights)

@@ -66,7 +66,7 @@ def test_evaluations_come_when_asked_for_and_at_the_end(finished):
     assert {row["length"] for row in rows} == {1000}
 
 
-def test_progress_is_told_episode_by_episode(finished):
+def test_progress_is_reported_after_each_episode(finished):
     _, record, reported = finished
     returns = record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
     assert reported == list(zip([1000, 2000, 3000], returns, strict=True))
@@ -150,7 +150,7 @@ def test_ppo_counts_the_steps_of_all_its_environments(tmp_path):
 @pytest.mark.parametrize(
     ("time_limit", "ends"), [("bootstrap", (False, True)), ("terminal", (True, False))]
 )
-def test_the_time_limit_is_told_to_the_agent_as_chosen(time_limit, ends):
+def test_the_agent_treats_the_time_limit_as_chosen(time_limit, ends):
     env = make_env(settings(time_limit=time_limit), None)
     env.reset(seed=0)
     for _ in range(1000):
@@ -178,7 +178,7 @@ def test_a_failure_is_recorded_and_tried_again(tmp_path, monkeypatch):
     assert run(wanted, results).status == "finished"
 
 
-def test_a_run_under_way_is_left_to_its_process(tmp_path):
+def test_a_run_in_progress_is_left_to_its_process(tmp_path):
     results = Results(tmp_path)
     record = results.create("run", settings().id, settings().model_dump(mode="json"))
     with record.lock(), pytest.raises(WorkError, match="Another process"):

@@ -428,6 +428,13 @@ class TestTables:
         shown = re.findall(r'<th scope="row"[^>]*>(.*?)</th>', tables.table(frame, ""))
         assert shown == ["inf", "yes", "", "2026-11-21 00:00:00", "[1]", "x"]
 
+    def test_rows_are_filtered_by_whole_sources_and_by_representations_without_settings(self):
+        frame = pd.DataFrame(
+            {"observation": ["full, bfloat16"], "runs": ["imported, not verified"]}
+        )
+        row = '<tr data-tags data-representation="full" data-source="imported, not verified">'
+        assert row in tables.table(frame, "")
+
     def test_columns_may_have_one_name(self):
         frame = pd.DataFrame([[1, 2]], columns=["a", "a"])
         assert tables.table(frame, "").count(">a</th>") == 2

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from playwright.sync_api import expect
 
+from jbench.report.data.cells import IMPORTED
 from jbench.report.document import FigureItem, Section, TableItem
 from jbench.report.figure import Axis, Figure, Panel, Series, Style
 from jbench.report.page import render_document
@@ -21,7 +22,8 @@ def tagged_figure():
     x = np.array([0.0, 500, 1000])
 
     def line(task, algorithm, height):
-        tags = {"task": task, "algorithm": algorithm, "representation": "full", "source": "ours"}
+        source = IMPORTED if (task, algorithm) == ("face_direction", "TD3") else "ours"
+        tags = {"task": task, "algorithm": algorithm, "representation": "full", "source": source}
         more = {"entries": (algorithm, "median"), "tags": tags, "detail": "6 seeds"}
         return Series(x, x * height, Style(COLORS[algorithm]), algorithm, **more)
 
@@ -44,6 +46,7 @@ def written(tmp_path_factory):
             "task": ["face_direction", "face_direction", "move_to_pose"],
             "algorithm": ["SAC", "TD3", "TD3"],
             "observation": ["full", "full, bfloat16", "full"],
+            "runs": ["ours", IMPORTED, "ours"],
             "median": [900, 500, 300],
         }
     )
@@ -128,7 +131,16 @@ class TestFilters:
     def test_what_all_have_in_common_is_no_filter(self, opened, written):
         page = opened(written)
         names = page.page.locator(".filters legend").all_text_contents()
-        assert names == ["task", "algorithm"]
+        assert names == ["task", "algorithm", "source"]
+
+    def test_a_source_has_one_checkbox_for_figures_and_tables(self, opened, written):
+        page = opened(written)
+        boxes = page.page.locator(".filters input[name=source]")
+        assert boxes.evaluate_all("(all) => all.map((box) => box.value)") == [IMPORTED, "ours"]
+        choose(page, IMPORTED)
+        assert ("TD3", "face_direction") not in lines(page)
+        assert len(lines(page)) == 3
+        assert rows(page) == ["SAC", "TD3"]
 
     def test_a_link_shows_what_one_sees(self, opened, written):
         page = opened(written)

@@ -73,8 +73,11 @@ def table(frame: pd.DataFrame, label: str) -> str:
 
 def _row_tags(tags: Sequence[tuple[str, Sequence[Any]]], number: int) -> str:
     """Returns the attributes by which a page filters a row."""
-    texts = [(tag, cells[number]) for tag, cells in tags if isinstance(cells[number], str)]
-    given = "".join(f' data-{tag}="{html(text.partition(",")[0])}"' for tag, text in texts)
+    texts = {tag: cells[number] for tag, cells in tags if isinstance(cells[number], str)}
+    if "representation" in texts:
+        # Settings of the variant follow it: "full, bfloat16".
+        texts["representation"] = texts["representation"].partition(",")[0]
+    given = "".join(f' data-{tag}="{html(text)}"' for tag, text in texts.items())
     return f" data-tags{given}" if given else ""
 
 

@@ -1,14 +1,14 @@
 """Figures and tables of a page."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
 from jbench.report.document import Document, FigureItem, Item, TableItem
-from jbench.report.figures.layout import SCREEN, Sheet
+from jbench.report.figures.layout import Sheet
 from jbench.report.page import downloads, legends, tables, values, vector
 from jbench.report.page.budget import share_each
-from jbench.report.page.text import html, identifier, json_block
+from jbench.report.page.text import html, identifier, json_block, paragraphs
 
 _PAPER = (515, 570)  # points; maximum width and height of a figure on paper in portrait format
 _PAPER_TURNED = (770, 425)  # points; the same in landscape format
@@ -30,7 +30,7 @@ class Parts:
     """
 
     def __init__(self, document: Document, sheet: Sheet) -> None:
-        self.sheet = SCREEN if not sheet.paper else sheet
+        self.sheet = sheet
         items = document.items
         figures = [item for item in items if isinstance(item, FigureItem)]
         frames = [item.frame for item in items if isinstance(item, TableItem)]
@@ -75,13 +75,12 @@ def foot(name: str, frame: pd.DataFrame | None, parts: Parts) -> str:
     return f'<p class="data">{link}</p>' if link else ""
 
 
-def caption(text: str, name: str, *, shown: int = _SHORT) -> str:
-    """Returns a caption; one of more characters than `shown` is folded behind its name."""
-    if not text:
-        return ""
-    if len(text) <= shown:
-        return f"<p>{html(text)}</p>"
-    return f'<details class="how"><summary>{html(name)}</summary><p>{html(text)}</p></details>'
+def caption(texts: Sequence[str], name: str, *, shown: int = _SHORT) -> str:
+    """Returns paragraphs; those of more characters than `shown` are folded behind their name."""
+    content, length = paragraphs(texts), sum(map(len, texts))
+    if length <= shown:
+        return content if length else ""
+    return f'<details class="how"><summary>{html(name)}</summary>{content}</details>'
 
 
 def _figure(one: FigureItem, parts: Parts, heading: str, leads: bool) -> Iterator[str]:
@@ -112,7 +111,7 @@ def _figure(one: FigureItem, parts: Parts, heading: str, leads: bool) -> Iterato
         yield f'<script type="application/json" class="values">{json_block(panels)}</script>'
     shown = _BESIDE_SHORT if beside else 0 if leads else _SHORT
     yield "<figcaption>"
-    yield caption(one.figure.caption, "How to read this figure", shown=shown)
+    yield caption([one.figure.caption], "How to read this figure", shown=shown)
     yield foot(one.name, one.data, parts)
     yield "</figcaption>\n</figure>"
 
@@ -139,7 +138,7 @@ def _table(one: TableItem, parts: Parts, heading: str) -> Iterator[str]:
     else:
         yield _heading(one.title, heading)
     yield tables.table(one.frame, one.title)
-    yield f'<div class="caption">\n{caption(one.caption, "How to read this table")}'
+    yield f'<div class="caption">\n{caption([one.caption], "How to read this table")}'
     yield foot(one.name, one.frame, parts)
     yield "</div>" + ("</details>" if one.folded else "")
     yield "</div>"

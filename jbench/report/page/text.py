@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Iterable
 from html import escape
 from typing import Any
 
@@ -33,6 +34,6 @@ def identifier(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "x"
 
 
-def paragraphs(texts: Any) -> str:
+def paragraphs(texts: Iterable[str]) -> str:
     """Returns a paragraph of HTML for each text."""
     return "".join(f"<p>{html(text)}</p>\n" for text in texts)

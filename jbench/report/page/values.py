@@ -36,7 +36,7 @@ def points_each(figures: Iterable[Figure]) -> int:
 
 
 def panels(figure: Figure, boxes: Sequence[Box], points: int = MAX_POINTS) -> list[dict[str, Any]]:
-    """Returns the panels that have values, for `script.js`.
+    """Returns the panels that have values, for the script.
 
     Each has `title`, `box`, its axes `x` and `y`, and `lines` and `grid`, one of which is empty.
 

@@ -97,7 +97,7 @@ def element(
         panel.heat_map is None and panel.y.names is None for panel in figure.panels
     )
     if split:
-        views = _views(drawn, len(figure.panels), width, height)
+        views = _views(drawn, height)
         svg = "".join(_parts(root, groups, views, title, figure))
     else:
         views = [_View(0, 0, width, height)]
@@ -109,25 +109,20 @@ def element(
     return Drawing(svg, colors, [view.width for view in views], views[0].height, boxes)
 
 
-def _views(drawn: Drawn, panels: int, width: float, height: float) -> list[_View]:
+def _views(drawn: Drawn, height: float) -> list[_View]:
     """Returns the part of each panel: as wide as its texts, and as high as those of all."""
     scale = 72 / drawn.dpi
-    around = [axes.get_tightbbox() for axes in drawn.axes[:panels]]
+    around: list[Any] = [axes.get_tightbbox() for axes in drawn.axes]
+    pairs = list(zip(drawn.axes, around, strict=True))
+    above = max(box.y1 - axes.bbox.y1 for axes, box in pairs) * scale + _AROUND
+    below = max(axes.bbox.y0 - box.y0 for axes, box in pairs) * scale + _AROUND
     found = []
-    for axes, box in zip(drawn.axes[:panels], around, strict=True):
-        if box is None:
-            return [_View(0, 0, width, height)]
+    for axes, box in pairs:
         place = axes.get_position()
-        above = max(b.y1 - a.bbox.y1 for a, b in _pairs(drawn, around)) * scale + _AROUND
-        below = max(a.bbox.y0 - b.y0 for a, b in _pairs(drawn, around)) * scale + _AROUND
         left, right = box.x0 * scale - _AROUND, box.x1 * scale + _AROUND
         top, bottom = (1 - place.y1) * height - above, (1 - place.y0) * height + below
         found.append(_View(left, top, right - left, bottom - top))
     return found
-
-
-def _pairs(drawn: Drawn, around: list[Any]) -> list[tuple[Any, Any]]:
-    return list(zip(drawn.axes, around, strict=False))
 
 
 def _parts(

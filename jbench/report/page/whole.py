@@ -12,7 +12,7 @@ from jbench.report.document import Document, Section
 from jbench.report.figures.layout import SCREEN, Sheet
 from jbench.report.page import colors, items, tables
 from jbench.report.page.items import Parts
-from jbench.report.page.text import html, paragraphs
+from jbench.report.page.text import html
 
 _PROVENANCE = "Command, versions and machine of each run."
 _ABOUT = (
@@ -21,6 +21,8 @@ _ABOUT = (
 )
 _SOURCE = "The published curves were read from the figures of: {}"
 _SHORT = 300  # characters of the text of a section that is always shown
+_SCRIPTS = ("elements", "sorting", "axes", "state", "tips", "hiding", "saving", "start")
+"""Parts of the script in order: `start` calls the others."""
 _RELOAD = '<meta http-equiv="refresh" content="30">\n'
 
 
@@ -39,7 +41,7 @@ def render_document(document: Document, *, sheet: Sheet = SCREEN, reloads: bool 
     parts = Parts(document, sheet)
     body = "\n".join(_body(document, parts))
     style = "\n".join([_asset("style.css"), *parts.styles, colors.rules(parts.colors)])
-    script = _asset("script.js") + _asset("interact.js")
+    script = "".join(_asset(f"script/{name}.js") for name in _SCRIPTS)
     policy = "; ".join(
         [
             "default-src 'none'",
@@ -127,11 +129,7 @@ def _overview(document: Document, parts: Parts) -> Iterator[str]:
 
 def _section(id: str, section: Section, parts: Parts) -> Iterator[str]:
     yield f'<section id="{id}">\n<h2>{html(section.title)}</h2>'
-    if sum(map(len, section.text)) > _SHORT:
-        yield '<details class="how"><summary>What this section shows</summary>'
-        yield f"{paragraphs(section.text)}</details>"
-    else:
-        yield paragraphs(section.text)
+    yield items.caption(section.text, "What this section shows", shown=_SHORT)
     for one in section.items:
         yield from items.item(one, parts, section.title)
     yield "</section>"

@@ -1,120 +1,14 @@
-"use strict";
-
-// Tables sort by their headings: up, down, and back to the order of the page.
-
-const collator = new Intl.Collator("en", { numeric: true });
-
-function sortKey(cell) {
-  if (cell === undefined || "missing" in cell.dataset) return null;
-  const said = cell.dataset.sort;
-  return said !== undefined && !Number.isNaN(Number(said)) ? Number(said) : said ?? cell.textContent;
-}
-
-// Numbers come before texts; what is missing comes last in either direction.
-function compare(a, b, direction) {
-  if (a === null || b === null) return (a === null) - (b === null);
-  if (typeof a !== typeof b) return direction * (typeof a === "number" ? -1 : 1);
-  return direction * (typeof a === "number" ? Math.sign(a - b) || 0 : collator.compare(a, b));
-}
-
-function makeSortable(table) {
-  const body = table.tBodies[0];
-  const original = [...body.rows];
-  const headings = [...table.tHead.rows[0].cells];
-  const next = { none: "ascending", ascending: "descending", descending: "none" };
-  headings.forEach((heading, column) => {
-    const button = document.createElement("button");
-    button.type = "button";
-    button.append(...heading.childNodes);
-    heading.append(button);
-    heading.classList.add("sorts");
-    heading.setAttribute("aria-sort", "none");
-    button.addEventListener("click", () => {
-      const order = next[heading.getAttribute("aria-sort")];
-      headings.forEach((other) => other.setAttribute("aria-sort", "none"));
-      heading.setAttribute("aria-sort", order);
-      const rows = original.map((row) => ({ row, key: sortKey(row.cells[column]) }));
-      const direction = order === "ascending" ? 1 : -1;
-      if (order !== "none") rows.sort((one, other) => compare(one.key, other.key, direction));
-      body.append(...rows.map((entry) => entry.row));
-    });
-  });
-}
 
 // Figures show the values under the pointer, or under the arrow keys.
 
 const TIP_ROWS = 14;
 const REACH = 12; // points of the SVG: a line that has no value as near as this has none here
-
 const MARGIN = 4; // points of the SVG about a panel, whose values can be on its edge
-
-function make(name, parent, kind, text) {
-  const element = document.createElement(name);
-  if (kind) element.className = kind;
-  if (text !== undefined) element.textContent = text;
-  parent.append(element);
-  return element;
-}
-
-function makeMark(name, parent, attributes) {
-  const element = document.createElementNS(parent.namespaceURI, name);
-  Object.entries(attributes).forEach(([key, value]) => element.setAttribute(key, value));
-  parent.append(element);
-  return element;
-}
 
 const tip = make("div", document.body, "tip");
 tip.setAttribute("role", "status");
 tip.hidden = true;
 let shownBy = null; // the figure whose values the tip shows, or showed last
-
-function place(axis, value, start, end) {
-  const scaled = axis.log ? Math.log10 : (number) => number;
-  const [low, high] = axis.limits.map(scaled);
-  return start + ((scaled(value) - low) / (high - low)) * (end - start);
-}
-
-function inWords(value) {
-  if (value !== 0 && Math.abs(value) < 1e-4) return value.toExponential(3);
-  return value.toLocaleString("en", { maximumSignificantDigits: 5 });
-}
-
-function named(axis, value) {
-  const width = Math.abs(axis.limits[1] - axis.limits[0]);
-  const tick = (axis.ticks ?? []).find(([at]) => Math.abs(at - value) < width * 1e-6);
-  return tick ? tick[1] : inWords(value * axis.unit);
-}
-
-function labelled(axis, value) {
-  return [axis.label, named(axis, value)].filter((text) => text).join(": ");
-}
-
-// Adds to a panel where its values are in the SVG.
-function placeValues(panel) {
-  const [left, top, right, bottom] = panel.box;
-  panel.lines.forEach((line) => {
-    line.at = line.x.map((x, i) => [
-      place(panel.x, x, left, right),
-      place(panel.y, line.y[i], bottom, top),
-    ]);
-  });
-  if (panel.grid) {
-    panel.columns = panel.grid.x.map((x) => place(panel.x, x, left, right));
-    panel.rows = panel.grid.y.map((y) => place(panel.y, y, bottom, top));
-  }
-}
-
-function nearest(line, x) {
-  let best = 0;
-  line.at.forEach((at, i) => {
-    if (Math.abs(at[0] - x) < Math.abs(line.at[best][0] - x)) best = i;
-  });
-  return best;
-}
-
-function between(edges, value) {
-  return edges.findIndex((edge, i) => i > 0 && (value - edge) * (value - edges[i - 1]) <= 0) - 1;
-}
 
 class Figure {
   constructor(drawing, panels) {
@@ -223,16 +117,11 @@ class Figure {
     return [(left + right) / 2, Math.min(top, bottom)];
   }
 
-  isShown({ tags, of }) {
-    const labels = labelsOf(this.figure);
-    const entries = of.map((entry) => labels[entry]);
-    return !isUnwanted(tags) && !isMuted(this.figure.id, entries);
-  }
-
   // Says the values of all lines near here; returns the place of the tip, or nothing.
   values(panel, x, y) {
+    const labels = labelsOf(this.figure);
     const rows = panel.lines
-      .filter((line) => this.isShown(line))
+      .filter(({ tags, of }) => !isHidden(this.figure, labels, tags, of))
       .map((line) => ({ line, i: nearest(line, x) }))
       .filter(({ line, i }) => Math.abs(line.at[i][0] - x) <= REACH)
       .sort((a, b) => b.line.y[b.i] - a.line.y[a.i]);
@@ -292,46 +181,3 @@ class Figure {
     tip.style.top = `${Math.max(8, Math.min(at.y - height / 2, room.y))}px`;
   }
 }
-
-// Large data are packed in their links; here they are unpacked before they are saved.
-
-async function unpack(link) {
-  const packed = Uint8Array.from(atob(link.href.split(",")[1]), (byte) => byte.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const address = URL.createObjectURL(await new Response(stream).blob());
-  const plain = document.createElement("a");
-  plain.href = address;
-  plain.download = link.download.replace(/\.gz$/, "");
-  plain.click();
-  setTimeout(() => URL.revokeObjectURL(address), 60000);
-}
-
-function unpackOnClick(link) {
-  link.addEventListener("click", (event) => {
-    event.preventDefault();
-    unpack(link);
-  });
-}
-
-// The page follows the system's choice of light or dark until the button says otherwise.
-
-function addThemeButton() {
-  const button = make("button", document.querySelector("nav"), "theme");
-  button.type = "button";
-  button.title = "Light or dark";
-  button.setAttribute("aria-label", button.title);
-  const dark = window.matchMedia("(prefers-color-scheme: dark)");
-  button.addEventListener("click", () => {
-    const root = document.documentElement;
-    const now = root.dataset.theme ?? (dark.matches ? "dark" : "light");
-    root.dataset.theme = now === "dark" ? "light" : "dark";
-  });
-}
-
-addThemeButton();
-document.querySelectorAll("table.sortable").forEach(makeSortable);
-document.querySelectorAll("a[download$='.csv.gz']").forEach(unpackOnClick);
-document.querySelectorAll("script.values").forEach((block) => {
-  const drawing = block.parentElement.querySelector(".drawing");
-  new Figure(drawing, JSON.parse(block.textContent));
-});

@@ -1,0 +1,80 @@
+
+// A figure is saved as it is shown, with its legend, in the colors of the light page.
+
+const ROW = 14; // points of a row of the legend
+
+function save(blob, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+}
+
+function pictureOf(figure) {
+  const whole = figure.querySelector(".drawing > svg[role]").cloneNode(false);
+  whole.classList.remove("gone");
+  const panels = [...figure.querySelectorAll(".drawing > svg[role]:not(.gone)")];
+  let [right, bottom] = [0, 0];
+  figure.querySelectorAll(".drawing > .defs").forEach((defs) => whole.append(defs.cloneNode(true)));
+  panels.forEach((panel) => {
+    const { width, height } = panel.viewBox.baseVal;
+    const copy = panel.cloneNode(true);
+    copy.querySelectorAll(".gone, .mark").forEach((element) => element.remove());
+    setAll(copy, { x: right, y: 0, width, height });
+    whole.append(copy);
+    right += width;
+    bottom = Math.max(bottom, height);
+  });
+  figure.querySelectorAll(".legend > li").forEach((item) => {
+    if (isMuted(figure, item.textContent)) return;
+    const swatch = item.querySelector("svg").cloneNode(true);
+    setAll(swatch, { x: 8, y: bottom + 2, width: 26, height: 10 });
+    const at = { x: 40, y: bottom + 10, "font-size": 8, "font-family": "sans-serif" };
+    whole.append(swatch);
+    makeMark("text", whole, at).textContent = item.textContent;
+    bottom += ROW;
+  });
+  setAll(whole, { width: `${right}pt`, height: `${bottom}pt`, viewBox: `0 0 ${right} ${bottom}` });
+  return { text: new XMLSerializer().serializeToString(whole), width: right, height: bottom };
+}
+
+function saveSvg(figure) {
+  const { text } = pictureOf(figure);
+  save(new Blob([text], { type: "image/svg+xml" }), `${figure.id}.svg`);
+}
+
+async function savePng(figure) {
+  const { text, width, height } = pictureOf(figure);
+  const image = new Image();
+  image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
+  await image.decode();
+  const canvas = document.createElement("canvas");
+  Object.assign(canvas, { width: width * 4, height: height * 4 }); // 288 dots per inch
+  const context = canvas.getContext("2d");
+  context.fillStyle = "#ffffff";
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  context.drawImage(image, 0, 0, canvas.width, canvas.height);
+  canvas.toBlob((blob) => save(blob, `${figure.id}.png`));
+}
+
+function makeSaving(figure) {
+  const foot = make("p", figure.querySelector("figcaption"), "data saving");
+  makeButton(foot, "save", "Save SVG", () => saveSvg(figure));
+  makeButton(foot, "save", "Save PNG", () => savePng(figure));
+}
+
+// Large data are packed in their links; here they are unpacked before they are saved.
+
+async function unpack(link) {
+  const packed = Uint8Array.from(atob(link.href.split(",")[1]), (byte) => byte.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  save(await new Response(stream).blob(), link.download.replace(/\.gz$/, ""));
+}
+
+function unpackOnClick(link) {
+  link.addEventListener("click", (event) => {
+    event.preventDefault();
+    unpack(link);
+  });
+}

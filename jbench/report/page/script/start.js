@@ -1,0 +1,32 @@
+
+// The page follows the system's choice of light or dark until the button says otherwise.
+
+function addThemeButton() {
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const button = makeButton(document.querySelector("nav"), "theme", "", () => {
+    const root = document.documentElement;
+    const now = root.dataset.theme ?? (dark.matches ? "dark" : "light");
+    root.dataset.theme = now === "dark" ? "light" : "dark";
+  });
+  button.title = "Light or dark";
+  button.setAttribute("aria-label", button.title);
+}
+
+addThemeButton();
+document.querySelectorAll("table.sortable").forEach(makeSortable);
+document.querySelectorAll("a[download$='.csv.gz']").forEach(unpackOnClick);
+document.querySelectorAll("script.values").forEach((block) => {
+  const drawing = block.parentElement.querySelector(".drawing");
+  new Figure(drawing, JSON.parse(block.textContent));
+});
+document.querySelectorAll("figure").forEach((figure) => {
+  makeLegend(figure);
+  makeSaving(figure);
+});
+makeFilters();
+read();
+showAll();
+window.addEventListener("hashchange", () => {
+  read();
+  showAll();
+});

@@ -1,0 +1,48 @@
+
+// What is hidden. The address of the page says it, so that a link shows the same.
+
+const NAMES = ["task", "algorithm", "representation", "source"];
+const STATE = "#view:";
+const unwanted = Object.fromEntries(NAMES.map((name) => [name, new Set()]));
+const muted = new Map(); // labels of hidden legend entries by the id of their figure
+
+function isUnwanted(tags) {
+  return NAMES.some((name) => unwanted[name].has(tags[name]));
+}
+
+function isMuted(figure, label) {
+  return Boolean(muted.get(figure.id)?.has(label));
+}
+
+function labelsOf(figure) {
+  return [...figure.querySelectorAll(".legend > li")].map((entry) => entry.textContent);
+}
+
+// Says whether a line is hidden, by its tags and the numbers of its entries among the labels.
+function isHidden(figure, labels, tags, of) {
+  return isUnwanted(tags) || of.some((entry) => isMuted(figure, labels[entry]));
+}
+
+function toggle(id, label) {
+  const labels = muted.get(id) ?? new Set();
+  if (!labels.delete(label)) labels.add(label);
+  muted.set(id, labels);
+}
+
+function write() {
+  const state = new URLSearchParams();
+  NAMES.forEach((name) => unwanted[name].forEach((value) => state.append(name, value)));
+  muted.forEach((labels, id) => labels.forEach((label) => state.append(`in ${id}`, label)));
+  const text = state.toString();
+  history.replaceState(null, "", text ? STATE + text : location.pathname + location.search);
+}
+
+function read() {
+  if (!location.hash.startsWith(STATE)) return;
+  NAMES.forEach((name) => unwanted[name].clear());
+  muted.clear();
+  new URLSearchParams(location.hash.slice(STATE.length)).forEach((value, name) => {
+    if (NAMES.includes(name)) unwanted[name].add(value);
+    else if (name.startsWith("in ")) toggle(name.slice(3), value);
+  });
+}

@@ -183,6 +183,17 @@ class TestDrawing:
         # 54.72 + 288 / 30, and 201.6 - (20.25 + 15) / 1030 * 180 = 195.44.
         assert "M 64.3 195.4 " in drawing.svg
 
+    def test_panels_are_numbered_although_one_has_a_second_scale(self):
+        panel = made.curves_panel()
+        second = replace(panel, x=replace(panel.x, opposite=("episodes", 0.001)))
+        svg = vector.element(made.curves_figure(second, panel), "a-", "").svg
+        assert re.findall(r'data-panel="(\d)"', svg) == ["0", "1"]
+        assert svg.count('<svg role="img"') == 2
+        first, other = (
+            len(re.findall('data-tick="x"', part)) for part in svg.split("<svg role")[1:]
+        )
+        assert first == 2 * other > 0
+
     def test_the_same_figure_gives_the_same_element(self):
         for figure in (made.curves_figure(), made.matrix_figure()):
             assert vector.element(figure, "a-", "") == vector.element(figure, "a-", "")
@@ -265,6 +276,7 @@ class TestValues:
             "log": False,
             "limits": [0, 30000],
             "unit": 0.001,
+            "opposite": None,
             "ticks": None,
         }
         # A series without a label has no values, nor has a threshold.

@@ -207,6 +207,14 @@ class TestFigures:
             assert box["x"] >= 0
             assert box["x"] + box["width"] <= PHONE["width"]
 
+    def test_the_tip_does_not_cover_the_panel_on_a_phone(self, opened, written):
+        page = opened(written, viewport=PHONE)
+        page.point("curves", made.curves_figure(), 15_000, 500)
+        panel = page.page.locator("#curves svg[role]").bounding_box()
+        tip = page.page.locator(".tip").bounding_box()
+        below = tip["y"] >= panel["y"] + panel["height"] - 1
+        assert below or tip["y"] + tip["height"] <= panel["y"] + 1
+
 
 class TestDownload:
     @pytest.mark.parametrize("scripts", [True, False])

@@ -103,6 +103,17 @@ class TestLegend:
         page.page.keyboard.press("ArrowLeft")
         assert page.tip() == ["face_direction", "control steps: 1,000", "TD3 (6 seeds)", "500"]
 
+    def test_a_hidden_line_stays_hidden_in_a_zoomed_panel(self, opened, written):
+        page = opened(written)
+        state = "#view:in+tagged=SAC&zoom+tagged+1=200+600"
+        page.page.evaluate(f"location.hash = {state!r}")
+        ticks = page.page.locator("#tagged .ticks text")
+        expect(ticks).to_have_text(["200", "300", "400", "500", "600"])
+        assert lines(page) == {("TD3", "face_direction"), ("TD3", "move_to_pose")}
+        choose(page, "move_to_pose")
+        assert lines(page) == {("TD3", "face_direction")}
+        assert "zoom+tagged+1=200+600" in page.page.evaluate("location.hash")
+
     def test_focus_makes_the_other_lines_faint(self, opened, written):
         page = opened(written)
         entry(page, "TD3").focus()

@@ -68,13 +68,17 @@ def thinned(indices: NDArray[np.intp], max_points: int) -> NDArray[np.intp]:
 
 
 def _axis(axis: Axis) -> dict[str, Any]:
-    """Returns an axis: `ticks` are positions with their names, `unit` is that of `Axis`."""
+    """Returns an axis: `ticks` are positions with their names, `unit` is that of `Axis`.
+
+    `opposite` is the factor of values on a second scale, if there is one.
+    """
     names = None if axis.names is None else [plain(name) for name in axis.names]
     return {
         "label": plain(axis.label),
         "log": axis.log,
         "limits": [float(limit) for limit in axis.limits],
         "unit": axis.unit,
+        "opposite": axis.opposite and axis.opposite[1],
         "ticks": names and [list(tick) for tick in zip(axis.ticks or (), names, strict=True)],
     }
 

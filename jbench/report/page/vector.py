@@ -86,7 +86,9 @@ def element(
     drawn = draw(figure, sheet, text=False, legend=False, picture=figure.corners > max_points)
     root = ElementTree.fromstring(_NOT_XML.sub("", to_svg(drawn).decode()))
     width, height = (float(part) for part in root.attrib["viewBox"].split()[2:])
-    groups = [one for one in root.iter() if one.get("id", "").startswith("axes_")]
+    # The axes of a second scale are inside those of their panel.
+    groups = [one for group in root for one in group if one.get("id", "").startswith("axes_")]
+    _number(groups[: len(figure.panels)])
     colors: set[str] = set()
     # The hatch pattern of a heat map is among the definitions.
     heat_map = any(panel.heat_map is not None for panel in figure.panels)
@@ -151,6 +153,16 @@ def _svg(text: str, view: _View, title: str) -> str:
         f'<svg role="img" aria-label="{html(title)}" width="{view.width:g}pt" '
         f'height="{view.height:g}pt" viewBox="{view.box}" {inherited}>{body}'
     )
+
+
+def _number(groups: list[ElementTree.Element]) -> None:
+    """Marks panels, and the ticks of their axes, which a page changes when it zooms."""
+    for number, group in enumerate(groups):
+        group.set("data-panel", str(number))
+        for one in group.iter():
+            name, is_tick, _ = one.get("id", "").partition("tick_")
+            if is_tick:
+                one.set("data-tick", name)
 
 
 def _tag(root: ElementTree.Element, figure: Figure) -> None:

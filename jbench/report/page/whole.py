@@ -16,12 +16,13 @@ from jbench.report.page.text import html
 
 _PROVENANCE = "Command, versions and machine of each run."
 _ABOUT = (
-    "This file is self-contained: it loads nothing and sends nothing. Tooltips show at most {} "
-    "evenly spaced points of each line; the data to download contain the others."
+    "This file is self-contained: it loads nothing and sends nothing. Drag across a figure to zoom "
+    "in, and double click to zoom out. Tooltips show at most {} evenly spaced points of each line; "
+    "the data to download contain the others."
 )
 _SOURCE = "The published curves were read from the figures of: {}"
 _SHORT = 300  # characters of the text of a section that is always shown
-_SCRIPTS = ("elements", "sorting", "axes", "state", "tips", "hiding", "saving", "start")
+_SCRIPTS = ("elements", "sorting", "axes", "state", "tips", "hiding", "saving", "zoom", "start")
 """Parts of the script in order: `start` calls the others."""
 _RELOAD = '<meta http-equiv="refresh" content="30">\n'
 

@@ -7,6 +7,29 @@ function place(axis, value, start, end) {
   return start + ((scaled(value) - low) / (high - low)) * (end - start);
 }
 
+function valueAt(axis, at, start, end) {
+  const [low, high] = axis.limits;
+  const share = (at - start) / (end - start);
+  return axis.log ? low * (high / low) ** share : low + share * (high - low);
+}
+
+// Round values within the limits of an axis, at most about as many as `count`.
+function ticksOf({ limits, unit, log }, count) {
+  const [low, high] = limits.map((limit) => limit * unit);
+  const digits = (value) => Number(value.toPrecision(12)) / unit;
+  if (log && high / low >= 10) {
+    const first = Math.floor(Math.log10(low));
+    const powers = Array.from({ length: Math.log10(high) - first + 1 }, (_, i) => 10 ** (first + i));
+    const round = powers.flatMap((power) => (powers.length > 3 ? [power] : [power, 2 * power, 5 * power]));
+    return round.filter((value) => value >= low && value <= high).map(digits);
+  }
+  const rough = (high - low) / count;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = power * [1, 2, 2.5, 5, 10].find((factor) => factor * power >= rough);
+  const [first, last] = [Math.ceil(low / step - 1e-9), Math.floor(high / step + 1e-9)];
+  return Array.from({ length: last - first + 1 }, (_, i) => digits((first + i) * step));
+}
+
 function inWords(value) {
   if (value !== 0 && Math.abs(value) < 1e-4) return value.toExponential(3);
   return value.toLocaleString("en", { maximumSignificantDigits: 5 });
@@ -35,6 +58,18 @@ function placeValues(panel) {
     panel.columns = panel.grid.x.map((x) => place(panel.x, x, left, right));
     panel.rows = panel.grid.y.map((y) => place(panel.y, y, bottom, top));
   }
+}
+
+// The points of a line within limits.
+function within(line, [low, high]) {
+  const inside = line.x.map((x) => x >= low && x <= high);
+  const kept = (values) => values.filter((_, i) => inside[i]);
+  return { ...line, x: kept(line.x), y: kept(line.y), bands: line.bands.map(kept) };
+}
+
+function placeIn(svg, event) {
+  const matrix = svg.getScreenCTM().inverse();
+  return new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix);
 }
 
 function nearest(line, x) {

@@ -17,7 +17,7 @@ function showFigure(figure) {
   });
 }
 
-function showAll() {
+function showHidden() {
   document.querySelectorAll("figure").forEach(showFigure);
   document.querySelectorAll("tr[data-tags]").forEach((row) => {
     row.classList.toggle("gone", isUnwanted(row.dataset));
@@ -28,11 +28,6 @@ function showAll() {
   const count = NAMES.reduce((sum, name) => sum + unwanted[name].size, 0);
   const summary = document.querySelector(".filters summary");
   if (summary) summary.textContent = count ? `Filter (${count} hidden)` : "Filter";
-}
-
-function changed() {
-  write();
-  showAll();
 }
 
 // Pointing at an entry of a legend, or focusing it, makes the other lines faint.

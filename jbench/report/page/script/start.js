@@ -15,18 +15,19 @@ function addThemeButton() {
 addThemeButton();
 document.querySelectorAll("table.sortable").forEach(makeSortable);
 document.querySelectorAll("a[download$='.csv.gz']").forEach(unpackOnClick);
-document.querySelectorAll("script.values").forEach((block) => {
-  const drawing = block.parentElement.querySelector(".drawing");
-  new Figure(drawing, JSON.parse(block.textContent));
-});
 document.querySelectorAll("figure").forEach((figure) => {
   makeLegend(figure);
   makeSaving(figure);
 });
 makeFilters();
+showers.push(showHidden);
+document.querySelectorAll("script.values").forEach((block) => {
+  const drawing = block.parentElement.querySelector(".drawing");
+  new Zoom(new Figure(drawing, JSON.parse(block.textContent)));
+});
 read();
-showAll();
+show();
 window.addEventListener("hashchange", () => {
   read();
-  showAll();
+  show();
 });

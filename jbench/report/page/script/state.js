@@ -1,10 +1,12 @@
 
-// What is hidden. The address of the page says it, so that a link shows the same.
+// What is hidden and what is zoomed. The address of the page says it, so that a link shows the same.
 
 const NAMES = ["task", "algorithm", "representation", "source"];
 const STATE = "#view:";
 const unwanted = Object.fromEntries(NAMES.map((name) => [name, new Set()]));
 const muted = new Map(); // labels of hidden legend entries by the id of their figure
+const zooms = new Map(); // limits of horizontal axes, by figure and number of the panel
+const showers = []; // functions that show the state
 
 function isUnwanted(tags) {
   return NAMES.some((name) => unwanted[name].has(tags[name]));
@@ -33,6 +35,7 @@ function write() {
   const state = new URLSearchParams();
   NAMES.forEach((name) => unwanted[name].forEach((value) => state.append(name, value)));
   muted.forEach((labels, id) => labels.forEach((label) => state.append(`in ${id}`, label)));
+  zooms.forEach((limits, name) => state.append(`zoom ${name}`, limits.join(" ")));
   const text = state.toString();
   history.replaceState(null, "", text ? STATE + text : location.pathname + location.search);
 }
@@ -41,8 +44,19 @@ function read() {
   if (!location.hash.startsWith(STATE)) return;
   NAMES.forEach((name) => unwanted[name].clear());
   muted.clear();
+  zooms.clear();
   new URLSearchParams(location.hash.slice(STATE.length)).forEach((value, name) => {
     if (NAMES.includes(name)) unwanted[name].add(value);
     else if (name.startsWith("in ")) toggle(name.slice(3), value);
+    else if (name.startsWith("zoom ")) zooms.set(name.slice(5), value.split(" ").map(Number));
   });
+}
+
+function show() {
+  showers.forEach((one) => one());
+}
+
+function changed() {
+  write();
+  show();
 }

@@ -39,13 +39,18 @@ class Figure {
     return this.drawing.matches(":focus-visible");
   }
 
-  point(event) {
+  // Finds the panel under the pointer, and the place in its SVG.
+  locate(event) {
     this.svg = event.target.closest?.("svg[role]") ?? this.svgs[0];
-    const matrix = this.svg.getScreenCTM().inverse();
-    const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix);
+    const { x, y } = placeIn(this.svg, event);
     const inside = ({ box: [left, top, right, bottom] }) =>
       x >= left - MARGIN && x <= right + MARGIN && y >= top - MARGIN && y <= bottom + MARGIN;
-    const panel = this.panels.find(inside);
+    return { panel: this.panels.find(inside), x, y };
+  }
+
+  point(event) {
+    if (this.isDragged) return;
+    const { panel, x, y } = this.locate(event);
     if (panel) this.show(panel, x, y);
     else this.hide();
   }
@@ -64,12 +69,35 @@ class Figure {
     this.step(moves[event.key] ?? 0, event.shiftKey);
   }
 
+  shownLines(panel) {
+    const labels = labelsOf(this.figure);
+    return panel.lines.filter(
+      ({ x, tags, of }) => x.length && !isHidden(this.figure, labels, tags, of),
+    );
+  }
+
+  // The line whose values the arrow keys go through.
+  longest(panel) {
+    return this.shownLines(panel).reduce((a, b) => (b.x.length > a.x.length ? b : a), { x: [] });
+  }
+
+  // The horizontal place that the keyboard has reached.
+  value() {
+    return this.longest(this.panels[this.panel]).x[this.index];
+  }
+
+  goTo(value) {
+    const { x } = this.longest(this.panels[this.panel]);
+    this.index = x.findIndex((one) => one >= value);
+    this.step(0);
+  }
+
   // Goes through the values of the panel's longest line, or its cells; with Shift one by one.
   step(direction, single) {
     const panel = this.panels[this.panel];
-    const longest = panel.lines.reduce((a, b) => (b.at.length > a.at.length ? b : a), { at: [] });
-    const cells = panel.grid ? panel.grid.values.flat() : [];
-    const count = panel.grid ? cells.length : longest.at.length;
+    const longest = this.longest(panel);
+    const count = panel.grid ? panel.grid.values.flat().length : longest.x.length;
+    if (!count) return this.hide();
     const pace = single || panel.grid ? 1 : Math.max(1, Math.round(count / 40));
     const start = panel.grid ? 0 : count - 1;
     this.index = this.index < 0 ? start : this.index + direction * pace;
@@ -119,9 +147,7 @@ class Figure {
 
   // Says the values of all lines near here; returns the place of the tip, or nothing.
   values(panel, x, y) {
-    const labels = labelsOf(this.figure);
-    const rows = panel.lines
-      .filter(({ tags, of }) => !isHidden(this.figure, labels, tags, of))
+    const rows = this.shownLines(panel)
       .map((line) => ({ line, i: nearest(line, x) }))
       .filter(({ line, i }) => Math.abs(line.at[i][0] - x) <= REACH)
       .sort((a, b) => b.line.y[b.i] - a.line.y[a.i]);
@@ -176,8 +202,12 @@ class Figure {
     tip.style.left = "0"; // its width must not be that at its last place
     const { width, height } = tip.getBoundingClientRect();
     const room = { x: document.documentElement.clientWidth - width - 8, y: innerHeight - height - 8 };
-    const left = at.x + 16 <= room.x ? at.x + 16 : at.x - 16 - width;
-    tip.style.left = `${Math.max(8, Math.min(left, room.x))}px`;
-    tip.style.top = `${Math.max(8, Math.min(at.y - height / 2, room.y))}px`;
+    const [right, left] = [at.x + 16, at.x - 16 - width];
+    tip.style.left = `${Math.max(8, Math.min(right <= room.x ? right : left, room.x))}px`;
+    // Where it has no room beside the value, as on a phone, it is below or above the panel.
+    const panel = this.svg.getBoundingClientRect();
+    const outside = panel.bottom <= room.y ? panel.bottom : panel.top - height;
+    const top = right <= room.x || left >= 8 ? at.y - height / 2 : outside;
+    tip.style.top = `${Math.max(8, Math.min(top, room.y))}px`;
   }
 }

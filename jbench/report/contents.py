@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from jbench.report import headline, leaderboard, summary
+from jbench.report import headline, leaderboard, run_details, summary
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.data.curves import FloatArray
@@ -123,6 +123,7 @@ def document(data: ReportData) -> Document:
         headline=headline.headline(data.views[0]),
         overview=overview,
         inventory=headline.inventory(data.views),
+        runs=run_details.details(data.views, data.runs),
     )
 
 

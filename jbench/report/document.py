@@ -5,10 +5,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
+from jbench.report.data.curves import FloatArray
 from jbench.report.figure import Figure
 
 
@@ -92,6 +93,33 @@ class Section:
     items: Sequence[Item]
 
 
+class RunCurve(NamedTuple):
+    """Learning curve of a run: its label, control steps (points,) and returns (points,)."""
+
+    label: str
+    control_steps: FloatArray
+    returns: FloatArray
+
+
+@dataclass(frozen=True)
+class RunDetail:
+    """A run, which the page shows on request.
+
+    Attributes:
+        name: its id, after the name of its source if there are several.
+        cell: key that is equal for runs that differ only in seed and steps.
+        settings: text of each setting by its name, such as "hyperparameters.tau".
+        curves: its learning curves.
+        tags: what the page filters by; see `figure.Series`.
+    """
+
+    name: str
+    cell: tuple[str, str]
+    settings: Mapping[str, str]
+    curves: Sequence[RunCurve]
+    tags: Mapping[str, str]
+
+
 @dataclass(frozen=True)
 class Document:
     """A whole report.
@@ -107,6 +135,7 @@ class Document:
         headline: the answer, in a sentence.
         overview: figures that are shown first.
         inventory: numbers on what was run, each with its name.
+        runs: the run of each row of `provenance`; or none.
     """
 
     title: str
@@ -119,6 +148,7 @@ class Document:
     headline: str = ""
     overview: Sequence[FigureItem] = ()
     inventory: Sequence[tuple[str, str]] = ()
+    runs: Sequence[RunDetail] = ()
 
     @property
     def items(self) -> list[Item]:

@@ -150,6 +150,7 @@ def _build_cell(
         robot_episodes=-(-episodes // robots) if robots else 0,
         settings=settings,
         source=source,
+        runs=tuple(chosen["run"]),
         **counted._asdict(),
     )
 

@@ -53,6 +53,7 @@ class Cell:
         settings: settings of the run with the first seed.
         source: `OURS`, or the name of another source.
         words: the variant's name in legends, without defaults; see `variants.variant_words`.
+        runs: (seeds,) ids of the runs.
     """
 
     kind: Returns
@@ -74,6 +75,7 @@ class Cell:
     settings: Run
     source: str = OURS
     words: str = ""
+    runs: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

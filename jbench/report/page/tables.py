@@ -1,7 +1,7 @@
 """Tables of a page, sortable if scripts are enabled."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ _PAGE = 132  # characters of a line on paper
 _COLUMN = 16  # characters of a line of wrapped text
 
 
-def table(frame: pd.DataFrame, label: str) -> str:
+def table(frame: pd.DataFrame, label: str, tags: Sequence[Mapping[str, str]] | None = None) -> str:
     """Returns a table as HTML, in a box that scrolls if the page is too narrow.
 
     The attribute `data-sort` of a cell is its sort key, if that is not its text; a missing cell has
@@ -35,6 +35,7 @@ def table(frame: pd.DataFrame, label: str) -> str:
     Args:
         frame: as in `document.TableItem`.
         label: name of the box for screen readers.
+        tags: what the page filters each row by; None: what its columns say.
     """
     columns = [frame.iloc[:, i].tolist() for i in range(frame.shape[1])]
     numeric = [_is_numeric(column) for column in columns]
@@ -43,19 +44,15 @@ def table(frame: pd.DataFrame, label: str) -> str:
         f"{html(name)}</th>"
         for name, right in zip(frame.columns, numeric, strict=True)
     ]
-    tags = [
-        (tag, columns[frame.columns.tolist().index(name)])
-        for name, tag in _TAGS.items()
-        if name in frame.columns
-    ]
+    tags = _tags(frame) if tags is None else tags
     rows = [
-        f"<tr{_row_tags(tags, number)}>"
+        f"<tr{_attributes(of_row)}>"
         + "".join(
             _cell(cell, right, i == 0)
             for i, (cell, right) in enumerate(zip(row, numeric, strict=True))
         )
         + "</tr>"
-        for number, row in enumerate(zip(*columns, strict=True))
+        for row, of_row in zip(zip(*columns, strict=True), tags, strict=True)
     ]
     return "\n".join(
         [
@@ -71,13 +68,20 @@ def table(frame: pd.DataFrame, label: str) -> str:
     )
 
 
-def _row_tags(tags: Sequence[tuple[str, Sequence[Any]]], number: int) -> str:
-    """Returns the attributes by which a page filters a row."""
-    texts = {tag: cells[number] for tag, cells in tags if isinstance(cells[number], str)}
-    if "representation" in texts:
-        # Settings of the variant follow it: "full, bfloat16".
-        texts["representation"] = texts["representation"].partition(",")[0]
-    given = "".join(f' data-{tag}="{html(text)}"' for tag, text in texts.items())
+def _tags(frame: pd.DataFrame) -> list[dict[str, str]]:
+    """Returns what a page filters each row by, from columns of that name."""
+    tags: list[dict[str, str]] = [{} for _ in range(len(frame))]
+    for i, name in enumerate(frame.columns):
+        for of_row, cell in zip(tags, frame.iloc[:, i].tolist(), strict=True):
+            if name in _TAGS and isinstance(cell, str):
+                # Settings of the variant follow a representation: "full, bfloat16".
+                text = cell.partition(",")[0] if _TAGS[name] == "representation" else cell
+                of_row[_TAGS[name]] = text
+    return tags
+
+
+def _attributes(tags: Mapping[str, str]) -> str:
+    given = "".join(f' data-{tag}="{html(text)}"' for tag, text in tags.items())
     return f" data-tags{given}" if given else ""
 
 

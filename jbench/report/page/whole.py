@@ -5,14 +5,12 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from importlib import resources
 
-import pandas as pd
-
 from jbench.paper.citation import CITATION
 from jbench.report.document import Document, Section
 from jbench.report.figures.layout import SCREEN, Sheet
-from jbench.report.page import colors, items, tables
+from jbench.report.page import colors, items, runs, tables
 from jbench.report.page.items import Parts
-from jbench.report.page.text import html
+from jbench.report.page.text import html, json_block
 
 _PROVENANCE = "Command, versions and machine of each run."
 _ABOUT = (
@@ -22,7 +20,18 @@ _ABOUT = (
 )
 _SOURCE = "The published curves were read from the figures of: {}"
 _SHORT = 300  # characters of the text of a section that is always shown
-_SCRIPTS = ("elements", "sorting", "axes", "state", "tips", "hiding", "saving", "zoom", "start")
+_SCRIPTS = (
+    "elements",
+    "sorting",
+    "axes",
+    "state",
+    "tips",
+    "hiding",
+    "saving",
+    "zoom",
+    "runs",
+    "start",
+)
 """Parts of the script in order: `start` calls the others."""
 _RELOAD = '<meta http-equiv="refresh" content="30">\n'
 
@@ -100,7 +109,7 @@ def _body(document: Document, parts: Parts) -> Iterator[str]:
     if document.notes:
         yield '<section id="to-notes" class="notes">\n<h2>Notes</h2>'
         yield f"{_list(document.notes)}</section>"
-    yield from _provenance(document.provenance, parts)
+    yield from _provenance(document, parts)
     about, source = html(_ABOUT.format(parts.points)), html(_SOURCE.format(CITATION))
     yield f"</main>\n<footer><p>{about}</p><p>{source}</p></footer>"
 
@@ -136,14 +145,19 @@ def _section(id: str, section: Section, parts: Parts) -> Iterator[str]:
     yield "</section>"
 
 
-def _provenance(frame: pd.DataFrame, parts: Parts) -> Iterator[str]:
+def _provenance(document: Document, parts: Parts) -> Iterator[str]:
+    frame = document.provenance
     wide = ' class="wide"' if tables.is_wide(frame) else ""
     yield f'<section id="to-provenance"{wide}>\n<h2>Runs</h2>'
     if frame.empty:
         yield "<p>There are no runs.</p>\n</section>"
         return
     yield f"<p>{html(_PROVENANCE)}</p>"
-    yield f'<div class="item">\n{tables.table(frame, "Runs")}'
+    tags = [run.tags for run in document.runs] or None
+    yield f'<div class="item">\n{tables.table(frame, "Runs", tags)}'
+    if document.runs:
+        content = json_block(runs.packed(document.runs))
+        yield f'<script type="application/json" class="runs">{content}</script>'
     yield f'<div class="caption">{items.foot("provenance", frame, parts)}</div>\n</div>'
     yield "</section>"
 

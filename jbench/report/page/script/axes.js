@@ -19,8 +19,10 @@ function ticksOf({ limits, unit, log }, count) {
   const digits = (value) => Number(value.toPrecision(12)) / unit;
   if (log && high / low >= 10) {
     const first = Math.floor(Math.log10(low));
-    const powers = Array.from({ length: Math.log10(high) - first + 1 }, (_, i) => 10 ** (first + i));
-    const round = powers.flatMap((power) => (powers.length > 3 ? [power] : [power, 2 * power, 5 * power]));
+    const decades = Math.floor(Math.log10(high)) - first + 1;
+    const powers = Array.from({ length: decades }, (_, i) => 10 ** (first + i));
+    const factors = decades > 3 ? [1] : [1, 2, 5];
+    const round = powers.flatMap((power) => factors.map((factor) => factor * power));
     return round.filter((value) => value >= low && value <= high).map(digits);
   }
   const rough = (high - low) / count;

@@ -25,6 +25,12 @@ function makeInnerButton(element, act) {
   return button;
 }
 
+function makeSvg(parent, attributes) {
+  parent.insertAdjacentHTML("beforeend", "<svg></svg>");
+  setAll(parent.lastChild, attributes);
+  return parent.lastChild;
+}
+
 function makeMark(name, parent, attributes) {
   const element = document.createElementNS(parent.namespaceURI, name);
   setAll(element, attributes);

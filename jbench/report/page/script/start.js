@@ -25,6 +25,10 @@ document.querySelectorAll("script.values").forEach((block) => {
   const drawing = block.parentElement.querySelector(".drawing");
   new Zoom(new Figure(drawing, JSON.parse(block.textContent)));
 });
+document.querySelectorAll("script.runs").forEach((block) => {
+  const rows = [...block.parentElement.querySelector("tbody").rows];
+  new Runs(rows, JSON.parse(block.textContent));
+});
 read();
 show();
 window.addEventListener("hashchange", () => {

@@ -1,11 +1,12 @@
 
-// What is hidden and what is zoomed. The address of the page says it, so that a link shows the same.
+// What is hidden, zoomed and open. The address of the page says it, so that a link shows the same.
 
 const NAMES = ["task", "algorithm", "representation", "source"];
 const STATE = "#view:";
 const unwanted = Object.fromEntries(NAMES.map((name) => [name, new Set()]));
 const muted = new Map(); // labels of hidden legend entries by the id of their figure
 const zooms = new Map(); // limits of horizontal axes, by figure and number of the panel
+const opened = { run: null, against: null }; // names of the run that is open, and of the other one
 const showers = []; // functions that show the state
 
 function isUnwanted(tags) {
@@ -36,6 +37,7 @@ function write() {
   NAMES.forEach((name) => unwanted[name].forEach((value) => state.append(name, value)));
   muted.forEach((labels, id) => labels.forEach((label) => state.append(`in ${id}`, label)));
   zooms.forEach((limits, name) => state.append(`zoom ${name}`, limits.join(" ")));
+  Object.entries(opened).forEach(([name, run]) => run && state.append(name, run));
   const text = state.toString();
   history.replaceState(null, "", text ? STATE + text : location.pathname + location.search);
 }
@@ -45,9 +47,11 @@ function read() {
   NAMES.forEach((name) => unwanted[name].clear());
   muted.clear();
   zooms.clear();
+  Object.assign(opened, { run: null, against: null });
   new URLSearchParams(location.hash.slice(STATE.length)).forEach((value, name) => {
     if (NAMES.includes(name)) unwanted[name].add(value);
     else if (name.startsWith("in ")) toggle(name.slice(3), value);
+    else if (name in opened) opened[name] = value;
     else if (name.startsWith("zoom ")) zooms.set(name.slice(5), value.split(" ").map(Number));
   });
 }

@@ -15,6 +15,10 @@ function clamped(axis, limits) {
   return [middle - half, middle + half].map((share) => valueAt(axis, share, 0, 1));
 }
 
+function isSame(one, other) {
+  return one.every((limit, i) => limit === other[i]);
+}
+
 // What moves with the values of a panel: attributes of its lines, areas and markers.
 function movingParts(group) {
   const parts = [...group.querySelectorAll("[clip-path], [clip-path] *, [data-of] *")].filter(
@@ -87,8 +91,9 @@ class Zoom {
 
   zoom(panel, limits) {
     const found = clamped(panel.whole, limits);
-    if (found.every((limit, i) => limit === panel.whole.limits[i])) zooms.delete(this.nameOf(panel));
-    else zooms.set(this.nameOf(panel), found.map((limit) => Number(limit.toPrecision(5))));
+    const name = this.nameOf(panel);
+    if (isSame(found, panel.whole.limits)) zooms.delete(name);
+    else zooms.set(name, found.map((limit) => Number(limit.toPrecision(5))));
     changed();
   }
 
@@ -101,17 +106,17 @@ class Zoom {
   }
 
   showPanel(group, panel, limits) {
-    if (panel.x.limits.every((limit, i) => limit === limits[i])) return;
+    if (isSame(limits, panel.x.limits)) return;
     this.figure.hide();
     const [left, , right] = panel.box;
     const [start, end] = limits.map((limit) => place(panel.whole, limit, left, right));
     const moved = (x) => (left + ((x - start) / (end - start)) * (right - left)).toFixed(1);
-    const pair = /(-?[\d.]+) (-?[\d.]+)/g;
+    const path = (d) => d.replace(/(-?[\d.]+) (-?[\d.]+)/g, (_, x, y) => `${moved(x)} ${y}`);
+    panel.isZoomed = !isSame(limits, panel.whole.limits);
     panel.parts.forEach(({ part, name, value }) => {
-      const text = name === "x" ? moved(value) : value.replace(pair, (_, x, y) => `${moved(x)} ${y}`);
-      part.setAttribute(name, text);
+      const move = name === "x" ? moved : path;
+      part.setAttribute(name, panel.isZoomed ? move(value) : value);
     });
-    panel.isZoomed = limits.some((limit, i) => limit !== panel.whole.limits[i]);
     panel.x = { ...panel.whole, limits };
     panel.lines = panel.isZoomed ? panel.all.map((line) => within(line, limits)) : panel.all;
     placeValues(panel);

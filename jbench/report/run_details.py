@@ -1,0 +1,62 @@
+"""Runs of a report one by one: their settings and learning curves."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from jbench.report.data.cells import OURS
+from jbench.report.data.variants import value_text
+from jbench.report.document import RunCurve, RunDetail
+from jbench.report.formatting import display_name
+from jbench.report.views import View
+from jbench.settings.alike import flatten
+from jbench.settings.run import Run, RunSettings, read_run
+
+
+def details(views: Sequence[View], runs: pd.DataFrame) -> list[RunDetail]:
+    """Returns the run of each row.
+
+    Args:
+        views: contain the curves. A run without a curve is in no cell, or has no episodes yet.
+        runs: rows of the table `runs`, with a column `source` if there are several.
+    """
+    curves: dict[tuple[str, str], list[RunCurve]] = {}
+    for view in views:
+        for cell, curve in view.learned:
+            for run, returns in zip(cell.runs, curve.each, strict=True):
+                shown = np.isfinite(returns)
+                if shown.any():
+                    mean = f", mean over {curve.window} episodes" if view.kind.smoothed else ""
+                    label = f"{view.kind.name} return{mean}"
+                    one = RunCurve(label, curve.control_steps[shown], returns[shown])
+                    curves.setdefault((cell.source, run), []).append(one)
+    found = []
+    for row in runs.to_dict("records"):
+        source, id = row.get("source", OURS), str(row["run"])
+        settings = _texts(read_run(json.loads(row["settings"])))
+        found.append(
+            RunDetail(
+                name=f"{source}: {id}" if "source" in row else id,
+                cell=(source, str(row["variant"])),
+                settings=settings,
+                curves=curves.get((source, id), []),
+                tags={
+                    "task": str(row["task"]),
+                    "algorithm": display_name(str(row["algo"])),
+                    "representation": str(row["representation"]),
+                    "source": source,
+                },
+            )
+        )
+    return found
+
+
+def _texts(run: Run) -> dict[str, str]:
+    """Returns the text of each setting by its name, in the order of the fields of `RunSettings`."""
+    order = {name: i for i, name in enumerate(RunSettings.model_fields)}
+    ordered = sorted(flatten(run).items(), key=lambda item: (order.get(item[0][0], 99), item[0]))
+    return {
+        ".".join(path): "none" if value is None else value_text(value) for path, value in ordered
+    }

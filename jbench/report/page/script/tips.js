@@ -22,10 +22,8 @@ class Figure {
     panels.forEach(placeValues);
     drawing.tabIndex = 0;
     drawing.setAttribute("role", "application");
-    drawing.setAttribute(
-      "aria-label",
-      "Figure with values: left and right arrows go through them, up and down through the panels.",
-    );
+    const keys = "left and right arrows go through the values, up and down through the panels.";
+    drawing.setAttribute("aria-label", `${this.svg.getAttribute("aria-label")}: ${keys}`);
     drawing.addEventListener("pointermove", (event) => this.point(event));
     drawing.addEventListener("pointerdown", (event) => this.point(event));
     drawing.addEventListener("pointerleave", () => this.byKey() || this.hide());

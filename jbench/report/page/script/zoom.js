@@ -73,7 +73,7 @@ class Zoom {
       this.groups.forEach((_, panel) => this.zoom(panel, panel.whole.limits));
       this.drawing.focus();
     });
-    const label = `${this.drawing.getAttribute("aria-label")} Plus and minus zoom, 0 shows all.`;
+    const label = `${this.drawing.getAttribute("aria-label")} Plus and minus zoom, 0 shows all of it.`;
     this.drawing.setAttribute("aria-label", label);
     const listen = (name, act) => this.drawing.addEventListener(name, act);
     listen("pointerdown", (event) => this.press(event));

@@ -1,0 +1,60 @@
+"""axe-core finds nothing to mend in the page of the shipped runs."""
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from jbench.report.contents import document
+from jbench.report.page import render_document
+from jbench.report.report import gather
+from jbench.report.request import Request
+from jbench.store import Results
+from jbench.store.shipped import shipped
+
+WIDE, NARROW = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+UNFOLD = (
+    "document.querySelectorAll('main details, dialog details').forEach((one) => one.open = true)"
+)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "index.html"
+    made = document(gather(Results(shipped()), Request(claims=True)))
+    path.write_bytes(render_document(made).encode())
+    return path
+
+
+def violations(page, **context):
+    """Returns the rules that axe-core finds violated, with the elements."""
+    page.page.evaluate(UNFOLD)
+    response = Axe().run(page.page, **context).response
+    assert "color-contrast" in [rule["id"] for rule in response["passes"]]
+    return {
+        rule["id"]: [node["html"][:200] for node in rule["nodes"]]
+        for rule in response["violations"]
+    }
+
+
+@pytest.mark.parametrize("viewport", [WIDE, NARROW], ids=["1280", "390"])
+def test_the_page_of_the_shipped_runs(opened, written, viewport):
+    page = opened(written, viewport=viewport)
+    for scheme in ("light", "dark"):
+        page.page.emulate_media(color_scheme=scheme)
+        assert violations(page) == {}
+
+
+@pytest.mark.parametrize(("viewport", "scheme"), [(WIDE, "light"), (NARROW, "dark")])
+def test_the_filter_and_a_run(opened, written, viewport, scheme):
+    page = opened(written, viewport=viewport, color_scheme=scheme)
+    page.page.locator(".filters summary").click()
+    assert violations(page, context="nav") == {}
+    page.page.keyboard.press("Escape")
+    page.page.locator("#to-provenance tbody button").first.click()
+    assert violations(page, context="dialog") == {}
+
+
+def test_what_is_wrong_is_found(opened, written):
+    page = opened(written)
+    page.page.evaluate("document.querySelector('.theme').removeAttribute('aria-label')")
+    page.page.evaluate("document.querySelector('.theme').removeAttribute('title')")
+    assert list(violations(page, context="nav")) == ["button-name"]

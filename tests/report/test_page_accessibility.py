@@ -39,17 +39,18 @@ def violations(page, **context):
     }
 
 
-@pytest.mark.parametrize("viewport", [WIDE, NARROW], ids=["1280", "390"])
-def test_the_page_of_the_shipped_runs(opened, written, viewport):
-    page = opened(written, viewport=viewport)
-    for scheme in ("light", "dark"):
-        page.page.emulate_media(color_scheme=scheme)
-        assert violations(page) == {}
-
-
-@pytest.mark.parametrize(("viewport", "scheme"), [(WIDE, "light"), (NARROW, "dark")])
-def test_the_filter_and_a_run(opened, written, viewport, scheme):
+@pytest.mark.parametrize(
+    ("viewport", "scheme"),
+    [
+        (WIDE, "light"),
+        (NARROW, "dark"),
+        pytest.param(WIDE, "dark", marks=pytest.mark.slow),
+        pytest.param(NARROW, "light", marks=pytest.mark.slow),
+    ],
+)
+def test_the_page_of_the_shipped_runs_its_filter_and_a_run(opened, written, viewport, scheme):
     page = opened(written, viewport=viewport, color_scheme=scheme)
+    assert violations(page) == {}
     page.page.locator(".filters summary").click()
     assert violations(page, context="nav") == {}
     page.page.keyboard.press("Escape")

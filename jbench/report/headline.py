@@ -10,10 +10,9 @@ from jbench.report.analysis.examine import decide
 from jbench.report.analysis.reduction import Reduction, numbers_seen
 from jbench.report.analysis.scores import Statistic, Summary
 from jbench.report.data.cells import SOLVED, Cell
-from jbench.report.data.returns import TRAINING
 from jbench.report.formatting import display_name
 from jbench.report.tables import reduction_items, values
-from jbench.report.views import View
+from jbench.report.views import View, cells_of
 
 _MAX_PARTS = 5
 
@@ -50,7 +49,7 @@ def headline(view: View) -> str:
 
 def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
     """Returns four numbers on what was run, each with its name."""
-    cells = next((view.cells for view in views if view.kind is TRAINING), [])
+    cells = cells_of(views)
     steps = sum(int(cell.steps.sum()) for cell in cells)
     counts = {
         "run": sum(len(cell.seeds) for cell in cells),

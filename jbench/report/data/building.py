@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS
 from jbench.report.data.cells import OURS, Cell, paper_order
-from jbench.report.data.curves import FloatArray, IntArray
+from jbench.report.data.curves import BAND_SEEDS, FloatArray, IntArray
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.report.data.variants import variant_labels, variant_words
@@ -194,7 +194,7 @@ def _notes(
 ) -> list[str]:
     """Returns notes on unusual runs of a cell; `runs` contains the unused ones as well."""
     notes = []
-    if len(chosen) < 3:
+    if len(chosen) < BAND_SEEDS:
         seeds = "1 seed" if len(chosen) == 1 else "2 seeds"
         notes.append(f"only {seeds}: no band is drawn, and quantiles across seeds say little")
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))

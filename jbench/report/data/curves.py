@@ -18,6 +18,9 @@ QUANTILES = (10, 25, 50, 75, 90)
 WINDOW = 100
 """Episodes in a moving average (paper, Figures 8 and 9)."""
 
+BAND_SEEDS = 3
+"""Minimum number of seeds for a band."""
+
 
 @dataclass(frozen=True)
 class Curve:

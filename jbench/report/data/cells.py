@@ -25,7 +25,7 @@ IMPORTED = "imported, not verified"
 """Source of imported learning curves."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cell:
     """One run per seed of a task, algorithm, representation and variant, for one kind of return.
 

@@ -216,8 +216,9 @@ def _notes(
         )
     others = chosen[~chosen["seed"].isin(list(diverged))]
     for status in ("failed", "unfinished"):
-        for row in others[others["status"] == status].itertuples():
-            notes.append(f"seed {row.seed} {status} after {row.recorded} episodes")
+        ended = others[others["status"] == status]
+        for seed, episodes in zip(ended["seed"], ended["recorded"], strict=True):
+            notes.append(f"seed {seed} {status} after {episodes} episodes")
     if others["recorded"].nunique() > 1:
         shortest, longest = others["recorded"].min(), others["recorded"].max()
         notes.append(f"seeds of unequal length, {shortest} to {longest} episodes")

@@ -119,15 +119,19 @@ def _curves(frame: pd.DataFrame) -> list[PublishedCurve]:
     for (figure, task, algo, representation), rows in frame.groupby(
         ["figure", "task", "algo", "representation"]
     ):
-        wide = rows.pivot_table("episode_return", "training_steps", "quantile").dropna()
+        steps, column = np.unique(rows["training_steps"].to_numpy(np.float64), return_inverse=True)
+        percents, row = np.unique(rows["quantile"].to_numpy(), return_inverse=True)
+        returns = np.full((len(percents), len(steps)), np.nan)
+        returns[row, column] = rows["episode_return"].to_numpy(np.float64)
+        known = np.isfinite(returns).all(axis=0)
         curves.append(
             PublishedCurve(
                 figure=str(figure),
                 task=str(task),
                 algo=str(algo),
                 representation=str(representation),
-                control_steps=wide.index.to_numpy(np.float64),
-                quantiles={int(str(q)): wide[q].to_numpy(np.float64) for q in wide},
+                control_steps=steps[known],
+                quantiles={int(q): one[known] for q, one in zip(percents, returns, strict=True)},
             )
         )
     return curves

@@ -6,6 +6,7 @@ not finish, for any reason, is repeated here: its error then occurs here.
 """
 
 import contextlib
+import gc
 import json
 import os
 import signal
@@ -46,6 +47,9 @@ def _forked(tasks: Sequence[Task], processes: int) -> dict[int, dict[str, bytes]
     sinks: dict[int, IO[bytes]] = {}
     with contextlib.ExitStack() as stack:
         stack.callback(os.close, queue)
+        # What exists is not searched for garbage, which would also copy it to each process.
+        gc.freeze()
+        stack.callback(gc.unfreeze)
         for _ in range(processes - 1):
             sink: IO[bytes] = stack.enter_context(tempfile.TemporaryFile())
             pid = _fork(tasks, queue, sink)

@@ -34,7 +34,9 @@ def files_of(tasks: Sequence[Task], processes: int) -> dict[str, bytes]:
     """
     made: dict[int, dict[str, bytes]] = {}
     if sys.platform == "linux" and threading.active_count() == 1:
-        made = _forked(tasks, min(processes, len(tasks)))
+        # There may be no space for temporary files, or no memory for a process.
+        with contextlib.suppress(OSError):
+            made = _forked(tasks, min(processes, len(tasks)))
     parts = (made[i] if i in made else task() for i, task in enumerate(tasks))
     return {name: content for part in parts for name, content in part.items()}
 

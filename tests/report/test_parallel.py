@@ -58,6 +58,16 @@ def test_a_task_whose_process_dies_is_repeated():
     assert files == {"a": b"%d" % own, "b": files["b"]}
 
 
+@FORKS
+def test_one_process_makes_the_files_if_there_is_no_space_for_temporary_ones(monkeypatch):
+    def full():
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(parallel.tempfile, "TemporaryFile", full)
+    files = parallel.files_of([waits("a"), waits("b")], 2)
+    assert {int(content) for content in files.values()} == {os.getpid()}
+
+
 def test_an_error_is_raised_and_no_process_is_left(monkeypatch):
     started, fork = [], parallel._fork
     monkeypatch.setattr(

@@ -12,10 +12,11 @@ import typer
 from jbench.commands.options import ResultsOption
 from jbench.commands.output import Output
 
-# Smaller networks and fewer random first steps than the paper's TD3, so that it learns in minutes.
+# Smaller networks and batches, and fewer random first steps than the paper's TD3, so that it learns
+# in minutes.
 _AGENTS = (
     "train --algo td3 --seeds 0-1 --steps 30000 --set hidden_layers=[128,128] "
-    "--set learning_rate=1e-3 --set learning_starts=5000 --evaluate-episodes 5"
+    "--set batch_size=128 --set learning_rate=1e-3 --set learning_starts=5000 --evaluate-episodes 5"
 )
 
 COMMANDS = (

@@ -16,6 +16,7 @@ from jbench.settings.base import validated
 from jbench.settings.imported import ImportSettings
 from jbench.store import Results, files, schema
 from jbench.store.manifest import plain_settings
+from jbench.store.parquet import table_of
 
 _READERS: dict[ImportFormat, Callable[[ImportedFile, ImportRequest], list[Series]]] = {
     "sb3-monitor": monitor.read,
@@ -148,24 +149,15 @@ def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
 
 def _rows(points: pd.DataFrame, id: str) -> pa.Table:
     """Returns the rows of the table `import_points`."""
-    count = len(points)
     filled = points.reset_index(drop=True)
     if "wall_time" in filled:
         filled["wall_time"] -= filled["wall_time"].min()
     if "point" not in filled:
-        filled["point"] = range(count)
+        filled["point"] = range(len(filled))
     if "episode" not in filled:
         filled["episode"] = 0
     filled["import"] = id
-    return pa.table(
-        [
-            pa.array(filled[field.name], from_pandas=True).cast(field.type)
-            if field.name in filled
-            else pa.nulls(count, field.type)
-            for field in schema.IMPORT_POINTS
-        ],
-        schema=schema.IMPORT_POINTS,
-    )
+    return table_of(filled, schema.IMPORT_POINTS)
 
 
 def _plain_name(name: str) -> str:

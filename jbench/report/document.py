@@ -178,6 +178,8 @@ def data_frame(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _data_columns(column: "pd.Series[Any]") -> "list[tuple[str, pd.Series[Any]]]":
     """Returns the data columns of a table's column, by the suffix of their names."""
+    if column.dtype != object:
+        return [("", column)]
     cells = column.tolist()
     if not any(isinstance(cell, Value) for cell in cells):
         return [("", column)]

@@ -1,7 +1,7 @@
 """Numbers and names as sentences, tables and figures of a report show them."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from jbench.names import ALGORITHMS
 
@@ -36,6 +36,11 @@ def steps(value: float) -> str:
         if rounded >= size:
             return f"{rounded / size:g}{unit}"
     return f"{rounded:g}"
+
+
+def span(numbers: Sequence[float], form: Form) -> str:
+    """Formats the smallest and the largest number: `300k–1M`, or `300k` if both read the same."""
+    return "\N{EN DASH}".join(dict.fromkeys((form(min(numbers)), form(max(numbers)))))
 
 
 def display_name(algo: str) -> str:

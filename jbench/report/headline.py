@@ -10,10 +10,9 @@ from jbench.report.analysis.examine import decide
 from jbench.report.analysis.reduction import Reduction, numbers_seen
 from jbench.report.analysis.scores import Statistic, Summary
 from jbench.report.data.cells import SOLVED, Cell
-from jbench.report.data.returns import TRAINING
 from jbench.report.formatting import display_name
 from jbench.report.tables import reduction_items, values
-from jbench.report.views import View
+from jbench.report.views import View, cells_of
 
 _MAX_PARTS = 5
 
@@ -50,7 +49,7 @@ def headline(view: View) -> str:
 
 def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
     """Returns four numbers on what was run, each with its name."""
-    cells = next((view.cells for view in views if view.kind is TRAINING), [])
+    cells = cells_of(views)
     steps = sum(int(cell.steps.sum()) for cell in cells)
     counts = {
         "run": sum(len(cell.seeds) for cell in cells),
@@ -101,9 +100,8 @@ def _names(chosen: Sequence[_Answer], of_task: Sequence[_Answer]) -> Iterator[st
     for algo in dict.fromkeys(one.cell.algo for one in chosen):
         mine = [one for one in chosen if one.cell.algo == algo]
         if len(mine) == sum(one.cell.algo == algo for one in of_task):
-            same = len({one.cell.representation for one in mine}) == 1
-            encoded = same and mine[0].cell.representation != FULL
-            yield display_name(algo) + (f" on {mine[0].cell.representation}" if encoded else "")
+            learners = {one.cell.learner for one in mine}
+            yield learners.pop() if len(learners) == 1 else display_name(algo)
         else:
             yield from (one.cell.short_name for one in mine)
 
@@ -111,10 +109,14 @@ def _names(chosen: Sequence[_Answer], of_task: Sequence[_Answer]) -> Iterator[st
 def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) -> str:
     one = len(names) == 1
     who, tasks = _listed(names), _listed(list(dict.fromkeys(a.cell.task for a in group)))
-    medians = _range([answer.median for answer in group], formatting.whole)
+    medians = formatting.span([answer.median for answer in group], formatting.whole)
     reached = [answer.reached for answer in group if answer.reached != float("inf")]
-    when = f"{SOLVED} after {_range(reached, formatting.steps)} control steps" if reached else ""
-    count = _range([float(answer.seeds) for answer in group], formatting.whole)
+    when = (
+        f"{SOLVED} after {formatting.span(reached, formatting.steps)} control steps"
+        if reached
+        else ""
+    )
+    count = formatting.span([float(answer.seeds) for answer in group], formatting.whole)
     seeds = f"{count} seed{'' if count == '1' else 's'}{' each' if len(group) > 1 else ''}"
     if verdict == "undecided":
         return (
@@ -148,11 +150,6 @@ def _on_reduction(one: Reduction) -> str:
         return f"{reduced} leave the return of {algo} on {task} similar{text}"
     verb = "lower" if finding.effect.value < 0 else "raise"
     return f"{reduced} {verb} the return of {algo} on {task}{text}"
-
-
-def _range(numbers: Sequence[float], form: formatting.Form) -> str:
-    texts = dict.fromkeys((form(min(numbers)), form(max(numbers))))
-    return "\N{EN DASH}".join(texts)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -13,10 +13,10 @@ from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import Summary
 from jbench.report.data.cells import OURS, Cell, LearnedCurve, in_order, of_kind
 from jbench.report.data.curves import FloatArray
-from jbench.report.data.published import PublishedCurve, read_published
+from jbench.report.data.published import PUBLISHED, PublishedCurve, read_published
 from jbench.report.data.returns import KINDS, Returns
 from jbench.report.document import TableItem, Value
-from jbench.report.formatting import display_name, steps
+from jbench.report.formatting import display_name
 from jbench.report.request import Request
 from jbench.report.sources import Source
 from jbench.report.tables import values
@@ -24,7 +24,6 @@ from jbench.report.views import curve_of
 from jbench.store import Results, query
 
 HAND_WRITTEN = "hand-written"
-PUBLISHED = "published"
 
 
 @dataclass(frozen=True)
@@ -236,11 +235,7 @@ def _of_paper(curves: Sequence[PublishedCurve]) -> list[Entry]:
 
 
 def _trained(entry: Entry) -> Value | None:
-    low, high = entry.trained
-    if not high:
-        return None
-    texts = dict.fromkeys((steps(low), steps(high)))
-    return Value("\N{EN DASH}".join(texts), high, numbers={"least": low, "most": high})
+    return values.steps_between(*entry.trained) if entry.trained[1] else None
 
 
 def _known(value: float) -> float | None:

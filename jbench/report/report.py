@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -11,8 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow.csv import WriteOptions, write_csv
 
+from jbench.cores import cores
 from jbench.errors import RequestError
-from jbench.report import contents, leaderboard, output_directory, page, sources, views
+from jbench.report import contents, leaderboard, output_directory, page, parallel, sources, views
 from jbench.report.analysis import (
     claims,
     comparisons,
@@ -82,11 +84,15 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     """
     data = gather(results, request)
     document = contents.document(data)
-    files = {**_data_files(data), **_table_files(document), **_figure_files(document, request)}
-    figures = {f"{item.name}.{ending}" for item in _figures(document) for ending in request.formats}
-    html = page.render_document(document, sheet=SHEETS[request.columns], reloads=request.watched)
-    files["index.html"] = html.encode()
-    paths, kept = output_directory.write(out, files)
+    drawn = [item for item in document.items if isinstance(item, FigureItem)]
+    tasks = [
+        partial(_data_files, data),
+        partial(_table_files, document),
+        *(partial(_figure_files, item, request) for item in drawn),
+        partial(_page, document, request),
+    ]
+    figures = {f"{item.name}.{ending}" for item in drawn for ending in request.formats}
+    paths, kept = output_directory.write(out, parallel.files_of(tasks, cores()))
     return Report(
         table=data.table,
         aggregate=data.aggregate,
@@ -241,19 +247,18 @@ def _table_files(document: Document) -> dict[str, bytes]:
     }
 
 
-def _figure_files(document: Document, request: Request) -> dict[str, bytes]:
-    files = {}
-    for item in _figures(document):
-        drawn = plotting.draw(item.figure, SHEETS[request.columns])
-        for ending in request.formats:
-            files[f"{item.name}.{ending}"] = plotting.FORMATS[ending](
-                drawn, paper=request.columns is not None
-            )
-    return files
+def _figure_files(item: FigureItem, request: Request) -> dict[str, bytes]:
+    sheet = SHEETS[request.columns]
+    drawn = plotting.draw(item.figure, sheet)
+    return {
+        f"{item.name}.{ending}": plotting.FORMATS[ending](drawn, paper=sheet.paper)
+        for ending in request.formats
+    }
 
 
-def _figures(document: Document) -> list[FigureItem]:
-    return [item for item in document.items if isinstance(item, FigureItem)]
+def _page(document: Document, request: Request) -> dict[str, bytes]:
+    html = page.render_document(document, sheet=SHEETS[request.columns], reloads=request.watched)
+    return {"index.html": html.encode()}
 
 
 def _to_csv(frame: pd.DataFrame) -> bytes:

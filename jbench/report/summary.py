@@ -10,11 +10,10 @@ from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.cells import SOLVED, Cell
-from jbench.report.data.returns import TRAINING
 from jbench.report.formatting import display_name
 from jbench.report.request import Request
 from jbench.report.tables import reduction_items, values
-from jbench.report.views import View
+from jbench.report.views import View, cells_of
 
 _MAX_NAMED = 12
 
@@ -51,8 +50,7 @@ def sentences(
 
 def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
     """Returns a sentence on the number of runs and their cells."""
-    by_training = sorted(views, key=lambda view: view.kind is not TRAINING)
-    cells = list({c.key: c for view in reversed(by_training) for c in view.cells}.values())
+    cells = cells_of(views)
     count = sum(len(cell.seeds) for cell in cells)
     diverged = int(runs["diverged"].notna().sum())
     statuses = Counter(runs.loc[runs["diverged"].isna(), "status"])

@@ -110,6 +110,12 @@ def views_of(
     return views
 
 
+def cells_of(views: Sequence[View]) -> list[Cell]:
+    """Returns one cell for the runs of each setting: that of training returns if there is one."""
+    training_last = sorted(views, key=lambda view: view.kind is TRAINING)
+    return list({cell.key: cell for view in training_last for cell in view.cells}.values())
+
+
 def curve_of(cell: Cell, request: Request) -> Curve:
     """Returns the curve of a cell: a moving average of episodes, or the single evaluations."""
     window = request.window if cell.kind.smoothed else 1

@@ -1,15 +1,32 @@
-"""Conversion of rows to and from the bytes of a Parquet file."""
+"""Tables of rows, and their conversion to and from the bytes of a Parquet file."""
 
 import io
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 # Limits of one file: a few bytes can decompress to more than the memory.
 _MAX_CELLS = 50_000_000
 _MAX_BYTES = 1 << 29
+
+
+def table_of(frame: "pd.DataFrame", columns: pa.Schema) -> pa.Table:
+    """Returns the rows of a frame as a table with these columns; those that it lacks are null."""
+    return pa.table(
+        [
+            pa.array(frame[field.name], field.type, from_pandas=True)
+            if field.name in frame
+            else pa.nulls(len(frame), field.type)
+            for field in columns
+        ],
+        schema=columns,
+    )
 
 
 def to_bytes(rows: pa.Table) -> bytes:

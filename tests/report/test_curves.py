@@ -172,6 +172,18 @@ def test_final_return_is_the_mean_of_the_last_quarter_but_of_no_more_than_100():
     assert control_steps.tolist() == [950_500, 11_000, 3_000]
 
 
+@pytest.mark.parametrize("lengths", [(5000, 5000), (4990, 4700), (401, 399), (130, 7), (3, 1)])
+def test_final_returns_are_rounded_as_means_over_whole_rows(lengths):
+    rng = np.random.default_rng(0)
+    arrays = cell(*(rng.normal(500, 99, size=length) for length in lengths))
+    returns, centres = final_returns(*arrays)
+    for row, length in enumerate(lengths):
+        last = np.arange(arrays[0].shape[1]) >= length - min(100, max(1, length // 4))
+        for found, values in ((returns, arrays[0]), (centres, arrays[1])):
+            whole = np.where(last, values[row], NAN)
+            assert found[row] == moving_average(whole, len(whole))[0]
+
+
 def test_final_return_leaves_nan_out_and_is_nan_without_any_return():
     returns, _ = final_returns(*cell([0] * 6 + [NAN, 4], [0] * 6 + [NAN, NAN]))
     assert returns[0] == 4.0

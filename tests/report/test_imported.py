@@ -80,8 +80,19 @@ def test_evaluations_alone_are_reported(tmp_path):
     data = gather(Results(place), Request())
     assert data.table["evaluation_return_median"].tolist() == [825]
     assert data.table["seeds"].tolist() == [6]
-    (sentence, *_) = contents.document(data).summary
-    assert sentence.startswith("6 runs in 1 cell on 1 task: imported, not verified: face_direction")
+    document = contents.document(data)
+    assert document.summary[0].startswith("6 runs in 1 cell on 1 task: imported, not verified: fa")
+    # Each of the 6 seeds ends at control step 8,000.
+    counts = [("6", "runs"), ("1", "setting"), ("1", "task"), ("48k", "control steps")]
+    assert document.inventory == counts
+
+
+def test_runs_with_evaluations_only_are_counted_beside_trained_ones(imported, tmp_path):
+    add(imported, tmp_path, "other", {0: 500.0, 1: 510.0}, more=("--returns", "evaluation"))
+    document = contents.document(gather(Results(imported), Request()))
+    assert document.summary[0].startswith("14 runs in 3 cells on 1 task: ")
+    counts = [("14", "runs"), ("3", "settings"), ("1", "task"), ("112k", "control steps")]
+    assert document.inventory == counts
 
 
 def test_training_and_evaluation_of_a_label_are_one_cell(tmp_path):

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from jbench.report.analysis import statistics as st
+from jbench.report.analysis.power import seeds_to_decide
+from jbench.report.data.curves import steps_to_threshold
 
 _MADE = json.loads((Path(__file__).parent / "rliable_oracle" / "made.json").read_text())
 CASES = _MADE["cases"]
@@ -65,6 +67,28 @@ def test_spread_by_hand():
     assert st.difference(st.median)(doubled, seeds) == 5.0
 
 
+@pytest.mark.parametrize("seeds", [1, 2, 3, 5, 8, 10, 11, 40])
+def test_medians_and_percentiles_are_numpys_bit_for_bit(seeds):
+    scores = np.random.default_rng(seeds).normal(500, 100, size=(50, seeds))
+    assert np.array_equal(st.median([scores]), np.median(scores, axis=1))
+    for statistic, ends in ((st.interquartile_range, (25, 75)), (st.ten_to_ninety, (10, 90))):
+        low, high = np.percentile(scores, ends, axis=1)
+        assert np.array_equal(statistic([scores]), high - low)
+
+
+def test_improvements_of_resamples_are_those_of_their_seeds_bit_for_bit():
+    random = np.random.default_rng(0)
+    ours = [random.integers(5, size=9) * 1.0, np.array([np.inf, 2.0, 3.0])]  # many ties
+    theirs = [random.integers(5, size=4) * 1.0, np.array([np.inf, -np.inf])]
+
+    def of_pairs(*drawn):
+        return st.probability_of_improvement(*drawn)
+
+    fast, slow = st.bootstrap([st.probability_of_improvement, of_pairs], ours, theirs)
+    assert np.array_equal(fast, slow)
+    assert len(np.unique(fast)) > 50
+
+
 def test_a_vectorised_statistic_is_the_one_of_each_resample():
     random = np.random.default_rng(0)
     many = [random.normal(size=(6, 9)), random.normal(size=(6, 4))]
@@ -96,7 +120,7 @@ def test_an_interval_covers_the_truth_as_often_as_it_says():
 
 def test_steps_to_a_threshold_keep_seeds_that_never_reach_it():
     returns = np.array([[1.0, 5.0, 9.0], [9.0, 1.0, np.nan], [1.0, 2.0, 3.0]])
-    steps = st.steps_to_threshold(returns, np.array([10.0, 20.0, 30.0]), 5.0)
+    steps = steps_to_threshold(returns, np.array([10.0, 20.0, 30.0]), 5.0)
     assert steps.tolist() == [20.0, 10.0, np.inf]
     assert st.median([steps]) == 20.0
     found = st.estimate(st.median, [steps])
@@ -107,9 +131,9 @@ def test_steps_to_a_threshold_keep_seeds_that_never_reach_it():
 
 def test_seeds_to_decide():
     # An effect of one standard error needs (1.96 + 0.8416)^2 = 7.85 times the seeds.
-    assert st.seeds_to_decide(1.0, 1.0, 10) == 79
-    assert st.seeds_to_decide(10.0, 1.0, 10) == st.MIN_SEEDS
-    assert st.seeds_to_decide(0.0, 1.0, 10) is None
+    assert seeds_to_decide(1.0, 1.0, 10) == 79
+    assert seeds_to_decide(10.0, 1.0, 10) == st.MIN_SEEDS
+    assert seeds_to_decide(0.0, 1.0, 10) is None
     # 10 * (2.8 / 1e-300) ** 2 is no number of seeds.
-    assert st.seeds_to_decide(1e-300, 1.0, 10) is None
-    assert st.seeds_to_decide(1.0, np.nan, 10) is None
+    assert seeds_to_decide(1e-300, 1.0, 10) is None
+    assert seeds_to_decide(1.0, np.nan, 10) is None

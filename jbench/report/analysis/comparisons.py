@@ -9,6 +9,7 @@ import pandas as pd
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import baseline_of, common_steps, scores_of
 from jbench.report.data.cells import Cell
+from jbench.report.data.curves import FloatArray
 from jbench.report.data.variants import variant_labels
 from jbench.settings.alike import comparable
 
@@ -46,15 +47,21 @@ class Comparison:
 
 def compare(ours: Cell, theirs: Cell) -> Comparison:
     """Compares two cells of the same kind of return."""
-    common = common_steps(ours, theirs)
-    groups = [scores_of(cell, common).final for cell in (ours, theirs)]
+    groups = _finals(ours, theirs)
     statistics = [
         st.probability_of_improvement,
         st.difference(st.interquartile_mean),
         st.difference(st.median),
     ]
     estimates = st.estimates(statistics, *([group] for group in groups))
-    return Comparison(ours, theirs, common, (len(groups[0]), len(groups[1])), *estimates)
+    seeds = len(groups[0]), len(groups[1])
+    return Comparison(ours, theirs, common_steps(ours, theirs), seeds, *estimates)
+
+
+def _finals(ours: Cell, theirs: Cell) -> list[FloatArray]:
+    """Returns the final returns (seeds,) of both at the last step that all seeds have reached."""
+    common = common_steps(ours, theirs)
+    return [scores_of(cell, common).final for cell in (ours, theirs)]
 
 
 def within(cells: Sequence[Cell]) -> list[Comparison]:
@@ -190,9 +197,15 @@ def best_of(cells: Sequence[Cell]) -> Cell | None:
     best = cells[int(np.nanargmax(medians))] if np.isfinite(medians).any() else None
     if best is None:
         return None
-    others = (compare(best, other) for other in cells if other is not best)
-    ahead = (o.medians.low > 0 and min(o.seeds) >= st.DECIDING_SEEDS for o in others)
-    return best if all(ahead) else None
+    return best if all(_is_above(best, other) for other in cells if other is not best) else None
+
+
+def _is_above(one: Cell, other: Cell) -> bool:
+    """Returns whether the median final return of a cell is certainly above that of another."""
+    finals = _finals(one, other)
+    if min(map(len, finals)) < st.DECIDING_SEEDS:
+        return False
+    return st.estimate(st.difference(st.median), *([final] for final in finals)).low > 0
 
 
 def _median(cell: Cell) -> float:

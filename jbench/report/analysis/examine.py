@@ -20,6 +20,7 @@ from jbench.report.analysis.claims import (
     Verdict,
 )
 from jbench.report.analysis.comparisons import algorithm_pairs
+from jbench.report.analysis.power import seeds_to_decide
 from jbench.report.analysis.scores import Scores, common_steps, scores_of
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.data.curves import FloatArray
@@ -79,7 +80,7 @@ def decide(
     distance, error = effect.value - boundary, effect.standard_error
     if logarithmic and effect.value > 0:
         distance, error = np.log(effect.value / boundary), error / effect.value
-    return "undecided", _needed(st.seeds_to_decide(distance, error, seeds), seeds)
+    return "undecided", _needed(seeds_to_decide(distance, error, seeds), seeds)
 
 
 def _needed(by_power: int | None, seeds: int) -> SeedsNeeded | None:
@@ -106,7 +107,7 @@ def decide_similar(
     if seeds >= st.DECIDING_SEEDS and (outer.low > MARGIN or outer.high < -MARGIN):
         return "contradicted", None
     distance = MARGIN - abs(inner.value)
-    return "undecided", _needed(st.seeds_to_decide(distance, inner.standard_error, seeds), seeds)
+    return "undecided", _needed(seeds_to_decide(distance, inner.standard_error, seeds), seeds)
 
 
 def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:

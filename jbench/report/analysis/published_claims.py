@@ -27,11 +27,8 @@ from jbench.report.analysis.claims import (
 )
 from jbench.report.analysis.examine import decide
 from jbench.report.data.cells import SOLVED
-from jbench.report.data.published import PublishedCurve
+from jbench.report.data.published import SEEDS, PublishedCurve
 from jbench.report.data.returns import TRAINING
-
-SEEDS = 10
-"""Number of seeds in the paper's Figures 8 and 9."""
 
 _BAND = "the interval is the 10-90 band, which contains the population median with 97.9%"
 _NO_WIDTH = "the uncertainty of a published band's width is unknown"
@@ -88,12 +85,11 @@ def _of_figures_7_and_8(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
     gains: dict[str, float] = {}
     for full in (curve for curve in curves if curve.representation == FULL):
         for reduced in (c for c in curves if _is_reduced(c, full)):
-            seeds = 1 if full.figure == "fig7" else SEEDS
-            remark = _ONE_SEED if seeds == 1 else _QUARTILES
+            remark = _ONE_SEED if full.seeds == 1 else _QUARTILES
             compared = f"{_name(reduced)} against {FULL}"
             common: dict[str, Any] = {
                 "compared": compared,
-                "seeds": seeds,
+                "seeds": full.seeds,
                 "source": full.figure_name,
             }
             ends = reduced.quantiles[50][-1] - full.quantiles[50][-1]

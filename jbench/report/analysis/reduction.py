@@ -115,11 +115,11 @@ def groups(cells: Sequence[Cell]) -> list[Group]:
     for group in _alike(cells):
         ends = [int(cell.last_step) for cell in group]
         end = max(ends, key=lambda step: (ends.count(step), step))
-        points = [_point(cell, end) for cell, last in zip(group, ends, strict=True) if last >= end]
+        long = [cell for cell, last in zip(group, ends, strict=True) if last >= end]
         short = [cell for cell, last in zip(group, ends, strict=True) if last < end]
-        kinds = {kind_of(point.cell.representation) for point in points}
+        kinds = {kind_of(cell.representation) for cell in long}
         if kinds & {*BASELINES} and kinds - {*BASELINES}:
-            found.append(Group(points, end, short))
+            found.append(Group([_point(cell, end) for cell in long], end, short))
     return found
 
 

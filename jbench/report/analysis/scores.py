@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,7 @@ import pandas as pd
 from jbench.names import FULL
 from jbench.report.analysis import statistics as st
 from jbench.report.data.cells import SOLVED, Cell, LearnedCurve
-from jbench.report.data.curves import FloatArray, final_returns
+from jbench.report.data.curves import FloatArray, final_returns, steps_to_threshold
 from jbench.report.data.published import PublishedCurve, best_at_end
 from jbench.report.data.returns import TRAINING
 
@@ -98,8 +99,19 @@ class Summary:
         return next(matches, None)
 
 
+_SCORES: WeakKeyDictionary[Cell, dict[int | None, Scores]] = WeakKeyDictionary()
+"""Scores of the existing cells, which many tables and figures need; a cell never changes."""
+
+
 def scores_of(cell: Cell, control_steps: int | None = None) -> Scores:
     """Returns the scores of a cell up to a control step; None: over the whole runs."""
+    known = _SCORES.setdefault(cell, {})
+    if control_steps not in known:
+        known[control_steps] = _scores(cell, control_steps)
+    return known[control_steps]
+
+
+def _scores(cell: Cell, control_steps: int | None) -> Scores:
     lengths = cell.lengths_up_to(control_steps)
     if control_steps is None:
         control_steps = int(np.nanmax(cell.control_steps))
@@ -148,7 +160,7 @@ def summaries(
         theirs = published if item.cell.kind is TRAINING else ()
         best = best_at_end(theirs, item.cell.task)
         half = None if best is None else best / 2
-        parts = (*_locations(item, half), *_spreads(item.cell), *_ratios(item.cell, baseline))
+        parts = (*_of_runs(item, half), *_ratios(item.cell, baseline))
         summaries.append(Summary(item.cell, parts, baseline))
     return summaries
 
@@ -190,25 +202,23 @@ def statistics_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
 _CELL = ("source", "task", "algo", "representation", "variant", "label")
 
 
-def _locations(item: LearnedCurve, half_best: float | None) -> Iterator[Statistic]:
-    """Yields medians and IQMs; sequences of robots have no number of steps to a return."""
+def _of_runs(item: LearnedCurve, half_best: float | None) -> Iterator[Statistic]:
+    """Yields locations and spreads; sequences of robots have no number of steps to a return."""
     cell, curve = item
     whole = scores_of(cell)
-    yield from _of_seeds("final_return", whole.final, _LOCATIONS, whole.control_steps)
+    # Locations and spreads have the same resamples.
+    of_final = _LOCATIONS | (SPREADS if len(whole.final) > 1 else {})
+    final = [*_of_seeds("final_return", whole.final, of_final, whole.control_steps)]
+    yield from final[: len(_LOCATIONS)]
     yield from _of_seeds("area", whole.area, _LOCATIONS, whole.control_steps)
     thresholds = {"steps_to_solved": float(SOLVED), "steps_to_half_best": half_best}
     for measure, threshold in thresholds.items():
         if threshold is not None and cell.robots <= 1:
             # Windows that are cut off at the ends of a run don't count.
             each, at = curve.each[:, curve.full], curve.control_steps[curve.full]
-            steps = st.steps_to_threshold(each, at, threshold)
+            steps = steps_to_threshold(each, at, threshold)
             yield from _of_seeds(measure, steps, _LOCATIONS, whole.control_steps, threshold)
-
-
-def _spreads(cell: Cell) -> Iterator[Statistic]:
-    whole = scores_of(cell)
-    if len(whole.final) > 1:
-        yield from _of_seeds("final_return", whole.final, SPREADS, whole.control_steps)
+    yield from final[len(_LOCATIONS) :]
 
 
 def _ratios(cell: Cell, baseline: Cell | None) -> Iterator[Statistic]:

@@ -8,7 +8,8 @@ Every statistic takes a list of strata, each (..., seeds) with the same leading 
 distribution.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,10 +33,6 @@ population median with 95% (1 - 2^(1 - n): 75% for three seeds, 94% for five, 97
 
 _NUMBERS_AT_A_TIME = 1 << 21  # resampled scores that fit into a processor's cache, about
 
-# Quantiles of the normal distribution, for a two-sided test at 5% and for a power of 80%.
-_SIGNIFICANCE, _POWER = 1.959964, 0.841621
-_MAX_SEEDS = 1_000_000  # limit of a recommendation
-
 
 class Estimate(NamedTuple):
     """A number with its uncertainty, which is NaN with fewer than `MIN_SEEDS` seeds.
@@ -55,8 +52,10 @@ class Estimate(NamedTuple):
 
 def median(strata: Strata) -> FloatArray:
     """Returns the median over the seeds of all tasks."""
-    pooled: FloatArray = np.median(_pooled(strata), axis=-1)
-    return pooled
+    ordered = _ordered(strata)
+    count = ordered.shape[-1]
+    middle: FloatArray = (ordered[..., (count - 1) // 2] + ordered[..., count // 2]) / 2
+    return middle
 
 
 def mean(strata: Strata) -> FloatArray:
@@ -74,7 +73,7 @@ def interquartile_mean(strata: Strata) -> FloatArray:
 
     Of n scores, n // 4 are left out at each end (Agarwal et al., 2021, section 4.3).
     """
-    ordered = np.sort(_pooled(strata), axis=-1)
+    ordered = _ordered(strata)
     count = ordered.shape[-1]
     middle: FloatArray = np.mean(ordered[..., count // 4 : count - count // 4], axis=-1)
     return middle
@@ -103,14 +102,10 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:
     """Returns the probability that a run of ours beats one of theirs, averaged over tasks.
 
     Ties count half. It is the Mann-Whitney U statistic as a share of all pairs (Agarwal et al.,
-    2021, section 4.3), computed from the sum of ranks, which is faster than all pairs.
+    2021, section 4.3).
     """
-    shares = []
-    for x, y in zip(ours, theirs, strict=True):
-        n, m = x.shape[-1], y.shape[-1]
-        ranks = _sum_of_ranks(np.concatenate([x, y], axis=-1), n)
-        shares.append((ranks - n * (n + 1) / 2) / (n * m))
-    return _over_tasks(np.mean, shares)
+    won = [_won(x, y).mean(axis=(-2, -1)) for x, y in zip(ours, theirs, strict=True)]
+    return _over_tasks(np.mean, won)
 
 
 def difference(statistic: Statistic) -> Statistic:
@@ -148,14 +143,21 @@ def bootstrap(
         resamples: number of resamples.
         seed: random seed.
     """
-    random = np.random.default_rng(np.random.SeedSequence(seed))
-    width = sum(len(seeds) for strata in groups for seeds in strata)
-    at_a_time = max(1, _NUMBERS_AT_A_TIME // width)
     parts = []
-    for first in range(0, resamples, at_a_time):
-        count = min(at_a_time, resamples - first)
-        drawn = [[_resampled(seeds, count, random) for seeds in strata] for strata in groups]
-        parts.append([statistic(*drawn) for statistic in statistics])
+    for chosen in _draws(groups, resamples, seed):
+        drawn = [
+            [seeds[index] for seeds, index in zip(*pair, strict=True)]
+            for pair in zip(groups, chosen, strict=True)
+        ]
+        parts.append(
+            [
+                # Comparing all pairs of seeds in each resample would take most of the time.
+                _improvements(groups, chosen)
+                if statistic is probability_of_improvement
+                else statistic(*drawn)
+                for statistic in statistics
+            ]
+        )
     return [np.concatenate(one) for one in zip(*parts, strict=True)]
 
 
@@ -206,81 +208,82 @@ def _with_interval(value: float, drawn: FloatArray, confidence: float) -> Estima
     return Estimate(value, float(low), float(high), np.nan if infinite else float(np.std(drawn)))
 
 
-def steps_to_threshold(
-    returns: FloatArray, control_steps: FloatArray, threshold: float
-) -> FloatArray:
-    """Returns the control steps (seeds,) after which each seed first reaches a return.
-
-    A seed that never does counts as infinity: its true value is later than its end.
-
-    Args:
-        returns: (seeds, points) smoothed episode returns; NaN after a run's end.
-        control_steps: (points,) or (seeds, points).
-        threshold: the return to reach.
-    """
-    reached = np.nan_to_num(returns, nan=-np.inf) >= threshold
-    first = np.argmax(reached, axis=1)
-    steps = np.broadcast_to(control_steps, returns.shape)
-    first_steps = np.take_along_axis(steps, first[:, None], axis=1)[:, 0]
-    return np.where(reached.any(axis=1), first_steps, np.inf)
-
-
-def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int | None:
-    """Returns the seeds per group that decide a comparison with a power of 80% at 5%, two-sided.
-
-    The standard error falls with the root of the number of seeds; the true effect is assumed to
-    equal the observed one (Cohen, 1988, chapter 2, by the normal approximation).
-
-    Args:
-        distance: distance of the effect from the deciding value.
-        standard_error: standard error of the effect at the present number of seeds.
-        seeds: present number of seeds per group.
-
-    Returns:
-        None if the distance is 0 or unknown, or if more than a million seeds were needed.
-    """
-    if not (np.isfinite(distance) and np.isfinite(standard_error)) or distance == 0:
-        return None
-    root = abs((_SIGNIFICANCE + _POWER) * standard_error / distance)
-    if root > np.sqrt(_MAX_SEEDS / seeds):
-        return None
-    return max(MIN_SEEDS, int(np.ceil(seeds * root**2)))
-
-
 def _over_tasks(average: Callable[..., FloatArray], values: Sequence[FloatArray]) -> FloatArray:
     return average(values, axis=0)
 
 
 def _pooled(strata: Strata) -> FloatArray:
-    return np.concatenate(list(strata), axis=-1)
+    return strata[0] if len(strata) == 1 else np.concatenate(list(strata), axis=-1)
+
+
+def _ordered(strata: Strata) -> FloatArray:
+    """Returns the scores of all tasks in ascending order; numpy's median is slower than this."""
+    return np.sort(_pooled(strata), axis=-1)
 
 
 def _range(strata: Strata, low: float, high: float) -> FloatArray:
-    ends = np.percentile(_pooled(strata), (low, high), axis=-1)
-    width: FloatArray = ends[1] - ends[0]
-    return width
+    ordered = _ordered(strata)
+    return _percentile(ordered, high) - _percentile(ordered, low)
 
 
-def _sum_of_ranks(values: FloatArray, first: int) -> FloatArray:
-    """Returns the sum of the ranks (from 1) of the first `first` values of the last axis.
+def _percentile(ordered: FloatArray, percent: float) -> FloatArray:
+    """Returns numpy's percentile (method "linear"), rounded in the same way.
 
-    Equal values share the mean of their ranks.
+    Args:
+        ordered: (..., seeds) in ascending order.
+        percent: 0 to 100.
     """
-    order = np.argsort(values, axis=-1)
-    ordered = np.take_along_axis(values, order, axis=-1)
-    positions = np.arange(values.shape[-1])
-    new = np.ones(values.shape, bool)
-    new[..., 1:] = ordered[..., 1:] != ordered[..., :-1]
-    last = np.ones(values.shape, bool)
-    last[..., :-1] = new[..., 1:]
-    lowest = np.maximum.accumulate(np.where(new, positions, 0), axis=-1)
-    backwards = np.where(last, positions, values.shape[-1])[..., ::-1]
-    highest = np.minimum.accumulate(backwards, axis=-1)[..., ::-1]
-    total: FloatArray = np.sum((1 + (lowest + highest) / 2) * (order < first), axis=-1)
-    return total
+    position = percent / 100 * (ordered.shape[-1] - 1)
+    share = position - int(position)
+    low, high = ordered[..., int(position)], ordered[..., math.ceil(position)]
+    if share < 0.5:
+        return np.asarray(low + (high - low) * share)
+    return np.asarray(high - (high - low) * (1 - share))
 
 
-def _resampled(seeds: FloatArray, resamples: int, random: np.random.Generator) -> FloatArray:
-    count = len(seeds)
-    chosen: NDArray[np.int64] = random.integers(count, size=(resamples, count))
-    return seeds[chosen]
+def _won(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Returns whether each score of x (..., n) beats each of y (..., m): 1, 0.5 or 0."""
+    ours, theirs = x[..., :, None], y[..., None, :]
+    return np.asarray((ours > theirs) + 0.5 * (ours == theirs))
+
+
+def _improvements(
+    groups: Sequence[Strata], chosen: Sequence[Sequence[NDArray[np.int64]]]
+) -> FloatArray:
+    """Returns `probability_of_improvement` of each resample, from how often it has each seed.
+
+    Args:
+        groups: the two groups.
+        chosen: (resamples, seeds) indices of the seeds, for each stratum of each group.
+    """
+    shares = []
+    for x, y, *indices in zip(*groups, *chosen, strict=True):
+        ours, theirs = (
+            _counts(index, len(seeds)) for index, seeds in zip(indices, (x, y), strict=True)
+        )
+        # Sums of halves have no rounding errors.
+        won = np.sum((ours @ _won(x, y)) * theirs, axis=-1)
+        shares.append(won / (len(x) * len(y)))
+    return _over_tasks(np.mean, shares)
+
+
+def _counts(index: NDArray[np.int64], seeds: int) -> FloatArray:
+    """Returns how often each seed occurs in each resample, (resamples, seeds)."""
+    rows = np.arange(len(index))[:, None] * seeds
+    counts = np.bincount((rows + index).ravel(), minlength=len(index) * seeds)
+    return counts.reshape(len(index), seeds).astype(np.float64)
+
+
+def _draws(
+    groups: Sequence[Strata], resamples: int, seed: int
+) -> Iterator[list[list[NDArray[np.int64]]]]:
+    """Yields the indices (resamples, seeds) of resampled seeds for each stratum of each group."""
+    random = np.random.default_rng(np.random.SeedSequence(seed))
+    width = sum(len(seeds) for strata in groups for seeds in strata)
+    at_a_time = max(1, _NUMBERS_AT_A_TIME // width)
+    for first in range(0, resamples, at_a_time):
+        count = min(at_a_time, resamples - first)
+        yield [
+            [random.integers(len(seeds), size=(count, len(seeds))) for seeds in strata]
+            for strata in groups
+        ]

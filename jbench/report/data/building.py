@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS
 from jbench.report.data.cells import OURS, Cell, paper_order
-from jbench.report.data.curves import FloatArray, IntArray
+from jbench.report.data.curves import BAND_SEEDS, FloatArray, IntArray
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.report.data.variants import variant_labels, variant_words
@@ -194,7 +194,7 @@ def _notes(
 ) -> list[str]:
     """Returns notes on unusual runs of a cell; `runs` contains the unused ones as well."""
     notes = []
-    if len(chosen) < 3:
+    if len(chosen) < BAND_SEEDS:
         seeds = "1 seed" if len(chosen) == 1 else "2 seeds"
         notes.append(f"only {seeds}: no band is drawn, and quantiles across seeds say little")
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
@@ -216,8 +216,9 @@ def _notes(
         )
     others = chosen[~chosen["seed"].isin(list(diverged))]
     for status in ("failed", "unfinished"):
-        for row in others[others["status"] == status].itertuples():
-            notes.append(f"seed {row.seed} {status} after {row.recorded} episodes")
+        ended = others[others["status"] == status]
+        for seed, episodes in zip(ended["seed"], ended["recorded"], strict=True):
+            notes.append(f"seed {seed} {status} after {episodes} episodes")
     if others["recorded"].nunique() > 1:
         shortest, longest = others["recorded"].min(), others["recorded"].max()
         notes.append(f"seeds of unequal length, {shortest} to {longest} episodes")

@@ -25,7 +25,7 @@ IMPORTED = "imported, not verified"
 """Source of imported learning curves."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cell:
     """One run per seed of a task, algorithm, representation and variant, for one kind of return.
 
@@ -106,15 +106,28 @@ class Cell:
     @property
     def short_name(self) -> str:
         """Name within a task: `TD3`, `TD3, stable-baselines3`, `DDPG on dae12`."""
+        return self.prefix + ", ".join(filter(None, (self.learner, self.words)))
+
+    @property
+    def learner(self) -> str:
+        """Algorithm and encoding: `TD3`, `DDPG on dae12`."""
         algo = display_name(self.algo)
-        learner = algo if self.representation == FULL else f"{algo} on {self.representation}"
-        return self.prefix + ", ".join(filter(None, (learner, self.words)))
+        return algo if self.representation == FULL else f"{algo} on {self.representation}"
+
+    @property
+    def has_words(self) -> bool:
+        """Whether the variant has a name in legends, as it differs from the defaults."""
+        return self.words != ""
 
     @property
     def tags(self) -> dict[str, str]:
         """What a page filters by."""
+        return {"task": self.task, **self.learner_tags}
+
+    @property
+    def learner_tags(self) -> dict[str, str]:
+        """What a page filters rows of several tasks by."""
         return {
-            "task": self.task,
             "algorithm": display_name(self.algo),
             "representation": self.representation,
             "source": self.source,

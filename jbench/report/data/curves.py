@@ -18,6 +18,9 @@ QUANTILES = (10, 25, 50, 75, 90)
 WINDOW = 100
 """Episodes in a moving average (paper, Figures 8 and 9)."""
 
+BAND_SEEDS = 3
+"""Minimum number of seeds for a band."""
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -217,9 +220,32 @@ def final_returns(
         of the averaged points (seeds,).
     """
     last = final_episodes(lengths, max_points)
-    points = np.arange(returns.shape[1])
-    end = (points < lengths[:, None]) & (points >= (lengths - last)[:, None])
+    # Columns before these are in no mean. Their number is a power of 2: the sums are then rounded
+    # as those of all columns.
     width = returns.shape[1]
-    means = moving_average(np.where(end, returns, np.nan), width)[:, 0]
-    centres = moving_average(np.where(end, control_steps, np.nan), width)[:, 0]
+    averaged = width - int((lengths - last).min())
+    width = min(width, 1 << (averaged - 1).bit_length())
+    points = np.arange(returns.shape[1] - width, returns.shape[1])
+    end = (points < lengths[:, None]) & (points >= (lengths - last)[:, None])
+    ends = (np.where(end, values[:, -width:], np.nan) for values in (returns, control_steps))
+    means, centres = (moving_average(values, width)[:, 0] for values in ends)
     return means, centres
+
+
+def steps_to_threshold(
+    returns: FloatArray, control_steps: FloatArray, threshold: float
+) -> FloatArray:
+    """Returns the control steps (seeds,) after which each seed first reaches a return.
+
+    A seed that never does counts as infinity: its true value is later than its end.
+
+    Args:
+        returns: (seeds, points) smoothed episode returns; NaN after a run's end.
+        control_steps: (points,) or (seeds, points).
+        threshold: the return to reach.
+    """
+    reached = np.nan_to_num(returns, nan=-np.inf) >= threshold
+    first = np.argmax(reached, axis=1)
+    steps = np.broadcast_to(control_steps, returns.shape)
+    first_steps = np.take_along_axis(steps, first[:, None], axis=1)[:, 0]
+    return np.where(reached.any(axis=1), first_steps, np.inf)

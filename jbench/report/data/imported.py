@@ -14,6 +14,7 @@ from jbench.report.data.cells import Cell
 from jbench.report.data.returns import TRAINING
 from jbench.settings.alike import variant
 from jbench.store import schema
+from jbench.store.parquet import table_of
 
 _LABELS = ["task", "algo", "representation"]
 _SEED = [*_LABELS, "seed"]
@@ -66,9 +67,9 @@ def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
     named = named.merge(chosen[["import", "run", "returns"]])
     named = named.assign(evaluation=named["point"], processor_time=np.nan)
     named.loc[named["returns"] == "training", "episode"] = named["point"]
-    tables = {"runs": _table(_runs(chosen), schema.RUNS)}
+    tables = {"runs": table_of(_runs(chosen), schema.RUNS)}
     for name, kind in _RETURNS.items():
-        tables[name] = _table(named[named["returns"] == kind], schema.TABLES[name])
+        tables[name] = table_of(named[named["returns"] == kind], schema.TABLES[name])
     return ImportedRuns(tables, _notes(frame, chosen), problems)
 
 
@@ -108,19 +109,6 @@ def _of_import(provenance: Mapping[str, Any]) -> str:
     """Returns the provenance without the machine, which is not that of the training."""
     kept = ("jbench", "python", "git_revision", "command")
     return json.dumps({name: provenance[name] for name in kept if name in provenance})
-
-
-def _table(frame: pd.DataFrame, columns: pa.Schema) -> pa.Table:
-    """Returns a table with these columns; those that the frame lacks are null."""
-    return pa.table(
-        [
-            pa.array(frame[field.name], field.type, from_pandas=True)
-            if field.name in frame
-            else pa.nulls(len(frame), field.type)
-            for field in columns
-        ],
-        schema=columns,
-    )
 
 
 def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:

@@ -9,13 +9,16 @@ import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS, FULL
 from jbench.report.data.cells import IMPORTED, LearnedCurve
-from jbench.report.data.curves import QUANTILES, FloatArray
+from jbench.report.data.curves import BAND_SEEDS, QUANTILES, FloatArray
 
 PUBLISHED = "published"
 """Source of the paper's curves."""
 
 PPO_ENVIRONMENTS = 8
 """Parallel environments of the paper's PPO; its figures probably count the steps of only one."""
+
+SEEDS = 10
+"""Number of seeds in the paper's Figures 8 and 9; Figure 7 shows one."""
 
 SEQUENCE_ROBOTS = 10
 """Number of augmented robots in the authors' SAC sequence, with 1e6 control steps each."""
@@ -53,6 +56,21 @@ class PublishedCurve:
         """Name of the figure in the paper, such as `Figure 9`."""
         return self.figure.replace("fig", "Figure ").replace(_SEQUENCE, "augmented SAC")
 
+    @property
+    def source(self) -> str:
+        """`PUBLISHED` or `IMPORTED`."""
+        return IMPORTED if self.figure == IMPORTED else PUBLISHED
+
+    @property
+    def seeds(self) -> int:
+        """Number of seeds of a curve of the paper."""
+        return 1 if self.figure == "fig7" else SEEDS
+
+    @property
+    def seeds_text(self) -> str:
+        """Number of seeds of a curve of the paper as text."""
+        return "1 seed" if self.seeds == 1 else f"{self.seeds} seeds"
+
     def median_at(self, control_steps: float) -> float | None:
         """Returns the interpolated median at a control step; None if the curve does not reach it.
 
@@ -69,8 +87,7 @@ def imported_curve(item: LearnedCurve) -> PublishedCurve:
     """Returns an imported curve in the form of a published one."""
     cell, curve = item
     known = curve.seeds > 0
-    # The quantiles of one or two seeds are no band.
-    percents = QUANTILES if len(cell.seeds) > 2 else (50,)
+    percents = QUANTILES if len(cell.seeds) >= BAND_SEEDS else (50,)
     return PublishedCurve(
         figure=IMPORTED,
         task=cell.task,
@@ -102,15 +119,19 @@ def _curves(frame: pd.DataFrame) -> list[PublishedCurve]:
     for (figure, task, algo, representation), rows in frame.groupby(
         ["figure", "task", "algo", "representation"]
     ):
-        wide = rows.pivot_table("episode_return", "training_steps", "quantile").dropna()
+        steps, column = np.unique(rows["training_steps"].to_numpy(np.float64), return_inverse=True)
+        percents, row = np.unique(rows["quantile"].to_numpy(), return_inverse=True)
+        returns = np.full((len(percents), len(steps)), np.nan)
+        returns[row, column] = rows["episode_return"].to_numpy(np.float64)
+        known = np.isfinite(returns).all(axis=0)
         curves.append(
             PublishedCurve(
                 figure=str(figure),
                 task=str(task),
                 algo=str(algo),
                 representation=str(representation),
-                control_steps=wide.index.to_numpy(np.float64),
-                quantiles={int(str(q)): wide[q].to_numpy(np.float64) for q in wide},
+                control_steps=steps[known],
+                quantiles={int(q): one[known] for q, one in zip(percents, returns, strict=True)},
             )
         )
     return curves

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jbench.report.data.cells import IMPORTED, SOLVED, LearnedCurve
-from jbench.report.data.curves import IntArray
-from jbench.report.data.published import PUBLISHED, PublishedCurve
+from jbench.report.data.curves import BAND_SEEDS, IntArray
+from jbench.report.data.published import PublishedCurve
 from jbench.report.figure import (
     DOTS,
     Axis,
@@ -20,9 +20,6 @@ from jbench.report.figure import (
     Style,
 )
 from jbench.report.formatting import display_name
-
-BAND_SEEDS = 3
-"""Minimum number of seeds for a band."""
 
 SOLVED_STYLE = Style("#8a8a8a", width=0.8)
 SOLVED_LINE = ReferenceLine(SOLVED, SOLVED_STYLE)
@@ -146,14 +143,14 @@ def published_series(
         "task": curve.task,
         "algorithm": display_name(curve.algo),
         "representation": curve.representation,
-        "source": IMPORTED if curve.figure == IMPORTED else PUBLISHED,
+        "source": curve.source,
     }
-    key = _ONE_SEED_KEY if curve.figure == "fig7" else PUBLISHED_KEY
-    if curve.figure == IMPORTED:
-        key = entry
+    if curve.source == IMPORTED:
+        key, detail = entry, IMPORTED
+    else:
+        key = _ONE_SEED_KEY if curve.seeds == 1 else PUBLISHED_KEY
+        detail = f"{curve.figure_name}, {curve.seeds_text}"
     of: dict[str, Any] = {"entries": (entry, key), "tags": tags}
-    seeds = "1 seed" if curve.figure == "fig7" else "10 seeds"
-    detail = IMPORTED if curve.figure == IMPORTED else f"{curve.figure_name}, {seeds}"
     if not labelled:
         detail = f"published {entry} ({detail})"
     line = Style(color, "--", 1.0)

@@ -33,7 +33,7 @@ def of_tasks(
     view: View, published: Sequence[PublishedCurve], aggregate: pd.DataFrame, request: Request
 ) -> Iterator[FigureItem]:
     """Yields the learning curves of all tasks."""
-    kind, one_robot = view.kind, [item for item in view.drawn if item.cell.robots <= 1]
+    kind, one_robot = view.kind, _on_one_robot(view.drawn)
     if not one_robot:
         return
     options = one_robot, [*published, *view.baselines], request.order, request.window
@@ -64,7 +64,7 @@ def of_curves(
     view: View, published: Sequence[PublishedCurve], aggregate: pd.DataFrame, request: Request
 ) -> Iterator[FigureItem]:
     """Yields further learning curves: full against encoded, and sequences of robots."""
-    kind, one_robot = view.kind, [item for item in view.drawn if item.cell.robots <= 1]
+    kind, one_robot = view.kind, _on_one_robot(view.drawn)
     options = one_robot, [*published, *view.baselines], request.order, request.window
     training, each_seed = kind is TRAINING, request.each_seed
     if not view.leads:
@@ -92,7 +92,7 @@ def of_returns(view: View) -> Iterator[FigureItem]:
     title = f"Overview of all cells: final {view.kind.plural}"
     data = heat_map.matrix_frame(view.cells)
     yield FigureItem("matrix", title, heat_map.matrix_figure(view.cells), data)
-    one_robot = [item.cell for item in _on_one_robot(view)]
+    one_robot = [item.cell for item in _on_one_robot(view.learned)]
     figure = profiles.profiles_figure(one_robot)
     if figure is not None:
         title = f"Performance profiles of final {view.kind.plural}"
@@ -109,7 +109,7 @@ def of_reduction(view: View) -> Iterator[FigureItem]:
 
 def of_time(view: View, runs: pd.DataFrame) -> Iterator[FigureItem]:
     """Yields the returns against processor time."""
-    one_robot = _on_one_robot(view)
+    one_robot = _on_one_robot(view.learned)
     figure = processor.processor_time_figure(one_robot, processors(runs))
     if figure is not None:
         data = processor.processor_time_frame(one_robot)
@@ -117,8 +117,9 @@ def of_time(view: View, runs: pd.DataFrame) -> Iterator[FigureItem]:
         yield FigureItem("processor_time", title, figure, data)
 
 
-def _on_one_robot(view: View) -> list[LearnedCurve]:
-    return [item for item in view.learned if item.cell.robots <= 1]
+def _on_one_robot(items: Sequence[LearnedCurve]) -> list[LearnedCurve]:
+    """Returns the curves of runs that were trained on one robot, and not on a sequence of them."""
+    return [item for item in items if item.cell.robots <= 1]
 
 
 def of_encoders(table: pd.DataFrame) -> Iterator[FigureItem]:

@@ -14,7 +14,6 @@ from jbench.report.data.summaries import published_beside
 from jbench.report.figure import Axis, Band, Figure, Panel, ReferenceLine, Series, Style
 from jbench.report.figures.curve_series import KEY_COLOR, SOLVED_KEY, SOLVED_STYLE
 from jbench.report.figures.learning_curves import algorithm_colors
-from jbench.report.formatting import display_name
 from jbench.report.tables import values
 
 ALL_TASKS = "all tasks"
@@ -47,7 +46,7 @@ def forest_figure(
             algorithms.index(c.algo),
             c.representation != FULL,
             c.representation,
-            c.words != "",
+            c.has_words,
         ),
     )
     rows = list(dict.fromkeys(cell.short_name for cell in ordered))
@@ -102,7 +101,9 @@ def _row(
     if found is None or not len(final):
         return []
     color, at = colors[cell.algo], float(row)
-    lines = _mean(found.estimate, at, color, final, cell.tags, values.seeds(cell))
+    dots = Style(color, "", marker="o", size=3, alpha=0.6)
+    seeds = Series(final, np.full(len(final), at + _BELOW), dots, entries=(_SEED,), tags=cell.tags)
+    lines = [seeds, _mean(found.estimate, at, color, cell.tags, values.seeds(cell))]
     if cell.key in theirs:
         value = theirs[cell.key]
         tags = {**cell.tags, "source": PUBLISHED}
@@ -113,21 +114,18 @@ def _row(
     return lines
 
 
-def _mean(
-    one: st.Estimate, at: float, color: str, final: Any, tags: Mapping[str, str], detail: str
-) -> list[Series]:
-    """Returns the dots of seeds, and the mean with its bar, in a row."""
+def _mean(one: st.Estimate, at: float, color: str, tags: Mapping[str, str], detail: str) -> Series:
+    """Returns the interquartile mean with its bar in a row."""
     bars = [Band(np.array([one.low]), np.array([one.high]), bars=True, along_x=True)]
-    dots = Style(color, "", marker="o", size=3, alpha=0.6)
-    mean = Style(color, marker="o", size=6)
-    row = np.array([at])
-    more: dict[str, Any] = {"detail": detail, "entries": (_MEAN,), "tags": tags}
-    return [
-        Series(final, np.full(len(final), at + _BELOW), dots, entries=(_SEED,), tags=tags),
-        Series(
-            np.array([one.value]), row, mean, bands=bars if np.isfinite(one.low) else [], **more
-        ),
-    ]
+    return Series(
+        np.array([one.value]),
+        np.array([at]),
+        Style(color, marker="o", size=6),
+        bands=bars if np.isfinite(one.low) else [],
+        detail=detail,
+        entries=(_MEAN,),
+        tags=tags,
+    )
 
 
 def _together(
@@ -142,10 +140,8 @@ def _together(
             continue
         one = st.estimate(st.interquartile_mean, strata)
         cell = next(iter(mine.values()))
-        tags = {"algorithm": display_name(cell.algo), "representation": cell.representation}
-        tags["source"] = cell.source
         runs = f"{sum(map(len, strata))} runs on {len(tasks)} tasks"
-        series += _mean(one, float(row), colors[cell.algo], np.empty(0), tags, runs)[1:]
+        series.append(_mean(one, float(row), colors[cell.algo], cell.learner_tags, runs))
     return series
 
 

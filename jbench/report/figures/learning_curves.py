@@ -6,6 +6,7 @@ import numpy as np
 
 from jbench.names import ALGORITHMS, FULL, TASKS, Order, kind_of
 from jbench.report.data.cells import IMPORTED, LearnedCurve, in_order
+from jbench.report.data.curves import BAND_SEEDS
 from jbench.report.data.published import PPO_ENVIRONMENTS, PublishedCurve
 from jbench.report.data.returns import TRAINING, Returns
 from jbench.report.figure import Axis, Figure, Panel, Series
@@ -117,14 +118,12 @@ def algorithm_colors(algorithms: Sequence[str]) -> dict[str, str]:
 
 def _shown_in_grid(learned: Sequence[LearnedCurve], task: str) -> list[LearnedCurve]:
     ours = [item for item in learned if item.cell.task == task]
-    with_full = {_learner(item) for item in ours if item.cell.representation == FULL}
+    full = {(c.source, c.algo) for c, _ in ours if c.representation == FULL}
     return [
-        item for item in ours if item.cell.representation == FULL or _learner(item) not in with_full
+        item
+        for item in ours
+        if item.cell.representation == FULL or (item.cell.source, item.cell.algo) not in full
     ]
-
-
-def _learner(item: LearnedCurve) -> tuple[str, str]:
-    return item.cell.source, item.cell.algo
 
 
 def _task_panel(
@@ -144,16 +143,12 @@ def _task_panel(
         # The variant without words, which has the defaults, is solid.
         same = sorted(
             (item for item in learned if item.cell.algo == algo),
-            key=lambda item: item.cell.words != "",
+            key=lambda item: item.cell.has_words,
         )
         for style, item in enumerate(same):
-            representation = item.cell.representation
-            name = display_name(algo)
-            if representation != FULL:
-                name += f" on {representation}"
             look = curve_series.Look(colors[algo], style)
             series += curve_series.learned_series(
-                item, look, ((10, 90),), name, each_seed=each_seed
+                item, look, ((10, 90),), item.cell.learner, each_seed=each_seed
             )
         for curve in published:
             if (curve.figure, curve.task, curve.algo) == ("fig9", task, algo):
@@ -179,7 +174,7 @@ def _comparison_figure(
     ours = list(dict.fromkeys(item.cell.representation for item in learned))
     for representation in ours:
         same = [item for item in learned if item.cell.representation == representation]
-        for style, item in enumerate(sorted(same, key=lambda item: item.cell.words != "")):
+        for style, item in enumerate(sorted(same, key=lambda item: item.cell.has_words)):
             look = curve_series.Look(look_of(kind_of(representation))[0], style)
             series += curve_series.learned_series(
                 item, look, bands[::-1], representation, each_seed=each_seed
@@ -211,7 +206,7 @@ def _comparison_figure(
 
 def _comparable(published: Sequence[PublishedCurve], kind: Returns) -> Sequence[PublishedCurve]:
     """Returns the baselines, and the paper's curves with our training returns, which they are."""
-    return [curve for curve in published if kind is TRAINING or curve.figure == IMPORTED]
+    return [curve for curve in published if kind is TRAINING or curve.source == IMPORTED]
 
 
 def _baseline_series(
@@ -220,7 +215,7 @@ def _baseline_series(
     """Returns the imported curves of a task that are drawn as published ones."""
     series: list[Series] = []
     for curve in published:
-        if (curve.figure, curve.task) == (IMPORTED, task):
+        if (curve.source, curve.task) == (IMPORTED, task):
             label = f"{IMPORTED}: {display_name(curve.algo)} on {curve.representation}"
             series += curve_series.published_series(
                 *(curve, curve_series.KEY_COLOR, band, label),
@@ -264,7 +259,7 @@ def band_text(bands: Sequence[tuple[int, int]]) -> str:
     names = " and, lighter, ".join(curve_series.percentiles(band) for band in bands)
     return (
         f"Bands: {names} across seeds (spread, not a confidence interval), for at least "
-        f"{curve_series.BAND_SEEDS} seeds."
+        f"{BAND_SEEDS} seeds."
     )
 
 

@@ -126,7 +126,9 @@ def _style_panel(
         )
         title_look = (SMALL, "normal") if flat else (SMALL if sheet.paper else _MEDIUM, "bold")
         size, weight = title_look
-        axes.set_title(title, loc="left", parse_math=False, fontsize=size, fontweight=weight)
+        # Only a second axis above moves a title; else matplotlib measures all labels for nothing.
+        y = None if panel.x.opposite else 1.0
+        axes.set_title(title, loc="left", y=y, parse_math=False, fontsize=size, fontweight=weight)
     axes.tick_params(labelsize=tick_size(panel, sheet))
     narrow = place is not None and place.box.width < _NARROW
     _style_axis(axes, "x", panel.x, panel.x.label if place is None else place.x_label, narrow)

@@ -9,7 +9,7 @@ from jbench.report.analysis.scores import Statistic, scores_of
 from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import OURS, Cell
 from jbench.report.document import Value
-from jbench.report.formatting import display_name, steps, whole
+from jbench.report.formatting import display_name, span, steps, whole
 
 
 def estimate(one: Estimate | None, form: Callable[[float], str] = whole) -> Value | None:
@@ -83,10 +83,12 @@ def diverged(cell: Cell) -> str:
 
 def trained(cell: Cell) -> Value:
     """Formats the number of control steps for which the seeds of a cell were trained."""
-    low, high = int(cell.steps.min()), int(cell.steps.max())
-    numbers = {"least": low, "most": high}
-    texts = dict.fromkeys((steps(low), steps(high)))
-    return Value("\N{EN DASH}".join(texts), high, numbers=numbers)
+    return steps_between(int(cell.steps.min()), int(cell.steps.max()))
+
+
+def steps_between(low: int, high: int) -> Value:
+    """Formats a range of control steps: `300k–1M`."""
+    return Value(span((low, high), steps), high, numbers={"least": low, "most": high})
 
 
 def names(cells: Sequence[Cell], *, task: bool = True) -> list[dict[str, object]]:

@@ -1,0 +1,84 @@
+"""Files that several processes make."""
+
+import os
+import signal
+import sys
+import time
+
+import pytest
+
+from jbench.report import parallel
+
+FORKS = pytest.mark.skipif(sys.platform != "linux", reason="one process elsewhere")
+
+
+def makes(name, content=b""):
+    """Returns a task that makes one file with the number of its process and a content."""
+    return lambda: {name: b"%d %b" % (os.getpid(), content)}
+
+
+def waits(name):
+    """Returns a task that takes long enough for another process to take one too."""
+
+    def task():
+        time.sleep(0.2)
+        return {name: b"%d " % os.getpid()}
+
+    return task
+
+
+@pytest.mark.parametrize("processes", [1, 2, 3, 8])
+def test_files_are_in_the_order_of_their_tasks(processes):
+    contents = [bytes([i]) * (i << 14) for i in range(6)]
+    tasks = [makes(str(i), content) for i, content in enumerate(contents)]
+    files = parallel.files_of(tasks, processes)
+    assert [*files] == ["0", "1", "2", "3", "4", "5"]
+    assert [file.partition(b" ")[2] for file in files.values()] == contents
+
+
+@FORKS
+def test_tasks_are_distributed_over_processes():
+    files = parallel.files_of([waits(str(i)) for i in range(4)], 2)
+    processes = {int(content) for content in files.values()}
+    assert len(processes) == 2
+    assert os.getpid() in processes
+
+
+@FORKS
+def test_a_task_whose_process_dies_is_repeated():
+    own = os.getpid()
+
+    def dies_elsewhere():
+        if os.getpid() != own:
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.2)
+        return {"a": b"%d" % os.getpid()}
+
+    files = parallel.files_of([dies_elsewhere, dies_elsewhere, waits("b")], 2)
+    assert files == {"a": b"%d" % own, "b": files["b"]}
+
+
+@FORKS
+def test_one_process_makes_the_files_if_there_is_no_space_for_temporary_ones(monkeypatch):
+    def full():
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(parallel.tempfile, "TemporaryFile", full)
+    files = parallel.files_of([waits("a"), waits("b")], 2)
+    assert {int(content) for content in files.values()} == {os.getpid()}
+
+
+def test_an_error_is_raised_and_no_process_is_left(monkeypatch):
+    started, fork = [], parallel._fork
+    monkeypatch.setattr(
+        parallel, "_fork", lambda *given: started.append(fork(*given)) or started[-1]
+    )
+
+    def fails():
+        raise ValueError("no figure")
+
+    with pytest.raises(ValueError, match="no figure"):
+        parallel.files_of([waits("a"), fails, waits("b"), fails], 2)
+    for process in started:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)

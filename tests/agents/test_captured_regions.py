@@ -13,7 +13,6 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from benchmarks.rules import TD3
 from jbench.agents.batched import engine, off_policy, on_policy
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.on_policy import Epochs
@@ -28,7 +27,7 @@ from jbench.agents.batched.updates import Updates
 from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import SCRIPT, algorithm_settings
 from tests.agents.test_batched_engine import FEW, MANY
-from tests.agents.test_rule import TQC
+from tests.agents.test_rule import REDQ, TQC
 
 GPU = torch.device("meta")
 SEEDS, SIZE = 2, 16
@@ -150,7 +149,7 @@ def test_other_settings_stay_on_the_gpu_too(algo, options):
     assert min(regions_of(algo, **options).values()) > 0
 
 
-@pytest.mark.parametrize("rule", [TD3, TQC])
+@pytest.mark.parametrize("rule", [TQC, REDQ])
 def test_rules_of_other_packages_stay_on_the_gpu_too(rule):
     assert min(regions_of(rule).values()) > 0
 

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import nn
 
 import jbench
-from benchmarks.rules import TD3
+from benchmarks.rules import TD3, mlp
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import LOSS_SUMS
@@ -49,6 +49,34 @@ def rule_of_the_page():
 
 
 TQC = rule_of_the_page()
+
+
+class REDQ(TD3):
+    """TD3 with targets of a random subset of critics, and an actor that learns from all."""
+
+    delayed = ()
+
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        self.critics = nn.ModuleList(mlp(observation_size + 1, 8, 1) for _ in range(4))
+        self.noise_per_transition = len(self.critics)
+
+    def values(self, critics, observations, actions):
+        inputs = torch.cat([observations, actions], dim=-1)
+        return torch.stack([critic(inputs) for critic in critics])
+
+    def critic_loss(self, batch):
+        following = batch.next_observations, self.actor_target(batch.next_observations).tanh()
+        subset = batch.noise[0].argsort()[:2]
+        next_values = self.values(self.critics_target, *following)[subset].amin(dim=0)
+        targets = batch.rewards + batch.discounts * next_values
+        values = self.values(self.critics, batch.observations, batch.actions)
+        return (values - targets).square().mean(dim=1).sum()
+
+    def actor_loss(self, batch):
+        return -self.values(self.critics, batch.observations, self.act(batch.observations)).mean()
+
+
 TQC_SETTINGS = TQC.Settings(**SMALL, **SCHEDULE, critics=3, quantiles=5, dropped=1)
 RULES = pytest.mark.parametrize(
     ("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS)], ids=["td3", "tqc"]
@@ -122,13 +150,15 @@ def test_td3_as_a_rule_equals_the_gradients_by_hand(dtype):
     assert (by_hand(own)["actor.0.weight"] - first).abs().max() > 0.01
 
 
-@RULES
+@pytest.mark.parametrize(
+    ("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS), (REDQ, TD3_SETTINGS)]
+)
 def test_a_stack_is_updated_as_each_seed_alone(rule, settings):
     (alone, each, _), (together, _, stack) = (
         learners(rule, settings, torch.float64, seeds=3) for _ in range(2)
     )
     assert not torch.equal(alone.saved["rule.actor"][0], alone.saved["rule.actor"][1])
-    for update, numbers in enumerate(batches(rule, 6, seeds=(3,)), 1):
+    for update, numbers in enumerate(batches(stack, 6, seeds=(3,)), 1):
         delayed = stack.is_delayed_update(update, 0)
         for seed, learner in enumerate(each):
             learner.update(Batch(*(part[seed] for part in numbers)), delayed)

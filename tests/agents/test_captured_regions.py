@@ -26,8 +26,8 @@ from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
 from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import SCRIPT, algorithm_settings
+from tests.agents.small_rules import REDQ, TQC
 from tests.agents.test_batched_engine import FEW, MANY
-from tests.agents.test_rule import REDQ, TQC
 
 GPU = torch.device("meta")
 SEEDS, SIZE = 2, 16

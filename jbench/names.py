@@ -84,7 +84,7 @@ STATUSES = ("unfinished", "finished", "failed")
 EXECUTORS = ("local", "ray")
 """Where a sweep trains: on this machine, or on a Ray cluster."""
 
-LOGGERS = ("tensorboard", "wandb")
+LOGGERS = ("tensorboard", "wandb", "trackio")
 """Experiment trackers that training can be copied to."""
 
 FIGURE_FORMATS = ("png", "svg", "pdf")

@@ -1,7 +1,7 @@
 """Classes and functions of other packages: by entry point, or as MODULE:NAME.
 
-Encoders (`jbench.encoders`), agents (`jbench.agents`) and policies (`jbench.policies`) are entry
-point groups.
+Encoders (`jbench.encoders`), agents (`jbench.agents`), update rules (`jbench.rules`) and policies
+(`jbench.policies`) are entry point groups.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""Algorithms by name: jbench's four, installed agents, and stable-baselines3-like classes."""
+"""Algorithms by name: jbench's, those of other packages, and stable-baselines3-like classes."""
 
 import inspect
 import re
@@ -9,19 +9,23 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from jbench import plugins
+from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS, Base, Engine, known
-from jbench.settings.algorithms import SETTINGS, algorithm_settings
+from jbench.settings.algorithms import SETTINGS, OffPolicySettings, algorithm_settings
 from jbench.settings.base import Settings, validated
 
-GROUP = "jbench.agents"
+GROUPS: dict[str, Engine] = {"jbench.agents": "plugin", "jbench.rules": "batched"}
+"""Groups of entry points, agents and update rules, and the engine that trains each."""
+
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
 
 
-def installed_agents() -> dict[str, EntryPoint]:
-    """Returns the entry points of the installed agents by name."""
-    return dict(sorted(plugins.offered(GROUP, _NAME, ALGORITHMS).items()))
+def installed() -> dict[str, EntryPoint]:
+    """Returns the entry points of the installed agents and update rules by name."""
+    groups = (plugins.offered(group, _NAME, ALGORITHMS) for group in GROUPS)
+    return dict(sorted({name: point for group in groups for name, point in group.items()}.items()))
 
 
 def find_agent(name: str) -> type[Agent]:
@@ -31,8 +35,7 @@ def find_agent(name: str) -> type[Agent]:
         RequestError: if there is no such agent.
         WorkError: if its package can't be imported, or its class is not an agent.
     """
-    check_name(name)
-    kind = plugins.load("agent", installed_agents()[name])
+    kind = _load("agent", name)
     if not (isinstance(kind, type) and issubclass(kind, Agent)) or inspect.isabstract(kind):
         raise WorkError(
             f"The agent {name} is no subclass of jbench.Agent with explore, act and learn; mend or "
@@ -43,12 +46,30 @@ def find_agent(name: str) -> type[Agent]:
     return kind
 
 
+def find_rule(name: str) -> type[Rule]:
+    """Returns the class of an installed update rule.
+
+    Raises:
+        RequestError: if there is no such rule.
+        WorkError: if its package can't be imported, or its class is not a rule.
+    """
+    kind = _load("rule", name)
+    if not (isinstance(kind, type) and issubclass(kind, Rule)):
+        raise WorkError(
+            f"The rule {name} is no subclass of jbench.Rule; mend or uninstall the package that "
+            "offers it."
+        )
+    if not issubclass(kind.Settings, OffPolicySettings):
+        raise WorkError(f"Settings of the rule {name} is no subclass of jbench.OffPolicySettings.")
+    return kind
+
+
 def check_name(name: str) -> None:
     """Raises a RequestError that lists the algorithms if there is none of this name."""
     if name in ALGORITHMS or plugins.is_imported(name):
         return
     try:
-        known("algorithm", name, [*ALGORITHMS, *installed_agents()])
+        known("algorithm", name, [*ALGORITHMS, *installed()])
     except RequestError as error:
         raise RequestError(
             f"{str(error).rstrip('.')}; an agent of another package must be installed here, and "
@@ -71,7 +92,7 @@ def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
 
         defaults = sb3_classes.settings_of(algo, {})
         return {name: (default, "") for name, default in defaults.items()}
-    kind: type[Settings] = SETTINGS[algo] if algo in SETTINGS else find_agent(algo).Settings
+    kind: type[Settings] = SETTINGS[algo] if algo in SETTINGS else _settings_class(algo)
     return {
         name: (
             "required"
@@ -97,7 +118,7 @@ def engine_of(algo: str, wanted: Engine | None = None) -> Engine:
         if wanted == "plugin":
             raise RequestError(f"{algo} is not an agent of another package: type batched or sb3.")
         return wanted or "batched"
-    engine: Engine = "sb3" if plugins.is_imported(algo) else "plugin"
+    engine: Engine = "sb3" if plugins.is_imported(algo) else GROUPS[installed()[algo].group]
     if wanted not in (None, engine):
         raise RequestError(f"{algo} has the engine {engine}, not {wanted}; leave the engine out.")
     return engine
@@ -112,7 +133,7 @@ def algorithm_fields(
     """Returns the fields of `RunSettings` that describe an algorithm.
 
     Args:
-        algo: one of `jbench.names.ALGORITHMS`, an installed agent, or MODULE:CLASS.
+        algo: one of `jbench.names.ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
         engine: as typed by the user; None for the engine that follows from the algorithm.
         base: source of the defaults of jbench's own algorithms.
         overrides: hyperparameters by name that replace them.
@@ -135,19 +156,22 @@ def algorithm_fields(
 
         return fields | {"hyperparameters": sb3_classes.settings_of(algo, changes)}
     return fields | {
-        "hyperparameters": agent_settings(algo, changes).model_dump(mode="json"),
-        "package": plugins.package_of(installed_agents()[algo]),
+        "hyperparameters": settings_with(algo, changes).model_dump(mode="json"),
+        "package": plugins.package_of(installed()[algo]),
     }
 
 
-def agent_settings(name: str, values: Mapping[str, Any]) -> AgentSettings:
-    """Returns the settings of an installed agent.
+def settings_with(name: str, values: Mapping[str, Any]) -> AgentSettings | OffPolicySettings:
+    """Returns the settings of an installed agent or update rule.
+
+    Args:
+        values: those that differ from the defaults.
 
     Raises:
-        RequestError: if a setting is unknown or invalid, or there is no such agent.
+        RequestError: if a setting is unknown or invalid, or there is no such algorithm.
         WorkError: if its package can't be imported.
     """
-    kind = find_agent(name).Settings
+    kind = _settings_class(name)
     if unknown := sorted(set(values) - set(kind.model_fields)):
         names = ", ".join(sorted(kind.model_fields)) or "none"
         raise RequestError(f"{name} has no setting {', '.join(unknown)}; it has {names}.")
@@ -163,4 +187,23 @@ def code_of(algo: str) -> dict[str, str | None]:
     check_name(algo)
     if algo in ALGORITHMS:
         return {}
-    return plugins.code_of("algorithm", algo, installed_agents())
+    return plugins.code_of("algorithm", algo, installed())
+
+
+def _settings_class(name: str) -> type[AgentSettings | OffPolicySettings]:
+    """Returns the class of the settings of an installed agent or update rule."""
+    check_name(name)
+    is_rule = GROUPS[installed()[name].group] == "batched"
+    return find_rule(name).Settings if is_rule else find_agent(name).Settings
+
+
+def _load(what: str, name: str) -> Any:
+    """Returns what the entry point of an agent or a rule names."""
+    check_name(name)
+    offers = {group: plugins.offered(group, _NAME, ALGORITHMS) for group in GROUPS}
+    if all(name in points for points in offers.values()):
+        packages = [str(plugins.package_of(points[name])) for points in offers.values()]
+        raise WorkError(
+            f"{name} is an agent of {packages[0]} and a rule of {packages[1]}; uninstall one."
+        )
+    return plugins.load(what, installed()[name])

@@ -19,12 +19,12 @@ def algorithms(
     json: JsonOption = False,
 ) -> None:
     """List the installed algorithms with their settings."""
-    from jbench.agents.algorithms import installed_agents
+    from jbench.agents.algorithms import installed
     from jbench.names import ALGORITHMS
 
     output = Output(json)
     listed, broken = [], []
-    for each in (*ALGORITHMS, *installed_agents()) if name is None else (name,):
+    for each in (*ALGORITHMS, *installed()) if name is None else (name,):
         try:
             listed.append(_described(each))
         except WorkError as error:

@@ -26,8 +26,8 @@ def train(
     algo: Annotated[
         str,
         typer.Option(
-            help=f"Algorithm: {', '.join(names.ALGORITHMS)}, an installed agent (jbench "
-            "algorithms), or MODULE:CLASS with the interface of stable-baselines3.",
+            help=f"Algorithm: {', '.join(names.ALGORITHMS)}, one of another package "
+            "(jbench algorithms), or MODULE:CLASS with the interface of stable-baselines3.",
             autocompletion=complete(*names.ALGORITHMS),
         ),
     ] = "ddpg",

@@ -46,6 +46,7 @@ class Logger(Protocol):
 
 _MODULES = {
     "tensorboard": ("jbench.loggers.tensorboard", "TensorBoard"),
+    "trackio": ("jbench.loggers.trackio", "Trackio"),
     "wandb": ("jbench.loggers.wandb", "WeightsAndBiases"),
 }
 

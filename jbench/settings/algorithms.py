@@ -32,17 +32,28 @@ class AlgorithmSettings(Settings):
 
 
 class OffPolicySettings(AlgorithmSettings):
-    """Settings of DDPG, TD3 and SAC: replay buffer and action noise."""
+    """Settings of DDPG, TD3, SAC and the rules of other packages: replay buffer and action noise.
+
+    Rules of other packages have these defaults, those of SAC in stable-baselines3.
+    """
 
     buffer_size: PositiveInt = Field(default=1_000_000, description="transitions; Table 1")
-    learning_starts: NonNegativeInt = Field(description="control steps before the first update")
+    learning_starts: NonNegativeInt = Field(
+        default=100, description="control steps before the first update"
+    )
     uniform_warmup: bool = Field(
         default=True, description="whether actions before learning_starts are uniform"
     )
-    train_freq: PositiveInt = Field(description="control steps between updates")
-    gradient_steps: PositiveInt = Field(description="updates after every train_freq steps")
-    tau: float = Field(gt=0, le=1, description="polyak coefficient of the target networks")
-    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = Field(description="Table 1")
+    train_freq: PositiveInt = Field(default=1, description="control steps between updates")
+    gradient_steps: PositiveInt = Field(
+        default=1, description="updates after every train_freq steps"
+    )
+    tau: float = Field(
+        default=0.005, gt=0, le=1, description="polyak coefficient of the target networks"
+    )
+    action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = Field(
+        default="none", description="for exploration"
+    )
     noise_mean: float = Field(default=0.0, description="of the action noise; Table 1")
     noise_sigma: float = Field(default=0.2, ge=0, description="of the action noise; Table 1")
     noise_theta: float = Field(default=0.15, ge=0, description="Ornstein-Uhlenbeck; Table 1")

@@ -48,7 +48,7 @@ class RunSettings(Settings):
     steps: int = Field(gt=0, description="control steps over all environments; section 5.1: 5e6")
     engine: Engine = "batched"
     package: str | None = omissible(
-        None, description="distribution of the agent, if the engine is plugin"
+        None, description="distribution of an agent or an update rule that is not jbench's"
     )
     time_limit: TimeLimit = "bootstrap"
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
@@ -98,7 +98,7 @@ class RunSettings(Settings):
             if self.engine == "plugin":
                 raise ValueError(f"{self.algo} has the engine batched or sb3, not plugin")
             _ = self.algorithm
-        elif self.engine != ("sb3" if ":" in self.algo else "plugin"):
+        elif (self.engine == "sb3") != (":" in self.algo):
             raise ValueError(f"the engine {self.engine} has no {self.algo}")
         return self
 
@@ -121,10 +121,12 @@ class RunSettings(Settings):
         return self
 
     @model_validator(mode="after")
-    def _ppo_is_not_in_bfloat16(self) -> Self:
-        # Its probability ratios would compare an old policy in float32 with a new one in bfloat16.
-        if self.algo == "ppo" and self.precision == "bfloat16":
-            raise ValueError("PPO does not learn in bfloat16: precision must be float32")
+    def _can_learn_in_bfloat16(self) -> Self:
+        # PPO's probability ratios would compare an old policy in float32 with a new one in
+        # bfloat16; the layers of other packages' rules are torch's own.
+        if self.precision == "bfloat16" and (self.algo == "ppo" or not self.is_ours):
+            name = self.algo.upper() if self.is_ours else self.algo
+            raise ValueError(f"{name} does not learn in bfloat16: precision must be float32")
         return self
 
     @model_validator(mode="after")
@@ -144,6 +146,8 @@ class RunSettings(Settings):
         if self.engine != "batched":
             other = "stable-baselines3" if self.engine == "sb3" else self.algo
             raise ValueError(f"{name} needs the batched engine: {other} does not have it")
+        if not self.is_ours:
+            raise ValueError(f"{name} is for DDPG, TD3 and SAC, not for {self.algo}; choose td3")
         if self.encoder is not None:
             raise ValueError(f"{name} learns from observations: it can't have an encoder, too")
         if self.hyperparameters.get("action_layer"):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.algorithms import code_of
+from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.divergence import DivergedError, Divergence
 from jbench.devices import find_device
@@ -218,10 +219,9 @@ class _Batch:
             log, record = self._members[index].log, self._members[index].record
             log.commit()
             evaluated = self._evaluated.get(index)
-            summary = {
-                **log.summary(steps, evaluated=isinstance(evaluated, Policy)),
-                "together": together,
-            }
+            # The copy of another package's policy rounds its sums in another way.
+            is_same = evaluated is not None and isinstance(self._engine, Engine)
+            summary = {**log.summary(steps, evaluated=is_same), "together": together}
             record.finish(summary, policy_files(evaluated or self._engine.policy(index)))
 
     def _fail_diverged(self, *, weights: bool = False) -> None:

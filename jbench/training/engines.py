@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import mujoco
 
-from jbench.agents.algorithms import agent_settings, find_agent
+from jbench.agents.algorithms import find_agent, find_rule, settings_with
 from jbench.agents.batched.make import make_engine
 from jbench.agents.plugin import is_resumable
 from jbench.agents.plugin_engine import PluginEngine
@@ -12,6 +12,7 @@ from jbench.agents.trainer import Trainer
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
+from jbench.settings.algorithms import AlgorithmSettings
 from jbench.settings.run import RunSettings
 from jbench.training.evaluation import robot_model
 
@@ -26,8 +27,10 @@ def engine_of(
         device: one of `jbench.names.DEVICES`.
 
     Raises:
-        RequestError: if the device is unavailable, or the agent is not installed or can't be made.
-        WorkError: if the package of the agent can't be imported.
+        RequestError: if the device is unavailable, or the algorithm is not installed or can't be
+            made.
+        WorkError: if the package of the algorithm can't be imported, or its update rule can't be
+            trained.
     """
 
     def models(episode: int) -> mujoco.MjModel:
@@ -38,7 +41,7 @@ def engine_of(
         return PluginEngine(
             settings.algo,
             find_agent(settings.algo),
-            agent_settings(settings.algo, settings.hyperparameters),
+            settings_with(settings.algo, settings.hyperparameters),
             settings.task,
             seed,
             environments=settings.environments,
@@ -49,8 +52,8 @@ def engine_of(
             episode_steps=EPISODE_STEPS,
         )
     return make_engine(
-        settings.algo,
-        settings.algorithm,
+        settings.algo if settings.is_ours else find_rule(settings.algo),
+        algorithm_of(settings),
         settings.task,
         seeds,
         environments=settings.environments,
@@ -62,6 +65,20 @@ def engine_of(
         precision=settings.precision,
         episode_steps=EPISODE_STEPS,
     )
+
+
+def algorithm_of(settings: RunSettings) -> AlgorithmSettings:
+    """Returns the hyperparameters of a run of the batched engine as an object.
+
+    Raises:
+        RequestError: if its update rule is not installed.
+        WorkError: if the package of the rule can't be imported.
+    """
+    if settings.is_ours:
+        return settings.algorithm
+    found = settings_with(settings.algo, settings.hyperparameters)
+    assert isinstance(found, AlgorithmSettings)
+    return found
 
 
 def restart_reason(settings: RunSettings) -> list[str]:

@@ -166,7 +166,6 @@ def _returns(
         return evaluation_returns(settings, evaluation_seed, last.number, agent.act, cores())[0]
     if settings.engine == "sb3":
         return _of_sb3(settings, policy, encoder, evaluation_seed, last)
-    assert isinstance(policy, Policy)  # a Network is kept by the other engines only
     device = device_for(record.manifest.provenance)
     with engine_of(settings, [agent_seed], encoder, device) as engine:
         assert isinstance(engine, Engine)

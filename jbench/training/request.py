@@ -34,7 +34,7 @@ def request_runs(
 
     Args:
         results: results that contain the encoder.
-        algo: one of `jbench.names.ALGORITHMS`, an installed agent, or MODULE:CLASS.
+        algo: one of `jbench.names.ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
         task: one of `jbench.names.TASKS`.
         encoder: "none" or "full", "ofeN" for N features learned with the agent, a number of
             latents, or an encoder's id.

@@ -11,7 +11,7 @@ from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
-from jbench.training.engines import engine_of
+from jbench.training.engines import algorithm_of, engine_of
 from jbench.training.environment import make_env
 
 _STEPS, _UPDATES = 300, 20
@@ -30,10 +30,10 @@ def seconds_per_step(
         device: device of the batched engine.
 
     Raises:
-        WorkError: if the algorithm is not jbench's own, and its speed is unknown.
+        WorkError: if neither the algorithm nor the engine is jbench's own.
     """
     settings = runs[0]
-    if not settings.is_ours:
+    if not settings.is_ours and settings.engine != "batched":
         raise WorkError(f"The speed of {settings.algo} is not measured.")
     evaluation_steps = settings.evaluate_episodes * EPISODE_STEPS
     evaluations = max(1, settings.steps // settings.evaluate_every)
@@ -49,7 +49,7 @@ def seconds_per_step(
 
 def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device: str) -> float:
     """Returns the seconds per control step of each seed, from a rollout and its updates."""
-    algorithm, first = settings.algorithm, 0
+    algorithm, first = algorithm_of(settings), 0
     if isinstance(algorithm, PPOSettings):
         rollout, measured = algorithm.n_steps * algorithm.n_envs, settings
     else:

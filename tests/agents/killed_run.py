@@ -2,7 +2,7 @@
 
     python -m tests.agents.killed_run '{"path": DIR, "run": {…}, "device": "cpu", "after": 150}'
 
-The seeds are one stack on every device.
+The seeds are one stack on every device, unless "stacked" is false.
 """
 
 import functools
@@ -24,13 +24,14 @@ def stack_seeds(set_attribute=setattr):
     set_attribute(engines, "make_engine", stacked)
 
 
-def main(path, run, device, after):
+def main(path, run, device, after, stacked=True):
     def kill(run, steps, episode_return):
         if steps > after:
             os.kill(os.getpid(), signal.SIGKILL)
 
     shorten_episodes()
-    stack_seeds()
+    if stacked:
+        stack_seeds()
     runs = [RunSettings(**run)]
     batched_run.run_batch(
         runs, Results(Path(path)), None, device=device, checkpoint_every=0, progress=kill

@@ -14,9 +14,11 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from jbench.agents.batched import engine, off_policy, on_policy
+from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.on_policy import Epochs
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.rollout import Rollout
+from jbench.agents.batched.rule import made
 from jbench.agents.batched.rules import LEARNERS, ON_FEATURES
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
@@ -24,6 +26,7 @@ from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
 from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import SCRIPT, algorithm_settings
+from tests.agents.small_rules import REDQ, TQC
 from tests.agents.test_batched_engine import FEW, MANY
 
 GPU = torch.device("meta")
@@ -74,8 +77,12 @@ def kernels_in(function, argument, tensors):
 
 def regions_of(algo, *, base="published", changes=None, ofe=None, precision="float32", limit=None):
     """The kernels of everything that is recorded of an algorithm, by name."""
-    settings = algorithm_settings(algo, base, changes or {})
-    rule = LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)
+    if isinstance(algo, str):
+        settings = algorithm_settings(algo, base, changes or {})
+        rule = LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)
+    else:
+        settings = algo.Settings()
+        rule = partial(AutogradLearner, rule=made(algo, settings, SIZE))
     tensors = Tensors(SEEDS, torch.float32, GPU)
     low = precision == "bfloat16"
     team = Team(rule, settings, SIZE, tensors, stacked=True, low_precision=low)
@@ -140,6 +147,11 @@ def test_recorded_updates_stay_on_the_gpu_and_launch_the_documented_kernels(algo
 )
 def test_other_settings_stay_on_the_gpu_too(algo, options):
     assert min(regions_of(algo, **options).values()) > 0
+
+
+@pytest.mark.parametrize("rule", [TQC, REDQ])
+def test_rules_of_other_packages_stay_on_the_gpu_too(rule):
+    assert min(regions_of(rule).values()) > 0
 
 
 @pytest.mark.parametrize(

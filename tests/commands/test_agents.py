@@ -1,12 +1,7 @@
 """Agents and policies of a package that somebody else installed."""
 
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -19,37 +14,16 @@ from jbench.store.query import load
 from jbench.sweeps import executors
 from jbench.training.batched_run import run_batch
 from tests.command_line import Process
+from tests.commands.distributions import install, use
 from tests.forking import forked_worker, server
 from tests.training.small_runs import rows, shorten_episodes
 
-ROOT = Path(__file__).parents[2]
-SOURCE = ROOT / "tests" / "third_party_agent"
-# Its agent is the example that the documentation gives.
-PAGE = (ROOT / "docs" / "your-own-agent.md").read_text()
-AGENT = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1]
-(ENTRY_POINT,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 PACKAGE = "random-search-agent"
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder of packages in which the distribution was installed by pip, without a network."""
-    source = tmp_path_factory.mktemp("source") / "agent"
-    shutil.copytree(SOURCE, source)
-    assert ENTRY_POINT in (source / "pyproject.toml").read_text()
-    (source / "random_search.py").write_text(AGENT)
-    target = tmp_path_factory.mktemp("site")
-    options = ("--no-index", "--no-build-isolation", "--no-deps", "--target", str(target))
-    subprocess.run(
-        [sys.executable, "-m", "pip", "install", "--quiet", *options, str(source)], check=True
-    )
-    return target
-
-
-def use(site, patch):
-    """Makes the packages of a folder importable here and in processes that are started."""
-    patch.syspath_prepend(str(site))
-    patch.setenv("PYTHONPATH", os.pathsep.join([str(site), str(ROOT)]))
+    return install("third_party_agent", "your-own-agent.md", "random_search.py", tmp_path_factory)
 
 
 @pytest.fixture

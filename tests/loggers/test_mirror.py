@@ -1,6 +1,10 @@
 """Committed rows arrive in experiment trackers, read back with the trackers' own readers."""
 
+import json
+import os
 import struct
+import subprocess
+import sys
 import threading
 
 import pyarrow as pa
@@ -133,3 +137,55 @@ def test_wandb_gets_each_point_in_its_offline_mode(results, monkeypatch):
             values = (items["control_steps"], items["training/episode_return"])
             points.append(tuple(float(item.value_json) for item in values))
     assert points == [(1000, 1.0), (2000, 2.0)]
+
+
+# trackio reads TRACKIO_DIR when it is imported, so a process of its own logs and reads back.
+LOGGED_BY_TRACKIO = """
+import json, sys
+from pathlib import Path
+from jbench.loggers.logger import make_logger
+from jbench.loggers.mirror import mirrored
+from jbench.store import Results
+
+results, run = Results(Path(sys.argv[1])), sys.argv[2]
+for _ in range(2):
+    with mirrored(results, [run], make_logger("trackio", results.path), sys.exit):
+        pass
+from trackio import Api
+from trackio.sqlite_storage import SQLiteStorage
+
+(found,) = Api().runs("jbench")
+logs = SQLiteStorage.get_logs("jbench", found.name, run_id=found.id)
+print(json.dumps({"name": found.name, "config": found.config, "logs": logs}))
+"""
+
+
+def test_trackio_has_each_point_once_after_the_run_was_logged_twice(results):
+    pytest.importorskip("trackio")
+    run = add_whole_run(results, [1.0, 2.0], finish=False)
+    run.append(evaluation(run, 0, 2000, [10.0, 20.0]))
+    run.finish({"wall_time": 10.0})
+    done = subprocess.run(
+        [sys.executable, "-c", LOGGED_BY_TRACKIO, str(results.path), run.id],
+        capture_output=True,
+        text=True,
+        env={name: value for name, value in os.environ.items() if name != "TRACKIO_DIR"},
+    )
+    assert done.returncode == 0, done.stderr
+    # What the library prints is not in the output.
+    found = json.loads(done.stdout)
+    assert found["name"] == run.id
+    assert found["config"]["algo"] == run.settings["algo"]
+    points = {
+        (name, log["step"], value)
+        for log in found["logs"]
+        for name, value in log.items()
+        if "/" in name
+    }
+    assert len(found["logs"]) == 3
+    assert points == {
+        ("training/episode_return", 1000, 1.0),
+        ("training/episode_return", 2000, 2.0),
+        ("evaluation/mean_return", 2000, 15.0),
+    }
+    assert list((results.path / "trackio").glob("jbench*.db"))

@@ -6,7 +6,9 @@
     learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
     features.py      features learned with an agent; dense.py: their layers; on_features.py: the
                      update rules on them
-    batch.py         an off-policy minibatch; rules.py: the update rules by name
+    batch.py         an off-policy minibatch; rules.py: jbench's update rules by name
+    rule.py          base class of other packages' rules; rule_check.py: refuses faulty ones;
+                     autograd.py: trains them
     streams.py       random generators of each seed; noise.py: action noise
     environments.py  the simulated robots
     replay.py        replay buffers; updates.py: minibatches sampled from them

@@ -1,7 +1,5 @@
 """Deep deterministic policy gradient (Lillicrap et al., 2015, Algorithm 1)."""
 
-from typing import ClassVar
-
 import torch
 from torch import Generator, Tensor
 
@@ -20,7 +18,7 @@ from jbench.settings.algorithms import DDPGSettings
 class DDPG(OffPolicyLearner):
     """DDPG, for one seed or for a stack."""
 
-    losses: ClassVar[tuple[str, ...]] = ("actor_loss", "critic_loss")
+    losses: tuple[str, ...] = ("actor_loss", "critic_loss")
     noise_per_transition = 0
 
     def __init__(
@@ -54,8 +52,8 @@ class DDPG(OffPolicyLearner):
         """Returns mu(s)."""
         return self.actor.forward(observations, exact=True).tanh_()
 
-    def policy(self) -> tuple[Network, str]:
-        """See `Learner.policy`."""
+    def policy_network(self) -> tuple[Network, str]:
+        """See `Learner.policy_network`."""
         return self.actor, "tanh"
 
     def update(self, batch: Batch, delayed: bool = True) -> None:

@@ -15,6 +15,7 @@ from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.closing import Closing
+from jbench.policies.network import Network
 from jbench.policies.saved import Policy
 
 _AGENT, _WORLD, _LOOP = "agent/", "environments/", "loop/"
@@ -125,11 +126,12 @@ class Engine(Closing):
             if returns is not None:
                 return returns
 
-    def policy(self, seed: int) -> Policy:
+    def policy(self, seed: int) -> Policy | Network:
         """Returns a copy of the deterministic policy of the seed with this index."""
-        return self._team.policy(seed)
+        policy: Policy | Network = self._team.each[seed].policy()
+        return policy
 
-    def load_policy(self, seed: int, policy: Policy, control_steps: int) -> None:
+    def load_policy(self, seed: int, policy: Policy | Network, control_steps: int) -> None:
         """Sets the deterministic policy of one seed, for `act` and `evaluate`.
 
         Args:
@@ -140,7 +142,7 @@ class Engine(Closing):
         Raises:
             ValueError: if it has other layers or features than the seed's agent.
         """
-        self._team.load_policy(seed, policy)
+        self._team.each[seed].load_policy(policy)
         self.control_steps = control_steps
 
     def losses(self, seed: int) -> dict[str, float]:

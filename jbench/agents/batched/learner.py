@@ -9,14 +9,19 @@ from torch import Generator, Tensor
 
 from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.network import Affine, Network, Sizes, parameter_count
+from jbench.agents.batched.network import Affine, Network, Sizes, affines, parameter_count
 from jbench.agents.batched.tensors import SeedView
 from jbench.agents.batched.twins import Twins
 from jbench.policies.feature_map import FeatureMap
+from jbench.policies.network import Network as SavedNetwork
+from jbench.policies.saved import Policy
 from jbench.settings.algorithms import AlgorithmSettings, Initialization
 
 LOSS_SUMS = "losses"
 """Name of the tensor (..., losses, 2) with the sum and the number of values of each loss."""
+
+OTHER_LAYERS = "its layers are not those of its settings"
+"""Why a policy can't be loaded."""
 
 
 class Learner:
@@ -25,7 +30,7 @@ class Learner:
     Its state lies in the tensors of its `SeedView`; learners of the same view share their state.
     """
 
-    losses: ClassVar[tuple[str, ...]]
+    losses: tuple[str, ...]
     """Names of the recorded losses, as in the database."""
 
     def __init__(
@@ -59,12 +64,47 @@ class Learner:
         """Returns deterministic actions (..., N, 1) for inputs (..., N, inputs)."""
         raise NotImplementedError
 
-    def policy(self) -> tuple[Network, str]:
+    def policy_network(self) -> tuple[Network, str]:
         """Returns the network of the deterministic policy, and "tanh" or "clip".
 
         The latter is the function that bounds the first output.
         """
         raise NotImplementedError
+
+    def policy(self) -> Policy | SavedNetwork:
+        """Returns a copy of one seed's deterministic policy, as it is saved in the database."""
+        network, squash = self.policy_network()
+        layers = affines(network.values.float().cpu(), network.sizes)
+        weights = [layer.weight.mT.numpy().copy() for layer in layers]
+        biases = [layer.bias.numpy().copy() for layer in layers]
+        # The first output of a stochastic policy is the mean.
+        return Policy(
+            [*weights[:-1], weights[-1][:1]],
+            [*biases[:-1], biases[-1][:1]],
+            squash,
+            self.feature_map(),
+        )
+
+    def load_policy(self, policy: Policy | SavedNetwork) -> None:
+        """Sets the deterministic policy of one seed; inverts `policy`, bit for bit.
+
+        Raises:
+            ValueError: if the policy has other layers or features than the learner.
+        """
+        network, squash = self.policy_network()
+        layers = affines(network.values, network.sizes)
+        inputs, units = network.sizes[:-1], (*network.sizes[1:-1], 1)
+        if (
+            not isinstance(policy, Policy)
+            or [weight.shape for weight in policy.weights] != list(zip(units, inputs, strict=True))
+            or [bias.shape for bias in policy.biases] != [(count,) for count in units]
+            or policy.squash != squash
+        ):
+            raise ValueError(OTHER_LAYERS)
+        for layer, weight, bias in zip(layers, policy.weights, policy.biases, strict=True):
+            layer.weight[:, : len(weight)] = torch.from_numpy(weight).mT
+            layer.bias[: len(bias)] = torch.from_numpy(bias)
+        self.load_feature_map(policy.features)
 
     def feature_map(self) -> FeatureMap | None:
         """Returns a copy of the policy's learned input features; None if it takes observations."""
@@ -123,10 +163,10 @@ class Learner:
 class OffPolicyLearner(Learner):
     """An update rule that learns from the transitions of any policy."""
 
-    noise_per_transition: ClassVar[int]
+    noise_per_transition: int
     """Standard normal numbers that an update needs per transition."""
 
-    random_policy: ClassVar[bool] = False
+    random_policy: bool = False
     """Whether the policy is stochastic, so that it explores by `explore` instead of `act`."""
 
     joins_twins: ClassVar[bool] = True

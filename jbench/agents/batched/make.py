@@ -5,11 +5,14 @@ from functools import partial
 
 import torch
 
+from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.environments import Environments, Models
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.on_policy import OnPolicyEngine
+from jbench.agents.batched.rule import Rule
+from jbench.agents.batched.rule_check import checked
 from jbench.agents.batched.rules import LEARNERS, ON_FEATURES
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
@@ -24,7 +27,7 @@ from jbench.settings.ofe import OFESettings
 
 
 def make_engine(
-    algo: str,
+    algo: str | type[Rule],
     settings: AlgorithmSettings,
     task: str,
     seeds: Sequence[int],
@@ -44,6 +47,7 @@ def make_engine(
     """Returns an engine with one untrained agent per seed.
 
     Args:
+        algo: one of `jbench.names.ALGORITHMS`, or an update rule of another package.
         environments: per agent; None for the settings' number (PPO's n_envs, otherwise 1).
         time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         ofe: settings of features learned with the agent (not with PPO); None for no features.
@@ -60,7 +64,8 @@ def make_engine(
     Raises:
         RequestError: if the device or the precision does not exist, or there are too many
             environments.
-        WorkError: if the replay buffers exceed a GPU's memory.
+        WorkError: if the replay buffers exceed a GPU's memory, or the rule can't be trained.
+        UnsupportedPolicyError: if the rule's policy can't be saved.
     """
     torch_device = find_device(device)
     if precision not in PRECISIONS:
@@ -82,11 +87,8 @@ def make_engine(
         models=models,
         episode_steps=episode_steps,
     )
-    rule: Callable[..., Learner] = LEARNERS[algo]
-    if ofe is not None:
-        rule = partial(ON_FEATURES[algo], ofe=ofe)
     team: Team[Learner] = Team(
-        rule,
+        _learner(algo, settings, robots.size, ofe),
         settings,
         robots.size,
         Tensors(len(seeds), dtype, torch_device),
@@ -103,3 +105,13 @@ def make_engine(
             f"The GPU's memory is not enough for the replay buffers of {len(seeds)} seeds: type "
             f"fewer --seeds at a time, or less than --set buffer_size={settings.buffer_size}."
         ) from None
+
+
+def _learner(
+    algo: str | type[Rule], settings: AlgorithmSettings, size: int, ofe: OFESettings | None
+) -> Callable[..., Learner]:
+    """Returns the class of the learners."""
+    if not isinstance(algo, str):
+        assert isinstance(settings, OffPolicySettings)
+        return partial(AutogradLearner, rule=checked(algo, settings, size))
+    return LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)

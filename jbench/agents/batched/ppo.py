@@ -39,7 +39,7 @@ class Minibatch(NamedTuple):
 class PPO(Learner):
     """PPO, for one seed or for a stack."""
 
-    losses = ("policy_loss", "value_loss", "entropy_loss")
+    losses: tuple[str, ...] = ("policy_loss", "value_loss", "entropy_loss")
 
     def __init__(
         self,
@@ -86,8 +86,8 @@ class PPO(Learner):
         """Returns mu(s), clipped."""
         return self.actor.forward(observations, exact=True)[..., :1].clamp(-1, 1)
 
-    def policy(self) -> tuple[Network, str]:
-        """See `Learner.policy`."""
+    def policy_network(self) -> tuple[Network, str]:
+        """See `Learner.policy_network`."""
         return self.actor, "clip"
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:

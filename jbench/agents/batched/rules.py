@@ -1,4 +1,4 @@
-"""Update rules by name of the algorithm."""
+"""jbench's own update rules by name of the algorithm."""
 
 from jbench.agents.batched.ddpg import DDPG
 from jbench.agents.batched.learner import Learner

@@ -1,7 +1,7 @@
 """Soft actor-critic with a learned temperature (Haarnoja et al., 2018b, Algorithm 1)."""
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Generator, Tensor
@@ -43,7 +43,7 @@ class Sample(NamedTuple):
 class SAC(OffPolicyLearner):
     """SAC, for one seed or for a stack."""
 
-    losses: ClassVar[tuple[str, ...]] = ("actor_loss", "critic_loss", "entropy_coefficient")
+    losses: tuple[str, ...] = ("actor_loss", "critic_loss", "entropy_coefficient")
     noise_per_transition = 2
     random_policy = True
 
@@ -97,8 +97,8 @@ class SAC(OffPolicyLearner):
         """Returns actions sampled from pi(. | s)."""
         return self._sample(observations, noise, exact=True).actions
 
-    def policy(self) -> tuple[Network, str]:
-        """See `Learner.policy`."""
+    def policy_network(self) -> tuple[Network, str]:
+        """See `Learner.policy_network`."""
         return self.actor, "tanh"
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:

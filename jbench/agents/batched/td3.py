@@ -1,7 +1,6 @@
 """Twin delayed DDPG (Fujimoto et al., 2018, Algorithm 1)."""
 
 from collections.abc import Sequence
-from typing import ClassVar
 
 import torch
 from torch import Generator, Tensor
@@ -21,7 +20,7 @@ from jbench.settings.algorithms import TD3Settings
 class TD3(OffPolicyLearner):
     """TD3, for one seed or for a stack."""
 
-    losses: ClassVar[tuple[str, ...]] = ("actor_loss", "critic_loss")
+    losses: tuple[str, ...] = ("actor_loss", "critic_loss")
     noise_per_transition = 1
 
     def __init__(
@@ -56,8 +55,8 @@ class TD3(OffPolicyLearner):
         """Returns pi(s)."""
         return self.actor.forward(observations, exact=True).tanh_()
 
-    def policy(self) -> tuple[Network, str]:
-        """See `Learner.policy`."""
+    def policy_network(self) -> tuple[Network, str]:
+        """See `Learner.policy_network`."""
         return self.actor, "tanh"
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:

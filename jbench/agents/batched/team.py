@@ -8,10 +8,8 @@ from torch import Tensor
 
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import Learner
-from jbench.agents.batched.network import affines
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.tensors import Tensors
-from jbench.policies.saved import Policy
 from jbench.settings.algorithms import AlgorithmSettings
 
 Rule = TypeVar("Rule", bound=Learner)
@@ -105,41 +103,6 @@ class Team(Generic[Rule]):
             on_device.copy_(on_cpu, non_blocking=True)
         self._captured(key)
         return self._outputs[key].cpu()
-
-    def policy(self, seed: int) -> Policy:
-        """Returns a copy of one seed's deterministic policy, as it is saved in the database."""
-        network, squash = self.each[seed].policy()
-        layers = affines(network.values.float().cpu(), network.sizes)
-        weights = [layer.weight.mT.numpy().copy() for layer in layers]
-        biases = [layer.bias.numpy().copy() for layer in layers]
-        # The first output of a stochastic policy is the mean.
-        return Policy(
-            [*weights[:-1], weights[-1][:1]],
-            [*biases[:-1], biases[-1][:1]],
-            squash,
-            self.each[seed].feature_map(),
-        )
-
-    def load_policy(self, seed: int, policy: Policy) -> None:
-        """Sets the deterministic policy of one seed; inverts `policy`, bit for bit.
-
-        Raises:
-            ValueError: if the policy has other layers or features than the seed's agent.
-        """
-        learner = self.each[seed]
-        network, squash = learner.policy()
-        layers = affines(network.values, network.sizes)
-        inputs, units = network.sizes[:-1], (*network.sizes[1:-1], 1)
-        if (
-            [weight.shape for weight in policy.weights] != list(zip(units, inputs, strict=True))
-            or [bias.shape for bias in policy.biases] != [(count,) for count in units]
-            or policy.squash != squash
-        ):
-            raise ValueError("its layers are not those of its settings")
-        for layer, weight, bias in zip(layers, policy.weights, policy.biases, strict=True):
-            layer.weight[:, : len(weight)] = torch.from_numpy(weight).mT
-            layer.bias[: len(bias)] = torch.from_numpy(bias)
-        learner.load_feature_map(policy.features)
 
     def _run_stack(self, key: Hashable) -> None:
         assert isinstance(key, tuple)

@@ -1,0 +1,119 @@
+"""Base class of the update rules of other packages; `docs/your-own-rule.md` has an example.
+
+A package registers a rule by an entry point of the group `jbench.rules`, named as in
+`jbench train --algo`, and whose value is its class.
+"""
+
+import copy
+from collections.abc import Mapping
+from typing import Any, ClassVar, final
+
+from torch import Tensor, nn
+
+from jbench.errors import WorkError
+from jbench.settings.algorithms import OffPolicySettings
+
+
+class Rule(nn.Module):
+    """An off-policy update rule, written for one seed; autograd differentiates its losses.
+
+    Its networks and learned numbers are attributes, as in any module of torch. The engine collects
+    the transitions, samples the minibatches and steps the optimisers, for any number of seeds.
+
+    A loss is a method of a `Batch` that returns one number. It may use all networks; only those
+    that it trains are differentiated, so the others need not be detached. It depends on nothing but
+    the parameters and the batch: random numbers come from `batch.noise`, and it keeps nothing.
+
+    The attribute `actor` is an nn.Sequential that ends in a Linear layer. tanh of its first output
+    is the deterministic action.
+
+    Attributes:
+        Settings: class of its settings, the names and defaults of `--set`. All of them are
+            recorded, and are part of a run's id.
+        losses: names of the methods that return a loss, in the order of the updates, and of the
+            attribute that each one trains by a step of Adam. The mean of those with a column in the
+            table `episodes`, such as critic_loss and actor_loss, is recorded.
+        targets: attributes with a target network, which is called NAME_target and updated after the
+            losses: target <- (1 - tau) target + tau network.
+        delayed: attributes, target networks among them, that only delayed updates change.
+        noise_per_transition: standard normal numbers in `batch.noise` for each transition.
+        settings: an object of `Settings`.
+        observation_size: size of an (encoded) observation.
+    """
+
+    Settings: ClassVar[type[OffPolicySettings]] = OffPolicySettings
+    losses: ClassVar[Mapping[str, str]] = {}
+    targets: ClassVar[tuple[str, ...]] = ()
+    delayed: ClassVar[tuple[str, ...]] = ()
+    noise_per_transition: int = 0
+
+    def __init__(self, settings: Any, observation_size: int) -> None:
+        """Makes the networks with initial weights from torch's global generator.
+
+        The engine seeds it before. An override calls this first.
+        """
+        super().__init__()
+        self.settings, self.observation_size = settings, observation_size
+
+    @final
+    def act(self, observations: Tensor) -> Tensor:
+        """Returns deterministic actions (N, 1) for observations (N, size)."""
+        actor: Any = self.actor
+        actions: Tensor = actor(observations)[..., :1].tanh()
+        return actions
+
+    def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
+        """Returns actions (N, 1) of a stochastic policy; without this method, `act` explores.
+
+        The action noise of the settings is added to both.
+
+        Args:
+            observations: (N, size).
+            noise: (N, 1) standard normal numbers.
+        """
+        raise NotImplementedError
+
+    def is_delayed_update(self, update: int, update_of_call: int) -> bool:
+        """Returns whether an update changes the attributes in `delayed`, too.
+
+        Args:
+            update: number since the start of training, counted from 1.
+            update_of_call: number within the current learning phase, counted from 0.
+        """
+        return True
+
+    def forward(self, method: str, *arguments: Any) -> Tensor:
+        """Calls a method: `torch.func.functional_call` only calls modules."""
+        result: Tensor = getattr(self, method)(*arguments)
+        return result
+
+
+def made(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -> Rule:
+    """Returns a rule with its target networks, whose weights are those of the networks.
+
+    Raises:
+        WorkError: if a network with a target does not exist.
+    """
+    rule = kind(settings, observation_size)
+    for name in rule.targets:
+        if not hasattr(rule, name):
+            raise WorkError(f"The rule {kind.__name__} has no {name}, which is among its targets.")
+        setattr(rule, f"{name}_target", copy.deepcopy(getattr(rule, name)))
+    return rule
+
+
+def attributes(rule: Rule) -> dict[str, list[str]]:
+    """Returns the names of the parameters of each attribute that has any."""
+    names: dict[str, list[str]] = {}
+    for name, _ in rule.named_parameters():
+        names.setdefault(name.partition(".")[0], []).append(name)
+    return names
+
+
+def mean_actor(rule: Rule) -> nn.Sequential:
+    """Returns a copy of the actor up to the deterministic action, in float32 on the CPU."""
+    actor: Any = rule.actor
+    *layers, last = copy.deepcopy(actor).float().cpu()
+    mean = nn.Linear(last.in_features, 1)
+    mean.load_state_dict({name: values[:1] for name, values in last.state_dict().items()})
+    return nn.Sequential(*layers, mean, nn.Tanh())

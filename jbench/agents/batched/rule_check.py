@@ -1,0 +1,76 @@
+"""Finds out before the training whether an update rule keeps to what `Rule` describes."""
+
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor, nn
+
+from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.rule import Rule, attributes, made, mean_actor
+from jbench.errors import WorkError
+from jbench.policies.copied import network_of
+from jbench.settings.algorithms import OffPolicySettings
+
+
+def checked(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -> Rule:
+    """Returns a rule, after calling each of its losses with a minibatch of zeros.
+
+    Raises:
+        WorkError: if it does not keep to what `Rule` describes.
+        UnsupportedPolicyError: if its policy can't be saved.
+    """
+    with torch.random.fork_rng(devices=[]):
+        rule = made(kind, settings, observation_size)
+        for fault in _faults(rule):
+            raise WorkError(f"The rule {kind.__name__} can't be trained: {fault}.")
+    network_of(mean_actor(rule), observation_size)
+    return rule
+
+
+def _faults(rule: Rule) -> Iterator[str]:
+    """Yields what is wrong with a rule, as clauses."""
+    names = attributes(rule)
+    actor = getattr(rule, "actor", None)
+    if not isinstance(actor, nn.Sequential) or not _is_affine(actor[-1]):
+        yield "its actor is no nn.Sequential that ends in a Linear layer with a bias"
+    if not rule.losses:
+        yield "it has no losses"
+    for loss, trained in rule.losses.items():
+        if not hasattr(rule, loss):
+            yield f"it has no method {loss}"
+        if trained not in names:
+            yield f"{loss} trains {trained}, which is no network or parameter of it"
+    changing = {*rule.losses.values(), *(f"{name}_target" for name in rule.targets)}
+    for name in rule.delayed:
+        if name not in changing:
+            yield f"{name} is delayed, but neither trained nor a target network"
+    for loss, trained in rule.losses.items():
+        yield from _faults_of_loss(rule, loss, [rule.get_parameter(n) for n in names[trained]])
+
+
+def _faults_of_loss(rule: Rule, loss: str, trained: list[nn.Parameter]) -> Iterator[str]:
+    """Yields what is wrong with a loss when it is called."""
+    before = torch.get_rng_state(), [buffer.clone() for buffer in rule.buffers()]
+    value = rule(loss, _zeros(rule))
+    if not isinstance(value, Tensor) or value.shape != ():
+        shape = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
+        yield f"{loss} returns {shape}, not one number; take the mean over the batch"
+    if not torch.equal(torch.get_rng_state(), before[0]):
+        yield f"{loss} draws random numbers; use batch.noise, which is drawn for each seed"
+    if any(not torch.equal(*pair) for pair in zip(rule.buffers(), before[1], strict=True)):
+        yield f"{loss} changes a buffer, such as the statistics of BatchNorm, which is not saved"
+    depends = value.requires_grad and any(
+        gradient is not None for gradient in torch.autograd.grad(value, trained, allow_unused=True)
+    )
+    if not depends:
+        yield f"{loss} does not depend on {rule.losses[loss]}, which it trains"
+
+
+def _is_affine(module: nn.Module) -> bool:
+    return isinstance(module, nn.Linear) and module.bias is not None
+
+
+def _zeros(rule: Rule) -> Batch:
+    rows = torch.zeros(rule.settings.batch_size, rule.observation_size + 2)
+    noise = torch.zeros(len(rows), rule.noise_per_transition)
+    return Batch(rows, rows, torch.zeros(len(rows), 1), noise)

@@ -1,0 +1,94 @@
+"""Update rules with small networks, and what their tests share."""
+
+import re
+from functools import partial
+from pathlib import Path
+
+import pytest
+import torch
+from torch import nn
+
+from benchmarks.rules import TD3, mlp
+from jbench.agents.batched.autograd import AutogradLearner
+from jbench.agents.batched.learner import LOSS_SUMS
+from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.rule import made
+from jbench.agents.batched.tensors import Tensors
+from tests.agents.batched_oracle import SIZE
+from tests.agents.test_batched_engine import LENGTH
+
+PAGE = (Path(__file__).parents[2] / "docs" / "your-own-rule.md").read_text()
+SMALL = {"hidden_layers": (24, 20), "batch_size": 16, "learning_rate": 1e-3, "buffer_size": 70}
+SCHEDULE = {"train_freq": 10, "gradient_steps": 5, "learning_starts": 20}
+TD3_SETTINGS = TD3.Settings(**SMALL, **SCHEDULE)
+PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
+
+
+def rule_of_the_page():
+    names = {}
+    exec(re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1], names)  # noqa: S102
+    return names["TQC"]
+
+
+TQC = rule_of_the_page()
+
+
+class REDQ(TD3):
+    """TD3 with targets of a random subset of critics, and an actor that learns from all."""
+
+    delayed = ()
+
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        self.critics = nn.ModuleList(mlp(observation_size + 1, 8, 1) for _ in range(4))
+        self.noise_per_transition = len(self.critics)
+
+    def values(self, critics, observations, actions):
+        inputs = torch.cat([observations, actions], dim=-1)
+        return torch.stack([critic(inputs) for critic in critics])
+
+    def critic_loss(self, batch):
+        following = batch.next_observations, self.actor_target(batch.next_observations).tanh()
+        subset = batch.noise[0].argsort()[:2]
+        next_values = self.values(self.critics_target, *following)[subset].amin(dim=0)
+        targets = batch.rewards + batch.discounts * next_values
+        values = self.values(self.critics, batch.observations, batch.actions)
+        return (values - targets).square().mean(dim=1).sum()
+
+    def actor_loss(self, batch):
+        return -self.values(self.critics, batch.observations, self.act(batch.observations)).mean()
+
+
+TQC_SETTINGS = TQC.Settings(**SMALL, **SCHEDULE, critics=3, quantiles=5, dropped=1)
+RULES = pytest.mark.parametrize(
+    ("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS)], ids=["td3", "tqc"]
+)
+
+
+def learners(rule, settings, dtype=torch.float32, seeds=1):
+    """Tensors of some seeds, a learner per seed, and a learner of the stack."""
+    tensors = Tensors(seeds, dtype)
+    views = [tensors.stacked_view(), *(tensors.seed_view(seed) for seed in range(seeds))]
+    make = partial(AutogradLearner, settings, SIZE, rule=made(rule, settings, SIZE))
+    stack, *each = (make(view) for view in views)
+    for seed, learner in enumerate(each):
+        learner.initialize(torch.Generator().manual_seed(seed))
+    return tensors, each, stack
+
+
+def batches(rule, count, dtype=torch.float64, seeds=()):
+    """Random minibatches as tuples of tensors."""
+    random = torch.Generator().manual_seed(1)
+    for _ in range(count):
+        widths = (SIZE + 2, SIZE + 2, 1, rule.noise_per_transition)
+        yield [torch.randn(*seeds, 32, width, generator=random, dtype=dtype) for width in widths]
+
+
+def mean_losses(learner, tensors):
+    sums, counts = tensors.saved[LOSS_SUMS][0].unbind(dim=-1)
+    return dict(zip(learner.losses, (sums / counts).tolist(), strict=True))
+
+
+def engine_of(rule, settings, seeds, **options):
+    options = {"device": "cpu", "episode_steps": LENGTH} | options
+    return make_engine(rule, settings, "face_direction", seeds, **options)

@@ -1,0 +1,182 @@
+"""Update rules of other packages: their updates, independent seeds and resuming."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+import jbench
+from benchmarks.rules import TD3
+from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.rule import Rule
+from tests.agents.batched_oracle import (
+    SIZE,
+    learners_of,
+    settings_of,
+)
+from tests.agents.small_rules import (
+    PRECISION,
+    REDQ,
+    RULES,
+    TD3_SETTINGS,
+    TQC,
+    TQC_SETTINGS,
+    batches,
+    engine_of,
+    learners,
+    mean_losses,
+)
+from tests.agents.test_batched_engine import STEPS, assert_same, round_trip, trajectory
+
+
+def by_hand(learner):
+    """Parameters of jbench's own TD3 by the names of the rule."""
+    networks = {
+        "actor": learner.actor,
+        "actor_target": learner.actor_target,
+        **{f"critics.{i}": net for i, net in enumerate(learner.critics.networks)},
+        **{f"critics_target.{i}": net for i, net in enumerate(learner.critic_targets.networks)},
+    }
+    return {
+        f"{name}.{2 * i}.{kind}": values
+        for name, network in networks.items()
+        for i, layer in enumerate(network.layers)
+        for kind, values in (("weight", layer.weight.mT), ("bias", layer.bias))
+    }
+
+
+@pytest.mark.parametrize("dtype", PRECISION, ids=str)
+def test_td3_as_a_rule_equals_the_gradients_by_hand(dtype):
+    settings = settings_of("td3")
+    own_tensors, (own,), _ = learners_of("td3", settings, dtype)
+    tensors, (learner,), _ = learners(TD3, settings, dtype)
+    own.initialize(torch.Generator().manual_seed(3))
+    for name, values in by_hand(own).items():
+        learner._parameters[name].copy_(values)
+    first = by_hand(own)["actor.0.weight"].clone()
+    for update, numbers in enumerate(batches(TD3, 100, dtype), 1):
+        for each in (own, learner):
+            delayed = each.is_delayed_update(update, 0)
+            each.reset_losses([delayed])
+            each.update(Batch(*(part.clone() for part in numbers)), delayed)
+        if update in (1, 10, 100):
+            expected = by_hand(own)
+            assert learner._parameters.keys() == expected.keys()
+            for name, values in expected.items():
+                torch.testing.assert_close(
+                    learner._parameters[name], values, rtol=0, atol=PRECISION[dtype], msg=name
+                )
+            if update > 1:
+                expected = pytest.approx(mean_losses(own, own_tensors), rel=1e-4)
+                assert mean_losses(learner, tensors) == expected
+    assert (by_hand(own)["actor.0.weight"] - first).abs().max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS), (REDQ, TD3_SETTINGS)]
+)
+def test_a_stack_is_updated_as_each_seed_alone(rule, settings):
+    (alone, each, _), (together, _, stack) = (
+        learners(rule, settings, torch.float64, seeds=3) for _ in range(2)
+    )
+    assert not torch.equal(alone.saved["rule.actor"][0], alone.saved["rule.actor"][1])
+    for update, numbers in enumerate(batches(stack, 6, seeds=(3,)), 1):
+        delayed = stack.is_delayed_update(update, 0)
+        for seed, learner in enumerate(each):
+            learner.update(Batch(*(part[seed] for part in numbers)), delayed)
+        stack.update(Batch(*numbers), delayed)
+    assert alone.saved.keys() == together.saved.keys()
+    for name, saved in alone.saved.items():
+        torch.testing.assert_close(together.saved[name], saved, rtol=0, atol=1e-10)
+    observations = torch.randn(3, 5, SIZE, dtype=torch.float64)
+    expected = torch.stack([one.act(seen) for one, seen in zip(each, observations, strict=True)])
+    torch.testing.assert_close(stack.act(observations), expected)
+
+
+@pytest.mark.parametrize("options", [{}, {"environments": 2, "time_limit": "terminal"}])
+@RULES
+def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(rule, settings, options):
+    with (
+        engine_of(rule, settings, [7, 0, 3], **options) as together,
+        engine_of(rule, settings, [3], **options) as alone,
+    ):
+        torch.randn(3)  # the global generator is not used
+        among = trajectory(together, 2)
+        assert_same(trajectory(alone, 0), among)
+    assert set(among[2][-1]) == {"critic_loss", "actor_loss"}
+
+
+@pytest.mark.parametrize("stacked", [False, True])
+@RULES
+def test_a_restored_engine_continues_with_the_same_bits(rule, settings, stacked):
+    options = {"stacked": stacked}
+    with engine_of(rule, settings, [0, 4], **options) as whole:
+        for _ in whole.learn(STEPS):
+            if whole.control_steps == 57:
+                states = [round_trip(whole.state(index)) for index in range(2)]
+                rows, row = [whole.replay_rows(i).clone() for i in range(2)], whole.replay.row
+        expected = [whole.state(index) for index in range(2)]
+    with engine_of(rule, settings, [0, 4], **options) as resumed:
+        for index in range(2):
+            resumed.restore_rows(index, rows[index], row)
+        resumed.restore(states)
+        assert resumed.control_steps == 57
+        for _ in resumed.learn(STEPS):
+            pass
+        for index in range(2):
+            tensors, scalars = resumed.state(index)
+            assert json.dumps(scalars) == json.dumps(expected[index].scalars)
+            for name, values in expected[index].tensors.items():
+                assert torch.equal(tensors[name], values), name
+
+
+@RULES
+def test_the_kept_policy_acts_like_the_agent_and_can_be_loaded(rule, settings):
+    observations = np.random.default_rng(0).normal(size=(1, 10, SIZE)).astype(np.float32)
+    with (
+        engine_of(rule, settings, [0]) as engine,
+        engine_of(rule, settings, [9]) as other,
+        engine_of(rule, settings.model_copy(update={"hidden_layers": (8,)}), [0]) as smaller,
+    ):
+        for _ in engine.learn(60):
+            pass
+        kept = engine.policy(0)
+        acted = engine.act(observations)
+        np.testing.assert_allclose(kept.act(observations[0]), acted[0], atol=2e-6)
+        assert not np.array_equal(other.act(observations), acted)
+        other.load_policy(0, kept, 60)
+        np.testing.assert_array_equal(other.act(observations), acted)
+        with pytest.raises(ValueError, match="its layers are not those of its settings"):
+            smaller.load_policy(0, kept, 60)
+
+
+def test_a_seed_that_diverges_does_not_affect_the_others():
+    states = []
+    for poisoned in (False, True):
+        with engine_of(TD3, TD3_SETTINGS, [0, 5]) as engine:
+            if poisoned:
+                engine._team.each[1]._parameters["critics.0.2.weight"][3, 4] = torch.inf
+            for _ in engine.learn(STEPS):
+                pass
+            states.append(engine.state(0).tensors)
+            assert {seed: found.what for seed, found in engine.diverged.items()} == (
+                {1: "critic_loss"} if poisoned else {}
+            )
+    for name, values in states[0].items():
+        assert torch.equal(values, states[1][name])
+
+
+def test_the_public_names_are_those_of_the_engine():
+    assert (jbench.Rule, jbench.Batch) == (Rule, Batch)
+    assert issubclass(jbench.Rule.Settings, jbench.OffPolicySettings)
+
+
+def test_delayed_updates_and_their_losses_follow_the_rule():
+    _, (learner,), _ = learners(TD3, TD3_SETTINGS)
+    assert [learner.is_delayed_update(update, 0) for update in (1, 2, 3, 4)] == [False, True] * 2
+    before = {name: values.clone() for name, values in learner._parameters.items()}
+    (numbers,) = batches(TD3, 1, torch.float32)
+    learner.update(Batch(*numbers), delayed=False)
+    changed = {n for n, values in learner._parameters.items() if not torch.equal(values, before[n])}
+    assert {name.split(".")[0] for name in changed} == {"critics"}

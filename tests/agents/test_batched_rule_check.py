@@ -1,0 +1,79 @@
+"""Faulty update rules are refused before the training."""
+
+import pytest
+from torch import nn
+
+from benchmarks.rules import TD3
+from jbench.errors import WorkError
+from jbench.policies.copied import UnsupportedPolicyError
+from tests.agents.small_rules import TD3_SETTINGS, engine_of
+
+
+def changed(**attributes):
+    """TD3 with other attributes."""
+    return type("Faulty", (TD3,), attributes)
+
+
+def with_actor(*layers):
+    class Faulty(TD3):
+        def __init__(self, settings, observation_size):
+            super().__init__(settings, observation_size)
+            self.actor = nn.Sequential(nn.Linear(observation_size, 8), *layers)
+
+    return Faulty
+
+
+class WithBatchNorm(TD3):
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        self.normalization = nn.BatchNorm1d(observation_size)
+
+    def actor_loss(self, batch):
+        return self.normalization(batch.observations).mean() + super().actor_loss(batch)
+
+
+class WithDropout(TD3):
+    def actor_loss(self, batch):
+        return nn.functional.dropout(batch.rewards).mean() + super().actor_loss(batch)
+
+
+class PerTransition(TD3):
+    def actor_loss(self, batch):
+        return self.act(batch.observations)[:, 0]
+
+
+class OfTheCritics(TD3):
+    def actor_loss(self, batch):
+        return self.critics[0](batch.state_actions).mean()
+
+
+@pytest.mark.parametrize(
+    ("rule", "sentence"),
+    [
+        (changed(losses={}), "it has no losses"),
+        (changed(losses={"loss": "actor"}), "it has no method loss"),
+        (changed(losses={"actor_loss": "policy"}), "actor_loss trains policy, which is no network"),
+        (changed(targets=("critic",)), "has no critic, which is among its targets"),
+        (changed(delayed=("critic",)), "critic is delayed, but neither trained nor a target"),
+        (with_actor(nn.Tanh()), "its actor is no nn.Sequential that ends in a Linear layer"),
+        (PerTransition, r"actor_loss returns \(16,\), not one number; take the mean"),
+        (WithDropout, "actor_loss draws random numbers; use batch.noise"),
+        (WithBatchNorm, "actor_loss changes a buffer, such as the statistics of BatchNorm"),
+        (OfTheCritics, "actor_loss does not depend on actor, which it trains"),
+    ],
+)
+def test_a_faulty_rule_is_refused_before_the_training(rule, sentence):
+    with pytest.raises(WorkError, match=f"The rule {rule.__name__} .*{sentence}"):
+        engine_of(rule, TD3_SETTINGS, [0])
+
+
+def test_a_policy_that_cannot_be_saved_is_refused_before_the_training():
+    with pytest.raises(UnsupportedPolicyError, match="Softsign"):
+        engine_of(with_actor(nn.Softsign(), nn.Linear(8, 1)), TD3_SETTINGS, [0])
+
+
+def test_layers_other_than_relu_are_kept():
+    rule = with_actor(nn.LayerNorm(8), nn.Tanh(), nn.Linear(8, 1))
+    with engine_of(rule, TD3_SETTINGS, [0]) as engine:
+        kinds = [layer.kind for layer in engine.policy(0).layers]
+    assert kinds == ["linear", "layer_norm", "tanh", "linear", "tanh"]

@@ -1,0 +1,206 @@
+"""Update rules of a package that somebody else installed."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from jbench.agents.algorithms import algorithm_fields
+from jbench.cli import main
+from jbench.names import EPISODE_STEPS
+from jbench.policies.saved import WEIGHTS, has_policy
+from jbench.settings.run import RunSettings
+from jbench.store import Results, schema
+from jbench.sweeps import executors
+from jbench.training.batched_run import run_batch
+from tests.agents.killed_run import stack_seeds
+from tests.commands.distributions import ROOT, install, use
+from tests.forking import forked_worker, server
+from tests.training.small_runs import rows, shorten_episodes
+
+PACKAGE = "tqc-rule"
+SMALL = {"hidden_layers": [8], "batch_size": 8, "train_freq": 10, "gradient_steps": 2}
+TYPED = tuple(
+    word
+    for name, value in {**SMALL, "quantiles": 5}.items()
+    for word in ("--set", f"{name}={json.dumps(value)}")
+)
+MATRIX = """
+tasks = ["face_direction"]
+algos = ["tqc"]
+seeds = "0-1"
+steps = 1000
+[hyperparameters.tqc]
+hidden_layers = [8]
+batch_size = 8
+train_freq = 10
+gradient_steps = 2
+quantiles = 5
+[evaluation]
+episodes = 1
+"""
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    return install("third_party_rule", "your-own-rule.md", "tqc.py", tmp_path_factory)
+
+
+@pytest.fixture
+def installed(site, monkeypatch):
+    use(site, monkeypatch)
+
+
+def run_of(algo="tqc", **changes):
+    """A run whose episodes have 50 control steps."""
+    about = {"task": "face_direction", "seed": 0, "steps": 400, "evaluate_every": 150}
+    fields = algorithm_fields(algo, overrides={**SMALL, "learning_starts": 60})
+    return RunSettings(**{**about, **fields, "evaluate_episodes": 1, **changes})
+
+
+@pytest.fixture(scope="module")
+def swept(site, tmp_path_factory):
+    """Results of a sweep with two seeds, of which `jbench train` had trained the first."""
+    folder = tmp_path_factory.mktemp("swept")
+    results = ("--results", str(folder / "results"))
+    train = ("train", "--algo", "tqc", *TYPED, "--seeds", "0", "--steps", "1000")
+    (folder / "matrix.toml").write_text(MATRIX)
+    with pytest.MonkeyPatch.context() as patch:
+        use(site, patch)
+        patch.setattr(executors, "_start", lambda: forked_worker(server(EPISODE_STEPS)))
+        assert main([*train, "--evaluate-episodes", "1", *results]) == 0
+        assert main(["sweep", str(folder / "matrix.toml"), *results]) == 0
+    return Results(folder / "results")
+
+
+def test_train_and_sweep_make_the_same_runs(swept):
+    runs, problems = swept.scan("run")
+    assert not problems
+    assert sorted(run.settings["seed"] for run in runs) == [0, 1]
+    for run in runs:
+        assert run.status == "finished"
+        assert (run.rows("episodes"), run.rows("evaluations")) == (1, 1)
+        assert has_policy(run)
+        chosen = run.settings["hyperparameters"]
+        assert (chosen["quantiles"], chosen["dropped"], chosen["tau"]) == (5, 2, 0.005)
+        assert (run.settings["engine"], run.settings["package"]) == ("batched", PACKAGE)
+        assert run.manifest.provenance["package"] == "tqc-rule 2.1"
+        (episode,) = run.read("episodes", schema.EPISODES).to_pylist()
+        assert episode["critic_loss"] > 0
+        assert episode["entropy_coefficient"] is None
+
+
+def test_a_trained_policy_is_evaluated_and_reevaluated(swept, installed, capsys):
+    run = swept.scan("run")[0][0]
+    here = ("--results", str(swept.path))
+    assert main(["evaluate", "--policy", run.id, "--episodes", "1", "--json", *here]) == 0
+    assert json.loads(capsys.readouterr().out)["settings"]["task"] == "face_direction"
+    assert main(["verify", "--reevaluate", *here]) == 0
+    said = capsys.readouterr().out
+    assert "equal" in said
+    assert main(["reproduce", run.id, "--episodes", "1", *here]) == 0
+
+
+def test_runs_of_a_rule_that_is_not_installed_are_listed_reported_and_verified(swept, capsys):
+    here = ("--results", str(swept.path))
+    assert main(["runs", "--algo", "tqc", *here]) == 0
+    assert "face_direction/tqc/full/s00-" in capsys.readouterr().out
+    assert main(["verify", *here]) == 0
+    capsys.readouterr()
+    assert main(["report", "--json", "--out", str(swept.path / "out"), *here]) == 0
+    (cell,) = json.loads(capsys.readouterr().out)["table"]
+    assert (cell["algo"], cell["seeds"]) == ("tqc", 2)
+    assert main(["train", "--algo", "tqc", *here]) == 2
+    assert "Unknown algorithm 'tqc'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("typed", "sentence"),
+    [
+        (("tqc", "--set", "quantiles=0"), "quantiles of tqc can't be 0: .*greater"),
+        (("tqc", "--set", "quantile=9"), "tqc has no setting quantile; it has action_noise"),
+        (("tqc", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
+        (("tqc", "--engine", "sb3"), "tqc has the engine batched, not sb3"),
+        (("tqc", "--encoder", "ofe12"), "ofe12 is for DDPG, TD3 and SAC, not for tqc"),
+        (("tqc", "--precision", "bfloat16"), "tqc does not learn in bfloat16"),
+    ],
+)
+def test_a_wrong_request_is_refused(installed, typed, sentence, tmp_path, capsys):
+    assert main(["train", "--algo", *typed, "--results", str(tmp_path / "results")]) == 2
+    assert re.search(sentence, capsys.readouterr().err)
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("algo", "sentence"),
+    [
+        ("missing", "The rule missing can't be loaded from other_rules:Missing"),
+        ("no-rule", "The rule no-rule is no subclass of jbench.Rule"),
+        ("agent-settings", "Settings of the rule agent-settings is no subclass of jbench.Off"),
+    ],
+)
+def test_an_entry_point_that_is_no_rule_is_refused(installed, algo, sentence, tmp_path, capsys):
+    assert main(["train", "--algo", algo, "--results", str(tmp_path / "results")]) == 1
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("algo", "sentence", "episodes"),
+    [
+        ("no-actor", "The rule NoActor can't be trained: its actor is no nn.Sequential", 0),
+        ("not-finite", "its critic_loss is not finite after update 2, at control step 70", 1),
+    ],
+)
+def test_a_faulty_rule_fails_its_run(installed, algo, sentence, episodes, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    run, results = run_of(algo), Results(tmp_path)
+    try:
+        reason = str(run_batch([run], results, None, checkpoint_every=0)[run.id])
+    except RuntimeError as error:
+        reason = str(error)
+    assert sentence in reason
+    record = results.find("run", run.id)
+    assert record.status == "failed"
+    assert sentence in record.manifest.summary["error"]
+    assert record.rows("episodes") == episodes
+
+
+@pytest.mark.parametrize("stacked", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_killed_run_resumes_to_the_same_bits(installed, stacked, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    if stacked:
+        stack_seeds(monkeypatch.setattr)
+    run = run_of()
+    asked = {"path": str(tmp_path / "killed"), "run": run.model_dump(mode="json"), "after": 200}
+    command = [sys.executable, "-m", "tests.agents.killed_run"]
+    request = json.dumps({**asked, "device": "cpu", "stacked": stacked})
+    done = subprocess.run([*command, request], cwd=ROOT)
+    assert done.returncode == -signal.SIGKILL
+    resumed_at, records = [], []
+    for name in ("whole", "killed"):
+        results = Results(tmp_path / name)
+        notices = {"notice": lambda run, steps, sentence: resumed_at.append(steps)}
+        assert run_batch([run], results, None, **notices) == {}
+        records.append(results.find("run", run.id))
+    assert resumed_at == [200]
+    assert rows(records[0]) == rows(records[1])
+    assert len(rows(records[0])) == 8 + 3
+    assert records[0].read_file(WEIGHTS) == records[1].read_file(WEIGHTS)
+
+
+def test_rules_are_listed_with_their_settings_and_packages(installed, capsys):
+    assert main(["algorithms", "tqc", "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["algorithms"]
+    assert (found["engine"], found["package"]) == ("batched", "tqc-rule 2.1")
+    described = {each["name"]: each for each in found["settings"]}
+    assert described["quantiles"]["default"] == 25
+    assert described["tau"]["description"] == "polyak coefficient of the target networks"
+    assert main(["algorithms", "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert "tqc" in {each["name"] for each in said["algorithms"]}
+    assert {"no-rule", "missing"} <= {each["name"] for each in said["broken"]}

@@ -1,0 +1,33 @@
+"""Rules that are not as they should be, each in one respect."""
+
+from torch import nn
+from tqc import TQC
+
+import jbench
+
+
+class NotFinite(TQC):
+    """Its critics diverge at once."""
+
+    def critic_loss(self, batch):
+        return super().critic_loss(batch) / 0
+
+
+class NoActor(TQC):
+    """Has no network of the name actor."""
+
+    losses = {"actor_loss": "policy"}  # noqa: RUF012
+
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        self.policy = self.actor
+        del self.actor
+
+
+class AgentSettings(TQC):
+    """Its settings are those of an agent."""
+
+    Settings = jbench.AgentSettings
+
+
+__all__ = ["nn"]

@@ -38,7 +38,9 @@ COMMAND, WORKER = "jbench.cli:main", "jbench.training.worker:main"
 class Forked:
     """A process that a server forked, with what the tests use of `subprocess.Popen`."""
 
-    def __init__(self, channel, target, arguments, streams, *, cwd=None, session=False):
+    def __init__(
+        self, channel, target, arguments, streams, *, cwd=None, session=False, environ=os.environ
+    ):
         """Starts it.
 
         Args:
@@ -50,7 +52,7 @@ class Forked:
             session: whether it leads a session, and so a process group, of its own.
         """
         request = {"target": target, "arguments": arguments, "session": session}
-        request |= {"environ": dict(os.environ), "cwd": str(cwd or Path.cwd())}
+        request |= {"environ": dict(environ), "cwd": str(cwd or Path.cwd())}
         self._status, status = os.pipe()
         socket.send_fds(channel, [json.dumps(request).encode()], [*streams, status])
         os.close(status)
@@ -93,7 +95,8 @@ def forked_worker(channel):
     """Starts a worker; it replaces `executors._start`."""
     to_read, stdin = os.pipe()
     stdout, to_write = os.pipe()
-    process = Forked(channel, WORKER, [], (to_read, to_write, 2))
+    environ = {**os.environ, **names.ONE_THREAD, "MUJOCO_GL": "disable"}
+    process = Forked(channel, WORKER, [], (to_read, to_write, 2), environ=environ)
     os.close(to_read)
     os.close(to_write)
     process.stdin, process.stdout = os.fdopen(stdin, "w"), os.fdopen(stdout)

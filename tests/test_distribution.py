@@ -54,7 +54,9 @@ def sdist(tmp_path_factory):
         (source / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, source / name)
     with tarfile.open(build("sdist", source, place / "dist")) as archive:
-        archive.extractall(place, filter="data")
+        # Python before 3.11.4 has no filters.
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)
+        archive.extractall(place)
     return next(place.glob("jbench-*"))
 
 

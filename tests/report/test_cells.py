@@ -136,7 +136,12 @@ class TestSettings:
     def test_ours_are_read_and_others_are_kept_as_they_are_recorded(self):
         assert read_run(RUN) == RunSettings(**RUN)
         newer = {**RUN, "seed": "none", "augment": 3, "gravity": -1.62}
-        for values in (newer, {**RUN, "algo": "mine"}, {**RUN, "hyperparameters": {"tau": 2}}, {}):
+        for values in (
+            newer,
+            {**RUN, "algo": "my agent"},
+            {**RUN, "hyperparameters": {"tau": 2}},
+            {},
+        ):
             run = read_run(values)
             assert isinstance(run, Unreadable)
             assert run.values == values
@@ -147,7 +152,7 @@ class TestSettings:
     def test_what_is_omitted_is_what_it_means(self):
         said = {**RUN, **RunSettings.omitted()}
         assert alike(read_run(said), ()) == alike(read_run(RUN), ())
-        foreign = {**RUN, "algo": "mine"}
+        foreign = {**RUN, "algo": "my agent"}
         assert alike(read_run({**foreign, "robots": 1}), ()) == alike(read_run(foreign), ())
         assert alike(read_run({**RUN, "robots": 2, "steps": 4000}), ("steps",)) != alike(
             read_run(RUN), ("steps",)

@@ -17,11 +17,20 @@ def makes(name, content=b""):
     return lambda: {name: b"%d %b" % (os.getpid(), content)}
 
 
-def waits(name):
-    """Returns a task that takes long enough for another process to take one too."""
+def waits(name, folder=None):
+    """Returns a task that takes long enough for another process to take one too.
+
+    With a folder it waits until tasks with this folder were begun by two processes.
+    """
 
     def task():
-        time.sleep(0.2)
+        if folder is None:
+            time.sleep(0.2)
+        else:
+            (folder / str(os.getpid())).touch()
+            end = time.monotonic() + 60
+            while len(list(folder.iterdir())) < 2 and time.monotonic() < end:
+                time.sleep(0.01)
         return {name: b"%d " % os.getpid()}
 
     return task
@@ -37,8 +46,8 @@ def test_files_are_in_the_order_of_their_tasks(processes):
 
 
 @FORKS
-def test_tasks_are_distributed_over_processes():
-    files = parallel.files_of([waits(str(i)) for i in range(4)], 2)
+def test_tasks_are_distributed_over_processes(tmp_path):
+    files = parallel.files_of([waits(str(i), tmp_path) for i in range(4)], 2)
     processes = {int(content) for content in files.values()}
     assert len(processes) == 2
     assert os.getpid() in processes

@@ -67,16 +67,8 @@ def make_engine(
         WorkError: if the replay buffers exceed a GPU's memory, or the rule can't be trained.
         UnsupportedPolicyError: if the rule's policy can't be saved.
     """
-    torch_device = find_device(device)
-    if precision not in PRECISIONS:
-        raise RequestError(f"Unknown precision {precision!r}; choose {one_of(PRECISIONS)}.")
+    torch_device = _device_with_precision(device, precision)
     gpu = torch_device.type == "cuda"
-    if precision == "tf32" and not gpu:
-        raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
-    if gpu:
-        products = torch.backends.cuda.matmul
-        products.fp32_precision = "tf32" if precision == "tf32" else "ieee"
-        products.allow_bf16_reduced_precision_reduction = False  # sums are float32, as on a CPU
     count = environments or (settings.n_envs if isinstance(settings, PPOSettings) else 1)
     streams = [Streams(seed, count) for seed in seeds]
     robots = Environments(
@@ -105,6 +97,20 @@ def make_engine(
             f"The GPU's memory is not enough for the replay buffers of {len(seeds)} seeds: type "
             f"fewer --seeds at a time, or less than --set buffer_size={settings.buffer_size}."
         ) from None
+
+
+def _device_with_precision(device: str, precision: str) -> torch.device:
+    """Returns a device; on a GPU, sets the precision of its matrix products."""
+    found = find_device(device)
+    if precision not in PRECISIONS:
+        raise RequestError(f"Unknown precision {precision!r}; choose {one_of(PRECISIONS)}.")
+    if found.type == "cuda":
+        products = torch.backends.cuda.matmul
+        products.fp32_precision = "tf32" if precision == "tf32" else "ieee"
+        products.allow_bf16_reduced_precision_reduction = False  # sums are float32, as on a CPU
+    elif precision == "tf32":
+        raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
+    return found
 
 
 def _learner(

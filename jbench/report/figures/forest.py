@@ -10,6 +10,7 @@ from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import Summary, scores_of
 from jbench.report.data.cells import SOLVED, Cell, in_order
 from jbench.report.data.published import PUBLISHED, PublishedCurve
+from jbench.report.data.returns import Returns
 from jbench.report.data.summaries import published_beside
 from jbench.report.figure import Axis, Band, Figure, Panel, ReferenceLine, Series, Style
 from jbench.report.figures.curve_series import KEY_COLOR, SOLVED_KEY, SOLVED_STYLE
@@ -38,18 +39,7 @@ def forest_figure(
     kind = cells[0].kind
     beside = {cell.key: published_beside(cell, published) for cell in trained}
     theirs = {key: found[0] for key, found in beside.items() if found is not None}
-    # Within an algorithm, the variant with the defaults comes first.
-    algorithms = list(dict.fromkeys(cell.algo for cell in cells))
-    ordered = sorted(
-        cells,
-        key=lambda c: (
-            algorithms.index(c.algo),
-            c.representation != FULL,
-            c.representation,
-            c.has_words,
-        ),
-    )
-    rows = list(dict.fromkeys(cell.short_name for cell in ordered))
+    rows = _row_names(cells)
     shown, colors = rows[:_MAX_ROWS], algorithm_colors([cell.algo for cell in cells])
     tasks = in_order({cell.task for cell in cells}, TASKS)
     series = {
@@ -68,8 +58,39 @@ def forest_figure(
     x = Axis(f"final {kind.name} return", (max(0.0, np.floor(lowest / 100) * 100 - 15), 1015))
     y = Axis("", (len(shown) - 0.4, -0.6), ticks=range(len(shown)), names=shown)
     solved = ReferenceLine(SOLVED, SOLVED_STYLE, vertical=True)
-    left_out = len(rows) - len(shown)
-    note = (
+    key = [
+        (_MEAN, Style(KEY_COLOR, marker="o", size=6)),
+        (_SEED, Style(KEY_COLOR, "", marker="o", size=3, alpha=0.6)),
+        *([(_PUBLISHED, Style(KEY_COLOR, "--", 1.2))] if _has_published(series) else []),
+        SOLVED_KEY,
+    ]
+    panels = [Panel(task, x, y, lines, [solved]) for task, lines in series.items()]
+    return Figure(
+        f"Final {kind.plural} with their uncertainty",
+        panels,
+        key,
+        [_note(kind, len(rows) - len(shown), ALL_TASKS in series)],
+    )
+
+
+def _row_names(cells: Sequence[Cell]) -> list[str]:
+    """Returns the names of the rows; an algorithm's variant with the defaults comes first."""
+    algorithms = list(dict.fromkeys(cell.algo for cell in cells))
+    ordered = sorted(
+        cells,
+        key=lambda c: (
+            algorithms.index(c.algo),
+            c.representation != FULL,
+            c.representation,
+            c.has_words,
+        ),
+    )
+    return list(dict.fromkeys(cell.short_name for cell in ordered))
+
+
+def _note(kind: Returns, left_out: int, has_all_tasks: bool) -> str:
+    """Returns what the marks mean, and how many rows are left out."""
+    return (
         f"{kind.final} Dot with bar: interquartile mean across seeds and its 95% interval "
         f"(uncertainty), for at least {st.MIN_SEEDS} seeds; with fewer than {st.DECIDING_SEEDS} "
         "the interval is too narrow and decides nothing. Small dots: seeds. Dashed: the paper's "
@@ -78,18 +99,10 @@ def forest_figure(
         + (
             f" {ALL_TASKS.capitalize()}: learners with runs on each of them; seeds are resampled "
             "within each task."
-            if ALL_TASKS in series
+            if has_all_tasks
             else ""
         )
     )
-    key = [
-        (_MEAN, Style(KEY_COLOR, marker="o", size=6)),
-        (_SEED, Style(KEY_COLOR, "", marker="o", size=3, alpha=0.6)),
-        *([(_PUBLISHED, Style(KEY_COLOR, "--", 1.2))] if _has_published(series) else []),
-        SOLVED_KEY,
-    ]
-    panels = [Panel(task, x, y, lines, [solved]) for task, lines in series.items()]
-    return Figure(f"Final {kind.plural} with their uncertainty", panels, key, [note])
 
 
 def _row(

@@ -12,6 +12,12 @@ from jbench.report import parallel
 FORKS = pytest.mark.skipif(sys.platform != "linux", reason="one process elsewhere")
 
 
+@pytest.fixture(autouse=True)
+def without_other_threads(monkeypatch):
+    """Earlier tests in this process may have left threads, beside which nothing is forked."""
+    monkeypatch.setattr(parallel.threading, "active_count", lambda: 1)
+
+
 def makes(name, content=b""):
     """Returns a task that makes one file with the number of its process and a content."""
     return lambda: {name: b"%d %b" % (os.getpid(), content)}

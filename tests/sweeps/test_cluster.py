@@ -46,6 +46,8 @@ def cluster(monkeypatch):
     """Two nodes of a core each; `nodes` are the head and the other."""
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "1")
+    # Ray's workers are nice to others by default, and starve beside the other tests.
+    monkeypatch.setenv("RAY_worker_niceness", "0")
     from ray.cluster_utils import Cluster
 
     head = {**SMALL, "include_dashboard": False, "_system_config": IMPATIENT}

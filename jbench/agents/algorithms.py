@@ -14,7 +14,7 @@ from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS, Base, Engine, known
 from jbench.settings.algorithms import SETTINGS, OffPolicySettings, algorithm_settings
-from jbench.settings.base import Settings, validated
+from jbench.settings.base import Settings, settings_with
 
 GROUPS: dict[str, Engine] = {"jbench.agents": "plugin", "jbench.rules": "batched"}
 """Groups of entry points, agents and update rules, and the engine that trains each."""
@@ -145,8 +145,8 @@ def algorithm_fields(
     fields: dict[str, Any] = {"algo": algo, "engine": engine_of(algo, engine)}
     changes = dict(overrides or {})
     if algo in ALGORITHMS:
-        settings = algorithm_settings(algo, base, changes)
-        return fields | {"hyperparameters": settings.model_dump(mode="json")}
+        own = algorithm_settings(algo, base, changes)
+        return fields | {"hyperparameters": own.model_dump(mode="json")}
     if base != "published":
         raise RequestError(
             f"The settings {base} are for {', '.join(ALGORITHMS)}; {algo} has its own defaults."
@@ -155,27 +155,11 @@ def algorithm_fields(
         from jbench.agents import sb3_classes
 
         return fields | {"hyperparameters": sb3_classes.settings_of(algo, changes)}
+    settings = settings_with(_settings_class(algo), algo, changes)
     return fields | {
-        "hyperparameters": settings_with(algo, changes).model_dump(mode="json"),
+        "hyperparameters": settings.model_dump(mode="json"),
         "package": plugins.package_of(installed()[algo]),
     }
-
-
-def settings_with(name: str, values: Mapping[str, Any]) -> AgentSettings | OffPolicySettings:
-    """Returns the settings of an installed agent or update rule.
-
-    Args:
-        values: those that differ from the defaults.
-
-    Raises:
-        RequestError: if a setting is unknown or invalid, or there is no such algorithm.
-        WorkError: if its package can't be imported.
-    """
-    kind = _settings_class(name)
-    if unknown := sorted(set(values) - set(kind.model_fields)):
-        names = ", ".join(sorted(kind.model_fields)) or "none"
-        raise RequestError(f"{name} has no setting {', '.join(unknown)}; it has {names}.")
-    return validated(kind, name, **values)
 
 
 def code_of(algo: str) -> dict[str, str | None]:

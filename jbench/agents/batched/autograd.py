@@ -18,7 +18,7 @@ from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OTHER_LAYERS, OffPolicyLearner
 from jbench.agents.batched.rule import Rule, attributes, made, mean_actor
-from jbench.agents.batched.tensors import SeedView, aligned
+from jbench.agents.batched.tensors import SeedView, flat_parts, flat_size
 from jbench.policies.copied import network_of
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy
@@ -176,18 +176,10 @@ class _Group:
 
     def __init__(self, view: SeedView, name: str, shapes: Mapping[str, torch.Size]) -> None:
         self.name = f"rule.{name}"
-        count = sum(aligned(shape.numel()) for shape in shapes.values())
+        count = flat_size(shapes.values())
         self.flat = view.saved(self.name, count)
         self.flat_gradient = view.scratch(f"{self.name}.gradient", count)
         self.values, self.gradients = (
-            _views(flat, shapes) for flat in (self.flat, self.flat_gradient)
+            dict(zip(shapes, flat_parts(flat, shapes.values()), strict=True))
+            for flat in (self.flat, self.flat_gradient)
         )
-
-
-def _views(flat: Tensor, shapes: Mapping[str, torch.Size]) -> dict[str, Tensor]:
-    start, views = 0, {}
-    for name, shape in shapes.items():
-        part = flat[..., start : start + shape.numel()]
-        views[name] = part.view(*flat.shape[:-1], *shape)
-        start += aligned(shape.numel())
-    return views

@@ -17,7 +17,7 @@ from torch.func import functional_call, grad_and_value, vmap
 from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OTHER_LAYERS, OffPolicyLearner
-from jbench.agents.batched.rule import Rule, attributes, made, mean_actor
+from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
 from jbench.agents.batched.tensors import SeedView, flat_parts, flat_size
 from jbench.policies.copied import network_of
 from jbench.policies.network import Network
@@ -47,7 +47,7 @@ class AutogradLearner(OffPolicyLearner):
         trained = set(rule.losses.values())
         self._groups = {
             name: _Group(view, name, {each: rule.get_parameter(each).shape for each in parameters})
-            for name, parameters in attributes(rule).items()
+            for name, parameters in parameter_names(rule).items()
         }
         self._parameters = {
             name: values for group in self._groups.values() for name, values in group.values.items()
@@ -67,7 +67,7 @@ class AutogradLearner(OffPolicyLearner):
         """Draws the initial parameters of one seed."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(generator.initial_seed())
-            drawn = made(type(self._rule), self._settings, self._rule.observation_size)
+            drawn = make_rule(type(self._rule), self._settings, self._rule.observation_size)
         for name, values in self._parameters.items():
             values.copy_(drawn.get_parameter(name).detach())
 

@@ -117,13 +117,13 @@ def made_with_module(module: str) -> dict[str, str | None]:
     return made_with(packages[0] if packages else None, module)
 
 
-def code_of(what: str, name: str, offered: Mapping[str, EntryPoint]) -> dict[str, str | None]:
+def code_of(what: str, name: str, points: Mapping[str, EntryPoint]) -> dict[str, str | None]:
     """Returns provenance of what MODULE:NAME or an entry point names; see `made_with`.
 
     Args:
         what: what it is, such as "policy".
         name: MODULE:NAME, which is imported, or a name among the entry points.
-        offered: entry points by name.
+        points: entry points by name.
 
     Raises:
         RequestError: if a MODULE:NAME does not exist.
@@ -132,7 +132,7 @@ def code_of(what: str, name: str, offered: Mapping[str, EntryPoint]) -> dict[str
     if is_imported(name):
         imported(what, name)
         return made_with_module(name.partition(":")[0])
-    return made_with(package_of(offered[name]))
+    return made_with(package_of(points[name]))
 
 
 def _attempt(load_it: Callable[[], Any], subject: str, where: str) -> Any:

@@ -14,7 +14,7 @@ from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS, Base, Engine, known
 from jbench.settings.algorithms import SETTINGS, OffPolicySettings, algorithm_settings
-from jbench.settings.base import Settings, validated
+from jbench.settings.base import Settings, settings_with
 
 GROUPS: dict[str, Engine] = {"jbench.agents": "plugin", "jbench.rules": "batched"}
 """Groups of entry points, agents and update rules, and the engine that trains each."""
@@ -24,8 +24,8 @@ _NAME = re.compile(r"[a-z][a-z0-9-]*")
 
 def installed() -> dict[str, EntryPoint]:
     """Returns the entry points of the installed agents and update rules by name."""
-    groups = (plugins.offered(group, _NAME, ALGORITHMS) for group in GROUPS)
-    return dict(sorted({name: point for group in groups for name, point in group.items()}.items()))
+    agents, rules = _offered()
+    return dict(sorted({**agents, **rules}.items()))
 
 
 def find_agent(name: str) -> type[Agent]:
@@ -35,14 +35,7 @@ def find_agent(name: str) -> type[Agent]:
         RequestError: if there is no such agent.
         WorkError: if its package can't be imported, or its class is not an agent.
     """
-    kind = _load("agent", name)
-    if not (isinstance(kind, type) and issubclass(kind, Agent)) or inspect.isabstract(kind):
-        raise WorkError(
-            f"The agent {name} is no subclass of jbench.Agent with explore, act and learn; mend or "
-            "uninstall the package that offers it."
-        )
-    if not issubclass(kind.Settings, AgentSettings):
-        raise WorkError(f"Settings of the agent {name} is no subclass of jbench.AgentSettings.")
+    kind: type[Agent] = _load("agent", name, Agent, AgentSettings, " with explore, act and learn")
     return kind
 
 
@@ -53,28 +46,19 @@ def find_rule(name: str) -> type[Rule]:
         RequestError: if there is no such rule.
         WorkError: if its package can't be imported, or its class is not a rule.
     """
-    kind = _load("rule", name)
-    if not (isinstance(kind, type) and issubclass(kind, Rule)):
-        raise WorkError(
-            f"The rule {name} is no subclass of jbench.Rule; mend or uninstall the package that "
-            "offers it."
-        )
-    if not issubclass(kind.Settings, OffPolicySettings):
-        raise WorkError(f"Settings of the rule {name} is no subclass of jbench.OffPolicySettings.")
+    kind: type[Rule] = _load("rule", name, Rule, OffPolicySettings)
     return kind
 
 
 def check_name(name: str) -> None:
-    """Raises a RequestError that lists the algorithms if there is none of this name."""
-    if name in ALGORITHMS or plugins.is_imported(name):
-        return
-    try:
-        known("algorithm", name, [*ALGORITHMS, *installed()])
-    except RequestError as error:
-        raise RequestError(
-            f"{str(error).rstrip('.')}; an agent of another package must be installed here, and "
-            "MODULE:CLASS names a class with the interface of stable-baselines3."
-        ) from None
+    """Checks that there is an algorithm of this name.
+
+    Raises:
+        RequestError: if there is none; the message lists the algorithms.
+        WorkError: if an agent and an update rule have this name.
+    """
+    if name not in ALGORITHMS and not plugins.is_imported(name):
+        _entry_point(name)
 
 
 def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
@@ -86,7 +70,6 @@ def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
         RequestError: if there is no such algorithm.
         WorkError: if its package can't be imported.
     """
-    check_name(algo)
     if plugins.is_imported(algo):
         from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
 
@@ -112,13 +95,13 @@ def engine_of(algo: str, wanted: Engine | None = None) -> Engine:
 
     Raises:
         RequestError: if there is no such algorithm, or it has another engine.
+        WorkError: if an agent and an update rule have this name.
     """
-    check_name(algo)
     if algo in ALGORITHMS:
         if wanted == "plugin":
             raise RequestError(f"{algo} is not an agent of another package: type batched or sb3.")
         return wanted or "batched"
-    engine: Engine = "sb3" if plugins.is_imported(algo) else GROUPS[installed()[algo].group]
+    engine: Engine = "sb3" if plugins.is_imported(algo) else GROUPS[_entry_point(algo).group]
     if wanted not in (None, engine):
         raise RequestError(f"{algo} has the engine {engine}, not {wanted}; leave the engine out.")
     return engine
@@ -145,8 +128,8 @@ def algorithm_fields(
     fields: dict[str, Any] = {"algo": algo, "engine": engine_of(algo, engine)}
     changes = dict(overrides or {})
     if algo in ALGORITHMS:
-        settings = algorithm_settings(algo, base, changes)
-        return fields | {"hyperparameters": settings.model_dump(mode="json")}
+        own = algorithm_settings(algo, base, changes)
+        return fields | {"hyperparameters": own.model_dump(mode="json")}
     if base != "published":
         raise RequestError(
             f"The settings {base} are for {', '.join(ALGORITHMS)}; {algo} has its own defaults."
@@ -155,27 +138,11 @@ def algorithm_fields(
         from jbench.agents import sb3_classes
 
         return fields | {"hyperparameters": sb3_classes.settings_of(algo, changes)}
+    settings = settings_with(_settings_class(algo), algo, changes)
     return fields | {
-        "hyperparameters": settings_with(algo, changes).model_dump(mode="json"),
-        "package": plugins.package_of(installed()[algo]),
+        "hyperparameters": settings.model_dump(mode="json"),
+        "package": plugins.package_of(_entry_point(algo)),
     }
-
-
-def settings_with(name: str, values: Mapping[str, Any]) -> AgentSettings | OffPolicySettings:
-    """Returns the settings of an installed agent or update rule.
-
-    Args:
-        values: those that differ from the defaults.
-
-    Raises:
-        RequestError: if a setting is unknown or invalid, or there is no such algorithm.
-        WorkError: if its package can't be imported.
-    """
-    kind = _settings_class(name)
-    if unknown := sorted(set(values) - set(kind.model_fields)):
-        names = ", ".join(sorted(kind.model_fields)) or "none"
-        raise RequestError(f"{name} has no setting {', '.join(unknown)}; it has {names}.")
-    return validated(kind, name, **values)
 
 
 def code_of(algo: str) -> dict[str, str | None]:
@@ -190,20 +157,53 @@ def code_of(algo: str) -> dict[str, str | None]:
     return plugins.code_of("algorithm", algo, installed())
 
 
-def _settings_class(name: str) -> type[AgentSettings | OffPolicySettings]:
-    """Returns the class of the settings of an installed agent or update rule."""
-    check_name(name)
-    is_rule = GROUPS[installed()[name].group] == "batched"
-    return find_rule(name).Settings if is_rule else find_agent(name).Settings
+def _offered() -> list[dict[str, EntryPoint]]:
+    """Returns the entry points of the agents and those of the update rules, by name."""
+    return [plugins.offered(group, _NAME, ALGORITHMS) for group in GROUPS]
 
 
-def _load(what: str, name: str) -> Any:
-    """Returns what the entry point of an agent or a rule names."""
-    check_name(name)
-    offers = {group: plugins.offered(group, _NAME, ALGORITHMS) for group in GROUPS}
-    if all(name in points for points in offers.values()):
-        packages = [str(plugins.package_of(points[name])) for points in offers.values()]
+def _entry_point(name: str) -> EntryPoint:
+    """Returns the entry point of an agent or an update rule; see `check_name`."""
+    agents, rules = _offered()
+    try:
+        known("algorithm", name, [*ALGORITHMS, *sorted({*agents, *rules})])
+    except RequestError as error:
+        raise RequestError(
+            f"{str(error).rstrip('.')}; an agent of another package must be installed here, and "
+            "MODULE:CLASS names a class with the interface of stable-baselines3."
+        ) from None
+    if name in agents and name in rules:
+        packages = [plugins.package_of(points[name]) for points in (agents, rules)]
         raise WorkError(
             f"{name} is an agent of {packages[0]} and a rule of {packages[1]}; uninstall one."
         )
-    return plugins.load(what, installed()[name])
+    return {**agents, **rules}[name]
+
+
+def _settings_class(name: str) -> type[AgentSettings | OffPolicySettings]:
+    """Returns the class of the settings of an installed agent or update rule."""
+    is_rule = GROUPS[_entry_point(name).group] == "batched"
+    return find_rule(name).Settings if is_rule else find_agent(name).Settings
+
+
+def _load(what: str, name: str, base: type, settings: type[Settings], methods: str = "") -> Any:
+    """Returns the class that the entry point of an agent or an update rule names.
+
+    Args:
+        what: "agent" or "rule".
+        base: class that it must be a subclass of.
+        settings: class that its settings must be a subclass of.
+        methods: that it must have, for the error message.
+    """
+    kind = plugins.load(what, _entry_point(name))
+    is_subclass = isinstance(kind, type) and issubclass(kind, base)
+    if not is_subclass or inspect.isabstract(kind):
+        raise WorkError(
+            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; mend or "
+            "uninstall the package that offers it."
+        )
+    if not issubclass(kind.Settings, settings):
+        raise WorkError(
+            f"Settings of the {what} {name} is no subclass of jbench.{settings.__name__}."
+        )
+    return kind

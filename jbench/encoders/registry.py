@@ -12,9 +12,9 @@ from typing import Any
 
 from jbench import plugins
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
-from jbench.errors import RequestError, WorkError
+from jbench.errors import WorkError
 from jbench.names import ENCODER_KINDS, OFE, known
-from jbench.settings.base import validated
+from jbench.settings.base import settings_with
 
 GROUP = "jbench.encoders"
 
@@ -54,12 +54,7 @@ def make_kind(name: str, options: Mapping[str, Any]) -> Kind:
     Raises:
         RequestError: if the kind or an option does not exist, or a value is invalid.
     """
-    kind = find_kind(name)
-    unknown = sorted(set(options) - set(kind.model_fields))
-    if unknown:
-        names = ", ".join(sorted(kind.model_fields)) or "none"
-        raise RequestError(f"{name} has no option {', '.join(unknown)}; it has {names}.")
-    return validated(kind, name, **options)
+    return settings_with(find_kind(name), name, options, "option")
 
 
 def _offered() -> dict[str, EntryPoint]:

@@ -1,5 +1,6 @@
 """Reads all files of an import, then writes a record for each seed."""
 
+from codecs import BOM_UTF8
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -85,16 +86,16 @@ def read_curves(paths: Sequence[Path], request: ImportRequest) -> list[_Curve]:
     """Returns the learning curves of all seeds; see `import_curves`."""
     if not paths:
         raise RequestError("No file is named; type the files to import.")
-    files: dict[str, ImportedFile] = {}
+    by_hash: dict[str, ImportedFile] = {}
     for path in paths:
         file = _open(path)
-        if file.sha256 in files:
-            same = files[file.sha256].path
+        if file.sha256 in by_hash:
+            same = by_hash[file.sha256].path
             raise RequestError(f"{same} and {path} have the same content; name one of them.")
-        files[file.sha256] = file
+        by_hash[file.sha256] = file
     read = _READERS[request.format]
     by_seed: dict[int, list[Series]] = {}
-    for file in files.values():
+    for file in by_hash.values():
         for series in read(file, request):
             by_seed.setdefault(series.seed, []).append(series)
     return [_curve(parts, request) for _, parts in sorted(by_seed.items())]
@@ -107,7 +108,7 @@ def _open(path: Path) -> ImportedFile:
         raise RequestError(f"{path} is a directory; name the files in it.") from None
     except OSError as error:
         raise RequestError(f"{path} can't be read ({error.strerror}).") from None
-    if not content.strip():
+    if not content.removeprefix(BOM_UTF8).strip():
         raise RequestError(f"{path} is empty; leave the file out.")
     return ImportedFile(path, content, files.sha256(content))
 

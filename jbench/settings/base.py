@@ -71,3 +71,23 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
         named = field.title if field is not None and field.title else name
         subject = f"{named} of {whose} can't be {first['input']!r}: " if name else ""
         raise RequestError(f"{subject}{message}.") from None
+
+
+def settings_with(
+    kind: type[_Model], name: str, values: Mapping[str, object], what: str = "setting"
+) -> _Model:
+    """Returns a settings object with values by name, instead of its defaults.
+
+    Args:
+        kind: class of the settings.
+        name: of their owner in error messages.
+        values: those that differ from the defaults.
+        what: what a field is called in error messages.
+
+    Raises:
+        RequestError: if a setting is unknown or a value is invalid.
+    """
+    if unknown := sorted(values.keys() - kind.model_fields):
+        names = ", ".join(sorted(kind.model_fields)) or "none"
+        raise RequestError(f"{name} has no {what} {', '.join(unknown)}; it has {names}.")
+    return validated(kind, name, **values)

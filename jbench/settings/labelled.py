@@ -9,7 +9,7 @@ from jbench.names import FULL, MAX_SEED, TASKS
 from jbench.settings.base import Settings
 
 LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
-"""Names of algorithms that are not jbench's: part of an id, so valid as names of directories."""
+"""Labels of algorithms and representations: part of an id, so valid as names of directories."""
 
 
 class LabelledSettings(Settings):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import mujoco
 
-from jbench.agents.algorithms import find_agent, find_rule, settings_with
+from jbench.agents.algorithms import find_agent, find_rule
 from jbench.agents.batched.make import make_engine
 from jbench.agents.plugin import is_resumable
 from jbench.agents.plugin_engine import PluginEngine
@@ -13,6 +13,7 @@ from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import AlgorithmSettings
+from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
 from jbench.training.evaluation import robot_model
 
@@ -38,10 +39,11 @@ def engine_of(
 
     if settings.engine == "plugin":
         (seed,) = seeds
+        agent = find_agent(settings.algo)
         return PluginEngine(
             settings.algo,
-            find_agent(settings.algo),
-            settings_with(settings.algo, settings.hyperparameters),
+            agent,
+            settings_with(agent.Settings, settings.algo, settings.hyperparameters),
             settings.task,
             seed,
             environments=settings.environments,
@@ -76,9 +78,8 @@ def algorithm_of(settings: RunSettings) -> AlgorithmSettings:
     """
     if settings.is_ours:
         return settings.algorithm
-    found = settings_with(settings.algo, settings.hyperparameters)
-    assert isinstance(found, AlgorithmSettings)
-    return found
+    kind = find_rule(settings.algo).Settings
+    return settings_with(kind, settings.algo, settings.hyperparameters)
 
 
 def restart_reason(settings: RunSettings) -> list[str]:

@@ -134,10 +134,7 @@ class RunLog:
         }
         before = self._before
         if before is None and any(len(self._record.parts(name)) >= _MAX_PARTS for name in tables):
-            before = {
-                name: self._record.read(name, columns)
-                for name, columns in schema.RUN_TABLES.items()
-            }
+            before = self._committed()
         if before is None:
             return tables, False
         return {name: pa.concat_tables([before[name], tables[name]]) for name in tables}, True
@@ -155,14 +152,17 @@ class RunLog:
         self.mark_committed()
         return time.perf_counter() - began
 
+    def _committed(self) -> dict[str, pa.Table]:
+        """Returns the committed rows by table."""
+        tables = schema.RUN_TABLES.items()
+        return {name: self._record.read(name, columns) for name, columns in tables}
+
     def _rows_of(self, position: Position) -> dict[str, pa.Table] | None:
         """Returns the committed rows up to a checkpoint, or None if there are no later ones.
 
         Rows are compared by number, since an evaluation may be at the checkpoint's control step.
         """
-        committed = {
-            name: self._record.read(name, columns) for name, columns in schema.RUN_TABLES.items()
-        }
+        committed = self._committed()
         episodes, evaluations = committed["episodes"], committed["evaluations"]
         counted = {
             "episodes": episodes.filter(pc.less(episodes["episode"], position.episodes)),

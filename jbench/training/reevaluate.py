@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 from jbench.agents.batched.engine import Engine
 from jbench.cores import cores
 from jbench.devices import find_device
-from jbench.encoders import Encoder
 from jbench.encoders.loop import one_thread
 from jbench.errors import RequestError
-from jbench.policies.network import Network
-from jbench.policies.saved import Policy, has_policy, load_agent
+from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import Record, Results, schema
@@ -160,16 +158,15 @@ def _returns(
         ValueError: if the policy does not have the layers of the settings.
     """
     agent = load_agent(results, record.id)
-    policy, encoder = agent.policy, agent.encoder
     agent_seed, evaluation_seed = seeds_of(settings.seed)
     if isinstance(settings, ExternalSettings):
         return evaluation_returns(settings, evaluation_seed, last.number, agent.act, cores())[0]
     if settings.engine == "sb3":
-        return _of_sb3(settings, policy, encoder, evaluation_seed, last)
+        return _of_sb3(settings, agent, evaluation_seed, last)
     device = device_for(record.manifest.provenance)
-    with engine_of(settings, [agent_seed], encoder, device) as engine:
+    with engine_of(settings, [agent_seed], agent.encoder, device) as engine:
         assert isinstance(engine, Engine)
-        engine.load_policy(0, policy, last.control_steps)
+        engine.load_policy(0, agent.policy, last.control_steps)
         evaluator = Evaluator(settings, [evaluation_seed])
         evaluator.restore(last.number, last.control_steps)
         returns: NDArray[np.float64] = evaluator(engine)[0]
@@ -177,11 +174,11 @@ def _returns(
 
 
 def _of_sb3(
-    settings: RunSettings, policy: Policy | Network, encoder: Encoder | None, seed: int, last: _Last
+    settings: RunSettings, agent: TrainedAgent, seed: int, last: _Last
 ) -> NDArray[np.float64]:
     from jbench.training import sb3_run  # stable-baselines3 takes a second to import
 
-    evaluator = sb3_run.Evaluator(settings, encoder, seed)
+    evaluator = sb3_run.Evaluator(settings, agent.encoder, seed)
     evaluator.skip(last.number)
-    outcome = evaluator(policy.act, last.control_steps)
+    outcome = evaluator(agent.policy.act, last.control_steps)
     return np.array([episode_return for episode_return, _ in outcome])

@@ -30,7 +30,7 @@ def main() -> int:
     send = _sender()
     import torch
 
-    from jbench.errors import RequestError, WorkError
+    from jbench.errors import RequestError, WorkError, sentence_of_failure
     from jbench.settings.run import RunSettings
     from jbench.store import Results
 
@@ -47,7 +47,7 @@ def main() -> int:
         import traceback
 
         traceback.print_exc()
-        failure = WorkError(f"{type(error).__name__}: {error}")
+        failure = WorkError(sentence_of_failure(error))
         failures = dict.fromkeys((run.id for run in runs), failure)
     results = Results(Path(request["results"]))
     for run in runs:

@@ -12,7 +12,7 @@ from benchmarks.rules import TD3, mlp
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.learner import LOSS_SUMS
 from jbench.agents.batched.make import make_engine
-from jbench.agents.batched.rule import made
+from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
 from tests.agents.batched_oracle import SIZE
 from tests.agents.test_batched_engine import LENGTH
@@ -69,7 +69,7 @@ def learners(rule, settings, dtype=torch.float32, seeds=1):
     """Tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
     views = [tensors.stacked_view(), *(tensors.seed_view(seed) for seed in range(seeds))]
-    make = partial(AutogradLearner, settings, SIZE, rule=made(rule, settings, SIZE))
+    make = partial(AutogradLearner, settings, SIZE, rule=make_rule(rule, settings, SIZE))
     stack, *each = (make(view) for view in views)
     for seed, learner in enumerate(each):
         learner.initialize(torch.Generator().manual_seed(seed))

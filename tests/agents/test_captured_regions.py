@@ -18,7 +18,7 @@ from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.on_policy import Epochs
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.rollout import Rollout
-from jbench.agents.batched.rule import made
+from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.rules import LEARNERS, ON_FEATURES
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
@@ -82,7 +82,7 @@ def regions_of(algo, *, base="published", changes=None, ofe=None, precision="flo
         rule = LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)
     else:
         settings = algo.Settings()
-        rule = partial(AutogradLearner, rule=made(algo, settings, SIZE))
+        rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))
     tensors = Tensors(SEEDS, torch.float32, GPU)
     low = precision == "bfloat16"
     team = Team(rule, settings, SIZE, tensors, stacked=True, low_precision=low)

@@ -8,7 +8,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import nn
 
-from jbench.agents.batched.rule import made
+from jbench.agents.batched.rule import make_rule
 from jbench.tasks.gym import JitterbugEnv
 from tests.agents.batched_oracle import SIZE, fill, next_batch, transitions
 from tests.agents.small_rules import TQC, TQC_SETTINGS, learners, mean_losses
@@ -84,7 +84,7 @@ def test_the_loss_of_tqcs_entropy_coefficient_equals_sb3_contrib(monkeypatch):
     dtype = torch.float64
     agent, data = oracle_of_tqc(TQC_SETTINGS, dtype, monkeypatch), transitions()
     fill(agent, data)
-    rule = made(TQC, TQC_SETTINGS, SIZE).to(dtype)
+    rule = make_rule(TQC, TQC_SETTINGS, SIZE).to(dtype)
     known = {**parameters_of_tqc(agent), "log_alpha": agent.log_ent_coef.detach().clone()}
     rule.load_state_dict(known)
     batch = next_batch(data, TQC_SETTINGS, 2, dtype, 1)

@@ -17,8 +17,8 @@ from torch.func import functional_call, grad_and_value, vmap
 from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OTHER_LAYERS, OffPolicyLearner
-from jbench.agents.batched.rule import Rule, attributes, made, mean_actor
-from jbench.agents.batched.tensors import SeedView, aligned
+from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
+from jbench.agents.batched.tensors import SeedView, flat_parts, flat_size
 from jbench.policies.copied import network_of
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy
@@ -47,7 +47,7 @@ class AutogradLearner(OffPolicyLearner):
         trained = set(rule.losses.values())
         self._groups = {
             name: _Group(view, name, {each: rule.get_parameter(each).shape for each in parameters})
-            for name, parameters in attributes(rule).items()
+            for name, parameters in parameter_names(rule).items()
         }
         self._parameters = {
             name: values for group in self._groups.values() for name, values in group.values.items()
@@ -67,7 +67,7 @@ class AutogradLearner(OffPolicyLearner):
         """Draws the initial parameters of one seed."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(generator.initial_seed())
-            drawn = made(type(self._rule), self._settings, self._rule.observation_size)
+            drawn = make_rule(type(self._rule), self._settings, self._rule.observation_size)
         for name, values in self._parameters.items():
             values.copy_(drawn.get_parameter(name).detach())
 
@@ -176,18 +176,10 @@ class _Group:
 
     def __init__(self, view: SeedView, name: str, shapes: Mapping[str, torch.Size]) -> None:
         self.name = f"rule.{name}"
-        count = sum(aligned(shape.numel()) for shape in shapes.values())
+        count = flat_size(shapes.values())
         self.flat = view.saved(self.name, count)
         self.flat_gradient = view.scratch(f"{self.name}.gradient", count)
         self.values, self.gradients = (
-            _views(flat, shapes) for flat in (self.flat, self.flat_gradient)
+            dict(zip(shapes, flat_parts(flat, shapes.values()), strict=True))
+            for flat in (self.flat, self.flat_gradient)
         )
-
-
-def _views(flat: Tensor, shapes: Mapping[str, torch.Size]) -> dict[str, Tensor]:
-    start, views = 0, {}
-    for name, shape in shapes.items():
-        part = flat[..., start : start + shape.numel()]
-        views[name] = part.view(*flat.shape[:-1], *shape)
-        start += aligned(shape.numel())
-    return views

@@ -12,7 +12,7 @@ from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.on_policy import OnPolicyEngine
 from jbench.agents.batched.rule import Rule
-from jbench.agents.batched.rule_check import checked
+from jbench.agents.batched.rule_check import checked_rule
 from jbench.agents.batched.rules import LEARNERS, ON_FEATURES
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
@@ -119,5 +119,5 @@ def _learner(
     """Returns the class of the learners."""
     if not isinstance(algo, str):
         assert isinstance(settings, OffPolicySettings)
-        return partial(AutogradLearner, rule=checked(algo, settings, size))
+        return partial(AutogradLearner, rule=checked_rule(algo, settings, size))
     return LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)

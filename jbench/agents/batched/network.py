@@ -11,7 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.tensors import SeedView, aligned
+from jbench.agents.batched.tensors import SeedView, aligned, flat_parts, flat_size
 
 Sizes = tuple[int, ...]
 """Inputs, units of each hidden layer, outputs."""
@@ -36,19 +36,13 @@ def parameter_count(sizes: Sizes, joins: int = 0) -> int:
 
 def affine_count(shapes: Iterable[tuple[int, int]]) -> int:
     """Returns the length of the flat parameters of (inputs, units) layers, alignment included."""
-    return sum(aligned(inputs * units) + aligned(units) for inputs, units in shapes)
+    return flat_size(_weights_and_biases(shapes))
 
 
 def affine_views(flat: Tensor, shapes: Iterable[tuple[int, int]]) -> list[Affine]:
     """Returns views of (inputs, units) layers in flat (..., affine_count(shapes)) parameters."""
-    start, views = 0, []
-    for inputs, units in shapes:
-        middle = start + aligned(inputs * units)
-        weight = flat[..., start : start + inputs * units]
-        bias = flat[..., middle : middle + units]
-        views.append(Affine(weight.view(*flat.shape[:-1], inputs, units), bias))
-        start = middle + aligned(units)
-    return views
+    parts = flat_parts(flat, _weights_and_biases(shapes))
+    return [Affine(*pair) for pair in zip(parts[::2], parts[1::2], strict=True)]
 
 
 def affines(flat: Tensor, sizes: Sizes, joins: int = 0) -> list[Affine]:
@@ -275,6 +269,11 @@ class _LowPrecisionLayer(Layer):
 
 _ROWS = 32  # bfloat16 products of variable size are padded to a multiple of this
 _ROUNDED = ("inputs", "weight", "outputs", "delta", "gradient", "by_inputs")
+
+
+def _weights_and_biases(shapes: Iterable[tuple[int, int]]) -> list[tuple[int, ...]]:
+    """Returns the shapes of weight and bias of each of some (inputs, units) layers."""
+    return [shape for inputs, units in shapes for shape in ((inputs, units), (units,))]
 
 
 def _inputs(sizes: Sizes, joins: int) -> list[int]:

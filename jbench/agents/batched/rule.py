@@ -88,7 +88,7 @@ class Rule(nn.Module):
         return result
 
 
-def made(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -> Rule:
+def make_rule(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -> Rule:
     """Returns a rule with its target networks, whose weights are those of the networks.
 
     Raises:
@@ -102,7 +102,7 @@ def made(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -
     return rule
 
 
-def attributes(rule: Rule) -> dict[str, list[str]]:
+def parameter_names(rule: Rule) -> dict[str, list[str]]:
     """Returns the names of the parameters of each attribute that has any."""
     names: dict[str, list[str]] = {}
     for name, _ in rule.named_parameters():

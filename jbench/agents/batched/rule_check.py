@@ -6,13 +6,13 @@ import torch
 from torch import Tensor, nn
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.rule import Rule, attributes, made, mean_actor
+from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
 from jbench.errors import WorkError
 from jbench.policies.copied import network_of
 from jbench.settings.algorithms import OffPolicySettings
 
 
-def checked(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -> Rule:
+def checked_rule(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -> Rule:
     """Returns a rule, after calling each of its losses with a minibatch of zeros.
 
     Raises:
@@ -20,16 +20,17 @@ def checked(kind: type[Rule], settings: OffPolicySettings, observation_size: int
         UnsupportedPolicyError: if its policy can't be saved.
     """
     with torch.random.fork_rng(devices=[]):
-        rule = made(kind, settings, observation_size)
-        for fault in _faults(rule):
-            raise WorkError(f"The rule {kind.__name__} can't be trained: {fault}.")
+        rule = make_rule(kind, settings, observation_size)
+        fault = next(_faults(rule), None)
+    if fault is not None:
+        raise WorkError(f"The rule {kind.__name__} can't be trained: {fault}.")
     network_of(mean_actor(rule), observation_size)
     return rule
 
 
 def _faults(rule: Rule) -> Iterator[str]:
     """Yields what is wrong with a rule, as clauses."""
-    names = attributes(rule)
+    names = parameter_names(rule)
     actor = getattr(rule, "actor", None)
     if not isinstance(actor, nn.Sequential) or not _is_affine(actor[-1]):
         yield "its actor is no nn.Sequential that ends in a Linear layer with a bias"
@@ -50,14 +51,14 @@ def _faults(rule: Rule) -> Iterator[str]:
 
 def _faults_of_loss(rule: Rule, loss: str, trained: list[nn.Parameter]) -> Iterator[str]:
     """Yields what is wrong with a loss when it is called."""
-    before = torch.get_rng_state(), [buffer.clone() for buffer in rule.buffers()]
+    random, buffers = torch.get_rng_state(), [buffer.clone() for buffer in rule.buffers()]
     value = rule(loss, _zeros(rule))
     if not isinstance(value, Tensor) or value.shape != ():
         shape = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
         yield f"{loss} returns {shape}, not one number; take the mean over the batch"
-    if not torch.equal(torch.get_rng_state(), before[0]):
+    if not torch.equal(torch.get_rng_state(), random):
         yield f"{loss} draws random numbers; use batch.noise, which is drawn for each seed"
-    if any(not torch.equal(*pair) for pair in zip(rule.buffers(), before[1], strict=True)):
+    if any(not torch.equal(*pair) for pair in zip(rule.buffers(), buffers, strict=True)):
         yield f"{loss} changes a buffer, such as the statistics of BatchNorm, which is not saved"
     depends = value.requires_grad and any(
         gradient is not None for gradient in torch.autograd.grad(value, trained, allow_unused=True)

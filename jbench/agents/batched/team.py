@@ -12,11 +12,11 @@ from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import AlgorithmSettings
 
-Rule = TypeVar("Rule", bound=Learner)
-Method = Callable[Concatenate[Rule, ...], Tensor]
+_Learner = TypeVar("_Learner", bound=Learner)
+Method = Callable[Concatenate[_Learner, ...], Tensor]
 
 
-class Group(NamedTuple, Generic[Rule]):
+class Group(NamedTuple, Generic[_Learner]):
     """Seeds that are updated together.
 
     Attributes:
@@ -24,7 +24,7 @@ class Group(NamedTuple, Generic[Rule]):
         seeds: their indices.
     """
 
-    learner: Rule
+    learner: _Learner
     seeds: range
 
     def select(self, streams: Sequence[Streams]) -> Sequence[Streams]:
@@ -32,7 +32,7 @@ class Group(NamedTuple, Generic[Rule]):
         return streams[self.seeds.start : self.seeds.stop]
 
 
-class Team(Generic[Rule]):
+class Team(Generic[_Learner]):
     """One learner per seed, and optionally one for the whole stack, on the same tensors.
 
     Attributes:
@@ -43,7 +43,7 @@ class Team(Generic[Rule]):
 
     def __init__(
         self,
-        rule: Callable[..., Rule],
+        learner: Callable[..., _Learner],
         settings: AlgorithmSettings,
         observation_size: int,
         tensors: Tensors,
@@ -54,18 +54,18 @@ class Team(Generic[Rule]):
         """Makes the learners; all parameters are zeros.
 
         Args:
-            rule: class of the learners.
+            learner: class of the learners.
             observation_size: number of inputs of the policy.
             stacked: whether to compute all seeds in one stack or one after another.
             low_precision: whether to multiply hidden layers in bfloat16.
         """
         self.tensors = tensors
-        self._stack: Rule | None = None
+        self._stack: _Learner | None = None
         if stacked:
             # It comes first, because it decides how the tensors lie in memory.
-            self._stack = rule(settings, observation_size, tensors.stacked_view(), low_precision)
+            self._stack = learner(settings, observation_size, tensors.stacked_view(), low_precision)
         views = [tensors.seed_view(seed) for seed in range(tensors.seeds)]
-        self.each = [rule(settings, observation_size, view, low_precision) for view in views]
+        self.each = [learner(settings, observation_size, view, low_precision) for view in views]
         self.groups = (
             [Group(learner, range(seed, seed + 1)) for seed, learner in enumerate(self.each)]
             if self._stack is None
@@ -80,7 +80,7 @@ class Team(Generic[Rule]):
         for learner, stream in zip(self.each, streams, strict=True):
             learner.initialize(stream.weights())
 
-    def run(self, method: Method[Rule], *inputs: Tensor) -> Tensor:
+    def run(self, method: Method[_Learner], *inputs: Tensor) -> Tensor:
         """Evaluates a method of every agent on its inputs.
 
         Args:

@@ -1,6 +1,7 @@
 """Tensors of several seeds' agents, stacked along a leading axis."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 
 import torch
 from torch import Tensor
@@ -16,6 +17,21 @@ def aligned(count: int) -> int:
     must not depend on its position in a stack.
     """
     return -(-count // _ALIGNMENT) * _ALIGNMENT
+
+
+def flat_size(shapes: Iterable[Sequence[int]]) -> int:
+    """Returns the length of a flat tensor with parts of these shapes, alignment included."""
+    return sum(aligned(math.prod(shape)) for shape in shapes)
+
+
+def flat_parts(flat: Tensor, shapes: Iterable[Sequence[int]]) -> list[Tensor]:
+    """Returns views (..., *shape) of the parts of a flat tensor (..., flat_size(shapes))."""
+    start, parts = 0, []
+    for shape in shapes:
+        count = math.prod(shape)
+        parts.append(flat[..., start : start + count].view(*flat.shape[:-1], *shape))
+        start += aligned(count)
+    return parts
 
 
 class Tensors:

@@ -11,8 +11,8 @@ from typing import Any, Literal, Self
 from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
 
 from jbench.errors import RequestError
-from jbench.names import Base, closest
-from jbench.settings.base import Settings, omissible, validated
+from jbench.names import Base
+from jbench.settings.base import Settings, omissible, settings_with
 
 Initialization = Literal["fan-in", "glorot"]
 """Weight initialization of DDPG and TD3."""
@@ -227,12 +227,4 @@ def algorithm_settings(
             "another algorithm, with a state-value network; choose published."
         )
     changes = {"published": {}, "script": SCRIPT.get(algo, {}), "sb3": SB3[algo]}[base]
-    unknown = set(overrides or {}) - set(kind.model_fields)
-    if unknown:
-        close = closest(min(unknown), list(kind.model_fields))
-        raise RequestError(
-            f"{algo} has no setting {', '.join(sorted(unknown))}; "
-            f"{f'did you mean {close}? It' if close else 'it'} "
-            f"has {', '.join(sorted(kind.model_fields))}."
-        )
-    return validated(kind, algo, **(changes | (overrides or {})))
+    return settings_with(kind, algo, changes | (overrides or {}))

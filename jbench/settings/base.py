@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from jbench.errors import RequestError
+from jbench.names import closest
 
 
 class Settings(BaseModel):
@@ -88,6 +89,8 @@ def settings_with(
         RequestError: if a setting is unknown or a value is invalid.
     """
     if unknown := sorted(values.keys() - kind.model_fields):
+        close = closest(unknown[0], list(kind.model_fields))
+        hint = f"did you mean {close}? It" if close else "it"
         names = ", ".join(sorted(kind.model_fields)) or "none"
-        raise RequestError(f"{name} has no {what} {', '.join(unknown)}; it has {names}.")
+        raise RequestError(f"{name} has no {what} {', '.join(unknown)}; {hint} has {names}.")
     return validated(kind, name, **values)

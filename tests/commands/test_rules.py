@@ -123,7 +123,7 @@ def test_runs_of_a_rule_that_is_not_installed_are_listed_reported_and_verified(s
     ("typed", "sentence"),
     [
         (("tqc", "--set", "quantiles=0"), "quantiles of tqc can't be 0: .*greater"),
-        (("tqc", "--set", "quantile=9"), "tqc has no setting quantile; it has action_noise"),
+        (("tqc", "--set", "quantile=9"), "tqc has no setting quantile; did you mean quantiles"),
         (("tqc", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
         (("tqc", "--engine", "sb3"), "tqc has the engine batched, not sb3"),
         (("tqc", "--encoder", "ofe12"), "ofe12 is for DDPG, TD3 and SAC, not for tqc"),

@@ -102,7 +102,10 @@ def test_an_agent_that_is_not_installed_is_not_trained(swept, capsys):
     ("typed", "sentence"),
     [
         (("random-search", "--set", "noise=-1"), "noise of random-search can't be -1: .*greater"),
-        (("random-search", "--set", "nose=1"), "random-search has no setting nose; did you mean noise? It"),
+        (
+            ("random-search", "--set", "nose=1"),
+            r"random-search has no setting nose; did you mean noise\?",
+        ),
         (("random-search", "--settings", "sb3"), "settings sb3 are for ddpg.*own defaults"),
         (("random-search", "--engine", "batched"), "has the engine plugin, not batched"),
         (("random-search", "--encoder", "ofe12"), "ofe12 needs the batched engine: random-search"),

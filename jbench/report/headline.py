@@ -1,5 +1,6 @@
 """The answer of a report in a sentence: who solves what, by when, and what reduction costs."""
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -62,7 +63,7 @@ def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
 
 def _answer(summary: Summary) -> _Answer | None:
     median = summary.get("final_return", "median")
-    if median is None or median.estimate.value != median.estimate.value:
+    if median is None or math.isnan(median.estimate.value):
         return None
     reached = summary.get("steps_to_solved", "median")
     verdict = decide(median.estimate, median.seeds, SOLVED)[0]
@@ -138,11 +139,12 @@ def _leading(found: Sequence[Reduction]) -> list[Reduction]:
 def _on_reduction(one: Reduction) -> str:
     finding = next(f for f in one.findings if f.claim == "a")
     effect = values.estimate(finding.effect, formatting.signed)
+    interval = " with a 90% interval" if math.isfinite(finding.effect.low) else ""
     cell, seeds = one.cell, f"{one.seeds[0]} and {one.seeds[1]} seeds"
     numbers = numbers_seen(cell.representation, cell.task)
     reduced = f"{numbers} numbers ({cell.representation}) instead of the full observation"
     algo, task = display_name(cell.algo), cell.task
-    text = f" ({effect.text} with a 90% interval; {seeds})" if effect else ""
+    text = f" ({effect.text}{interval}; {seeds})" if effect else ""
     outcome = reduction_items.outcome(finding)
     if outcome == "undecided":
         return f"whether {reduced} change the return of {algo} on {task} is undecided{text}"

@@ -51,14 +51,16 @@ def headline(view: View) -> str:
 def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
     """Returns four numbers on what was run, each with its name."""
     cells = cells_of(views)
+    if not cells:
+        return []
     steps = sum(int(cell.steps.sum()) for cell in cells)
-    counts = {
-        "run": sum(len(cell.seeds) for cell in cells),
-        "setting": len(cells),
-        "task": len({cell.task for cell in cells}),
-    }
-    counted = [(f"{n:,}", name if n == 1 else f"{name}s") for name, n in counts.items()]
-    return [*counted, (formatting.steps(steps), "control steps")] if cells else []
+    texts = [
+        formatting.counted(sum(len(cell.seeds) for cell in cells), "run"),
+        formatting.counted(len(cells), "setting"),
+        formatting.counted(len({cell.task for cell in cells}), "task"),
+        f"{formatting.steps(steps)} control steps",
+    ]
+    return [(number, noun) for number, _, noun in (text.partition(" ") for text in texts)]
 
 
 def _answer(summary: Summary) -> _Answer | None:

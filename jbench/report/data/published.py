@@ -66,11 +66,6 @@ class PublishedCurve:
         """Number of seeds of a curve of the paper."""
         return 1 if self.figure == "fig7" else SEEDS
 
-    @property
-    def seeds_text(self) -> str:
-        """Number of seeds of a curve of the paper as text."""
-        return "1 seed" if self.seeds == 1 else f"{self.seeds} seeds"
-
     def median_at(self, control_steps: float) -> float | None:
         """Returns the interpolated median at a control step; None if the curve does not reach it.
 

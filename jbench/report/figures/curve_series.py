@@ -19,7 +19,7 @@ from jbench.report.figure import (
     Shade,
     Style,
 )
-from jbench.report.formatting import display_name
+from jbench.report.formatting import counted, display_name
 
 SOLVED_STYLE = Style("#8a8a8a", width=0.8)
 SOLVED_LINE = ReferenceLine(SOLVED, SOLVED_STYLE)
@@ -149,7 +149,7 @@ def published_series(
         key, detail = entry, IMPORTED
     else:
         key = _ONE_SEED_KEY if curve.seeds == 1 else PUBLISHED_KEY
-        detail = f"{curve.figure_name}, {curve.seeds_text}"
+        detail = f"{curve.figure_name}, {counted(curve.seeds, 'seed')}"
     of: dict[str, Any] = {"entries": (entry, key), "tags": tags}
     if not labelled:
         detail = f"published {entry} ({detail})"
@@ -211,7 +211,7 @@ def details_text(panels: Sequence[Panel]) -> str:
 
 def _detail(item: LearnedCurve) -> str:
     cell, curve = item
-    seeds = "1 seed" if len(cell.seeds) == 1 else f"{len(cell.seeds)} seeds"
+    seeds = counted(len(cell.seeds), "seed")
     fewer = int(curve.seeds[-1])
     if fewer < len(cell.seeds):
         seeds += f", {fewer} at the end"

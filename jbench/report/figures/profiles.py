@@ -30,7 +30,7 @@ from jbench.report.figures.curve_series import (
     details_text,
 )
 from jbench.report.figures.learning_curves import algorithm_colors
-from jbench.report.formatting import display_name
+from jbench.report.formatting import counted, display_name
 from jbench.report.tables.values import trained
 
 THRESHOLDS: FloatArray = np.linspace(0, 1000, 201)
@@ -179,5 +179,6 @@ def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
 
 def _detail(kind: _Kind, strata: Sequence[FloatArray]) -> str:
     runs = sum(len(seeds) for seeds in strata)
-    counted = f"{runs} seeds" if len(strata) == 1 else f"{runs} runs on {len(strata)} tasks"
-    return f"{'1 seed' if runs == 1 else counted}, {kind.steps} control steps"
+    several = f"{counted(runs, 'run')} on {len(strata)} tasks"
+    seeds = counted(runs, "seed") if len(strata) == 1 else several
+    return f"{seeds}, {kind.steps} control steps"

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jbench.report.data.cells import IMPORTED, SOLVED, LearnedCurve
+from jbench.report.data.cells import IMPORTED, SOLVED, LearnedCurve, page_tags
 from jbench.report.data.curves import BAND_SEEDS, IntArray
 from jbench.report.data.published import PublishedCurve
 from jbench.report.figure import (
@@ -19,7 +19,7 @@ from jbench.report.figure import (
     Shade,
     Style,
 )
-from jbench.report.formatting import counted, display_name
+from jbench.report.formatting import counted
 
 SOLVED_STYLE = Style("#8a8a8a", width=0.8)
 SOLVED_LINE = ReferenceLine(SOLVED, SOLVED_STYLE)
@@ -139,12 +139,7 @@ def published_series(
     """
     x = curve.control_steps
     edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.4)
-    tags = {
-        "task": curve.task,
-        "algorithm": display_name(curve.algo),
-        "representation": curve.representation,
-        "source": curve.source,
-    }
+    tags = page_tags(curve.algo, curve.representation, curve.source, curve.task)
     if curve.source == IMPORTED:
         key, detail = entry, IMPORTED
     else:

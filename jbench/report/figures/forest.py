@@ -8,7 +8,7 @@ import numpy as np
 from jbench.names import FULL, TASKS
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import Summary, scores_of
-from jbench.report.data.cells import SOLVED, Cell, in_order
+from jbench.report.data.cells import SOLVED, Cell, in_order, page_tags
 from jbench.report.data.published import PUBLISHED, PublishedCurve
 from jbench.report.data.returns import Returns
 from jbench.report.data.summaries import published_beside
@@ -153,8 +153,9 @@ def _together(
             continue
         one = st.estimate(st.interquartile_mean, strata)
         cell = next(iter(mine.values()))
+        tags = page_tags(cell.algo, cell.representation, cell.source)
         runs = f"{sum(map(len, strata))} runs on {len(tasks)} tasks"
-        series.append(_mean(one, float(row), colors[cell.algo], cell.learner_tags, runs))
+        series.append(_mean(one, float(row), colors[cell.algo], tags, runs))
     return series
 
 

@@ -200,8 +200,8 @@ def details_text(panels: Sequence[Panel]) -> str:
             same += [] if where in same else [where]
     if len(named) == 1:
         return f"Each curve: {next(iter(named))}."
-    parts = [f"{detail}: {', '.join(labels)}" for detail, labels in named.items()]
-    return f"{'; '.join(parts)}." if parts else ""
+    # Labels contain commas.
+    return " ".join(f"{detail}: {'; '.join(labels)}." for detail, labels in named.items())
 
 
 def _detail(item: LearnedCurve) -> str:

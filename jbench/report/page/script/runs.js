@@ -1,5 +1,4 @@
-
-// A row of the runs opens the run: its learning curve, and how its settings differ from another's.
+// A click on a run opens a dialog: its learning curve, and how its settings differ from another's.
 
 const WIDEST = 760; // pixels of the chart of a run
 const HEIGHT = 280;
@@ -22,16 +21,16 @@ function drawChart(svg, panel) {
   const [left, top, right, bottom] = panel.box;
   const text = (content, at) => (makeMark("text", svg, at).textContent = content);
   ticksOf(panel.x, 6).forEach((value) => {
-    const x = place(panel.x, value, left, right);
+    const x = position(panel.x, value, left, right);
     makeMark("path", svg, { class: "grid", d: `M${x} ${top}V${bottom}` });
-    text(named(panel.x, value), { x, y: bottom + 14, "text-anchor": "middle" });
+    text(textOf(panel.x, value), { x, y: bottom + 14, "text-anchor": "middle" });
   });
   ticksOf(panel.y, 5).forEach((value) => {
-    const y = place(panel.y, value, bottom, top);
+    const y = position(panel.y, value, bottom, top);
     makeMark("path", svg, { class: "grid", d: `M${left} ${y}H${right}` });
-    text(named(panel.y, value), { x: left - 6, y: y + 3, "text-anchor": "end" });
+    text(textOf(panel.y, value), { x: left - 6, y: y + 3, "text-anchor": "end" });
   });
-  const solved = place(panel.y, SOLVED, bottom, top);
+  const solved = position(panel.y, SOLVED, bottom, top);
   makeMark("path", svg, { class: "solved", d: `M${left} ${solved}H${right}` });
   text(panel.x.label, { x: (left + right) / 2, y: bottom + 30, "text-anchor": "middle" });
   panel.lines.forEach((line) => {
@@ -70,7 +69,7 @@ class Runs {
     });
     const hint = "Open a run to see its learning curve, and how its settings differ from another's.";
     this.rows[0].closest("section").querySelector("p").append(` ${hint}`);
-    showers.push(() => this.show());
+    listeners.push(() => this.show());
   }
 
   open(run, against) {
@@ -86,12 +85,12 @@ class Runs {
   }
 
   show() {
-    const named = (name) => this.runs.find((run) => run.name === name);
-    const run = named(opened.run);
+    const find = (name) => this.runs.find((run) => run.name === name);
+    const run = find(opened.run);
     if (!run) return this.dialog.close();
     const chooses = this.dialog.open && document.activeElement.matches(".run select");
     if (!this.dialog.open) this.dialog.showModal(); // before the chart, which is as wide
-    this.fill(run, named(opened.against) ?? this.other(run));
+    this.fill(run, find(opened.against) ?? this.other(run));
     this.dialog.querySelector(chooses ? "select" : "button").focus();
   }
 

@@ -1,7 +1,6 @@
 // A click on a run opens a dialog: its learning curve, and how its settings differ from another's.
 
-const WIDEST = 760; // pixels of the chart of a run
-const HEIGHT = 280;
+const HEIGHT = 280; // pixels of the chart of a run
 const RETURNS = { label: "return", limits: [-15, 1015], unit: 1, ticks: null, log: false };
 const SOLVED = 900; // the return from which a task counts as solved
 
@@ -151,7 +150,7 @@ class Runs {
     const unit = end >= 1e6 ? 1e-6 : 1e-3;
     const steps = `control steps (${unit === 1e-6 ? "millions" : "thousands"})`;
     const x = { label: steps, limits: [0, end], unit, ticks: null, log: false };
-    const width = Math.min(drawing.clientWidth, WIDEST);
+    const width = drawing.clientWidth;
     const box = [48, 10, width - 12, HEIGHT - 36];
     const panel = { title: "", number: 0, box, x, y: RETURNS, lines, grid: null };
     const title = `Learning curves of ${run.name}${other ? ` and ${other.name}` : ""}`;
@@ -159,10 +158,10 @@ class Runs {
     const svg = makeSvg(drawing, { ...size, role: "img", "aria-label": title });
     new Figure(drawing, [panel]);
     drawChart(svg, panel);
-    lines.forEach(({ kind, label }) => {
+    [...lines, { kind: "solved", label: `solved (${SOLVED})` }].forEach(({ kind, label }) => {
       const item = make("li", legend);
       const swatch = makeSvg(item, { viewBox: "0 0 26 10", width: 26, "aria-hidden": "true" });
-      makeMark("path", makeMark("g", swatch, { class: kind }), { d: "M0 5H26" });
+      makeMark("path", makeMark("g", swatch, { class: kind }), { d: "M0 5.5H26" });
       make("span", item, "", label);
     });
   }

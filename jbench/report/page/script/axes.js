@@ -12,8 +12,9 @@ function valueAt(axis, at, start, end) {
   return axis.log ? low * (high / low) ** share : low + share * (high - low);
 }
 
-// Round values within the limits of an axis, at most about as many as `count`.
-function ticksOf({ limits, unit, log }, count) {
+// Named values within the limits of an axis, or round ones, at most about as many as `count`.
+function ticksOf({ limits, unit, log, ticks }, count) {
+  if (ticks) return ticks.map(([at]) => at).filter((at) => at >= limits[0] && at <= limits[1]);
   const [low, high] = limits.map((limit) => limit * unit);
   const digits = (value) => Number(value.toPrecision(12)) / unit;
   if (log && high / low >= 10) {
@@ -37,9 +38,10 @@ function inWords(value) {
 }
 
 function textOf(axis, value) {
-  const width = Math.abs(axis.limits[1] - axis.limits[0]);
-  const tick = (axis.ticks ?? []).find(([at]) => Math.abs(at - value) < width * 1e-6);
-  return tick ? tick[1] : inWords(value * axis.unit);
+  if (!axis.ticks) return inWords(value * axis.unit);
+  // Values that share a name are beside its tick.
+  const distance = ([at]) => Math.abs(at - value);
+  return axis.ticks.reduce((a, b) => (distance(b) < distance(a) ? b : a))[1];
 }
 
 function labelled(axis, value) {

@@ -163,10 +163,10 @@ class Figure {
   }
 
   showNamedRow(panel, near) {
-    const row = Math.round(near.line.y[near.i]);
     const [x, y] = near.line.at[near.i];
     makeMark("circle", this.mark, { cx: x, cy: y, r: 3.5 }).style.fill = near.line.color;
-    make("p", tip, "title", [panel.title, textOf(panel.y, row)].filter((text) => text).join(", "));
+    const name = textOf(panel.y, near.line.y[near.i]);
+    make("p", tip, "title", [panel.title, name].filter((text) => text).join(", "));
     make("p", tip, "", near.line.label);
     const [low, high] = near.line.bands[0]?.[near.i] ?? [];
     const interval = low === undefined ? "" : ` [${inWords(low)}, ${inWords(high)}]`;

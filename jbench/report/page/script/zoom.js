@@ -59,8 +59,8 @@ class Zoom {
     this.groups = new Map(
       figure.panels
         .map((panel) => [panel, this.drawing.querySelector(`[data-panel="${panel.number}"]`)])
-        // Neither names nor a picture can be stretched.
-        .filter(([{ x, grid }, group]) => !x.ticks && !grid && !group.querySelector("image")),
+        // Neither a heat map nor a picture can be stretched.
+        .filter(([{ grid }, group]) => !grid && !group.querySelector("image")),
     );
     if (!this.groups.size) return;
     this.groups.forEach((group, panel) => {

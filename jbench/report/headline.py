@@ -9,7 +9,7 @@ from jbench.report import formatting
 from jbench.report.analysis.claims import Verdict
 from jbench.report.analysis.examine import decide
 from jbench.report.analysis.reduction import Reduction, numbers_seen
-from jbench.report.analysis.scores import Statistic, Summary
+from jbench.report.analysis.scores import Summary
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.formatting import display_name
 from jbench.report.tables import reduction_items, values
@@ -40,7 +40,8 @@ def headline(view: View) -> str:
     """Returns the answer according to one kind of return, as a sentence."""
     answers = [one for one in map(_answer, view.statistics) if one is not None]
     shown = _without_encoded(answers)
-    parts = [*_on_tasks(shown), *map(_on_reduction, _leading(view.reductions))]
+    with_full = [one for one in view.reductions if one.baseline == FULL]
+    parts = [*_on_tasks(shown), *map(_on_reduction, with_full)]
     if not parts:
         return "There are no returns yet."
     more = f"; and {len(parts) - _MAX_PARTS} more below" if len(parts) > _MAX_PARTS else ""
@@ -69,12 +70,8 @@ def _answer(summary: Summary) -> _Answer | None:
         return None
     reached = summary.get("steps_to_solved", "median")
     verdict = decide(median.estimate, median.seeds, SOLVED)[0]
-    steps = _value(reached)
+    steps = math.inf if reached is None else reached.estimate.value
     return _Answer(summary.cell, verdict, median.estimate.value, median.seeds, steps)
-
-
-def _value(one: Statistic | None) -> float:
-    return float("inf") if one is None else one.estimate.value
 
 
 def _without_encoded(answers: Sequence[_Answer]) -> list[_Answer]:
@@ -113,7 +110,7 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     one = len(names) == 1
     who, tasks = _listed(names), _listed(list(dict.fromkeys(a.cell.task for a in group)))
     medians = formatting.span([answer.median for answer in group], formatting.whole)
-    reached = [answer.reached for answer in group if answer.reached != float("inf")]
+    reached = [answer.reached for answer in group if answer.reached != math.inf]
     when = (
         f"{SOLVED} after {formatting.span(reached, formatting.steps)} control steps"
         if reached
@@ -131,11 +128,6 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     unsolved = "does not solve" if one else "do not solve"
     details = "; ".join(filter(None, [f"median return {medians}", when, seeds]))
     return f"{who} {solves if verdict == 'supported' else unsolved} {tasks} ({details})"
-
-
-def _leading(found: Sequence[Reduction]) -> list[Reduction]:
-    """Returns the comparisons with the full observation."""
-    return [one for one in found if one.baseline == FULL]
 
 
 def _on_reduction(one: Reduction) -> str:

@@ -1,5 +1,6 @@
 """The answer of a report in a sentence: who solves what, by when, and what reduction costs."""
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -8,7 +9,7 @@ from jbench.report import formatting
 from jbench.report.analysis.claims import Verdict
 from jbench.report.analysis.examine import decide
 from jbench.report.analysis.reduction import Reduction, numbers_seen
-from jbench.report.analysis.scores import Statistic, Summary
+from jbench.report.analysis.scores import Summary
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.formatting import display_name
 from jbench.report.tables import reduction_items, values
@@ -39,7 +40,8 @@ def headline(view: View) -> str:
     """Returns the answer according to one kind of return, as a sentence."""
     answers = [one for one in map(_answer, view.statistics) if one is not None]
     shown = _without_encoded(answers)
-    parts = [*_on_tasks(shown), *map(_on_reduction, _leading(view.reductions))]
+    with_full = [one for one in view.reductions if one.baseline == FULL]
+    parts = [*_on_tasks(shown), *map(_on_reduction, with_full)]
     if not parts:
         return "There are no returns yet."
     more = f"; and {len(parts) - _MAX_PARTS} more below" if len(parts) > _MAX_PARTS else ""
@@ -50,28 +52,26 @@ def headline(view: View) -> str:
 def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
     """Returns four numbers on what was run, each with its name."""
     cells = cells_of(views)
+    if not cells:
+        return []
     steps = sum(int(cell.steps.sum()) for cell in cells)
-    counts = {
-        "run": sum(len(cell.seeds) for cell in cells),
-        "setting": len(cells),
-        "task": len({cell.task for cell in cells}),
-    }
-    counted = [(f"{n:,}", name if n == 1 else f"{name}s") for name, n in counts.items()]
-    return [*counted, (formatting.steps(steps), "control steps")] if cells else []
+    texts = [
+        formatting.counted(sum(len(cell.seeds) for cell in cells), "run"),
+        formatting.counted(len(cells), "setting"),
+        formatting.counted(len({cell.task for cell in cells}), "task"),
+        f"{formatting.steps(steps)} control steps",
+    ]
+    return [(number, noun) for number, _, noun in (text.partition(" ") for text in texts)]
 
 
 def _answer(summary: Summary) -> _Answer | None:
     median = summary.get("final_return", "median")
-    if median is None or median.estimate.value != median.estimate.value:
+    if median is None or math.isnan(median.estimate.value):
         return None
     reached = summary.get("steps_to_solved", "median")
     verdict = decide(median.estimate, median.seeds, SOLVED)[0]
-    steps = _value(reached)
+    steps = math.inf if reached is None else reached.estimate.value
     return _Answer(summary.cell, verdict, median.estimate.value, median.seeds, steps)
-
-
-def _value(one: Statistic | None) -> float:
-    return float("inf") if one is None else one.estimate.value
 
 
 def _without_encoded(answers: Sequence[_Answer]) -> list[_Answer]:
@@ -110,7 +110,7 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     one = len(names) == 1
     who, tasks = _listed(names), _listed(list(dict.fromkeys(a.cell.task for a in group)))
     medians = formatting.span([answer.median for answer in group], formatting.whole)
-    reached = [answer.reached for answer in group if answer.reached != float("inf")]
+    reached = [answer.reached for answer in group if answer.reached != math.inf]
     when = (
         f"{SOLVED} after {formatting.span(reached, formatting.steps)} control steps"
         if reached
@@ -130,19 +130,15 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     return f"{who} {solves if verdict == 'supported' else unsolved} {tasks} ({details})"
 
 
-def _leading(found: Sequence[Reduction]) -> list[Reduction]:
-    """Returns the comparisons with the full observation."""
-    return [one for one in found if one.baseline == FULL]
-
-
 def _on_reduction(one: Reduction) -> str:
     finding = next(f for f in one.findings if f.claim == "a")
     effect = values.estimate(finding.effect, formatting.signed)
+    interval = " with a 90% interval" if math.isfinite(finding.effect.low) else ""
     cell, seeds = one.cell, f"{one.seeds[0]} and {one.seeds[1]} seeds"
     numbers = numbers_seen(cell.representation, cell.task)
     reduced = f"{numbers} numbers ({cell.representation}) instead of the full observation"
     algo, task = display_name(cell.algo), cell.task
-    text = f" ({effect.text} with a 90% interval; {seeds})" if effect else ""
+    text = f" ({effect.text}{interval}; {seeds})" if effect else ""
     outcome = reduction_items.outcome(finding)
     if outcome == "undecided":
         return f"whether {reduced} change the return of {algo} on {task} is undecided{text}"

@@ -34,7 +34,7 @@ class Entry:
         source: `OURS` or another name of a results directory, `HAND_WRITTEN` or `PUBLISHED`.
         task: task of the entry.
         algo: algorithm, or `heuristic` for the hand-written policy.
-        observation: representation with the settings that distinguish the variant.
+        observation: representation, and the name of the variant in legends.
         median: of the final returns of its seeds, with the 95% interval.
         count: number of seeds; of a hand-written policy, of episodes; 0 for published curves,
             whose seeds are unknown.
@@ -194,7 +194,7 @@ def _of_cell(summary: Summary) -> Entry | None:
         cell.source,
         cell.task,
         cell.algo,
-        cell.representation_label,
+        cell.representation_words,
         median.estimate,
         median.seeds,
         _steps(cell),

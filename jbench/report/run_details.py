@@ -6,10 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from jbench.report.data.cells import OURS
+from jbench.report.data.cells import OURS, page_tags
 from jbench.report.data.variants import value_text
 from jbench.report.document import RunCurve, RunDetail
-from jbench.report.formatting import display_name
 from jbench.report.views import View
 from jbench.settings.alike import flatten
 from jbench.settings.run import Run, RunSettings, read_run
@@ -42,12 +41,9 @@ def details(views: Sequence[View], runs: pd.DataFrame) -> list[RunDetail]:
                 cell=(source, str(row["variant"])),
                 settings=settings,
                 curves=curves.get((source, id), []),
-                tags={
-                    "task": str(row["task"]),
-                    "algorithm": display_name(str(row["algo"])),
-                    "representation": str(row["representation"]),
-                    "source": source,
-                },
+                tags=page_tags(
+                    str(row["algo"]), str(row["representation"]), source, str(row["task"])
+                ),
             )
         )
     return found

@@ -10,7 +10,7 @@ from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.cells import SOLVED, Cell
-from jbench.report.formatting import display_name
+from jbench.report.formatting import counted, display_name
 from jbench.report.request import Request
 from jbench.report.tables import reduction_items, values
 from jbench.report.views import View, cells_of
@@ -59,7 +59,7 @@ def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
     other = [f"{statuses[name]} {name}" for name in names if statuses[name]]
     tasks = len({cell.task for cell in cells})
     return (
-        f"{_counted(count, 'run')} in {_counted(len(cells), 'cell')} on {_counted(tasks, 'task')}: "
+        f"{counted(count, 'run')} in {counted(len(cells), 'cell')} on {counted(tasks, 'task')}: "
         + "; ".join(_described(cell) for cell in cells[:_MAX_NAMED])
         + (f"; and {len(cells) - _MAX_NAMED} more" if len(cells) > _MAX_NAMED else "")
         + (f". Of all runs, {' and '.join(other)}." if other else ".")
@@ -113,7 +113,3 @@ def _verdict(letter: str, findings: Sequence[Finding]) -> str:
         parts.append(f"{source}, {returns} returns: {text}")
     sentence = "; ".join(parts)
     return f"{sentence[0].upper()}{sentence[1:]}."
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"

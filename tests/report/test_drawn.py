@@ -58,6 +58,13 @@ class TestProfiles:
         assert together.y[together.x == 200].tolist() == [0.5]
         assert len(figure.panels[2].labels) == 1
 
+    def test_a_page_filters_its_lines_by_task(self, fabric):
+        seeds(fabric, [500])
+        seeds(fabric, [500], task="move_to_pose")
+        panels = profiles.profiles_figure(cells(fabric)).panels
+        tasks = [[one.tags.get("task") for one in panel.series] for panel in panels]
+        assert tasks == [["face_direction"], ["move_to_pose"], [None]]
+
     def test_the_frame_is_what_is_drawn(self, fabric):
         seeds(fabric, [101, 301])
         frame = profiles.profiles_frame(cells(fabric))

@@ -98,6 +98,12 @@ class TestHeadline:
             document(fabric).headline
         )
 
+    def test_an_interval_is_named_only_if_there_is_one(self, fabric):
+        ran(fabric, [800 + seed for seed in range(6)])
+        ran(fabric, [820], representation="dae12")
+        said = document(fabric).headline
+        assert said.endswith("of TD3 on face_direction is undecided (+18; 1 and 6 seeds).")
+
     def test_the_inventory_counts_runs_settings_tasks_and_steps(self, fabric):
         ran(fabric, [500, 600])
         ran(fabric, [500], algo="sac", task="move_to_pose")

@@ -133,6 +133,13 @@ class TestFilters:
         assert rows(page) == ["SAC"]
         expect(page.page.locator(".filters summary")).to_have_text("Filter (1 hidden)")
 
+    def test_it_fits_on_a_phone(self, opened, written):
+        page = opened(written, viewport=PHONE)
+        page.page.locator(".filters summary").click()
+        box = page.page.locator(".filters form").bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= PHONE["width"]
+
     def test_the_panel_of_a_hidden_task_goes(self, opened, written):
         page = opened(written)
         choose(page, "move_to_pose")

@@ -3,9 +3,12 @@
 import re
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from playwright.sync_api import expect
 
+from jbench.report.document import FigureItem, Section
+from jbench.report.figure import Axis, Figure, Panel, Series, Style
 from jbench.report.page import render_document
 from tests.report import page_documents as made
 from tests.report.browser import PHONE
@@ -168,7 +171,26 @@ def test_limits_that_are_too_close_or_outside_are_moved(opened, written):
     assert ticks(page) == ["20", "22.5", "25", "27.5", "30"]
 
 
-def test_names_and_heat_maps_do_not_zoom(opened, written):
+def sizes_figure():
+    """Returns points of two representations at each of four sizes, beside the sizes' ticks."""
+    sizes = Axis("size", (-0.5, 3.5), ticks=range(4), names=["2", "4", "8", "16"])
+    at, style = np.arange(4.0), Style("#cc79a7", marker="o")
+    series = [Series(at - 0.2, 100 * at, style, "pca"), Series(at + 0.2, 200 * at, style, "dae")]
+    return Figure("Sizes", [Panel("", sizes, Axis("return", (-15, 1015)), series)])
+
+
+def test_named_ticks_zoom_and_name_the_values_beside_them(opened, tmp_path):
+    section = Section("Sizes", [], [FigureItem("sizes", "Sizes", sizes_figure())])
+    path = tmp_path / "index.html"
+    path.write_bytes(render_document(made.document(sections=[section])).encode())
+    page = zoomed(opened, path, "zoom+sizes+0=0.5+2.5")
+    assert ticks(page, "sizes") == ["4", "8"]
+    page.page.locator("#sizes .drawing").focus()
+    page.page.keyboard.press("ArrowRight")
+    assert page.tip() == ["size: 8", "pca", "200"]
+
+
+def test_heat_maps_do_not_zoom(opened, written):
     page = zoomed(opened, written, "zoom+matrix+0=0+1")
     assert ticks(page, "matrix") == []
     expect(page.page.locator("#matrix").get_by_text("Reset zoom")).to_have_count(0)

@@ -9,6 +9,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS
+from jbench.report import formatting
 from jbench.report.data.cells import OURS, Cell, paper_order
 from jbench.report.data.curves import BAND_SEEDS, FloatArray, IntArray
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
@@ -195,7 +196,7 @@ def _notes(
     """Returns notes on unusual runs of a cell; `runs` contains the unused ones as well."""
     notes = []
     if len(chosen) < BAND_SEEDS:
-        seeds = "1 seed" if len(chosen) == 1 else "2 seeds"
+        seeds = formatting.counted(len(chosen), "seed")
         notes.append(f"only {seeds}: no band is drawn, and quantiles across seeds say little")
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
     left_out = runs.drop(chosen.index)

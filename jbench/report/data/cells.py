@@ -122,16 +122,7 @@ class Cell:
     @property
     def tags(self) -> dict[str, str]:
         """What a page filters by."""
-        return {"task": self.task, **self.learner_tags}
-
-    @property
-    def learner_tags(self) -> dict[str, str]:
-        """What a page filters rows of several tasks by."""
-        return {
-            "algorithm": display_name(self.algo),
-            "representation": self.representation,
-            "source": self.source,
-        }
+        return page_tags(self.algo, self.representation, self.source, self.task)
 
     @property
     def last_step(self) -> float:
@@ -150,6 +141,18 @@ class Cell:
     def same_but(self, other: "Cell", *names: str) -> bool:
         """Returns whether two cells differ only in these settings; see `alike.comparable`."""
         return comparable(self.settings, *names) == comparable(other.settings, *names)
+
+
+def page_tags(
+    algo: str, representation: str, source: str, task: str | None = None
+) -> dict[str, str]:
+    """Returns what a page filters series and rows by; those of several tasks have no task."""
+    tags = {
+        "algorithm": display_name(algo),
+        "representation": representation,
+        "source": source,
+    }
+    return tags if task is None else {"task": task, **tags}
 
 
 def verified(cells: Iterable[Cell]) -> list[Cell]:

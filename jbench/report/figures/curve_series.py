@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jbench.report.data.cells import IMPORTED, SOLVED, LearnedCurve
+from jbench.report.data.cells import IMPORTED, SOLVED, LearnedCurve, page_tags
 from jbench.report.data.curves import BAND_SEEDS, IntArray
 from jbench.report.data.published import PublishedCurve
 from jbench.report.figure import (
@@ -19,7 +19,7 @@ from jbench.report.figure import (
     Shade,
     Style,
 )
-from jbench.report.formatting import display_name
+from jbench.report.formatting import counted
 
 SOLVED_STYLE = Style("#8a8a8a", width=0.8)
 SOLVED_LINE = ReferenceLine(SOLVED, SOLVED_STYLE)
@@ -139,17 +139,12 @@ def published_series(
     """
     x = curve.control_steps
     edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.4)
-    tags = {
-        "task": curve.task,
-        "algorithm": display_name(curve.algo),
-        "representation": curve.representation,
-        "source": curve.source,
-    }
+    tags = page_tags(curve.algo, curve.representation, curve.source, curve.task)
     if curve.source == IMPORTED:
         key, detail = entry, IMPORTED
     else:
         key = _ONE_SEED_KEY if curve.seeds == 1 else PUBLISHED_KEY
-        detail = f"{curve.figure_name}, {curve.seeds_text}"
+        detail = f"{curve.figure_name}, {counted(curve.seeds, 'seed')}"
     of: dict[str, Any] = {"entries": (entry, key), "tags": tags}
     if not labelled:
         detail = f"published {entry} ({detail})"
@@ -205,13 +200,13 @@ def details_text(panels: Sequence[Panel]) -> str:
             same += [] if where in same else [where]
     if len(named) == 1:
         return f"Each curve: {next(iter(named))}."
-    parts = [f"{detail}: {', '.join(labels)}" for detail, labels in named.items()]
-    return f"{'; '.join(parts)}." if parts else ""
+    # Labels contain commas.
+    return " ".join(f"{detail}: {'; '.join(labels)}." for detail, labels in named.items())
 
 
 def _detail(item: LearnedCurve) -> str:
     cell, curve = item
-    seeds = "1 seed" if len(cell.seeds) == 1 else f"{len(cell.seeds)} seeds"
+    seeds = counted(len(cell.seeds), "seed")
     fewer = int(curve.seeds[-1])
     if fewer < len(cell.seeds):
         seeds += f", {fewer} at the end"

@@ -52,7 +52,7 @@ def of_uncertainty(
         figure = forest.forest_figure(found, trained, published)
         frame = scores.statistics_frame(found)
         frame = frame[frame["measure"] == "final_return"]
-        yield FigureItem("forest", f"Final {view.kind.plural}, how certain", figure, frame)
+        yield FigureItem("forest", figure.title, figure, frame)
 
 
 def _has_final(summary: scores.Summary) -> bool:
@@ -95,15 +95,14 @@ def of_returns(view: View) -> Iterator[FigureItem]:
     one_robot = [item.cell for item in _on_one_robot(view.learned)]
     figure = profiles.profiles_figure(one_robot)
     if figure is not None:
-        title = f"Performance profiles of final {view.kind.plural}"
-        yield FigureItem("profiles", title, figure, profiles.profiles_frame(one_robot))
+        yield FigureItem("profiles", figure.title, figure, profiles.profiles_frame(one_robot))
 
 
 def of_reduction(view: View) -> Iterator[FigureItem]:
     """Yields the final returns of representations against the size of the agent's input."""
     if view.groups:
         figure = reduction_figure.reduction_figure(view.groups)
-        title = f"Final {view.kind.plural} by number of latents"
+        title = f"Final {view.kind.plural} by size of the agent's input"
         yield FigureItem(view.file("reduction"), title, figure, reduction.frame(view.groups))
 
 

@@ -1,6 +1,7 @@
 """Forest plot: the final returns of all cells with their uncertainty, a row for each."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from jbench.names import FULL, TASKS
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import Summary, scores_of
-from jbench.report.data.cells import SOLVED, Cell, in_order
+from jbench.report.data.cells import SOLVED, Cell, in_order, page_tags
 from jbench.report.data.published import PUBLISHED, PublishedCurve
 from jbench.report.data.returns import Returns
 from jbench.report.data.summaries import published_beside
@@ -23,6 +24,12 @@ _HALF = 0.36  # half the height of the line of a published value, in rows
 _BELOW = 0.24  # rows from the mean down to the seeds
 _SEED, _MEAN = "one seed", "interquartile mean, 95% interval"
 _PUBLISHED = "published median (training return)"
+_STYLES = {
+    _MEAN: Style(KEY_COLOR, marker="o", size=6),
+    _SEED: Style(KEY_COLOR, "", marker="o", size=3, alpha=0.6),
+    _PUBLISHED: Style(KEY_COLOR, "--", 1.2),
+}
+"""Styles of the marks in the key; in a row, they have the color of its algorithm."""
 
 
 def forest_figure(
@@ -58,12 +65,8 @@ def forest_figure(
     x = Axis(f"final {kind.name} return", (max(0.0, np.floor(lowest / 100) * 100 - 15), 1015))
     y = Axis("", (len(shown) - 0.4, -0.6), ticks=range(len(shown)), names=shown)
     solved = ReferenceLine(SOLVED, SOLVED_STYLE, vertical=True)
-    key = [
-        (_MEAN, Style(KEY_COLOR, marker="o", size=6)),
-        (_SEED, Style(KEY_COLOR, "", marker="o", size=3, alpha=0.6)),
-        *([(_PUBLISHED, Style(KEY_COLOR, "--", 1.2))] if _has_published(series) else []),
-        SOLVED_KEY,
-    ]
+    drawn = {entry for lines in series.values() for one in lines for entry in one.entries}
+    key = [*((name, style) for name, style in _STYLES.items() if name in drawn), SOLVED_KEY]
     panels = [Panel(task, x, y, lines, [solved]) for task, lines in series.items()]
     return Figure(
         f"Final {kind.plural} with their uncertainty",
@@ -114,16 +117,15 @@ def _row(
     if found is None or not len(final):
         return []
     color, at = colors[cell.algo], float(row)
-    dots = Style(color, "", marker="o", size=3, alpha=0.6)
-    seeds = Series(final, np.full(len(final), at + _BELOW), dots, entries=(_SEED,), tags=cell.tags)
+    below = np.full(len(final), at + _BELOW)
+    seeds = Series(final, below, _style(_SEED, color), entries=(_SEED,), tags=cell.tags)
     lines = [seeds, _mean(found.estimate, at, color, cell.tags, values.seeds(cell))]
     if cell.key in theirs:
         value = theirs[cell.key]
         tags = {**cell.tags, "source": PUBLISHED}
         ends = np.array([at - _HALF, at + _HALF])
-        dashed = Style(color, "--", 1.2)
         more: dict[str, Any] = {"entries": (_PUBLISHED,), "tags": tags, "detail": "published"}
-        lines.append(Series(np.full(2, value), ends, dashed, **more))
+        lines.append(Series(np.full(2, value), ends, _style(_PUBLISHED, color), **more))
     return lines
 
 
@@ -133,7 +135,7 @@ def _mean(one: st.Estimate, at: float, color: str, tags: Mapping[str, str], deta
     return Series(
         np.array([one.value]),
         np.array([at]),
-        Style(color, marker="o", size=6),
+        _style(_MEAN, color),
         bands=bars if np.isfinite(one.low) else [],
         detail=detail,
         entries=(_MEAN,),
@@ -153,10 +155,11 @@ def _together(
             continue
         one = st.estimate(st.interquartile_mean, strata)
         cell = next(iter(mine.values()))
+        tags = page_tags(cell.algo, cell.representation, cell.source)
         runs = f"{sum(map(len, strata))} runs on {len(tasks)} tasks"
-        series.append(_mean(one, float(row), colors[cell.algo], cell.learner_tags, runs))
+        series.append(_mean(one, float(row), colors[cell.algo], tags, runs))
     return series
 
 
-def _has_published(series: Mapping[str, Sequence[Series]]) -> bool:
-    return any(_PUBLISHED in one.entries for lines in series.values() for one in lines)
+def _style(name: str, color: str) -> Style:
+    return replace(_STYLES[name], color=color)

@@ -9,7 +9,7 @@ import pandas as pd
 from jbench.names import TASKS
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import scores_of
-from jbench.report.data.cells import SOLVED, Cell, in_order
+from jbench.report.data.cells import SOLVED, Cell, in_order, page_tags
 from jbench.report.data.curves import FloatArray
 from jbench.report.figure import (
     Axis,
@@ -30,7 +30,7 @@ from jbench.report.figures.curve_series import (
     details_text,
 )
 from jbench.report.figures.learning_curves import algorithm_colors
-from jbench.report.formatting import display_name
+from jbench.report.formatting import counted
 from jbench.report.tables.values import trained
 
 THRESHOLDS: FloatArray = np.linspace(0, 1000, 201)
@@ -86,7 +86,7 @@ def profiles_figure(cells: Sequence[Cell]) -> Figure | None:
             task,
             x,
             y,
-            [_series(*line, styles[line[0]], several) for line in lines.items()],
+            [_series(task, *line, styles[line[0]], several) for line in lines.items()],
             [solved],
         )
         for task, lines in groups.items()
@@ -149,13 +149,16 @@ def _dash(kinds: Sequence[_Kind], kind: _Kind) -> Dash:
     return LINE_STYLES[kinds.index(kind) % len(LINE_STYLES)]
 
 
-def _series(kind: _Kind, strata: Sequence[FloatArray], style: Style, named_steps: bool) -> Series:
+def _series(
+    task: str, kind: _Kind, strata: Sequence[FloatArray], style: Style, named_steps: bool
+) -> Series:
     enough = min(len(seeds) for seeds in strata) >= st.MIN_SEEDS
     share = st.performance_profile(strata, THRESHOLDS)
     bands = [Band(*_interval(strata))] if enough else []
     label = f"{kind.name}, {kind.steps} steps" if named_steps else kind.name
-    tags = {"algorithm": display_name(kind.algo), "source": kind.source}
-    tags["representation"] = kind.representation.partition(",")[0]
+    # The settings of the variant follow the representation.
+    representation = kind.representation.partition(",")[0]
+    tags = page_tags(kind.algo, representation, kind.source, None if task == _ALL else task)
     detail = _detail(kind, strata)
     more: dict[str, Any] = {"detail": detail, "entries": (label,), "tags": tags}
     return Series(THRESHOLDS, share, style, label, bands, **more)
@@ -179,5 +182,6 @@ def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
 
 def _detail(kind: _Kind, strata: Sequence[FloatArray]) -> str:
     runs = sum(len(seeds) for seeds in strata)
-    counted = f"{runs} seeds" if len(strata) == 1 else f"{runs} runs on {len(strata)} tasks"
-    return f"{'1 seed' if runs == 1 else counted}, {kind.steps} control steps"
+    several = f"{counted(runs, 'run')} on {len(strata)} tasks"
+    seeds = counted(runs, "seed") if len(strata) == 1 else several
+    return f"{seeds}, {kind.steps} control steps"

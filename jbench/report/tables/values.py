@@ -9,7 +9,7 @@ from jbench.report.analysis.scores import Statistic, scores_of
 from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import OURS, Cell
 from jbench.report.document import Value
-from jbench.report.formatting import display_name, span, steps, whole
+from jbench.report.formatting import counted, display_name, span, steps, whole
 
 
 def estimate(one: Estimate | None, form: Callable[[float], str] = whole) -> Value | None:
@@ -72,8 +72,8 @@ def count_of(cell: Cell, seeds: int) -> str:
 
 def seeds(cell: Cell) -> str:
     """Formats the number of seeds of a cell, and how many of them diverged."""
-    counted = "1 seed" if len(cell.seeds) == 1 else f"{len(cell.seeds)} seeds"
-    return counted + (f", {int(cell.diverged.sum())} diverged" if cell.diverged.any() else "")
+    lost = f", {int(cell.diverged.sum())} diverged" if cell.diverged.any() else ""
+    return counted(len(cell.seeds), "seed") + lost
 
 
 def diverged(cell: Cell) -> str:

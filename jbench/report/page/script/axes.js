@@ -1,7 +1,6 @@
+// Positions of values in an SVG, and their texts.
 
-// Places of values in an SVG, and their names.
-
-function place(axis, value, start, end) {
+function position(axis, value, start, end) {
   const scaled = axis.log ? Math.log10 : (number) => number;
   const [low, high] = axis.limits.map(scaled);
   return start + ((scaled(value) - low) / (high - low)) * (end - start);
@@ -13,8 +12,9 @@ function valueAt(axis, at, start, end) {
   return axis.log ? low * (high / low) ** share : low + share * (high - low);
 }
 
-// Round values within the limits of an axis, at most about as many as `count`.
-function ticksOf({ limits, unit, log }, count) {
+// Named values within the limits of an axis, or round ones, at most about as many as `count`.
+function ticksOf({ limits, unit, log, ticks }, count) {
+  if (ticks) return ticks.map(([at]) => at).filter((at) => at >= limits[0] && at <= limits[1]);
   const [low, high] = limits.map((limit) => limit * unit);
   const digits = (value) => Number(value.toPrecision(12)) / unit;
   if (log && high / low >= 10) {
@@ -37,28 +37,29 @@ function inWords(value) {
   return value.toLocaleString("en", { maximumSignificantDigits: 5 });
 }
 
-function named(axis, value) {
-  const width = Math.abs(axis.limits[1] - axis.limits[0]);
-  const tick = (axis.ticks ?? []).find(([at]) => Math.abs(at - value) < width * 1e-6);
-  return tick ? tick[1] : inWords(value * axis.unit);
+function textOf(axis, value) {
+  if (!axis.ticks) return inWords(value * axis.unit);
+  // Values that share a name are beside its tick.
+  const distance = ([at]) => Math.abs(at - value);
+  return axis.ticks.reduce((a, b) => (distance(b) < distance(a) ? b : a))[1];
 }
 
 function labelled(axis, value) {
-  return [axis.label, named(axis, value)].filter((text) => text).join(": ");
+  return [axis.label, textOf(axis, value)].filter((text) => text).join(": ");
 }
 
-// Adds to a panel where its values are in the SVG.
-function placeValues(panel) {
+// Adds the positions of its values to a panel.
+function setPositions(panel) {
   const [left, top, right, bottom] = panel.box;
   panel.lines.forEach((line) => {
     line.at = line.x.map((x, i) => [
-      place(panel.x, x, left, right),
-      place(panel.y, line.y[i], bottom, top),
+      position(panel.x, x, left, right),
+      position(panel.y, line.y[i], bottom, top),
     ]);
   });
   if (panel.grid) {
-    panel.columns = panel.grid.x.map((x) => place(panel.x, x, left, right));
-    panel.rows = panel.grid.y.map((y) => place(panel.y, y, bottom, top));
+    panel.columns = panel.grid.x.map((x) => position(panel.x, x, left, right));
+    panel.rows = panel.grid.y.map((y) => position(panel.y, y, bottom, top));
   }
 }
 
@@ -69,7 +70,8 @@ function within(line, [low, high]) {
   return { ...line, x: kept(line.x), y: kept(line.y), bands: line.bands.map(kept) };
 }
 
-function placeIn(svg, event) {
+// The position of the pointer in an SVG.
+function pointIn(svg, event) {
   const matrix = svg.getScreenCTM().inverse();
   return new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix);
 }
@@ -80,6 +82,10 @@ function nearest(line, x) {
     if (Math.abs(at[0] - x) < Math.abs(line.at[best][0] - x)) best = i;
   });
   return best;
+}
+
+function centre(edges, i) {
+  return (edges[i] + edges[i + 1]) / 2;
 }
 
 function between(edges, value) {

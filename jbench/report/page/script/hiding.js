@@ -1,5 +1,4 @@
-
-// Legends and filters hide what is of no interest.
+// Legends hide and emphasise series; filters hide series, panels and rows.
 
 function showFigure(figure) {
   const labels = labelsOf(figure);

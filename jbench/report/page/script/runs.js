@@ -1,8 +1,6 @@
+// A click on a run opens a dialog: its learning curve, and how its settings differ from another's.
 
-// A row of the runs opens the run: its learning curve, and how its settings differ from another's.
-
-const WIDEST = 760; // pixels of the chart of a run
-const HEIGHT = 280;
+const HEIGHT = 280; // pixels of the chart of a run
 const RETURNS = { label: "return", limits: [-15, 1015], unit: 1, ticks: null, log: false };
 const SOLVED = 900; // the return from which a task counts as solved
 
@@ -22,16 +20,16 @@ function drawChart(svg, panel) {
   const [left, top, right, bottom] = panel.box;
   const text = (content, at) => (makeMark("text", svg, at).textContent = content);
   ticksOf(panel.x, 6).forEach((value) => {
-    const x = place(panel.x, value, left, right);
+    const x = position(panel.x, value, left, right);
     makeMark("path", svg, { class: "grid", d: `M${x} ${top}V${bottom}` });
-    text(named(panel.x, value), { x, y: bottom + 14, "text-anchor": "middle" });
+    text(textOf(panel.x, value), { x, y: bottom + 14, "text-anchor": "middle" });
   });
   ticksOf(panel.y, 5).forEach((value) => {
-    const y = place(panel.y, value, bottom, top);
+    const y = position(panel.y, value, bottom, top);
     makeMark("path", svg, { class: "grid", d: `M${left} ${y}H${right}` });
-    text(named(panel.y, value), { x: left - 6, y: y + 3, "text-anchor": "end" });
+    text(textOf(panel.y, value), { x: left - 6, y: y + 3, "text-anchor": "end" });
   });
-  const solved = place(panel.y, SOLVED, bottom, top);
+  const solved = position(panel.y, SOLVED, bottom, top);
   makeMark("path", svg, { class: "solved", d: `M${left} ${solved}H${right}` });
   text(panel.x.label, { x: (left + right) / 2, y: bottom + 30, "text-anchor": "middle" });
   panel.lines.forEach((line) => {
@@ -70,7 +68,7 @@ class Runs {
     });
     const hint = "Open a run to see its learning curve, and how its settings differ from another's.";
     this.rows[0].closest("section").querySelector("p").append(` ${hint}`);
-    showers.push(() => this.show());
+    listeners.push(() => this.show());
   }
 
   open(run, against) {
@@ -86,12 +84,12 @@ class Runs {
   }
 
   show() {
-    const named = (name) => this.runs.find((run) => run.name === name);
-    const run = named(opened.run);
+    const find = (name) => this.runs.find((run) => run.name === name);
+    const run = find(opened.run);
     if (!run) return this.dialog.close();
     const chooses = this.dialog.open && document.activeElement.matches(".run select");
     if (!this.dialog.open) this.dialog.showModal(); // before the chart, which is as wide
-    this.fill(run, named(opened.against) ?? this.other(run));
+    this.fill(run, find(opened.against) ?? this.other(run));
     this.dialog.querySelector(chooses ? "select" : "button").focus();
   }
 
@@ -152,7 +150,7 @@ class Runs {
     const unit = end >= 1e6 ? 1e-6 : 1e-3;
     const steps = `control steps (${unit === 1e-6 ? "millions" : "thousands"})`;
     const x = { label: steps, limits: [0, end], unit, ticks: null, log: false };
-    const width = Math.min(drawing.clientWidth, WIDEST);
+    const width = drawing.clientWidth;
     const box = [48, 10, width - 12, HEIGHT - 36];
     const panel = { title: "", number: 0, box, x, y: RETURNS, lines, grid: null };
     const title = `Learning curves of ${run.name}${other ? ` and ${other.name}` : ""}`;
@@ -160,10 +158,10 @@ class Runs {
     const svg = makeSvg(drawing, { ...size, role: "img", "aria-label": title });
     new Figure(drawing, [panel]);
     drawChart(svg, panel);
-    lines.forEach(({ kind, label }) => {
+    [...lines, { kind: "solved", label: `solved (${SOLVED})` }].forEach(({ kind, label }) => {
       const item = make("li", legend);
       const swatch = makeSvg(item, { viewBox: "0 0 26 10", width: 26, "aria-hidden": "true" });
-      makeMark("path", makeMark("g", swatch, { class: kind }), { d: "M0 5H26" });
+      makeMark("path", makeMark("g", swatch, { class: kind }), { d: "M0 5.5H26" });
       make("span", item, "", label);
     });
   }

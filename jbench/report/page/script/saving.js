@@ -1,4 +1,3 @@
-
 // A figure is saved as it is shown, with its legend, in the colors of the light page.
 
 const ROW = 14; // points of a row of the legend

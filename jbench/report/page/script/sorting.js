@@ -1,12 +1,11 @@
-
 // Tables sort by their headings: up, down, and back to the order of the page.
 
 const collator = new Intl.Collator("en", { numeric: true });
 
 function sortKey(cell) {
   if (cell === undefined || "missing" in cell.dataset) return null;
-  const said = cell.dataset.sort;
-  return said !== undefined && !Number.isNaN(Number(said)) ? Number(said) : said ?? cell.textContent;
+  const key = cell.dataset.sort ?? cell.textContent;
+  return "sort" in cell.dataset && !Number.isNaN(Number(key)) ? Number(key) : key;
 }
 
 // Numbers come before texts; what is missing comes last in either direction.

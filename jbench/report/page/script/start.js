@@ -1,5 +1,4 @@
-
-// The page follows the system's choice of light or dark until the button says otherwise.
+// The page follows the system's choice of light or dark until the button is pressed.
 
 function addThemeButton() {
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -20,7 +19,7 @@ document.querySelectorAll("figure").forEach((figure) => {
   makeSaving(figure);
 });
 makeFilters();
-showers.push(showHidden);
+listeners.push(showHidden);
 document.querySelectorAll("script.values").forEach((block) => {
   const drawing = block.parentElement.querySelector(".drawing");
   new Zoom(new Figure(drawing, JSON.parse(block.textContent)));
@@ -29,9 +28,9 @@ document.querySelectorAll("script.runs").forEach((block) => {
   const rows = [...block.parentElement.querySelector("tbody").rows];
   new Runs(rows, JSON.parse(block.textContent));
 });
-read();
-show();
+readAddress();
+showState();
 window.addEventListener("hashchange", () => {
-  read();
-  show();
+  readAddress();
+  showState();
 });

@@ -1,5 +1,4 @@
-
-// What is hidden, zoomed and open. The address of the page says it, so that a link shows the same.
+// What is hidden, zoomed and open. It is in the page's address, so that a link shows the same.
 
 const NAMES = ["task", "algorithm", "representation", "source"];
 const STATE = "#view:";
@@ -7,7 +6,7 @@ const unwanted = Object.fromEntries(NAMES.map((name) => [name, new Set()]));
 const muted = new Map(); // labels of hidden legend entries by the id of their figure
 const zooms = new Map(); // limits of horizontal axes, by figure and number of the panel
 const opened = { run: null, against: null }; // names of the run that is open, and of the other one
-const showers = []; // functions that show the state
+const listeners = []; // functions that show the state when it has changed
 
 function isUnwanted(tags) {
   return NAMES.some((name) => unwanted[name].has(tags[name]));
@@ -21,7 +20,7 @@ function labelsOf(figure) {
   return [...figure.querySelectorAll(".legend > li")].map((entry) => entry.textContent);
 }
 
-// Says whether a line is hidden, by its tags and the numbers of its entries among the labels.
+// Returns whether a line is hidden, by its tags and the numbers of its entries among the labels.
 function isHidden(figure, labels, tags, of) {
   return isUnwanted(tags) || of.some((entry) => isMuted(figure, labels[entry]));
 }
@@ -32,7 +31,7 @@ function toggle(id, label) {
   muted.set(id, labels);
 }
 
-function write() {
+function writeAddress() {
   const state = new URLSearchParams();
   NAMES.forEach((name) => unwanted[name].forEach((value) => state.append(name, value)));
   muted.forEach((labels, id) => labels.forEach((label) => state.append(`in ${id}`, label)));
@@ -42,7 +41,7 @@ function write() {
   history.replaceState(null, "", text ? STATE + text : location.pathname + location.search);
 }
 
-function read() {
+function readAddress() {
   if (!location.hash.startsWith(STATE)) return;
   NAMES.forEach((name) => unwanted[name].clear());
   muted.clear();
@@ -56,11 +55,11 @@ function read() {
   });
 }
 
-function show() {
-  showers.forEach((one) => one());
+function showState() {
+  listeners.forEach((one) => one());
 }
 
 function changed() {
-  write();
-  show();
+  writeAddress();
+  showState();
 }

@@ -1,9 +1,8 @@
-
-// Figures show the values under the pointer, or under the arrow keys.
+// A tip shows the values under the pointer, or those that the arrow keys select.
 
 const TIP_ROWS = 14;
-const REACH = 12; // points of the SVG: a line that has no value as near as this has none here
-const MARGIN = 4; // points of the SVG about a panel, whose values can be on its edge
+const REACH = 12; // points of the SVG: maximum distance from the pointer to a value of a line
+const MARGIN = 4; // points of the SVG around a panel, whose values can be on its edge
 
 const tip = make("div", document.body, "tip");
 tip.setAttribute("role", "status");
@@ -19,28 +18,27 @@ class Figure {
     this.panels = panels;
     this.panel = 0;
     this.index = -1;
-    panels.forEach(placeValues);
+    panels.forEach(setPositions);
     drawing.tabIndex = 0;
     drawing.setAttribute("role", "application");
     const keys = "left and right arrows go through the values, up and down through the panels.";
     drawing.setAttribute("aria-label", `${this.svg.getAttribute("aria-label")}: ${keys}`);
     drawing.addEventListener("pointermove", (event) => this.point(event));
     drawing.addEventListener("pointerdown", (event) => this.point(event));
-    drawing.addEventListener("pointerleave", () => this.byKey() || this.hide());
+    drawing.addEventListener("pointerleave", () => this.hasKeyboardFocus() || this.hide());
     drawing.addEventListener("keydown", (event) => this.key(event));
-    drawing.addEventListener("focus", () => this.byKey() && this.step(0));
+    drawing.addEventListener("focus", () => this.hasKeyboardFocus() && this.step(0));
     drawing.addEventListener("blur", () => this.hide());
   }
 
-  // Says whether somebody reads the figure with the keyboard.
-  byKey() {
+  hasKeyboardFocus() {
     return this.drawing.matches(":focus-visible");
   }
 
-  // Finds the panel under the pointer, and the place in its SVG.
+  // Finds the panel under the pointer, and the position in its SVG.
   locate(event) {
     this.svg = event.target.closest?.("svg[role]") ?? this.svgs[0];
-    const { x, y } = placeIn(this.svg, event);
+    const { x, y } = pointIn(this.svg, event);
     const inside = ({ box: [left, top, right, bottom] }) =>
       x >= left - MARGIN && x <= right + MARGIN && y >= top - MARGIN && y <= bottom + MARGIN;
     return { panel: this.panels.find(inside), x, y };
@@ -55,14 +53,14 @@ class Figure {
 
   key(event) {
     const moves = { ArrowLeft: -1, ArrowRight: 1 };
-    const turns = { ArrowUp: -1, ArrowDown: 1 };
+    const switches = { ArrowUp: -1, ArrowDown: 1 };
     if (event.key === "Escape") this.hide();
-    if (event.key in turns) {
+    if (event.key in switches) {
       const count = this.panels.length;
-      this.panel = (this.panel + turns[event.key] + count) % count;
+      this.panel = (this.panel + switches[event.key] + count) % count;
       this.index = -1;
     }
-    if (!(event.key in moves) && !(event.key in turns)) return;
+    if (!(event.key in moves) && !(event.key in switches)) return;
     event.preventDefault();
     this.step(moves[event.key] ?? 0, event.shiftKey);
   }
@@ -74,12 +72,12 @@ class Figure {
     );
   }
 
-  // The line whose values the arrow keys go through.
+  // The line whose values the arrow keys select.
   longest(panel) {
     return this.shownLines(panel).reduce((a, b) => (b.x.length > a.x.length ? b : a), { x: [] });
   }
 
-  // The horizontal place that the keyboard has reached.
+  // The horizontal value that the arrow keys have selected.
   value() {
     return this.longest(this.panels[this.panel]).x[this.index];
   }
@@ -90,7 +88,7 @@ class Figure {
     this.step(0);
   }
 
-  // Goes through the values of the panel's longest line, or its cells; with Shift one by one.
+  // Moves through the values of the panel's longest line, or its cells; with Shift one by one.
   step(direction, single) {
     const panel = this.panels[this.panel];
     const longest = this.longest(panel);
@@ -103,8 +101,7 @@ class Figure {
     if (!panel.grid) return this.show(panel, ...longest.at[this.index]);
     const width = panel.columns.length - 1;
     const [column, row] = [this.index % width, Math.floor(this.index / width)];
-    const middle = (edges, i) => (edges[i] + edges[i + 1]) / 2;
-    this.show(panel, middle(panel.columns, column), middle(panel.rows, row));
+    this.show(panel, centre(panel.columns, column), centre(panel.rows, row));
   }
 
   show(panel, x, y) {
@@ -112,10 +109,10 @@ class Figure {
     shownBy = this;
     this.svg = this.svgs[panel.number] ?? this.svgs[0];
     this.mark = makeMark("g", this.svg, { class: "mark" });
-    const said = panel.grid ? this.cell(panel, x, y) : this.values(panel, x, y);
-    if (!said) return this.hide();
+    const at = panel.grid ? this.showCell(panel, x, y) : this.showValues(panel, x, y);
+    if (!at) return this.hide();
     tip.hidden = false;
-    this.placeTip(...said);
+    this.moveTip(...at);
   }
 
   hide() {
@@ -125,8 +122,8 @@ class Figure {
     tip.replaceChildren();
   }
 
-  // Says the value of a heat map's cell; returns the place of the tip, or nothing.
-  cell(panel, x, y) {
+  // Shows the value of a heat map's cell; returns the position of the tip, or null.
+  showCell(panel, x, y) {
     const [column, row] = [between(panel.columns, x), between(panel.rows, y)];
     const value = panel.grid.values[row]?.[column];
     if (value === undefined || value === null) return null;
@@ -135,16 +132,15 @@ class Figure {
     const [x0, y0] = [Math.min(left, right), Math.min(top, bottom)];
     const size = { width: Math.abs(right - left), height: Math.abs(top - bottom) };
     makeMark("rect", this.mark, { x: x0, y: y0, ...size });
-    const middle = (edges, i) => (edges[i] + edges[i + 1]) / 2;
     if (panel.title) make("p", tip, "title", panel.title);
-    make("p", tip, "", labelled(panel.x, middle(panel.grid.x, column)));
-    make("p", tip, "", labelled(panel.y, middle(panel.grid.y, row)));
+    make("p", tip, "", labelled(panel.x, centre(panel.grid.x, column)));
+    make("p", tip, "", labelled(panel.y, centre(panel.grid.y, row)));
     make("p", tip, "near", `${panel.grid.label || "value"}: ${inWords(value)}`);
     return [(left + right) / 2, Math.min(top, bottom)];
   }
 
-  // Says the values of all lines near here; returns the place of the tip, or nothing.
-  values(panel, x, y) {
+  // Shows the values of all lines near here; returns the position of the tip, or null.
+  showValues(panel, x, y) {
     const rows = this.shownLines(panel)
       .map((line) => ({ line, i: nearest(line, x) }))
       .filter(({ line, i }) => Math.abs(line.at[i][0] - x) <= REACH)
@@ -153,7 +149,7 @@ class Figure {
     const distance = ({ line, i }) => Math.hypot(line.at[i][0] - x, line.at[i][1] - y);
     const near = rows.reduce((a, b) => (distance(b) < distance(a) ? b : a));
     // Where rows have names, the values of one row belong together.
-    if (panel.y.ticks) return this.named(panel, near);
+    if (panel.y.ticks) return this.showNamedRow(panel, near);
     const [nearX] = near.line.at[near.i];
     const [, top, , bottom] = panel.box;
     makeMark("line", this.mark, { x1: nearX, x2: nearX, y1: top, y2: bottom });
@@ -161,16 +157,16 @@ class Figure {
     make("p", tip, "", labelled(panel.x, near.line.x[near.i]));
     const list = make("ul", tip);
     const shown = new Set([...rows.slice(0, TIP_ROWS - 1), near]);
-    rows.filter((row) => shown.has(row)).forEach((row) => this.row(panel, list, row, near));
+    rows.filter((row) => shown.has(row)).forEach((row) => this.addRow(panel, list, row, near));
     if (rows.length > shown.size) make("p", tip, "soft", `and ${rows.length - shown.size} more`);
     return [nearX, Math.min(Math.max(near.line.at[near.i][1], top), bottom)];
   }
 
-  named(panel, near) {
-    const row = Math.round(near.line.y[near.i]);
+  showNamedRow(panel, near) {
     const [x, y] = near.line.at[near.i];
     makeMark("circle", this.mark, { cx: x, cy: y, r: 3.5 }).style.fill = near.line.color;
-    make("p", tip, "title", [panel.title, named(panel.y, row)].filter((text) => text).join(", "));
+    const name = textOf(panel.y, near.line.y[near.i]);
+    make("p", tip, "title", [panel.title, name].filter((text) => text).join(", "));
     make("p", tip, "", near.line.label);
     const [low, high] = near.line.bands[0]?.[near.i] ?? [];
     const interval = low === undefined ? "" : ` [${inWords(low)}, ${inWords(high)}]`;
@@ -178,7 +174,7 @@ class Figure {
     return [x, y];
   }
 
-  row(panel, list, { line, i }, near) {
+  addRow(panel, list, { line, i }, near) {
     const item = make("li", list, line === near.line ? "near" : "");
     make("span", item, "swatch").style.background = line.color;
     make("span", item, "", line.label);
@@ -186,18 +182,18 @@ class Figure {
       .map((band) => band[i])
       .filter((band) => band)
       .map(([low, high]) => ` [${inWords(low * panel.y.unit)}, ${inWords(high * panel.y.unit)}]`);
-    // Lines that were sampled elsewhere say where.
+    // Lines that were sampled at other steps show at which.
     const apart = Math.abs(line.at[i][0] - near.line.at[near.i][0]) > 1;
-    const where = apart ? ` at ${named(panel.x, line.x[i])}` : "";
-    make("span", item, "value", named(panel.y, line.y[i]) + bands.join("") + where);
+    const where = apart ? ` at ${textOf(panel.x, line.x[i])}` : "";
+    make("span", item, "value", textOf(panel.y, line.y[i]) + bands.join("") + where);
     const [cx, cy] = line.at[i];
     const dot = makeMark("circle", this.mark, { cx, cy, r: line === near.line ? 3.5 : 2.5 });
     dot.style.fill = line.color;
   }
 
-  placeTip(x, y) {
+  moveTip(x, y) {
     const at = new DOMPoint(x, y).matrixTransform(this.svg.getScreenCTM());
-    tip.style.left = "0"; // its width must not be that at its last place
+    tip.style.left = "0"; // its width must not depend on its last position
     const { width, height } = tip.getBoundingClientRect();
     const room = { x: document.documentElement.clientWidth - width - 8, y: innerHeight - height - 8 };
     const [right, left] = [at.x + 16, at.x - 16 - width];

@@ -1,4 +1,3 @@
-
 // A drag across a panel zooms into its horizontal axis; a double click shows all of it again.
 
 const DRAG = 5; // points of the SVG from which a movement is a drag
@@ -7,7 +6,7 @@ const TICKS = 5;
 
 // Limits within an axis, and not too close; all of the axis if they make no sense.
 function clamped(axis, limits) {
-  const [low, high] = limits.map((limit) => place(axis, limit, 0, 1));
+  const [low, high] = limits.map((limit) => position(axis, limit, 0, 1));
   if (low >= 0 && high <= 1 && high - low >= LEAST) return limits;
   const half = Math.max(high - low, LEAST) / 2;
   const middle = Math.min(Math.max((low + high) / 2, half), 1 - half);
@@ -24,7 +23,7 @@ function movingParts(group) {
   const parts = [...group.querySelectorAll("[clip-path], [clip-path] *, [data-of] *")].filter(
     (part) => !part.closest("[data-tick]"),
   );
-  // An area is used at 0, with the places in its path; a marker is used at each place.
+  // An area is used at 0, with positions in its path; a marker is used at each position.
   const markers = parts.filter((part) => part.matches("use") && Number(part.getAttribute("x")));
   const shapes = new Set(markers.map((marker) => marker.getAttribute("href").slice(1)));
   const paths = parts.filter((part) => part.matches("path") && !shapes.has(part.id));
@@ -42,12 +41,12 @@ function replaceTicks(group, panel) {
   drawn[0].before(ticks);
   const draw = (axis, start, grid, length, label) =>
     ticksOf(axis, TICKS).forEach((value) => {
-      const x = place(axis, value, left, right);
+      const x = position(axis, value, left, right);
       const line = (d, look) => makeMark("path", ticks, { d: `M${x} ${start}${d}`, ...look });
       line(`v${grid}`, { stroke: "#ebebeb", "stroke-width": 0.6 });
       line(`v${length}`, { stroke: "#000000", "stroke-width": 0.8 });
       const look = { x, y: start + label, "font-size": 8, "text-anchor": "middle" };
-      makeMark("text", ticks, look).textContent = named(axis, value);
+      makeMark("text", ticks, look).textContent = textOf(axis, value);
     });
   draw(panel.x, bottom, top - bottom, 3.5, 13);
   if (panel.x.opposite) draw({ ...panel.x, unit: panel.x.opposite }, top, 0, -3.5, -6);
@@ -60,8 +59,8 @@ class Zoom {
     this.groups = new Map(
       figure.panels
         .map((panel) => [panel, this.drawing.querySelector(`[data-panel="${panel.number}"]`)])
-        // Neither names nor a picture can be stretched.
-        .filter(([{ x, grid }, group]) => !x.ticks && !grid && !group.querySelector("image")),
+        // Neither a heat map nor a picture can be stretched.
+        .filter(([{ grid }, group]) => !grid && !group.querySelector("image")),
     );
     if (!this.groups.size) return;
     this.groups.forEach((group, panel) => {
@@ -82,7 +81,7 @@ class Zoom {
     listen("pointercancel", () => this.cancel());
     listen("dblclick", (event) => this.reset(event));
     listen("keydown", (event) => this.key(event));
-    showers.push(() => this.show());
+    listeners.push(() => this.show());
   }
 
   nameOf(panel) {
@@ -109,7 +108,7 @@ class Zoom {
     if (isSame(limits, panel.x.limits)) return;
     this.figure.hide();
     const [left, , right] = panel.box;
-    const [start, end] = limits.map((limit) => place(panel.whole, limit, left, right));
+    const [start, end] = limits.map((limit) => position(panel.whole, limit, left, right));
     const moved = (x) => (left + ((x - start) / (end - start)) * (right - left)).toFixed(1);
     const path = (d) => d.replace(/(-?[\d.]+) (-?[\d.]+)/g, (_, x, y) => `${moved(x)} ${y}`);
     panel.isZoomed = !isSame(limits, panel.whole.limits);
@@ -119,7 +118,7 @@ class Zoom {
     });
     panel.x = { ...panel.whole, limits };
     panel.lines = panel.isZoomed ? panel.all.map((line) => within(line, limits)) : panel.all;
-    placeValues(panel);
+    setPositions(panel);
     replaceTicks(group, panel);
   }
 
@@ -134,7 +133,7 @@ class Zoom {
     if (!this.pressed) return;
     const { panel, x: start, svg } = this.pressed;
     const [left, top, right, bottom] = panel.box;
-    const end = Math.min(Math.max(placeIn(svg, event).x, left), right);
+    const end = Math.min(Math.max(pointIn(svg, event).x, left), right);
     if (!this.figure.isDragged && Math.abs(end - start) < DRAG) return;
     this.drawing.setPointerCapture(event.pointerId);
     this.figure.isDragged = true;
@@ -176,7 +175,7 @@ class Zoom {
     if (!factor || event.ctrlKey || event.metaKey || !this.groups.has(panel)) return;
     event.preventDefault();
     const value = this.figure.value();
-    const share = value === undefined ? 0.5 : place(panel.x, value, 0, 1);
+    const share = value === undefined ? 0.5 : position(panel.x, value, 0, 1);
     const limits = [share - factor / 2, share + factor / 2].map((at) => valueAt(panel.x, at, 0, 1));
     this.zoom(panel, Number.isFinite(factor) ? limits : panel.whole.limits);
     this.figure.goTo(value);

@@ -21,13 +21,9 @@ from pathlib import Path
 FAULTS = Path(__file__).resolve().parents[1] / "tests" / "faults"
 sys.path.insert(0, str(FAULTS))
 
-from fault_injection import CALLS  # noqa: E402 - the folder has to be known first
-
-VERBS = (
-    *("collect", "train-dae", "train-encoder", "train", "resume", "sweep"),
-    *("evaluate", "merge", "repair", "export", "import", "report"),
-)
-"""`resume` is `train` that finds a checkpoint."""
+# These imports need the folder in sys.path.
+from fault_injection import CALLS  # noqa: E402
+from fault_verbs import VERBS  # noqa: E402
 
 
 def main() -> int:
@@ -47,7 +43,7 @@ def main() -> int:
     tried: Counter[tuple[str, str]] = Counter()
     wrong: Counter[tuple[str, str]] = Counter()
     command = [sys.executable, str(FAULTS / "fault_harness.py"), json.dumps(request)]
-    # Ctrl-C ends the harness too; what was tried until then is still a table.
+    # Ctrl-C also ends the harness; the table contains the cases until then.
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as harness,
         contextlib.suppress(KeyboardInterrupt),

@@ -80,9 +80,9 @@ def add_run(results: Results, number: int, episodes: int) -> Record:
     return results.create("run", id, settings)
 
 
-def generate(place: Path, runs: int, episodes: int) -> Results:
+def generate(path: Path, runs: int, episodes: int) -> Results:
     """Makes finished runs."""
-    results = Results(place)
+    results = Results(path)
     for number in range(runs):
         record = add_run(results, number, episodes)
         record.append({"episodes": rows_of(record.id, number, episodes)})

@@ -3,9 +3,9 @@
 Makes results of 200 and of 2,000 runs of 5,000 episodes (five tasks, four algorithms; the runs are
 seeds, or with --variants also settings) and writes their report, each time in a process of its own.
 Prints seconds and peak memory of the whole command, its start included, the median of several
-rounds, the sizes in turn; how many times as long a run takes in the larger results; and where the
-time goes. The limits: 200 runs in less than 4 s on two cores and 350 MB, without the bootstrap of
-the claims, which is timed beside. It writes and removes about 0.5 GB.
+rounds that alternate between the sizes; how many times as long a run takes in the larger results;
+and where the time goes. The limits: 200 runs in less than 4 s on two cores and 350 MB, without the
+bootstrap of the claims, which is measured separately. It writes and removes about 0.5 GB.
 """
 
 import argparse
@@ -59,9 +59,9 @@ def settings_of(number: int, episodes: int, variants: int) -> dict[str, object]:
     }
 
 
-def generate(place: Path, runs: int, episodes: int, variants: int) -> None:
+def generate(path: Path, runs: int, episodes: int, variants: int) -> None:
     """Makes finished runs."""
-    results = Results(place)
+    results = Results(path)
     for number in range(runs):
         settings = settings_of(number, episodes, variants)
         name = "/".join(str(settings[part]) for part in ("task", "algo", "representation"))
@@ -71,9 +71,9 @@ def generate(place: Path, runs: int, episodes: int, variants: int) -> None:
         record.finish({"wall_time": 5.5 * episodes, "steps_done": 1000 * episodes})
 
 
-def measure(place: Path, *options: str) -> Measure:
+def measure(path: Path, *options: str) -> Measure:
     """Writes a report in a process of its own."""
-    command = [sys.executable, "-c", MEASURED, "report", "--results", str(place), *options]
+    command = [sys.executable, "-c", MEASURED, "report", "--results", str(path), *options]
     done = subprocess.run(command, capture_output=True, text=True)
     code, *numbers = done.stderr.splitlines()[-1].split()
     if code != "0":
@@ -82,15 +82,15 @@ def measure(place: Path, *options: str) -> Measure:
     return Measure(seconds, processor, kilobytes / 1e3)
 
 
-def profile(place: Path, lines: int) -> str:
+def profile(path: Path, lines: int) -> str:
     """Returns where the time of a report goes, function by function."""
     from jbench.report import write_report
 
     profiler = cProfile.Profile()
-    profiler.runcall(write_report, Results(place), place / "report")
-    told = io.StringIO()
-    pstats.Stats(profiler, stream=told).sort_stats("cumulative").print_stats("jbench", lines)
-    return told.getvalue()
+    profiler.runcall(write_report, Results(path), path / "report")
+    text = io.StringIO()
+    pstats.Stats(profiler, stream=text).sort_stats("cumulative").print_stats("jbench", lines)
+    return text.getvalue()
 
 
 def main() -> None:
@@ -105,12 +105,12 @@ def main() -> None:
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}", flush=True)
     sizes = sorted(arguments.runs)
     with tempfile.TemporaryDirectory(dir=arguments.directory) as directory:
-        places = {runs: Path(directory) / str(runs) for runs in sizes}
-        for runs, place in places.items():
-            generate(place, runs, arguments.episodes, arguments.variants)
+        paths = {runs: Path(directory) / str(runs) for runs in sizes}
+        for runs, path in paths.items():
+            generate(path, runs, arguments.episodes, arguments.variants)
         for options in ((), ("--claims",)):
             rounds = [
-                {runs: measure(place, *options) for runs, place in places.items()}
+                {runs: measure(path, *options) for runs, path in paths.items()}
                 for _ in range(arguments.rounds)
             ]
             middle = {
@@ -131,7 +131,7 @@ def main() -> None:
                 by_run = ratio / (sizes[-1] / sizes[0])
                 print(f"a run of the larger results takes {by_run:.2f} times as long", flush=True)
         if arguments.profile:
-            print(profile(places[sizes[0]], arguments.profile))
+            print(profile(paths[sizes[0]], arguments.profile))
     print(f"load {os.getloadavg()[0]:.1f}")
 
 

@@ -1,4 +1,4 @@
-"""Measures how fast agents train, beside stable-baselines3 and SBX: `python benchmarks/train.py`.
+"""Compares the training speed with stable-baselines3 and SBX: `python benchmarks/train.py`.
 
 It measures whole training on `face_direction` with the published networks and one update per
 control step: two single-threaded processes with five of ten seeds each, against two processes of

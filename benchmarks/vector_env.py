@@ -1,8 +1,8 @@
 """Speed of jbench's vector environment and those of Gymnasium and stable-baselines3.
 
 All step as many environments of one task with the same random actions, one after another for
-several rounds. Beside the rate there is the processor time of a control step, including that of
-started processes. On a busy machine, the rate depends on the number of processes or threads that
+several rounds. It also measures the processor time of a control step, including that of started
+processes. On a busy machine, the rate depends on the number of processes or threads that
 compete with other work, so compare those with a process or thread for each environment.
 """
 

@@ -67,12 +67,12 @@ def command_reference() -> str:
     return re.sub(r"\*\*Commands\*\*:\n\n(\* .*\n)+\n", "", text)
 
 
-def shipped_runs(place: Path) -> str:
+def shipped_runs(directory: Path) -> str:
     """Writes the report of the shipped runs; returns the page that leads to it."""
     report = [sys.executable, "-m", "jbench.cli", "report", "--results", "reference", "--claims"]
-    subprocess.run([*report, "--format", "svg", "--out", place], check=True, stdout=sys.stderr)
-    text = RESULTS_PAGE.format(verdicts=(place / "verdicts.md").read_text("utf-8"))
-    for file in place.iterdir():
+    subprocess.run([*report, "--format", "svg", "--out", directory], check=True, stdout=sys.stderr)
+    text = RESULTS_PAGE.format(verdicts=(directory / "verdicts.md").read_text("utf-8"))
+    for file in directory.iterdir():
         if file.name not in ("index.html", "evaluations.svg"):
             file.unlink()
     return text

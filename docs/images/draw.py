@@ -6,7 +6,7 @@ from jbench.opengl import choose_backend
 
 HERE = Path(__file__).parent
 
-# An episode in which the target stays in the sight of the camera that stands still.
+# The target of this episode stays in view of the fixed camera.
 SEED = 5
 
 # Of the portrait: pixels, and how many times larger it is drawn for smooth edges.
@@ -14,7 +14,7 @@ WIDTH, HEIGHT, FINER = 1280, 720, 2
 
 
 def portrait() -> None:
-    """Draws the robot from nearby, standing on its floor of 1 cm checks."""
+    """Draws the robot from nearby, on the floor of 1 cm checks."""
     import mujoco
     from PIL import Image
 

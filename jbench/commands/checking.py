@@ -48,8 +48,8 @@ def reproduce(
         raise RequestError(f"--episodes {episodes}: type 0 or more.")
     output = Output(json)
     # A shipped run needs no results directory.
-    place = parsing.results_at if run.startswith(SHIPPED) else parsing.existing_results
-    database, record = repeating.find_run(place(results), run)
+    open_results = parsing.results_at if run.startswith(SHIPPED) else parsing.existing_results
+    database, record = repeating.find_run(open_results(results), run)
     if episodes is None:
         episodes = repeating.default_episodes(record)
     total = max(episodes, 1) * names.EPISODE_STEPS

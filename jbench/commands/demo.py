@@ -53,8 +53,8 @@ def demo(context: typer.Context, results: ResultsOption = _RESULTS) -> None:
     output.say(
         f"\nThe report: {results / 'report' / 'index.html'} "
         f"(curves: {results / 'report' / 'figure9.png'})\n"
-        "Next, the paper's experiment on one task (it takes days; --steps and --seeds ask for "
-        "less):\n"
+        "Next, the paper's experiment on one task (it takes days; --steps and --seeds make it "
+        "shorter):\n"
         "  jbench collect && jbench train-dae &&\n"
         "  jbench train --algo ddpg --encoder 12 && jbench report"
     )

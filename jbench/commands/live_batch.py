@@ -1,4 +1,4 @@
-"""The progress of runs that share a process: a row of the live table."""
+"""A row of the live table."""
 
 import itertools
 import time
@@ -83,8 +83,7 @@ class Batch:
         if len(values) <= _MAX_RETURNS:
             text = " ".join(f"{value:.0f}" for value in values)
         else:
-            mean = sum(values) / len(values)
-            text = f"mean {mean:.0f} [{min(values):.0f}, {max(values):.0f}]"
+            text = f"mean {fmean(values):.0f} [{min(values):.0f}, {max(values):.0f}]"
         run = self.runs[0]
         published = self._published(run.task, run.algo, run.representation, self.steps_each)
         return text if published is None or not text else f"{text} (published {published:.0f})"

@@ -113,7 +113,7 @@ class TrainingView(Watcher):
             batch.update(run, steps, resumed="resumed_at" in message)
             if message.get("episode_return") is not None:
                 batch.add_return(run, message["episode_return"])
-        self._print_now_and_then()
+        self._print_if_due()
 
     def ended(self, runs: Sequence[RunSettings]) -> None:
         """Removes the row of a process."""
@@ -152,7 +152,8 @@ class TrainingView(Watcher):
             parts.append(f"{rate:,.0f} steps/s so far, {left} left at that pace")
         return ", ".join(parts)
 
-    def _print_now_and_then(self) -> None:
+    def _print_if_due(self) -> None:
+        """Prints a line for each process every minute if stderr is not a terminal."""
         now = time.monotonic()
         if self._live or now - self._printed < _PLAIN_EVERY:
             return
@@ -161,7 +162,9 @@ class TrainingView(Watcher):
             name, steps, rate, _, returns, left = batch.cells()
             parts = [f"{steps} control steps"]
             if rate:
-                parts += [f"{rate} steps/s", f"{left} left", f"last returns {returns}"]
+                parts += [f"{rate} steps/s", f"{left} left"]
+            if returns:
+                parts.append(f"last returns {returns}")
             print(f"{name}: {', '.join(parts)}", file=sys.stderr)
         print(self._summary(), file=sys.stderr, flush=True)
 
@@ -177,7 +180,6 @@ def _published_curves() -> "list[PublishedCurve]":
 def _published_median(
     task: str, algo: str, representation: str, control_steps: float
 ) -> float | None:
-    # The report takes a second to import, which only a terminal needs.
     from jbench.report.data.published import best_median
 
     best = best_median(_published_curves(), task, algo, representation, control_steps)

@@ -36,9 +36,8 @@ def train(
         str,
         typer.Option(
             help="Representation of the observation: none (or full), KIND:LATENTS (the newest "
-            "encoder), the "
-            "number of latents of a DAE, the id of an encoder, or ofeN (N features learned "
-            "with the agent).",
+            "encoder), the number of latents of a DAE, the id of an encoder, or ofeN (N features "
+            "learned with the agent).",
         ),
     ] = "none",
     seeds: Annotated[str, typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7.")] = "0-9",
@@ -49,7 +48,7 @@ def train(
         str,
         typer.Option(
             help="Hyperparameters: published (the paper's Table 1), script (the authors' script, "
-            "which differs) or sb3 (stable-baselines3's defaults where Table 1 is silent).",
+            "which differs) or sb3 (stable-baselines3's defaults for settings missing in Table 1).",
             autocompletion=complete(*names.BASES),
         ),
     ] = "published",

@@ -41,7 +41,7 @@ class Logger(Protocol):
         """Adds points to the log of a run that was started."""
 
     def end(self, run: str) -> None:
-        """Ends the log of a run that was started."""
+        """Ends the log of a run, if it was started."""
 
 
 _MODULES = {

@@ -38,12 +38,9 @@ def one_thread():
 @pytest.fixture
 def forked_workers(monkeypatch):
     """Forks the workers that a command in this process starts; see `tests/forking.py`."""
-    from jbench.names import EPISODE_STEPS
-    from tests.forking import forked_worker, server
+    from tests.forking import fork_workers
 
-    monkeypatch.setattr(
-        "jbench.sweeps.executors._start", lambda: forked_worker(server(EPISODE_STEPS))
-    )
+    fork_workers(monkeypatch)
 
 
 @pytest.fixture(scope="session")

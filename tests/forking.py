@@ -23,14 +23,14 @@ import struct
 import subprocess
 import sys
 import traceback
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from jbench import names
 
 ROOT = Path(__file__).parents[1]
 NUMBER = struct.Struct("i")
-"""Process id and exit code are sent so."""
+"""Format in which process ids and exit codes are sent."""
 
 COMMAND, WORKER = "jbench.cli:main", "jbench.training.worker:main"
 
@@ -101,6 +101,12 @@ def forked_worker(channel):
     os.close(to_write)
     process.stdin, process.stdout = os.fdopen(stdin, "w"), os.fdopen(stdout)
     return process
+
+
+def fork_workers(patch):
+    """Forks the workers that commands in this process start, until the patch is undone."""
+    start = partial(forked_worker, server(names.EPISODE_STEPS))
+    patch.setattr("jbench.sweeps.executors._start", start)
 
 
 @cache
@@ -219,7 +225,7 @@ WORKER_NAME = "jbench-worker"
 
 @contextlib.contextmanager
 def _forked_workers():
-    """Has a server for the workers of this command, which as yet has started no thread."""
+    """Starts a server for the workers of this command, before the command starts a thread."""
     from jbench.sweeps import executors
 
     ours, theirs = _channel()
@@ -229,7 +235,7 @@ def _forked_workers():
         serve(theirs)
         os._exit(0)
     theirs.close()
-    executors._start = lambda: forked_worker(ours)
+    executors._start = partial(forked_worker, ours)
     yield
     ours.close()
     os.waitpid(pid, 0)

@@ -6,16 +6,14 @@ import re
 import pytest
 
 from jbench.cli import main
-from jbench.names import EPISODE_STEPS
 from jbench.policies.saved import WEIGHTS, has_policy
 from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.store.query import load
-from jbench.sweeps import executors
 from jbench.training.batched_run import run_batch
 from tests.command_line import Process
 from tests.commands.distributions import install, use
-from tests.forking import forked_worker, server
+from tests.forking import fork_workers
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "random-search-agent"
@@ -58,7 +56,7 @@ def swept(site, tmp_path_factory):
     (folder / "matrix.toml").write_text(MATRIX)
     with pytest.MonkeyPatch.context() as patch:
         use(site, patch)
-        patch.setattr(executors, "_start", lambda: forked_worker(server(EPISODE_STEPS)))
+        fork_workers(patch)
         assert main([*train, "--steps", "1000", "--evaluate-episodes", "0", *results]) == 0
         assert main(["sweep", str(folder / "matrix.toml"), *results]) == 0
     return Results(folder / "results")

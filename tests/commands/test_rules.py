@@ -10,15 +10,13 @@ import pytest
 
 from jbench.agents.algorithms import algorithm_fields
 from jbench.cli import main
-from jbench.names import EPISODE_STEPS
 from jbench.policies.saved import WEIGHTS, has_policy
 from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
-from jbench.sweeps import executors
 from jbench.training.batched_run import run_batch
 from tests.agents.killed_run import stack_seeds
 from tests.commands.distributions import ROOT, install, use
-from tests.forking import forked_worker, server
+from tests.forking import fork_workers
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "tqc-rule"
@@ -72,7 +70,7 @@ def swept(site, tmp_path_factory):
     (folder / "matrix.toml").write_text(MATRIX)
     with pytest.MonkeyPatch.context() as patch:
         use(site, patch)
-        patch.setattr(executors, "_start", lambda: forked_worker(server(EPISODE_STEPS)))
+        fork_workers(patch)
         assert main([*train, "--evaluate-episodes", "1", *results]) == 0
         assert main(["sweep", str(folder / "matrix.toml"), *results]) == 0
     return Results(folder / "results")

@@ -41,7 +41,7 @@ class Block:
 
     @property
     def commands(self):
-        """What is typed in a shell, each command on lines of its own."""
+        """The commands of a shell, each on lines of its own."""
         if self.kind == "sh":
             return self.text
         typed = re.findall(r"^\$ (.*(?:\n +.*|\\\n.*)*)", self.text, re.M)
@@ -49,7 +49,7 @@ class Block:
 
     @property
     def output(self):
-        """What stands below the command of a console block."""
+        """The printed lines below the command of a console block."""
         return self.text.removeprefix(f"$ {self.commands}\n")
 
 
@@ -75,6 +75,12 @@ def blocks_of(page, text):
         elif token.type == "html_block" and (said := MARK.fullmatch(token.content)):
             mark = said[1]
     return found
+
+
+def code_of(page, kind):
+    """Returns the text of the first block of a kind on a page of docs/."""
+    text = (ROOT / "docs" / page).read_text()
+    return next(block.text for block in blocks_of(page, text) if block.kind == kind)
 
 
 def _kind(language, text):

@@ -1,8 +1,6 @@
 """Update rules with small networks, and what their tests share."""
 
-import re
 from functools import partial
-from pathlib import Path
 
 import pytest
 import torch
@@ -16,8 +14,8 @@ from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import Tensors
 from tests.agents.batched_oracle import SIZE
 from tests.agents.test_batched_engine import LENGTH
+from tests.documentation import code_of
 
-PAGE = (Path(__file__).parents[2] / "docs" / "your-own-rule.md").read_text()
 SMALL = {"hidden_layers": (24, 20), "batch_size": 16, "learning_rate": 1e-3, "buffer_size": 70}
 SCHEDULE = {"train_freq": 10, "gradient_steps": 5, "learning_starts": 20}
 TD3_SETTINGS = TD3.Settings(**SMALL, **SCHEDULE)
@@ -26,7 +24,7 @@ PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
 
 def rule_of_the_page():
     names = {}
-    exec(re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1], names)  # noqa: S102
+    exec(code_of("your-own-rule.md", "python"), names)  # noqa: S102
     return names["TQC"]
 
 

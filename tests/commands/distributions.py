@@ -1,13 +1,11 @@
 """Distributions of other packages, installed by pip without a network."""
 
 import os
-import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.documentation import ROOT, code_of
 
 
 def install(name, page, module, tmp_path_factory):
@@ -19,12 +17,10 @@ def install(name, page, module, tmp_path_factory):
             part of the distribution's pyproject.toml.
         module: name of the module's file.
     """
-    text = (ROOT / "docs" / page).read_text()
     source = tmp_path_factory.mktemp("source") / name
     shutil.copytree(ROOT / "tests" / name, source)
-    (entry_point,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    assert entry_point in (source / "pyproject.toml").read_text()
-    (source / module).write_text(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1])
+    assert code_of(page, "toml") in (source / "pyproject.toml").read_text()
+    (source / module).write_text(code_of(page, "python"))
     target = tmp_path_factory.mktemp("site")
     options = ("--no-index", "--no-build-isolation", "--no-deps", "--target", str(target))
     subprocess.run(

@@ -4,12 +4,8 @@ import json
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
-import zipfile
 from functools import partial
-from pathlib import Path
 
 import pytest
 
@@ -19,33 +15,7 @@ from jbench.encoders.training import CHECKPOINT
 from jbench.store import Results
 from jbench.store.query import load
 from tests.command_line import SHORT, jbench, start, succeed, train
-
-# A package of somebody else: the example that the documentation gives.
-DOCUMENTATION = Path(__file__).parents[2] / "docs" / "your-own-encoder.md"
-(THIRD_PARTY,) = re.findall(r"```python\n(.*?)```", DOCUMENTATION.read_text(), re.DOTALL)
-ENTRY_POINTS = """[jbench.encoders]
-first-features = third_party_encoder:FirstFeatures
-broken = third_party_encoder:Missing
-no-kind = third_party_encoder:Field
-dae = third_party_encoder:FirstFeatures
-"""
-
-
-def make_wheel(path):
-    """Writes the wheel of the package, as its author would upload it."""
-    name, info = "third_party_encoder", "third_party_encoder-1.0.dist-info"
-    content = {
-        f"{name}.py": THIRD_PARTY,
-        f"{info}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n",
-        f"{info}/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
-        f"{info}/entry_points.txt": ENTRY_POINTS,
-    }
-    record = "".join(f"{file},,\n" for file in [*content, f"{info}/RECORD"])
-    wheel = path / f"{name}-1.0-py3-none-any.whl"
-    with zipfile.ZipFile(wheel, "w") as archive:
-        for file, text in {**content, f"{info}/RECORD": record}.items():
-            archive.writestr(file, text)
-    return wheel
+from tests.commands.distributions import install
 
 
 @pytest.fixture(scope="module")
@@ -263,18 +233,13 @@ def test_a_killed_training_continues_to_the_same_bytes(short, tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A directory into which pip installed the package."""
-    path = tmp_path_factory.mktemp("site")
-    wheel = make_wheel(tmp_path_factory.mktemp("wheel"))
-    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
-    more = ("install", "--no-index", "--no-deps", "--target", str(path), str(wheel))
-    subprocess.run([*pip, *more], check=True)
-    return str(path)
+    page, module = "your-own-encoder.md", "third_party_encoder.py"
+    return install("third_party_encoder", page, module, tmp_path_factory)
 
 
 def test_a_kind_of_another_package_is_used_like_ours(short, site, monkeypatch):
     run = partial(jbench, results=short, short=True)
-    monkeypatch.setenv("PYTHONPATH", site)
+    monkeypatch.setenv("PYTHONPATH", str(site))
     made = run(
         *("train-encoder", "--kind", "first-features,dae", "--latent", "7", "--epochs", "2"),
         *("--set", "batch=500", "--json"),
@@ -300,7 +265,7 @@ def test_a_kind_of_another_package_is_used_like_ours(short, site, monkeypatch):
 
 @pytest.mark.parametrize(("kind", "says"), [("broken", "Missing"), ("no-kind", "is no subclass")])
 def test_a_kind_that_can_not_be_loaded_is_named(results, site, kind, says, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", site)
+    monkeypatch.setenv("PYTHONPATH", str(site))
     done = jbench("train-encoder", "--kind", kind, results=results)
     assert done.returncode == 1
     assert f"The kind of encoder {kind}" in done.stderr

@@ -1,9 +1,7 @@
 """Matrices read from TOML files, and messages for invalid ones."""
 
 import inspect
-import re
 import tomllib
-from pathlib import Path
 
 import pytest
 
@@ -17,9 +15,8 @@ from jbench.store.shipped import shipped
 from jbench.sweeps.cell import all_runs
 from jbench.sweeps.matrix import Matrix, matrix_cells, read_matrix
 from jbench.training.request import request_runs
+from tests.documentation import ROOT, code_of
 from tests.sweep_matrices import write_matrix
-
-DOCUMENTATION = Path(__file__).parents[2] / "docs" / "sweeps.md"
 
 
 def cells_of(name, path, **changes):
@@ -261,8 +258,7 @@ def test_the_size_of_planar_follows_from_the_task(tmp_path):
 
 
 def test_the_documented_file_says_what_is_so_without_it(tmp_path):
-    documented = DOCUMENTATION.read_text()
-    (text,) = re.findall(r"```toml\n(.*?)```", documented, re.DOTALL)
+    text = code_of("sweeps.md", "toml")
     content = tomllib.loads(text.replace("# augment =", "augment ="))  # TOML has no none
     assert set(content) == set(Matrix.model_fields)
     file = tmp_path / "documented.toml"
@@ -271,6 +267,7 @@ def test_the_documented_file_says_what_is_so_without_it(tmp_path):
     short.write_text('tasks = ["face_direction"]\nalgos = ["ddpg", "td3"]\nenvironments = 1\n')
     written, defaults = cells_of(str(file), tmp_path), cells_of(str(short), tmp_path)
     assert written == defaults
+    documented = (ROOT / "docs" / "sweeps.md").read_text()
     assert [f"`{name}`" in documented for name in SWEEPS] == [True] * len(SWEEPS)
 
 

@@ -18,12 +18,12 @@ import time
 from collections import Counter
 from pathlib import Path
 
-FAULTS = Path(__file__).resolve().parents[1] / "tests" / "faults"
-sys.path.insert(0, str(FAULTS))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
 
-# These imports need the folder in sys.path.
-from fault_injection import CALLS  # noqa: E402
-from fault_verbs import VERBS  # noqa: E402
+# These imports need the directory in sys.path.
+from tests.faults.fault_injection import CALLS  # noqa: E402
+from tests.faults.fault_verbs import VERBS  # noqa: E402
 
 
 def main() -> int:
@@ -42,10 +42,10 @@ def main() -> int:
     began = time.monotonic()
     tried: Counter[tuple[str, str]] = Counter()
     wrong: Counter[tuple[str, str]] = Counter()
-    command = [sys.executable, str(FAULTS / "fault_harness.py"), json.dumps(request)]
+    command = [sys.executable, "-m", "tests.faults.fault_harness", json.dumps(request)]
     # Ctrl-C also ends the harness; the table contains the cases until then.
     with (
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as harness,
+        subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as harness,
         contextlib.suppress(KeyboardInterrupt),
     ):
         assert harness.stdout is not None

@@ -1,27 +1,24 @@
 """Types the verbs of jbench with a failing system call, and checks what is left.
 
-    python tests/faults/fault_harness.py '{"verbs": {"collect": 8, "merge": null}}'
+    python -m tests.faults.fault_harness '{"verbs": {"collect": 8, "merge": null}}'
 
-A number is that of faults drawn at random, null stands for all. "every_error": true tries each call
-with each error, and "calls": [...] names the kinds of calls that fail.
+A number is that of faults drawn at random; null means all. "every_error": true tries each call with
+each error, and "calls": [...] names the kinds of calls that fail.
 
 For each verb that writes, one run without a fault counts its calls below the results directory.
-Then, for the k-th call of each kind and each errno (or one errno, in turn), the verb starts from
-the same results, meets that fault, and what it says and leaves is checked; see `problems`. Each
-command is a process of its own, forked from this one, which has imported everything; so are the
+Then, for the k-th call of each kind and each errno (or one, alternating), the verb starts from the
+same results, meets that fault, and its output and results are checked; see `problems`. Each command
+is a process of its own, forked from this one, which has imported everything; so are the
 workers that a verb starts. Episodes have 20 control steps.
 
 It prints a JSON line for each case: {"verb", "call", "fault", "code", "problems"}.
 """
 
-import contextlib
 import errno
-import gc
 import hashlib
 import importlib
 import json
 import os
-import pkgutil
 import random
 import re
 import shutil
@@ -29,21 +26,20 @@ import sys
 import tempfile
 from pathlib import Path
 
-import short_episodes  # isort: skip  # noqa: F401 - before anything else has a copy of it
+from tests.faults import short_episodes  # isort: skip  # noqa: F401 - before others copy it
 
 import pyarrow as pa
-import torch
-from fault_injection import CALLS, Fault
-from fault_verbs import FILES, VERBS
-from forked_commands import ForkedWorker, typed
 
-import jbench
 from jbench.errors import WorkError
 from jbench.store import Results
 from jbench.store.manifest import KINDS
 from jbench.store.merge import TIMES
 from jbench.sweeps import executors
 from jbench.training import speed
+from tests.faults.fault_injection import CALLS, Fault
+from tests.faults.fault_verbs import FILES, VERBS
+from tests.faults.forked_commands import ForkedWorker, typed
+from tests.forking import import_all
 
 LASTING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """Errors that stay: each is tried once alone, and once with all later calls failing as well."""
@@ -178,29 +174,15 @@ def cases(verbs, calls, every_error, folder):
             yield name, fault, expected
 
 
-def import_all():
-    """Imports all of jbench, so that a forked process need not."""
-    for module in pkgutil.walk_packages(jbench.__path__, "jbench."):
-        with contextlib.suppress(ImportError):
-            importlib.import_module(module.name)
-
-
 def run(request):
     """Tries the cases of a request; yields a dictionary for each."""
-    torch.set_num_threads(1)
     os.environ |= {"MUJOCO_GL": "disable", "OMP_NUM_THREADS": "1"}
     import_all()
-    torch.optim.Adam(
-        [torch.zeros(1, requires_grad=True)]
-    )  # it imports the compiler when first used
     speed.seconds_per_step = lambda *_: 1e-3
     executors.subprocess = type("Forking", (), {"Popen": ForkedWorker, "PIPE": -1})
     collecting = importlib.import_module("jbench.datasets.collect")
     collecting._PART_EPISODES = 4
     calls, every_error = request.get("calls", CALLS), request.get("every_error", False)
-    # A forked process need not copy what is never collected.
-    gc.collect()
-    gc.freeze()
     with tempfile.TemporaryDirectory() as folder:
         for name, fault, expected in cases(request["verbs"], calls, every_error, Path(folder)):
             path = prepared(name, Path(folder))

@@ -3,8 +3,8 @@
 import errno
 from typing import NamedTuple
 
-from fault_injection import Fault
-from forked_commands import typed
+from tests.faults.fault_injection import Fault
+from tests.faults.forked_commands import typed
 
 SMALL = ("--set", "hidden_layers=[4]", "--set", "batch_size=4")
 OFF_POLICY = ("--set", "learning_starts=20", "--set", "train_freq=10", "--set", "gradient_steps=1")

@@ -9,14 +9,13 @@ import tempfile
 import traceback
 from typing import NamedTuple
 
-from fault_injection import Injector
-
 from jbench.cli import main
 from jbench.training import worker
+from tests.faults.fault_injection import Injector
 
 
 class Ended(NamedTuple):
-    """How a command ended: its exit code, what it said, and how often it made each call."""
+    """How a command ended: its exit code, its output, and how often it made each call."""
 
     code: int
     said: str
@@ -24,7 +23,7 @@ class Ended(NamedTuple):
 
 
 class ForkedWorker:
-    """Stands in for `subprocess.Popen`: a worker forked from this process, with all its imports."""
+    """Replaces `subprocess.Popen`: a worker forked from this process, with all its imports."""
 
     def __init__(self, command, **_):
         to_read, stdin = os.pipe()

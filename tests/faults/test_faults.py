@@ -3,9 +3,10 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+
+from tests.forking import ROOT
 
 SAMPLE = {
     **{"collect": 3, "train-dae": 1, "train-encoder": 1, "train": 3, "resume": 3},
@@ -23,10 +24,8 @@ VERBS = (*SAMPLE, "sweep", "report")
 
 def tried(verbs):
     """The cases of the harness, by verb."""
-    script = Path(__file__).with_name("fault_harness.py")
-    done = subprocess.run(
-        [sys.executable, str(script), json.dumps({"verbs": verbs})], capture_output=True, text=True
-    )
+    command = [sys.executable, "-m", "tests.faults.fault_harness", json.dumps({"verbs": verbs})]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     cases = [json.loads(line) for line in done.stdout.splitlines()]
     return {verb: [case for case in cases if case["verb"] == verb] for verb in verbs}

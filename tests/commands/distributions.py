@@ -1,11 +1,17 @@
-"""Distributions of other packages, installed by pip without a network."""
+"""Distributions of other packages, installed by pip without a network, and runs of their agents."""
 
 import os
 import shutil
 import subprocess
 import sys
 
+import pytest
+
+from jbench.cli import main
+from jbench.store import Results
+from jbench.training.batched_run import run_batch
 from tests.documentation import ROOT, code_of
+from tests.forking import fork_workers
 
 
 def install(name, page, module, tmp_path_factory):
@@ -33,3 +39,36 @@ def use(site, patch):
     """Makes the packages of a folder importable here and in processes that are started."""
     patch.syspath_prepend(str(site))
     patch.setenv("PYTHONPATH", os.pathsep.join([str(site), str(ROOT)]))
+
+
+def train_and_sweep(site, directory, train, matrix):
+    """Returns results of a sweep, of which `jbench train` has trained the first seed.
+
+    Args:
+        site: folder of packages.
+        directory: where the matrix and the results are written.
+        train: arguments of `jbench train`.
+        matrix: text of the matrix.
+    """
+    results = ("--results", str(directory / "results"))
+    (directory / "matrix.toml").write_text(matrix)
+    with pytest.MonkeyPatch.context() as patch:
+        use(site, patch)
+        fork_workers(patch)
+        assert main(["train", *train, "--seeds", "0", "--steps", "1000", *results]) == 0
+        assert main(["sweep", str(directory / "matrix.toml"), *results]) == 0
+    return Results(directory / "results")
+
+
+def assert_fails(run, path, sentence, episodes):
+    """Trains a run, which fails with a sentence after some episodes."""
+    results = Results(path)
+    try:
+        reason = str(run_batch([run], results, None, checkpoint_every=0)[run.id])
+    except (RuntimeError, ValueError) as error:
+        reason = str(error)
+    assert sentence in reason
+    record = results.find("run", run.id)
+    assert record.status == "failed"
+    assert sentence in record.manifest.summary["error"]
+    assert record.rows("episodes") == episodes

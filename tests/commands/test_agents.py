@@ -12,8 +12,7 @@ from jbench.store import Results, schema
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
 from tests.command_line import Process
-from tests.commands.distributions import install, use
-from tests.forking import fork_workers
+from tests.commands.distributions import assert_fails, install, train_and_sweep, use
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "random-search-agent"
@@ -50,16 +49,8 @@ episodes = 0
 @pytest.fixture(scope="module")
 def swept(site, tmp_path_factory):
     """Results of a sweep with two seeds, of which `jbench train` had trained the first."""
-    folder = tmp_path_factory.mktemp("swept")
-    results = ("--results", str(folder / "results"))
-    train = ("train", "--algo", "random-search", "--set", "noise=0.2", "--seeds", "0")
-    (folder / "matrix.toml").write_text(MATRIX)
-    with pytest.MonkeyPatch.context() as patch:
-        use(site, patch)
-        fork_workers(patch)
-        assert main([*train, "--steps", "1000", "--evaluate-episodes", "0", *results]) == 0
-        assert main(["sweep", str(folder / "matrix.toml"), *results]) == 0
-    return Results(folder / "results")
+    train = ("--algo", "random-search", "--set", "noise=0.2", "--evaluate-episodes", "0")
+    return train_and_sweep(site, tmp_path_factory.mktemp("swept"), train, MATRIX)
 
 
 def test_train_and_sweep_make_the_same_runs(swept):
@@ -144,16 +135,7 @@ def test_an_entry_point_that_is_no_agent_is_refused(installed, algo, sentence, t
 )
 def test_a_faulty_agent_fails_its_run(installed, algo, sentence, episodes, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
-    run, results = settings(algo), Results(tmp_path)
-    try:
-        reason = str(run_batch([run], results, None, checkpoint_every=0)[run.id])
-    except (RuntimeError, ValueError) as error:
-        reason = str(error)
-    assert sentence in reason
-    record = results.find("run", run.id)
-    assert record.status == "failed"
-    assert sentence in record.manifest.summary["error"]
-    assert record.rows("episodes") == episodes
+    assert_fails(settings(algo), tmp_path, sentence, episodes)
 
 
 def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(installed, tmp_path):

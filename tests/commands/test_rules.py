@@ -15,8 +15,8 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.training.batched_run import run_batch
 from tests.agents.killed_run import stack_seeds
-from tests.commands.distributions import ROOT, install, use
-from tests.forking import fork_workers
+from tests.commands.distributions import assert_fails, install, train_and_sweep, use
+from tests.documentation import ROOT
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "tqc-rule"
@@ -64,16 +64,8 @@ def run_of(algo="tqc", **changes):
 @pytest.fixture(scope="module")
 def swept(site, tmp_path_factory):
     """Results of a sweep with two seeds, of which `jbench train` had trained the first."""
-    folder = tmp_path_factory.mktemp("swept")
-    results = ("--results", str(folder / "results"))
-    train = ("train", "--algo", "tqc", *TYPED, "--seeds", "0", "--steps", "1000")
-    (folder / "matrix.toml").write_text(MATRIX)
-    with pytest.MonkeyPatch.context() as patch:
-        use(site, patch)
-        fork_workers(patch)
-        assert main([*train, "--evaluate-episodes", "1", *results]) == 0
-        assert main(["sweep", str(folder / "matrix.toml"), *results]) == 0
-    return Results(folder / "results")
+    train = ("--algo", "tqc", *TYPED, "--evaluate-episodes", "1")
+    return train_and_sweep(site, tmp_path_factory.mktemp("swept"), train, MATRIX)
 
 
 def test_train_and_sweep_make_the_same_runs(swept):
@@ -156,16 +148,7 @@ def test_an_entry_point_that_is_no_rule_is_refused(installed, algo, sentence, tm
 )
 def test_a_faulty_rule_fails_its_run(installed, algo, sentence, episodes, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
-    run, results = run_of(algo), Results(tmp_path)
-    try:
-        reason = str(run_batch([run], results, None, checkpoint_every=0)[run.id])
-    except RuntimeError as error:
-        reason = str(error)
-    assert sentence in reason
-    record = results.find("run", run.id)
-    assert record.status == "failed"
-    assert sentence in record.manifest.summary["error"]
-    assert record.rows("episodes") == episodes
+    assert_fails(run_of(algo), tmp_path, sentence, episodes)
 
 
 @pytest.mark.parametrize("stacked", [False, pytest.param(True, marks=pytest.mark.slow)])

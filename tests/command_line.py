@@ -8,8 +8,7 @@ import tempfile
 from jbench.names import EPISODE_STEPS, ONE_THREAD
 from tests.forking import COMMAND, ROOT, Forked, server
 
-# What is started in the background of a script ignores Ctrl-C, and so do its children: this does
-# not, wherever the tests were started.
+# A background process of a script ignores Ctrl-C, and so do its children. This command does not.
 INTERRUPTIBLE = (
     sys.executable,
     "-c",
@@ -21,14 +20,14 @@ INTERRUPTIBLE = (
 
 
 SHORT = 100
-"""Control steps of an episode in commands and workers that are called short."""
+"""Control steps of an episode in processes that are started with `short`."""
 
 
 def short_episodes(folder):
-    """Returns an environment in which episodes are short in each Python process that is started.
+    """Returns an environment for Python processes in which episodes are short.
 
     Args:
-        folder: where the module is written that each process imports first.
+        folder: where the module is written that each of them imports first.
     """
     (folder / "sitecustomize.py").write_text(
         f"import jbench.names\njbench.names.EPISODE_STEPS = {SHORT}\n"

@@ -26,7 +26,7 @@ def rendering():
 
 @pytest.fixture
 def one_thread():
-    """Keeps torch to one thread: a machine that is busy waits for the second one longest."""
+    """Limits torch to one thread: on a busy machine a second thread makes it slower."""
     import torch
 
     before = torch.get_num_threads()

@@ -1,4 +1,4 @@
-"""A small matrix of runs, and what the processes of its sweep are doing."""
+"""A small matrix of runs, and the processes of its sweep."""
 
 import contextlib
 import os
@@ -65,7 +65,7 @@ def write_matrix(path, **changes):
 
 
 def runs_of_matrix(matrix, path):
-    """The settings of all runs of a matrix."""
+    """Returns the settings of all runs of a matrix."""
     return list(all_runs(matrix_cells(read_matrix(matrix), Results(path))))
 
 
@@ -80,7 +80,7 @@ def start(*arguments, results, short=True):
 
 
 def end_all():
-    """Kills what a test that fails leaves behind, stopped processes among it."""
+    """Kills the processes that a failing test leaves behind, including stopped ones."""
     while _started:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(_started.pop().pid, signal.SIGKILL)
@@ -92,10 +92,10 @@ def ended(process):
     return out + err
 
 
-def wait_until(true, process=None, seconds=300):
-    """Waits for a condition, which the process must live to see; returns what it is."""
+def wait_until(condition, process=None, seconds=300):
+    """Returns the value of a condition once it is true; the process must not end before."""
     deadline = time.monotonic() + seconds
-    while not (found := true()):
+    while not (found := condition()):
         assert time.monotonic() < deadline
         assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.02)
@@ -103,23 +103,23 @@ def wait_until(true, process=None, seconds=300):
 
 
 def held(runs, path):
-    """Those of some runs that a process is writing."""
+    """Returns the runs that a process is writing."""
     return [run for run in runs if locks.is_held(Path(path) / "runs" / run.id)]
 
 
 def committed(run, path):
-    """How many episodes of a run are committed."""
+    """Returns the number of committed episodes of a run."""
     record = Results(path).find("run", run.id)
     return 0 if record is None else record.rows("episodes")
 
 
 def states(runs, path):
-    """The state of each run in the results."""
+    """Returns the status of each run."""
     return [getattr(Results(path).find("run", run.id), "status", None) for run in runs]
 
 
 def rows(runs, path):
-    """All rows of some runs but their times, and their weights' checksums."""
+    """Returns all rows of runs except for times, and the checksums of their weights."""
     kept = []
     for run in runs:
         record = Results(path).find("run", run.id)
@@ -131,7 +131,7 @@ def rows(runs, path):
 
 
 def workers(process):
-    """The ids of the worker processes below a process."""
+    """Returns the ids of the worker processes below a process."""
     found = set()
     waiting = [process if isinstance(process, int) else process.pid]
     while waiting:
@@ -140,7 +140,7 @@ def workers(process):
             forked = Path(f"/proc/{pid}/comm").read_text().strip() == WORKER_NAME
             command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
             if forked or b"jbench.training.worker" in command:
-                # Not those below it: what it starts has its name for a moment.
+                # A process that it starts has its name for a moment.
                 found.add(pid)
                 continue
             for task in Path(f"/proc/{pid}/task").iterdir():

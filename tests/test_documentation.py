@@ -86,7 +86,7 @@ SLOW = ("agents.md", "import.md", "recording.md", "submit.md")
     "page",
     [pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else []) for page in BLOCKS],
 )
-def test_blocks_run_as_they_stand(page, pages):
+def test_blocks_run_unchanged(page, pages):
     run = [block.line for block in BLOCKS[page] if block.illustration is None]
     assert [*pages(page)] == run
 

@@ -166,8 +166,8 @@ def test_ppo_updates_equal_the_oracle(epochs, batch_size, changes, dtype, monkey
     np.random.seed(3)
     for _ in range(epochs):
         order = torch.from_numpy(np.random.permutation(120))
-        for places in order.split(batch_size):
-            learner.update(minibatch_of(rows[places]))
+        for indices in order.split(batch_size):
+            learner.update(minibatch_of(rows[indices]))
     assert (
         largest_difference(ours("ppo", learner, tensors), theirs("ppo", agent)) < (PRECISION[dtype])
     )

@@ -71,6 +71,6 @@ def test_a_packed_tensor_is_a_copy():
     assert unpack(node, tensors).tolist() == [0, 0]
 
 
-def test_an_object_is_refused_by_its_place_in_the_state():
+def test_a_refused_object_is_named_by_its_path_in_the_state():
     with pytest.raises(WorkError, match=r"state\(\)\['buffer'\]\[1\] of the agent is a set"):
         pack({"buffer": [0, {1, 2}]}, {})

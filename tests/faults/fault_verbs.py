@@ -51,7 +51,7 @@ CURVES = """seed,control_steps,episode_return
 """
 
 FILES = {"small.toml": SWEEP, "curves.csv": CURVES}
-"""Files beside the results, which commands name."""
+"""Files next to the results, which commands read."""
 
 
 class Verb(NamedTuple):

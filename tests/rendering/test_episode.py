@@ -52,7 +52,7 @@ def test_scene_decides_the_picture():
 
 
 @pytest.mark.usefixtures("rendering")
-def test_target_is_seen_in_its_place_from_overhead(monkeypatch):
+def test_target_is_seen_at_its_position_from_overhead(monkeypatch):
     target = features.Target(np.array([0.1, -0.05, 0.035]), np.float64(0))
     monkeypatch.setattr(resets, "draw_target", lambda task, random: target)
     scene = Scene("move_to_position", camera="overhead", width=320, height=240)

@@ -41,7 +41,7 @@ def test_text_is_on_its_lines_and_nowhere_else():
 
 
 @pytest.mark.parametrize("grey", [0, 255])
-def test_text_stands_out_from_black_and_from_white(grey):
+def test_text_is_readable_on_black_and_on_white(grey):
     written = write(plain(grey), ["return 914"], [], lines_in_height=24).astype(int)
     assert np.mean(np.abs(written - grey).max(axis=2) > 200) > 0.001
 

@@ -49,8 +49,8 @@ class Opened:
     def column(self, heading, table="#final-returns table"):
         """Returns the texts of a column, from its first row to its last."""
         headings = self.page.locator(f"{table} thead th").all_inner_texts()
-        place = headings.index(heading) + 1
-        return self.page.locator(f"{table} tbody tr > :nth-child({place})").all_inner_texts()
+        number = headings.index(heading) + 1
+        return self.page.locator(f"{table} tbody tr > :nth-child({number})").all_inner_texts()
 
     def point(self, id, figure, x, y, panel=0):
         """Moves the pointer to a value of a panel; returns the texts of the tip."""

@@ -46,7 +46,7 @@ def test_smooth_first_loses_it():
 
 
 @pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
-def test_points_stand_at_the_centres_of_windows_from_the_first_episode_to_the_last(order):
+def test_points_are_at_the_centres_of_windows_from_the_first_episode_to_the_last(order):
     curve = learning_curve(*TURNS, order, 2)
     assert curve.control_steps.tolist() == [*(1000, 1500, 2500, 3500, 4500, 5500, 6500, 7500, 8000)]
     assert curve.seeds.tolist() == [3] * 9

@@ -74,7 +74,7 @@ class TestProfiles:
 
 
 class TestProcessorTime:
-    def test_the_median_return_stands_at_the_median_time_of_the_seeds(self, fabric):
+    def test_the_median_return_is_at_the_median_time_of_the_seeds(self, fabric):
         for seed, seconds in enumerate((1.0, 2.0, 6.0)):
             fabric.run(RETURNS, seed, seconds=seconds)
         (item,) = fabric.learned(window=4)

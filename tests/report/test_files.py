@@ -255,7 +255,7 @@ class TestRequests:
         with pytest.raises(RequestError, match=said):
             write_report(fabric.results, out, Request(**wrong))
 
-    def test_a_file_stands_where_the_report_should_go(self, fabric, out):
+    def test_a_file_has_the_path_of_the_report(self, fabric, out):
         fabric.run(FLAT)
         out.write_text("mine")
         with pytest.raises(RequestError, match="is a file"):

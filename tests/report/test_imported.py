@@ -47,10 +47,10 @@ def demo(demo_results, tmp_path):
 @pytest.fixture
 def imported(tmp_path):
     """Results with two imported algorithms and no runs."""
-    place = tmp_path / "imported"
+    path = tmp_path / "imported"
     for algo, returns in RETURNS.items():
-        add(place, tmp_path, algo, returns)
-    return place
+        add(path, tmp_path, algo, returns)
+    return path
 
 
 def test_a_report_of_imports_alone_has_their_statistics(imported, tmp_path):
@@ -75,9 +75,9 @@ def test_a_report_of_imports_alone_has_their_statistics(imported, tmp_path):
 
 
 def test_evaluations_alone_are_reported(tmp_path):
-    place = tmp_path / "imported"
-    add(place, tmp_path, "fast", RETURNS["fast"], more=("--returns", "evaluation"))
-    data = gather(Results(place), Request())
+    path = tmp_path / "imported"
+    add(path, tmp_path, "fast", RETURNS["fast"], more=("--returns", "evaluation"))
+    data = gather(Results(path), Request())
     assert data.table["evaluation_return_median"].tolist() == [825]
     assert data.table["seeds"].tolist() == [6]
     document = contents.document(data)
@@ -96,31 +96,31 @@ def test_runs_with_evaluations_only_are_counted_beside_trained_ones(imported, tm
 
 
 def test_training_and_evaluation_of_a_label_are_one_cell(tmp_path):
-    place = tmp_path / "imported"
-    add(place, tmp_path, "fast", RETURNS["fast"])
-    add(place, tmp_path, "fast", {0: 900, 1: 910}, "other", more=("--returns", "evaluation"))
-    data = gather(Results(place), Request())
+    path = tmp_path / "imported"
+    add(path, tmp_path, "fast", RETURNS["fast"])
+    add(path, tmp_path, "fast", {0: 900, 1: 910}, "other", more=("--returns", "evaluation"))
+    data = gather(Results(path), Request())
     (row,) = data.table.to_dict("records")
     assert (row["training_return_median"], row["evaluation_return_median"]) == (825, 905)
     assert "4 of 6 seeds have no evaluation" in row["notes"]
 
 
 def test_the_longest_import_of_a_seed_is_used(tmp_path):
-    place = tmp_path / "imported"
-    add(place, tmp_path, "fast", RETURNS["fast"])
-    add(place, tmp_path, "fast", {0: 500}, "longer", episodes=12)
-    data = gather(Results(place), Request())
+    path = tmp_path / "imported"
+    add(path, tmp_path, "fast", RETURNS["fast"])
+    add(path, tmp_path, "fast", {0: 500}, "longer", episodes=12)
+    data = gather(Results(path), Request())
     assert data.table["training_return_q10"].tolist() == [655]  # of 500, 810, …, 850
     assert any(note.startswith("1 imported curves are not used") for note in data.notes)
 
 
 def test_seeds_with_points_at_different_control_steps_have_a_note(tmp_path):
-    place, file = tmp_path / "imported", tmp_path / "curves.csv"
+    path, file = tmp_path / "imported", tmp_path / "curves.csv"
     file.write_text("seed,at,value\n0,1000,10\n0,2000,20\n1,1300,30\n1,2200,40\n")
     typed = ("--from", "csv", "--task", "face_direction", "--algo", "td3", "--seed-column", "seed")
     columns = ("--steps-column", "at", "--return-column", "value")
-    assert main(["import", *typed, *columns, "--results", str(place), str(file)]) == 0
-    (row,) = gather(Results(place), Request()).table.to_dict("records")
+    assert main(["import", *typed, *columns, "--results", str(path), str(file)]) == 0
+    (row,) = gather(Results(path), Request()).table.to_dict("records")
     assert "the points of its seeds are up to 300 control steps apart" in row["notes"]
 
 

@@ -237,11 +237,11 @@ class TestDrawing:
 
 
 class TestColors:
-    def test_black_and_white_change_places(self):
+    def test_black_and_white_are_exchanged(self):
         assert colors.on_dark("#ffffff") == "#181b21"
         assert colors.on_dark("#000000") == "#e6e9ed"
 
-    def test_what_stands_out_stays_and_what_does_not_is_lightened(self):
+    def test_colours_with_contrast_stay_and_others_are_lightened(self):
         # Contrast with #181b21 (luminance 0.0108), by hand: #e69f00 has a luminance of 0.436, so
         # 0.486 / 0.0608 = 8.0; #0000ff one of 0.0722, so 2.0.
         assert colors.on_dark("#e69f00") == "#e69f00"
@@ -311,7 +311,7 @@ class TestValues:
         assert len(set(steps[:-1])) <= 1
         assert len(kept) > min(count, most) / 2
 
-    def test_no_height_of_0_has_a_place_on_a_logarithmic_axis(self):
+    def test_a_height_of_0_is_not_on_a_logarithmic_axis(self):
         bins = Series(
             np.array([0.5, 1.5, 3, 6]),
             np.array([2.0, 1, 0, 3]),

@@ -153,8 +153,8 @@ class TestReference:
         assert sources.reference(Request(algo="ppo"), tmp_path / "reference").cells == []
 
     def test_a_version_without_them_says_so(self, tmp_path):
-        for place in (tmp_path / "nowhere", tmp_path):
-            found = sources.reference(Request(), place)
+        for directory in (tmp_path / "nowhere", tmp_path):
+            found = sources.reference(Request(), directory)
             assert found.cells == []
             assert "ships no reference runs" in found.notes[-1]
 
@@ -166,7 +166,7 @@ class TestReference:
         assert [cell for cell in beside if cell[0] == "ours"] == alone
         assert {cell[0] for cell in beside} <= {"ours", "reference"}
 
-    def test_the_summary_tells_whose_runs_are_meant(self, fabric):
+    def test_the_summary_names_the_source_of_the_runs(self, fabric):
         fabric.run(FLAT, task="face_direction")
         first = document(gather(fabric.results, Request(reference=True))).summary[0]
         named = first.partition(": ")[2].rstrip(".").split("; ")

@@ -27,7 +27,7 @@ def cells_of(name, path, **changes):
     ("name", "cells", "runs"),
     [("smoke", 8, 16), ("fig7", 2, 2), ("fig8", 2, 20), ("fig9", 20, 200), ("question", 19, 170)],
 )
-def test_the_shipped_matrices_have_so_many_cells_and_runs(name, cells, runs, tmp_path):
+def test_the_shipped_matrices_have_these_numbers_of_cells_and_runs(name, cells, runs, tmp_path):
     found = cells_of(name, tmp_path)
     assert (len(found), len(list(all_runs(found)))) == (cells, runs)
     assert {run.engine for run in all_runs(found)} == {"batched"}

@@ -278,7 +278,7 @@ def test_every_camera_shows_another_picture():
         (0.75, 320, 240 + 150),  # at (0, -0.1625)
     ],
 )
-def test_overhead_picture_shows_the_target_in_its_place(share, column, row):
+def test_overhead_picture_shows_the_target_at_its_position(share, column, row):
     env = picture_env("overhead", 640, 480)
     env.np_random = SimpleNamespace(uniform=lambda low, high: low + share * (high - low))
     env.reset()

@@ -108,7 +108,7 @@ def test_cylinder_lies_between_its_ends(robot, at_rest, geom, expected):
 
 
 @pytest.mark.parametrize(("geom", "expected"), SOLIDS.items())
-def test_solid_has_its_shape_and_place(robot, at_rest, geom, expected):
+def test_solid_has_its_shape_and_position(robot, at_rest, geom, expected):
     kind, size, centre = expected
     assert robot.geom(geom).type[0] == getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")
     np.testing.assert_array_equal(robot.geom(geom).size[: len(size)], size)
@@ -122,7 +122,7 @@ def test_sizes_of_state_and_order_of_joints(robot):
 
 
 @pytest.mark.parametrize(("joint", "expected"), HINGES.items())
-def test_hinge_has_its_place_axis_and_spring(robot, at_rest, joint, expected):
+def test_hinge_has_its_position_axis_and_spring(robot, at_rest, joint, expected):
     anchor, axis = expected
     stiffness, damping = (0, 0) if joint == "motor" else (0.4, 1e-5)
     np.testing.assert_allclose(at_rest.joint(joint).xanchor, anchor, atol=1e-12)

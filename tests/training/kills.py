@@ -1,14 +1,14 @@
-"""Does a small batch of runs and kills it (SIGKILL), again and again, until it has finished.
+"""Trains a small batch of runs and kills it (SIGKILL) repeatedly until it has finished.
 
     python -m tests.training.kills '{"path": DIR, "runs": […], "at": "random", "kills": 20}'
 
-In DIR/whole the batch is done without a kill; then in DIR/0, DIR/1 … with kills. Each attempt is a
-process of its own: a fork of this one, which has imported everything but started no thread. With
-"at": "random" its parent kills it at a random moment and continues with the next folder until there
-were as many kills. With "at": "writes" attempt n kills itself at its n-th point of writing (with
-"every": m at point 1 + (n - 1) m) until one gets to the end: before, within and after each write,
-and before and after each fsync and rename that `jbench/store/files.py` makes, which does all
-writing. With "encoder": n the runs have an encoder of n latents.
+In DIR/whole the batch is trained without a kill; then in DIR/0, DIR/1 … with kills. Each attempt is
+a process of its own: a fork of this one, which has imported everything but started no thread. With
+"at": "random" its parent kills it at random moments, folder after folder, until the number of kills
+is reached. With "at": "writes" attempt n kills itself at its n-th point of writing (with
+"every": m at point 1 + (n - 1) m) until one finishes: before, within and after each write, and
+before and after each fsync and rename of `jbench/store/files.py`, which does all writing. With
+"encoder": n the runs have an encoder of n latents.
 
 Episodes have 50 control steps, so that there are many in a second.
 
@@ -53,7 +53,7 @@ class Squashed(Encoder):
 
 
 class Deadly:
-    """Passes on to a module, and kills this process at one of the points of writing."""
+    """Forwards to a module, and kills this process at one of the points of writing."""
 
     def __init__(self, module, at):
         self._module, self._left = module, at
@@ -82,7 +82,7 @@ class Deadly:
 
 
 class DeadlyFile:
-    """A file whose writing can be deadly."""
+    """A file that kills this process at a point of writing."""
 
     def __init__(self, file, points):
         self._file, self._points = file, points
@@ -107,7 +107,7 @@ class DeadlyFile:
 
 
 class Killer:
-    """Does the batch of a request, with kills and without."""
+    """Trains the batch of a request, with kills and without."""
 
     def __init__(self, request):
         self._path, self._at = Path(request["path"]), request["at"]
@@ -118,13 +118,13 @@ class Killer:
         self.kills, self.steps, self.problems = 0, [], []
 
     def whole(self):
-        """Does the batch without a kill, and notes how long it takes."""
+        """Trains the batch without a kill, and measures the time."""
         began = time.perf_counter()
         assert self._end(self._fork(self._path / "whole")) == 0
         self._longest = 0.7 * (time.perf_counter() - began)
 
     def until_done(self, folder):
-        """Does the batch with kills."""
+        """Trains the batch with kills."""
         path = self._path / folder
         self.steps.append([])
         while True:
@@ -179,7 +179,7 @@ def steps_of(run, results):
 
 
 def main(request):
-    """Does what is asked; prints the answer."""
+    """Processes a request; prints the answer."""
     torch.set_num_threads(1)
     shorten_episodes()
     killer = Killer(request)

@@ -1,9 +1,9 @@
 """Makes one system call of a process fail: the k-th open, write, rename ... below a directory.
 
-Python tells an audit hook of each `open`, `mkdir`, `rename`, `unlink`, `flock` and of each listing
-of a directory before it makes the call, and the hook may raise; `read`, `write`, `fsync` and
-`close` are wrapped. So this needs no compiler, no ptrace and no rights. It does not see what C++
-and Rust code opens by itself; jbench reads and writes results through files of Python alone.
+Python calls an audit hook before each `open`, `mkdir`, `rename`, `unlink`, `flock` and listing of a
+directory, and the hook may raise; `read`, `write`, `fsync` and `close` are wrapped. So this needs
+no compiler, no ptrace and no rights. It does not see files that C++ and Rust code opens; jbench
+reads and writes results only through Python's files.
 """
 
 import errno
@@ -61,7 +61,7 @@ class Injector:
         """Arms this process; it can't be undone.
 
         Args:
-            root: directory; calls outside are neither counted nor touched.
+            root: directory; calls outside of it are not counted and do not fail.
             fault: what fails; None to count only.
         """
         self._root, self._fault = str(Path(root).resolve()), fault
@@ -99,7 +99,7 @@ class Injector:
 
     def _audit(self, event, arguments):
         call = _EVENTS.get(event)
-        # The descriptors that `open` tells of are files that were opened, and counted, before.
+        # A descriptor in an event of `open` is a file that was opened, and counted, before.
         if call is None or (call == "open" and not isinstance(arguments[0], str | bytes | Path)):
             return
         if call == "flock" and arguments[1] & fcntl.LOCK_UN:

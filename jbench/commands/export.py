@@ -124,7 +124,7 @@ def _dataset(
     with output.progress(f"export {task}", source.episodes, "episodes") as progress:
         done = export_minari(source, task, root, progress.update)
     output.say(
-        f"Exported {source.id} as {task} sees it: {source.episodes:,} episodes, "
+        f"Exported {source.id} with the observations of {task}: {source.episodes:,} episodes, "
         f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "
         f'loads it by minari.load_dataset("{done.id}").'
     )

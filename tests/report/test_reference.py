@@ -92,6 +92,6 @@ def test_the_answer_of_the_readme_is_that_of_the_shipped_runs():
     assert found
     for one in found:
         similar = one.findings[0]
-        interval = "90% interval, " if min(one.seeds) > 1 else ""
+        interval = "90% interval, " if np.isfinite(similar.effect.low) else ""
         n = f"n = {one.seeds[0]}, {one.seeds[1]}"
         assert f"{estimate(similar.effect, signed).text} ({interval}{n})" in readme

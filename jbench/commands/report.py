@@ -1,7 +1,10 @@
 """The report command."""
 
 import contextlib
+import dataclasses
 import shlex
+import sys
+import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +22,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
+from jbench.opengl import has_display
 
 if TYPE_CHECKING:
     from jbench.report import Report, Request
@@ -88,7 +92,9 @@ def report(
     watch: Annotated[
         bool,
         typer.Option(
-            "--watch", help="Write the report again whenever the results change, until Ctrl-C."
+            "--watch",
+            help="Write the page again whenever the results change, and the whole report after "
+            "Ctrl-C.",
         ),
     ] = False,
     out: Annotated[
@@ -162,20 +168,35 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
 
 
 def _watch(database: "Results", out: Path, request: "Request", output: Output) -> None:
-    """Writes a report whenever the results change, until Ctrl-C."""
-    from jbench.report.watch import end, remembered_interrupt, watch
+    """Writes a page whenever the results change, and the whole report after Ctrl-C."""
+    from jbench.report.watch import remembered_interrupt, watch
+
+    def report(request: "Request") -> None:
+        try:
+            _report(database, out, request, output)
+        except WorkError as error:
+            output.warn(str(error))
+        except RequestError as error:
+            _wait_or_refuse(error, output)
 
     output.say("Watching; Ctrl-C ends it.")
+    opened = False
     with contextlib.suppress(KeyboardInterrupt), remembered_interrupt() as interrupt:
         for _ in watch(database, request, interrupt):
-            try:
-                _report(database, out, request, output)
-            except WorkError as error:
-                output.warn(str(error))
-            except RequestError as error:
-                _wait_or_refuse(error, output)
-    end(out)
-    output.say(f"No longer watching; the last report is in {out}.")
+            report(request)
+            opened = opened or open_page(out / "index.html")
+    output.say("No longer watching; writing the last report with all its files.")
+    report(dataclasses.replace(request, watched=False))
+
+
+def open_page(page: Path) -> bool:
+    """Opens a page in a browser if the command was typed in a terminal with a display.
+
+    Returns:
+        Whether it was opened.
+    """
+    shows = sys.stdout.isatty() and has_display() and page.exists()
+    return shows and webbrowser.open(page.resolve().as_uri())
 
 
 def _wait_or_refuse(error: RequestError, output: Output) -> None:

@@ -6,7 +6,7 @@ changed are kept.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
@@ -45,28 +45,6 @@ def write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[st
         names = ", ".join(sorted(changed))
         notes = [f"{names} in {out} belong to an earlier report, but were changed since; kept."]
     return [*(out / name for name in contents), out / LISTING], notes
-
-
-def change(out: Path, name: str, new: Callable[[bytes], bytes]) -> None:
-    """Changes a file of the existing report.
-
-    The list gets the new checksum only if the file was unchanged before.
-
-    Args:
-        out: directory of the report.
-        name: name of the file.
-        new: returns the new content, given the old one.
-    """
-    files = _listed(out)
-    try:
-        with open_plain(out / name) as file:
-            before = file.read()
-    except OSError:
-        return
-    after = new(before)
-    write_atomic(out / name, after)
-    if sha256(before) == files.get(name):
-        write_atomic(out / LISTING, _listing({**files, name: sha256(after)}))
 
 
 def _remove(path: Path, digest: str) -> bool:

@@ -85,6 +85,8 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     data = gather(results, request)
     document = contents.document(data)
     drawn = [item for item in document.items if isinstance(item, FigureItem)]
+    if request.watched:
+        drawn = []  # their files take most of the time, and whoever watches looks at the page
     tasks = [
         partial(_data_files, data),
         partial(_table_files, document),

@@ -26,7 +26,8 @@ class Request:
         reference: whether to add the runs shipped with jbench.
         baseline: algorithm whose imported curves are drawn as published ones, or None.
         compare: two results directories, or two selections of settings; see `sources.side`.
-        watched: whether the report is rewritten regularly, so that its page reloads itself.
+        watched: whether the report is rewritten regularly: its page reloads itself, and figures
+            have no files of their own.
         command: the command line, which is written into the page.
 
     Raises:

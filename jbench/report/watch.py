@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-from jbench.report import output_directory, page
 from jbench.report.request import Request
 from jbench.store import Results
 from jbench.store.manifest import MANIFEST
@@ -78,11 +77,6 @@ def watch(
         began = time.monotonic()
         yield
         time.sleep(max(look_every, time.monotonic() - began))
-
-
-def end(out: Path) -> None:
-    """Stops the page of the last report from reloading, in open browsers as well."""
-    output_directory.change(out, "index.html", page.still)
 
 
 def fingerprint(directories: list[Path]) -> str:

@@ -82,11 +82,6 @@ def render_document(document: Document, *, sheet: Sheet = SCREEN, reloads: bool 
 """
 
 
-def still(page: bytes) -> bytes:
-    """Returns a page without its automatic reload."""
-    return page.replace(_RELOAD.encode(), b"", 1)
-
-
 def _body(document: Document, parts: Parts) -> Iterator[str]:
     ids = [parts.id(f"to-{section.title}") for section in document.sections]
     links = [

@@ -77,7 +77,7 @@ def succeed(*arguments, results, short=False):
 
 SMALL = ("--set", "hidden_layers=[8]", "--set", "batch_size=8")
 OFF_POLICY = (
-    *("--set", "learning_starts=100", "--set", "train_freq=100", "--set", "gradient_steps=1"),
+    *("--set", "learning_starts=20", "--set", "train_freq=20", "--set", "gradient_steps=1"),
 )
 TRAINING = {
     "ddpg": (*SMALL, *OFF_POLICY),

@@ -44,6 +44,17 @@ def forked_workers(monkeypatch):
 
 
 @pytest.fixture(scope="session")
+def brief_judging():
+    """Judges encoders on two episodes of the heuristic, not ten, in all tests that follow."""
+    from jbench.encoders import evaluation
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(evaluation, "_EPISODES", 2)
+        evaluation.heuristic_episodes.cache_clear()
+        yield
+
+
+@pytest.fixture(scope="session")
 def demo_results(tmp_path_factory):
     """A results directory like that of `make demo`; copy it before anything is written there."""
     from jbench.store import Results

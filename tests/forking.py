@@ -256,8 +256,18 @@ def import_all():
     gc.freeze()
 
 
+def judge_and_measure_briefly():
+    """Takes few steps to measure the speed of training, and few episodes to judge encoders."""
+    from jbench.encoders import evaluation
+    from jbench.training import speed
+
+    speed._STEPS, speed._UPDATES = 20, 2
+    evaluation._EPISODES = 2
+
+
 if __name__ == "__main__":
     names.EPISODE_STEPS = int(sys.argv[2])  # before others copy it
     import_all()
+    judge_and_measure_briefly()
     with contextlib.suppress(KeyboardInterrupt):
         serve(socket.socket(fileno=int(sys.argv[1])))

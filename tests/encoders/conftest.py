@@ -21,13 +21,18 @@ def one_thread():
     torch.set_num_threads(before)
 
 
+@pytest.fixture(autouse=True)
+def _brief_judging(brief_judging):
+    """Each of these tests may judge an encoder."""
+
+
 @pytest.fixture
 def results(tmp_path):
     return Results(tmp_path / "results")
 
 
 @pytest.fixture(scope="session")
-def trained(tmp_path_factory):
+def trained(brief_judging, tmp_path_factory):
     """A dataset of five episodes and an encoder of it, to look at and not to change."""
     results = Results(tmp_path_factory.mktemp("trained") / "results")
     dataset = make_dataset(results)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
+from jbench.encoders import evaluation
 from jbench.encoders.evaluation import heuristic_episodes
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import WEIGHTS
@@ -72,20 +73,24 @@ def test_pca_beats_a_random_projection_and_all_latents_lose_nothing(trained, res
 
 
 @pytest.mark.parametrize(
-    "task", ["face_direction", pytest.param("move_to_pose", marks=pytest.mark.slow)]
+    ("task", "episodes"),
+    [("face_direction", 2), pytest.param("move_to_pose", 10, marks=pytest.mark.slow)],
 )
-def test_heuristic_episodes_are_reproducible(task):
+def test_heuristic_episodes_are_reproducible(task, episodes, monkeypatch):
+    if episodes != evaluation._EPISODES:
+        monkeypatch.setattr(evaluation, "_EPISODES", episodes)
+        heuristic_episodes.cache_clear()
     observed, actions, rewards = heuristic_episodes(task, None)
     size = features.TASK_SPECS[task].observation_size
-    assert (observed.shape, actions.shape) == ((10, 1001, size), (10, 1000))
-    assert rewards.shape == (10, 1000)
+    assert (observed.shape, actions.shape) == ((episodes, 1001, size), (episodes, 1000))
+    assert rewards.shape == (episodes, 1000)
     assert ((rewards >= 0) & (rewards <= 1)).all()
     assert np.isfinite(observed).all()
     assert (np.abs(actions) <= 1).all()
     # Episodes begin at the origin at rest, each in a pose of its own.
     physical = features.denormalize(task, observed[:, 0].astype(np.float64))
-    np.testing.assert_allclose(physical[:, :3], [[0, 0, 0.035]] * 10, atol=1e-6)
-    assert len(np.unique(physical[:, 3])) == 10
+    np.testing.assert_allclose(physical[:, :3], [[0, 0, 0.035]] * episodes, atol=1e-6)
+    assert len(np.unique(physical[:, 3])) == episodes
     assert heuristic_episodes(task, None)[0] is observed
 
 

@@ -51,7 +51,7 @@ def learned(kind, states, latents=12):
 
 
 def test_forward_predicts_the_yaw_rate_better_than_the_denoising_autoencoder(real):
-    cheap = {"epochs": 30, "batch": 256}
+    cheap = {"epochs": 12, "batch": 256}
     forward, dae = (make_kind(name, cheap) for name in ("forward", "dae"))
     found = {
         type(kind): probe(kind, learned(kind, real), real).r2["yaw_rate"] for kind in (forward, dae)

@@ -134,8 +134,14 @@ def test_global_random_numbers_and_threads_do_not_matter(trained, results, tmp_p
     assert found[0] == found[1]
 
 
-@pytest.mark.parametrize("commit_every", [0.0, 1e9])
-@pytest.mark.parametrize("kind", LEARNED)
+@pytest.mark.parametrize(
+    ("kind", "commit_every"),
+    [
+        *((kind, 0.0) for kind in LEARNED),
+        ("dae", 1e9),
+        *(pytest.param(kind, 1e9, marks=pytest.mark.slow) for kind in LEARNED if kind != "dae"),
+    ],
+)
 def test_interrupted_training_resumes_to_the_same_weights(trained, tmp_path, kind, commit_every):
     options = {**CHEAP, **LEARNED[kind]}
     uninterrupted = train(

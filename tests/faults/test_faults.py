@@ -9,8 +9,8 @@ import pytest
 from tests.forking import ROOT
 
 SAMPLE = {
-    **{"collect": 3, "train-dae": 1, "train-encoder": 1, "train": 3, "resume": 3},
-    **{"evaluate": 4, "merge": 5, "repair": 5, "export": 2, "import": 3},
+    **{"collect": 2, "train-dae": 1, "train-encoder": 1, "train": 1, "resume": 1},
+    **{"evaluate": 2, "merge": 2, "repair": 2, "export": 1, "import": 1},
 }
 """Faults of each verb in a quick test; those of the others take seconds each."""
 

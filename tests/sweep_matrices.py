@@ -30,8 +30,8 @@ steps = {dataset}
 [hyperparameters.td3]
 hidden_layers = [8]
 batch_size = 16
-learning_starts = 500
-train_freq = 100
+learning_starts = 50
+train_freq = 50
 gradient_steps = {gradient_steps}
 
 [hyperparameters.ppo]

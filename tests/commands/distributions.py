@@ -7,11 +7,10 @@ import sys
 
 import pytest
 
-from jbench.cli import main
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
+from tests.command_line import SHORT, succeed
 from tests.documentation import ROOT, code_of
-from tests.forking import fork_workers
 
 
 def install(name, page, module, tmp_path_factory):
@@ -48,16 +47,16 @@ def train_and_sweep(site, directory, train, matrix):
         site: folder of packages.
         directory: where the matrix and the results are written.
         train: arguments of `jbench train`.
-        matrix: text of the matrix.
+        matrix: text of the matrix; its runs have one short episode.
     """
-    results = ("--results", str(directory / "results"))
+    results = directory / "results"
     (directory / "matrix.toml").write_text(matrix)
     with pytest.MonkeyPatch.context() as patch:
         use(site, patch)
-        fork_workers(patch)
-        assert main(["train", *train, "--seeds", "0", "--steps", "1000", *results]) == 0
-        assert main(["sweep", str(directory / "matrix.toml"), *results]) == 0
-    return Results(directory / "results")
+        first = ("--seeds", "0", "--steps", str(SHORT))
+        succeed("train", *train, *first, results=results, short=True)
+        succeed("sweep", directory / "matrix.toml", results=results, short=True)
+    return Results(results)
 
 
 def assert_fails(run, path, sentence, episodes):

@@ -11,7 +11,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
-from tests.command_line import Process
+from tests.command_line import SHORT, Process, succeed
 from tests.commands.distributions import assert_fails, install, train_and_sweep, use
 from tests.training.small_runs import rows, shorten_episodes
 
@@ -34,11 +34,11 @@ def settings(algo="random-search", seed=0, **changes):
     return RunSettings(**{**about, "evaluate_every": 150, "evaluate_episodes": 1, **changes})
 
 
-MATRIX = """
+MATRIX = f"""
 tasks = ["face_direction"]
 algos = ["random-search"]
 seeds = "0-1"
-steps = 1000
+steps = {SHORT}
 [hyperparameters.random-search]
 noise = 0.2
 [evaluation]
@@ -72,9 +72,8 @@ def test_runs_of_an_agent_that_is_not_installed_are_listed_reported_and_verified
     assert "face_direction/random-search/full/s00-" in capsys.readouterr().out
     assert main(["verify", *here]) == 0
     assert load(swept)[0]["runs"]["engine"].to_pylist() == ["plugin"] * 2
-    capsys.readouterr()
-    assert main(["report", "--json", "--out", str(swept.path / "out"), *here]) == 0
-    (cell,) = json.loads(capsys.readouterr().out)["table"]
+    report = ("report", "--json", "--format", "png", "--out", swept.path / "out")
+    (cell,) = json.loads(succeed(*report, results=swept.path, short=True).stdout)["table"]
     assert (cell["algo"], cell["seeds"]) == ("random-search", 2)
 
 
@@ -141,7 +140,7 @@ def test_a_faulty_agent_fails_its_run(installed, algo, sentence, episodes, tmp_p
 def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(installed, tmp_path):
     request = {"path": str(tmp_path), "runs": [settings().model_dump(mode="json")]}
     request |= {"at": "random", "kills": 5}
-    done = Process("tests.training.kills:main", request).finished()
+    done = Process("tests.training.kills:main", request, short=True).finished()
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert (answer["kills"], answer["problems"]) == (5, [])
@@ -194,7 +193,7 @@ def test_algorithms_are_listed_with_their_settings_and_packages(installed, capsy
     assert "top_quantiles_to_drop_per_net" in capsys.readouterr().out
 
 
-def test_an_installed_policy_is_evaluated(installed, tmp_path, capsys):
+def test_an_installed_policy_is_evaluated(installed, tmp_path):
     typed = ("evaluate", "--policy", "bang-bang", "--task", "face_direction", "--episodes", "1")
-    assert main([*typed, "--json", "--results", str(tmp_path)]) == 0
-    assert json.loads(capsys.readouterr().out)["settings"]["code"] == "random-search-agent 1.0"
+    said = json.loads(succeed(*typed, "--json", results=tmp_path, short=True).stdout)
+    assert said["settings"]["code"] == "random-search-agent 1.0"

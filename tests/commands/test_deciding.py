@@ -1,6 +1,7 @@
 """Seeds that are added until comparisons are decided, and what is found again from the runs."""
 
 import json
+from functools import partial
 
 import pyarrow as pa
 import pytest
@@ -10,6 +11,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.store import Results, schema
 from jbench.sweeps import deciding
 from jbench.sweeps.matrix import matrix_cells, read_matrix
+from tests.command_line import succeed
 
 MATRIX = """
 tasks = ["face_direction"]
@@ -21,7 +23,7 @@ every = 1000
 episodes = 1
 
 [dataset]
-steps = 4000
+steps = 2000
 
 [hyperparameters.td3]
 hidden_layers = [8]
@@ -202,35 +204,29 @@ def test_at_the_maximum_nothing_more_is_needed(results, cells):
     assert len(looks(results, cells, ["pca3"], most=10)[0].needed) == 10
 
 
-@pytest.mark.usefixtures("forked_workers")
-def test_seeds_are_added_until_the_maximum_and_typed_again_nothing_is_left(
-    matrix, results, cells, capfd
-):
+def test_seeds_are_added_until_the_maximum_and_typed_again_nothing_is_left(matrix, results, cells):
     # One real run of a tiny agent; the seeds of full are above anything that it can reach.
     fill(results, cells[0], [2000, 2100, 2200, 2300, 2400])
     fill(results, cells[2], [100, 110, 120, 130])
     arguments = ("--until-decided", "random2", "--max-seeds", "10", "--jobs", "1", "--json")
-    assert sweep(matrix, results, *arguments, "--dry-run") == 0
-    printed = capfd.readouterr()
-    document = json.loads(printed.out)
+    typed = partial(succeed, "sweep", matrix, *arguments, results=results.path, short=True)
+    document = json.loads(typed("--dry-run").stdout)
     assert document["needed"] == [deciding.run_of(cells[2], 4).id]
     assert document["comparisons"][0]["low"] is None
     assert not list((results.path / "encoders").rglob("manifest.json"))
 
-    assert sweep(matrix, results, *arguments) == 0
-    printed = capfd.readouterr()
-    (decided,) = json.loads(printed.out)["comparisons"]
+    printed = typed()
+    (decided,) = json.loads(printed.stdout)["comparisons"]
     # Five seeds that are all below the five of full: p is 1/252, and 1/80 is spent on this side.
     assert (decided["verdict"], decided["seeds"]) == ("smaller", 5)
     assert decided["spent"] == pytest.approx(0.025)
     assert decided["high"] < 0
-    assert "0 of 1 comparisons are decided" in printed.err
-    assert "1 of 1 comparisons are decided" in printed.err
-    assert "at most 5%: 5.00% for each comparison" in printed.err
+    assert "0 of 1 comparisons are decided" in printed.stderr
+    assert "1 of 1 comparisons are decided" in printed.stderr
+    assert "at most 5%: 5.00% for each comparison" in printed.stderr
     runs = list(results.path.rglob("random2/*/manifest.json"))
 
-    assert sweep(matrix, results, *arguments) == 0
-    assert json.loads(capfd.readouterr().out)["comparisons"] == [decided]
+    assert json.loads(typed().stdout)["comparisons"] == [decided]
     assert list(results.path.rglob("random2/*/manifest.json")) == runs
     assert not list(results.path.rglob("pca3/*/manifest.json"))
 

@@ -19,10 +19,10 @@ from tests.commands.distributions import install
 
 
 @pytest.fixture(scope="module")
-def collected(tmp_path_factory):
+def collected(brief_judging, tmp_path_factory):
     """A results directory with a small dataset."""
     results = tmp_path_factory.mktemp("encoders") / "results"
-    assert main(["collect", "--steps", "4000", "--results", str(results)]) == 0
+    assert main(["collect", "--steps", "2000", "--results", str(results)]) == 0
     return results
 
 
@@ -87,10 +87,10 @@ def test_encoders_are_reported_and_used(filled, tmp_path, capsys):
     assert len((tmp_path / "report" / "encoders.csv").read_text().splitlines()) == 1 + 10
     copy = tmp_path / "copy"
     shutil.copytree(filled, copy)
-    short = ("--seeds", "0", "--steps", "1000", "--evaluate-episodes", "0", "--jobs", "1")
-    run = succeed(*train("td3", "lld-vae:3", *short), results=copy)
+    short = ("--seeds", "0", "--steps", str(SHORT), "--evaluate-episodes", "0", "--jobs", "1")
+    run = succeed(*train("td3", "lld-vae:3", *short), results=copy, short=True)
     assert "face_direction/td3/lld-vae3/s00-" in run.stdout
-    run = succeed(*train("td3", "planar", *short), results=copy)
+    run = succeed(*train("td3", "planar", *short), results=copy, short=True)
     assert "face_direction/td3/planar12/s00-" in run.stdout
 
 
@@ -205,7 +205,7 @@ def short(tmp_path):
 def test_a_killed_training_continues_to_the_same_bytes(short, tmp_path, capsys):
     whole, results = tmp_path / "whole", short
     shutil.copytree(results, whole)
-    arguments = ("train-encoder", "--latent", "5", "--epochs", "500", "--batch", "64")
+    arguments = ("train-encoder", "--latent", "5", "--epochs", "200", "--batch", "64")
     process = start(*arguments, results=results, short=True)
     deadline = time.monotonic() + 300
     while not any(
@@ -226,7 +226,7 @@ def test_a_killed_training_continues_to_the_same_bytes(short, tmp_path, capsys):
     kept = [Results(path).find("encoder", row["encoder"]) for path in (results, whole)]
     for name in (WEIGHTS, DESCRIPTION):
         assert kept[0].read_file(name) == kept[1].read_file(name)
-    assert [record.rows("encoder_epochs") for record in kept] == [500, 500]
+    assert [record.rows("encoder_epochs") for record in kept] == [200, 200]
     for path in (results, whole):
         assert not list((path / "encoders").rglob("checkpoint*"))
 
@@ -266,7 +266,7 @@ def test_a_kind_of_another_package_is_used_like_ours(short, site, monkeypatch):
 @pytest.mark.parametrize(("kind", "says"), [("broken", "Missing"), ("no-kind", "is no subclass")])
 def test_a_kind_that_can_not_be_loaded_is_named(results, site, kind, says, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(site))
-    done = jbench("train-encoder", "--kind", kind, results=results)
+    done = jbench("train-encoder", "--kind", kind, results=results, short=True)
     assert done.returncode == 1
     assert f"The kind of encoder {kind}" in done.stderr
     assert says in done.stderr

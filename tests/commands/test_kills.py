@@ -1,23 +1,21 @@
-"""A verb that is killed (SIGKILL) leaves a readable database and resumes when typed again."""
+"""A verb that is killed (SIGKILL) leaves a readable database and resumes when typed again.
+
+Its episodes are short.
+"""
 
 import signal
-import subprocess
-import sys
 import time
+from functools import partial
 
 from jbench.errors import WorkError
 from jbench.store import Results, schema
 from jbench.store.query import load
-from tests.command_line import jbench, start, succeed, train
+from tests import command_line
+from tests.command_line import SHORT, train
 
-
-def start_python(*arguments, results):
-    """Starts a verb in a process of its own that is not forked."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(results)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+jbench = partial(command_line.jbench, short=True)
+start = partial(command_line.start, short=True)
+succeed = partial(command_line.succeed, short=True)
 
 
 def kill_when(process, ready):
@@ -33,7 +31,7 @@ def kill_when(process, ready):
 
 def test_killed_while_collecting_it_reads_and_continues(tmp_path):
     # One file, that is seconds away when the manifest is there.
-    steps = ("collect", "--steps", "4000")
+    steps = ("collect", "--steps", "2000")
     kill_when(start(*steps, results=tmp_path), lambda: any(tmp_path.rglob("manifest.json")))
     (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
     assert (row["status"], row["steps_done"]) == ("unfinished", 0)
@@ -42,7 +40,7 @@ def test_killed_while_collecting_it_reads_and_continues(tmp_path):
     assert "No finished dataset" in refused.stderr
     succeed(*steps, results=tmp_path)
     (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
-    assert (row["status"], row["steps_done"]) == ("finished", 4000)
+    assert (row["status"], row["steps_done"]) == ("finished", 2000)
     # A file that the kill left unlisted is gone: every file there is in the manifest.
     listed = {
         entry.name for entry in Results(tmp_path).find("dataset", row["dataset"]).parts("steps")
@@ -62,30 +60,30 @@ def wait_until_free(record):
 
 
 def test_killed_while_training_the_database_reads_and_the_runs_resume(tmp_path):
-    arguments = train("td3", "none", "--steps", "3000", "--jobs", "1")
+    arguments = train("td3", "none", "--steps", "1500", "--jobs", "1")
     checkpoints = (*arguments, "--checkpoint-every", "0")
-    process = start_python(*checkpoints, results=tmp_path)
+    process = start(*checkpoints, results=tmp_path)
     kill_when(process, lambda: len(list(tmp_path.rglob("checkpoint-*"))) >= 3)
     results = Results(tmp_path)
     found = results.scan("run")[0]
     for record in found:
         assert record.status == "unfinished"
-        assert set(record.read("episodes", schema.EPISODES)["length"].to_pylist()) <= {1000}
+        assert set(record.read("episodes", schema.EPISODES)["length"].to_pylist()) <= {SHORT}
         wait_until_free(record)
     done = succeed(*arguments, results=tmp_path)
     for record in found:
         assert f"{record.id} was interrupted or failed; it resumes at control step" in done.stdout
         ended = results.find("run", record.id)
         assert ended.status == "finished"
-        assert ended.rows("episodes") == 3
+        assert ended.rows("episodes") == 15
         (continued,) = ended.manifest.provenance["continued"]
-        assert continued["control_steps"] >= 1000
+        assert continued["control_steps"] >= SHORT
         assert continued["changed"] == {}
     assert not list(tmp_path.rglob("checkpoint-*"))
 
 
 def test_a_killed_run_of_stable_baselines3_starts_over_and_says_so(tmp_path):
-    arguments = train("td3", "none", "--steps", "2000", "--seeds", "0", "--engine", "sb3")
+    arguments = train("td3", "none", "--steps", "1000", "--seeds", "0", "--engine", "sb3")
     kill_when(start(*arguments, results=tmp_path), lambda: any(tmp_path.rglob("manifest.json")))
     (record,) = Results(tmp_path).scan("run")[0]
     assert record.status == "unfinished"
@@ -93,7 +91,7 @@ def test_a_killed_run_of_stable_baselines3_starts_over_and_says_so(tmp_path):
     done = succeed(*arguments, results=tmp_path)
     assert "was interrupted or failed; it starts again from the beginning" in done.stdout
     ended = Results(tmp_path).find("run", record.id)
-    assert (ended.status, ended.rows("episodes")) == ("finished", 2)
+    assert (ended.status, ended.rows("episodes")) == ("finished", 10)
 
 
 def test_a_run_that_another_process_is_doing_is_left_to_it_and_named(tmp_path):

@@ -11,6 +11,7 @@ from jbench.store import Results
 from jbench.store.query import ask
 
 LONG = "SELECT * FROM published"
+FORMATS = ((), *(pytest.param((name,), marks=pytest.mark.slow) for name in ("--csv", "--json")))
 
 
 def start(*arguments, results, **streams):
@@ -19,7 +20,7 @@ def start(*arguments, results, **streams):
     )
 
 
-@pytest.mark.parametrize("format", [(), ("--csv",), ("--json",)])
+@pytest.mark.parametrize("format", FORMATS)
 def test_a_reader_that_leaves_is_no_error(format, tmp_path):
     # As `| head` does, which has read enough.
     process = start(
@@ -30,7 +31,7 @@ def test_a_reader_that_leaves_is_no_error(format, tmp_path):
     assert process.wait() == 0
 
 
-@pytest.mark.parametrize("format", [(), ("--csv",), ("--json",)])
+@pytest.mark.parametrize("format", FORMATS)
 def test_output_to_a_full_disk_gets_one_sentence(format, tmp_path):
     with open("/dev/full", "w") as full:
         process = start(

@@ -5,19 +5,24 @@ import os
 import re
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 from PIL import Image
 
 from jbench.cli import main
-from tests.command_line import jbench, succeed, train
+from tests import command_line
+from tests.command_line import SHORT, train
+
+jbench = partial(command_line.jbench, short=True)
+succeed = partial(command_line.succeed, short=True)
 
 
 @pytest.fixture(scope="module")
 def augmented(tmp_path_factory):
     """A results directory with a run on an augmented robot, and the run's id."""
     results = tmp_path_factory.mktemp("augmented")
-    short = ("--steps", "1000", "--evaluate-episodes", "0", "--jobs", "1")
+    short = ("--steps", str(SHORT), "--evaluate-episodes", "0", "--jobs", "1")
     done = succeed(
         *train("ddpg", "none", "--augment", "7", "--seeds", "0", "--json", *short), results=results
     )
@@ -99,8 +104,8 @@ def test_a_trained_policy_is_rendered_in_its_own_task(augmented, tmp_path):
 
 def test_a_run_of_another_task_is_refused(augmented):
     results, run = augmented
-    for verb in ("evaluate", "render"):
-        done = jbench(verb, "--task", "move_to_pose", "--policy", run, results=results)
+    for verb in (("evaluate",), ("render", "--steps", "20")):
+        done = jbench(*verb, "--task", "move_to_pose", "--policy", run, results=results)
         assert done.returncode == 2
         assert (
             "was trained on face_direction, not move_to_pose; type --task face_direction"

@@ -3,8 +3,7 @@
 import json
 import re
 import signal
-import subprocess
-import sys
+from functools import partial
 
 import pytest
 
@@ -15,25 +14,29 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results, schema
 from jbench.training.batched_run import run_batch
 from tests.agents.killed_run import stack_seeds
+from tests.command_line import SHORT, Process, succeed
 from tests.commands.distributions import assert_fails, install, train_and_sweep, use
-from tests.documentation import ROOT
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "tqc-rule"
-SMALL = {"hidden_layers": [8], "batch_size": 8, "train_freq": 10, "gradient_steps": 2}
+SMALL = {
+    **{"hidden_layers": [8], "batch_size": 8, "learning_starts": 60},
+    **{"train_freq": 10, "gradient_steps": 2},
+}
 TYPED = tuple(
     word
     for name, value in {**SMALL, "quantiles": 5}.items()
     for word in ("--set", f"{name}={json.dumps(value)}")
 )
-MATRIX = """
+MATRIX = f"""
 tasks = ["face_direction"]
 algos = ["tqc"]
 seeds = "0-1"
-steps = 1000
+steps = {SHORT}
 [hyperparameters.tqc]
 hidden_layers = [8]
 batch_size = 8
+learning_starts = 60
 train_freq = 10
 gradient_steps = 2
 quantiles = 5
@@ -57,7 +60,7 @@ def installed(site, monkeypatch):
 def run_of(algo="tqc", **changes):
     """A run whose episodes have 50 control steps."""
     about = {"task": "face_direction", "seed": 0, "steps": 400, "evaluate_every": 150}
-    fields = algorithm_fields(algo, overrides={**SMALL, "learning_starts": 60})
+    fields = algorithm_fields(algo, overrides=SMALL)
     return RunSettings(**{**about, **fields, "evaluate_episodes": 1, **changes})
 
 
@@ -85,15 +88,13 @@ def test_train_and_sweep_make_the_same_runs(swept):
         assert episode["entropy_coefficient"] is None
 
 
-def test_a_trained_policy_is_evaluated_and_reevaluated(swept, installed, capsys):
+def test_a_trained_policy_is_evaluated_and_reevaluated(swept, installed):
     run = swept.scan("run")[0][0]
-    here = ("--results", str(swept.path))
-    assert main(["evaluate", "--policy", run.id, "--episodes", "1", "--json", *here]) == 0
-    assert json.loads(capsys.readouterr().out)["settings"]["task"] == "face_direction"
-    assert main(["verify", "--reevaluate", *here]) == 0
-    said = capsys.readouterr().out
-    assert "equal" in said
-    assert main(["reproduce", run.id, "--episodes", "1", *here]) == 0
+    typed = partial(succeed, results=swept.path, short=True)
+    evaluated = typed("evaluate", "--policy", run.id, "--episodes", "1", "--json")
+    assert json.loads(evaluated.stdout)["settings"]["task"] == "face_direction"
+    assert "equal" in typed("verify", "--reevaluate").stdout
+    typed("reproduce", run.id, "--episodes", "1")
 
 
 def test_runs_of_a_rule_that_is_not_installed_are_listed_reported_and_verified(swept, capsys):
@@ -101,9 +102,8 @@ def test_runs_of_a_rule_that_is_not_installed_are_listed_reported_and_verified(s
     assert main(["runs", "--algo", "tqc", *here]) == 0
     assert "face_direction/tqc/full/s00-" in capsys.readouterr().out
     assert main(["verify", *here]) == 0
-    capsys.readouterr()
-    assert main(["report", "--json", "--out", str(swept.path / "out"), *here]) == 0
-    (cell,) = json.loads(capsys.readouterr().out)["table"]
+    report = ("report", "--json", "--format", "png", "--out", swept.path / "out")
+    (cell,) = json.loads(succeed(*report, results=swept.path, short=True).stdout)["table"]
     assert (cell["algo"], cell["seeds"]) == ("tqc", 2)
     assert main(["train", "--algo", "tqc", *here]) == 2
     assert "Unknown algorithm 'tqc'" in capsys.readouterr().err
@@ -157,10 +157,8 @@ def test_a_killed_run_resumes_to_the_same_bits(installed, stacked, tmp_path, mon
     if stacked:
         stack_seeds(monkeypatch.setattr)
     run = run_of()
-    asked = {"path": str(tmp_path / "killed"), "run": run.model_dump(mode="json"), "after": 200}
-    command = [sys.executable, "-m", "tests.agents.killed_run"]
-    request = json.dumps({**asked, "device": "cpu", "stacked": stacked})
-    done = subprocess.run([*command, request], cwd=ROOT)
+    request = (str(tmp_path / "killed"), run.model_dump(mode="json"), "cpu", 200, stacked)
+    done = Process("tests.agents.killed_run:main", *request, short=True).finished()
     assert done.returncode == -signal.SIGKILL
     resumed_at, records = [], []
     for name in ("whole", "killed"):

@@ -13,7 +13,7 @@ import pytest
 from jbench.cli import main
 from jbench.store import Results
 from tests import sweep_matrices
-from tests.command_line import jbench, succeed
+from tests.command_line import SHORT, jbench, succeed
 from tests.sweep_matrices import (
     committed,
     end_all,
@@ -27,7 +27,7 @@ from tests.sweep_matrices import (
     workers,
 )
 
-write_matrix = partial(sweep_matrices.write_matrix, steps=1000, dataset=1000)
+write_matrix = partial(sweep_matrices.write_matrix, steps=3 * SHORT, dataset=3 * SHORT)
 
 
 @pytest.fixture(autouse=True)
@@ -41,6 +41,13 @@ def results(tmp_path):
     return tmp_path / "results"
 
 
+@pytest.fixture
+def short(monkeypatch):
+    """Allows short runs and datasets in this process too, which reads the matrix."""
+    for module in ("settings.dataset", "training.request"):
+        monkeypatch.setattr(f"jbench.{module}.EPISODE_STEPS", SHORT)
+
+
 def sweep(matrix, results, *arguments):
     return jbench("sweep", matrix, *arguments, results=results, short=True)
 
@@ -49,6 +56,7 @@ def kill(pid):
     os.kill(pid, signal.SIGKILL)
 
 
+@pytest.mark.usefixtures("short")
 def test_on_a_fresh_machine_all_is_made_and_a_second_time_nothing(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"full", "pca3"')
     done = sweep(matrix, results, "--dry-run", "--json")
@@ -84,10 +92,11 @@ def test_on_a_fresh_machine_all_is_made_and_a_second_time_nothing(tmp_path, resu
     succeed("verify", results=results, short=True)
 
 
+@pytest.mark.usefixtures("short")
 def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"pca3", "full"', seeds="0")
     encoded, full = runs_of_matrix(matrix, results)
-    succeed("collect", "--steps", "1000", results=results, short=True)
+    succeed("collect", "--steps", str(3 * SHORT), results=results, short=True)
     kind = ("--kind", "pca", "--latent", "3")
     succeed("train-encoder", *kind, results=results, short=True)
     (weights,) = results.rglob("encoder.safetensors")
@@ -111,8 +120,9 @@ def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, resu
     assert states([encoded, full], results) == ["finished"] * 2
 
 
+@pytest.mark.usefixtures("brief_judging")
 def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results, monkeypatch):
-    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", dataset=4000)
+    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", steps=1000, dataset=2000)
     # This torch may have no CUDA: computing there would fail.
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
     monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
@@ -123,7 +133,7 @@ def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results
 
 
 def test_ctrl_c_ends_it_and_typed_again_it_resumes(tmp_path, results):
-    matrix = write_matrix(tmp_path, steps=2000, seeds="0")
+    matrix = write_matrix(tmp_path, steps=1000, seeds="0")
     (run,) = runs_of_matrix(matrix, results)
     process = start(matrix, "--checkpoint-every", "0", results=results)
     wait_until(lambda: committed(run, results), process)
@@ -139,11 +149,11 @@ def test_ctrl_c_ends_it_and_typed_again_it_resumes(tmp_path, results):
     printed = ended(again)
     assert again.returncode == 0
     assert f"{run.id} was interrupted or failed; it resumes at control step" in printed
-    assert committed(run, results) == 20
+    assert committed(run, results) == 10
 
 
 def test_a_process_that_dies_is_replaced_a_limited_number_of_times(tmp_path, results):
-    matrix = write_matrix(tmp_path, seeds="0-1")
+    matrix = write_matrix(tmp_path, seeds="0-1", steps=1000)
     runs = runs_of_matrix(matrix, results)
     process = start(matrix, "--jobs", "1", results=results)
     killed = set()
@@ -190,6 +200,7 @@ def test_two_sweeps_share_the_runs_and_one_takes_over_what_the_other_leaves(tmp_
     assert rows(runs, results) == rows(runs, alone)
 
 
+@pytest.mark.usefixtures("short")
 def test_two_sweeps_at_the_same_moment_both_end_with_everything_finished(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"full", "pca3"')
     runs = runs_of_matrix(matrix, results)
@@ -197,7 +208,7 @@ def test_two_sweeps_at_the_same_moment_both_end_with_everything_finished(tmp_pat
     printed = [ended(process) for process in both]
     assert [process.returncode for process in both] == [0, 0], printed
     assert states(runs, results) == ["finished"] * 4
-    assert [committed(run, results) for run in runs] == [10] * 4
+    assert [committed(run, results) for run in runs] == [3] * 4
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def settings_with(
     Raises:
         RequestError: if a setting is unknown or a value is invalid.
     """
-    if unknown := sorted(values.keys() - kind.model_fields):
+    if unknown := sorted(set(values) - set(kind.model_fields)):
         close = closest(unknown[0], list(kind.model_fields))
         hint = f"did you mean {close}? It" if close else "it"
         names = ", ".join(sorted(kind.model_fields)) or "none"

@@ -69,7 +69,7 @@ def killed_at_random_moments(path, algo, encoder, kills, **changes):
 )
 def test_killed_some_times_a_batch_ends_as_if_it_had_not_been(algo, encoder, changes, tmp_path):
     few = {"steps": 200, "evaluate_every": 100}
-    killed_at_random_moments(tmp_path, algo, encoder, kills=5, **few, **changes)
+    killed_at_random_moments(tmp_path, algo, encoder, kills=3, **few, **changes)
 
 
 @pytest.mark.slow

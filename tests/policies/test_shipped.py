@@ -152,11 +152,11 @@ class TestOfTwoCells:
         (name,) = [one for one in find.shipped_policies() if one.startswith(cell)]
         assert find.full_name(Results(shipped()), cell) == name
         shutil.copytree(demo_results.path, tmp_path / "own")
-        evaluate = ("evaluate", "--episodes", "1", "--seed", "5", "--threads", "1", "--json", "--policy")
+        evaluate = ("evaluate", "--episodes", "1", "--seed", "5", "--threads", "1", "--json")
         said = []
         for policy, results in ((name.removeprefix("reference/"), "own"), (cell, "other")):
             capsys.readouterr()
-            assert main([*evaluate, policy, "--results", str(tmp_path / results)]) == 0
+            assert main([*evaluate, "--policy", policy, "--results", str(tmp_path / results)]) == 0
             said.append(json.loads(capsys.readouterr().out))
         assert said[1]["summary"] == said[0]["summary"]
         assert said[1]["summary"]["median"] > 1

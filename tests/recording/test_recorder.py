@@ -34,7 +34,8 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 SEED = 7  # in its first episode the robot of `loop` gets rewards
 STEPS = 2 * EPISODE
-RUN = {"algo": "mine", "seed": SEED, "steps": STEPS, "evaluate_every": EPISODE, "evaluate_episodes": 2}
+RUN = {"algo": "mine", "seed": SEED, "steps": STEPS}
+RUN |= {"evaluate_every": EPISODE, "evaluate_episodes": 2}
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -22,6 +22,7 @@ from tests.fixtures.make_results import (
     this_processor,
     train,
 )
+from tests.training.small_runs import shorten_episodes
 
 FIXTURES = Path(__file__).parent / "fixtures"
 SETTINGS = {
@@ -63,7 +64,8 @@ def test_settings_have_the_ids_of_their_directories(kind, results):
             assert settings.model_dump(mode="json") == record.settings
 
 
-def test_every_command_that_reads_reads_them(results, tmp_path, capsys):
+def test_every_command_that_reads_reads_them(results, tmp_path, monkeypatch, capsys):
+    shorten_episodes(monkeypatch.setattr)  # of the evaluation
     finished = runs(results, "finished")
     for command in (
         ("runs",),
@@ -88,9 +90,15 @@ def test_a_finished_run_typed_again_is_skipped(algo, results, capsys):
     assert (record.path / "manifest.json").read_bytes() == manifest
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.usefixtures("forked_workers")
-@pytest.mark.parametrize("algo", TRAINING)
-def test_an_interrupted_run_typed_again_resumes(algo, results, capsys):
+@pytest.mark.parametrize(
+    "algo", [pytest.param(algo, marks=[] if algo in ("td3", "ppo") else SLOW) for algo in TRAINING]
+)
+def test_an_interrupted_run_typed_again_resumes(algo, results, monkeypatch, capsys):
+    monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
     interrupted = runs(results, "unfinished")[algo]
     before = interrupted.read("episodes", schema.EPISODES).drop(TIMES).to_pylist()
     assert [row["control_steps"] for row in before] == [1000]

@@ -4,12 +4,27 @@ import importlib
 
 import pytest
 
-from jbench.datasets import Dataset, collect
+from jbench.datasets import Dataset, collect, reader
+from jbench.settings import dataset as settings
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 
 # By its name, for the package has a function of the same name.
 collecting = importlib.import_module("jbench.datasets.collect")
+
+
+@pytest.fixture(scope="session")
+def shorten_datasets():
+    """Makes the episodes of datasets shorter, with a setter such as that of `monkeypatch`.
+
+    A dataset is read with the length that it was collected with: that of `six_episodes` is 1000.
+    """
+
+    def shorten(set_attribute, steps):
+        for module in (collecting, reader, settings):
+            set_attribute(module, "EPISODE_STEPS", steps)
+
+    return shorten
 
 
 @pytest.fixture(scope="session")
@@ -19,8 +34,8 @@ def collect_in_files_of():
     def collect_in_files(episodes, path, steps, **options):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(collecting, "_PART_EPISODES", episodes)
-            settings = DatasetSettings(seed=3, steps=steps)
-            return collect(settings, Results(path), **{"threads": 2, **options})
+            wanted = DatasetSettings(seed=3, steps=steps)
+            return collect(wanted, Results(path), **{"threads": 2, **options})
 
     return collect_in_files
 

@@ -1,6 +1,6 @@
 """Collects in processes that are killed (SIGKILL) at random moments, again and again.
 
-    python killed_collections.py DIRECTORY KILLS
+    python -m tests.datasets.killed_collections DIRECTORY KILLS
 
 Prints a JSON document: how many episodes were committed at each kill, and the paths of the
 collections that were finished in the end, after an uninterrupted one.
@@ -76,7 +76,8 @@ def check(path: Path) -> int:
     return record.rows("dataset_episodes")
 
 
-def main(root: Path, expected: int) -> None:
+def main(directory: str, expected: int) -> None:
+    root = Path(directory)
     paths = [root / "whole"]
     assert finished(begin(paths[0], 1))
     moments = random.Random(0)
@@ -93,4 +94,4 @@ def main(root: Path, expected: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(sys.argv[1], int(sys.argv[2]))

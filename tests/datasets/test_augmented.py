@@ -9,7 +9,7 @@ import pytest
 
 from jbench import cli
 from jbench.datasets import Dataset, collect, layout
-from jbench.names import EPISODE_STEPS, TASKS
+from jbench.names import TASKS
 from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import simulate
 from jbench.store import Results, schema
@@ -18,10 +18,20 @@ from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
 
 SEED, AUGMENT = 3, 11
+EPISODE = 100
+"""Control steps of an episode in these tests."""
+STEPS = 2 * EPISODE
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_episodes(shorten_datasets):
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_datasets(patch.setattr, EPISODE)
+        yield
 
 
 def collected(path, **settings):
-    return collect(DatasetSettings(seed=SEED, steps=2000, **settings), Results(path), 2)
+    return collect(DatasetSettings(seed=SEED, steps=STEPS, **settings), Results(path), 2)
 
 
 @pytest.fixture(scope="module")
@@ -41,20 +51,20 @@ def resimulated(robot, episodes):
         random = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(episode,)))
         quaternions.append(resets.draw_quaternion(random))
         targets.append({task: resets.draw_target(task, random) for task in TASKS})
-        actions.append(random.uniform(-1, 1, EPISODE_STEPS).astype(np.float32))
+        actions.append(random.uniform(-1, 1, EPISODE).astype(np.float32))
     with ThreadPoolExecutor(1) as pool:
         trajectories = simulate(robot, np.stack(quaternions), np.stack(actions), pool)
     return model.state_of(*trajectories, model.torso_offset(robot)), np.stack(actions)
 
 
 def kept_state(record):
-    return layout.state_of(record.read("steps", schema.STEPS), EPISODE_STEPS)
+    return layout.state_of(record.read("steps", schema.STEPS), EPISODE)
 
 
 def test_the_id_of_a_plain_dataset_is_unchanged_by_the_augment_setting(plain):
     # The documented example, and the JSON of which the hash is one.
     assert DatasetSettings(steps=100_000).id == "random/s00-d4a8116b"
-    kept = {"policy": "random", "robot": "jitterbug", "seed": SEED, "steps": 2000}
+    kept = {"policy": "random", "robot": "jitterbug", "seed": SEED, "steps": STEPS}
     text = json.dumps(kept, sort_keys=True, separators=(",", ":"))
     assert plain.id == f"random/s03-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
     assert plain.settings == kept
@@ -62,7 +72,7 @@ def test_the_id_of_a_plain_dataset_is_unchanged_by_the_augment_setting(plain):
 
 def test_the_robot_is_in_the_settings_and_the_id(plain, augmented):
     assert augmented.settings == {**plain.settings, "augment": AUGMENT}
-    ids = {plain.id, augmented.id, DatasetSettings(seed=SEED, steps=2000, augment=0).id}
+    ids = {plain.id, augmented.id, DatasetSettings(seed=SEED, steps=STEPS, augment=0).id}
     assert len(ids) == 3
 
 
@@ -90,8 +100,8 @@ def test_states_are_a_simulation_of_the_augmented_robot(augmented):
     # The one task with a target that is not drawn: the origin.
     (block,) = Dataset(augmented).blocks("move_from_origin")
     np.testing.assert_array_equal(block.actions, actions)
-    xyz = np.broadcast_to([0, 0, model.REST_HEIGHT], (2, 1001, 3))
-    origin = features.Target(xyz, np.zeros((2, 1001)))
+    xyz = np.broadcast_to([0, 0, model.REST_HEIGHT], (2, EPISODE + 1, 3))
+    origin = features.Target(xyz, np.zeros((2, EPISODE + 1)))
     rewards = reward("move_from_origin", expected, origin)[:, 1:]
     np.testing.assert_allclose(block.rewards, rewards, atol=1e-5)
 
@@ -109,7 +119,7 @@ def test_a_seed_without_a_robot_is_refused(tmp_path, capsys):
 
 
 def test_the_command_line_collects_with_the_requested_robot(tmp_path, augmented):
-    command = ["collect", "--steps", "2000", "--seed", str(SEED), "--augment", str(AUGMENT)]
+    command = ["collect", "--steps", str(STEPS), "--seed", str(SEED), "--augment", str(AUGMENT)]
     assert cli.main([*command, "--results", str(tmp_path)]) == 0
     (record,), _ = Results(tmp_path).scan("dataset")
     assert record.id == augmented.id

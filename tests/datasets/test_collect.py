@@ -3,9 +3,6 @@
 import hashlib
 import importlib
 import json
-import signal
-import subprocess
-import sys
 import tracemalloc
 
 import pyarrow
@@ -14,21 +11,18 @@ from pydantic import ValidationError
 
 from jbench.datasets import collect
 from jbench.errors import WorkError
-from jbench.settings import dataset
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 
-# One episode to a file; a line is printed as each is committed.
-COLLECTING = """
-import importlib, sys
-from pathlib import Path
-from jbench.datasets import collect
-from jbench.settings.dataset import DatasetSettings
-from jbench.store import Results
-importlib.import_module("jbench.datasets.collect")._PART_EPISODES = 1
-progress = lambda steps: print(steps, flush=True)
-collect(DatasetSettings(seed=3, steps=4000), Results(Path(sys.argv[1])), 1, progress)
-"""
+
+class Stopped(BaseException):
+    """What a test stops a collection with, as Ctrl-C would."""
+
+
+@pytest.fixture
+def short_episodes(shorten_datasets, monkeypatch):
+    """Makes episodes 100 control steps long."""
+    shorten_datasets(monkeypatch.setattr, 100)
 
 
 def checksums(record):
@@ -69,36 +63,37 @@ def test_id_is_made_of_the_settings():
     assert DatasetSettings(seed=7, steps=2000).id == f"random/s07-{digest[:8]}"
 
 
-def test_bytes_do_not_depend_on_threads_or_length(tmp_path, six_episodes, collect_in_files_of):
+@pytest.mark.usefixtures("short_episodes")
+def test_bytes_do_not_depend_on_threads_or_length(tmp_path, collect_in_files_of):
+    longer = collect_in_files_of(2, tmp_path / "longer", 600)
     for threads, files in ((1, 1), (3, 2)):
-        steps = files * 2000
-        shorter = collect_in_files_of(2, tmp_path / str(threads), steps, threads=threads)
+        shorter = collect_in_files_of(2, tmp_path / str(threads), files * 200, threads=threads)
         assert len(checksums(shorter)) == files * 2  # states and targets of two episodes
-        assert checksums(shorter).items() < checksums(six_episodes).items()
-        assert shorter.rows("steps") == files * 2 * 1001
+        assert checksums(shorter).items() < checksums(longer).items()
+        assert shorter.rows("steps") == files * 2 * 101
 
 
-def test_killed_collection_resumes_to_the_same_bytes(tmp_path, collect_in_files_of):
-    command = [sys.executable, "-c", COLLECTING, str(tmp_path / "killed")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        for steps in process.stdout:
-            if int(steps) == 2000:
-                break
-        process.send_signal(signal.SIGKILL)
-    id = DatasetSettings(seed=3, steps=4000).id
-    left = Results(tmp_path / "killed").find("dataset", id)
-    assert process.returncode == -signal.SIGKILL
+# `test_interruptions.py` kills collections at random moments.
+@pytest.mark.usefixtures("short_episodes")
+def test_stopped_collection_resumes_to_the_same_bytes(tmp_path, collect_in_files_of):
+    def stop(steps):
+        if steps == 200:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        collect_in_files_of(1, tmp_path / "stopped", 400, progress=stop)
+    id = DatasetSettings(seed=3, steps=400).id
+    left = Results(tmp_path / "stopped").find("dataset", id)
     assert left.status == "unfinished"
-    committed = left.rows("dataset_episodes")
-    assert 2 <= committed < 4
+    assert left.rows("dataset_episodes") == 2
     (left.path / "steps-00099-0badc0de.parquet").write_bytes(b"half")
 
     seen = []
-    again = collect_in_files_of(1, tmp_path / "killed", 4000, progress=seen.append)
-    assert seen[0] == 1000 * committed  # it went on, and did not start over
-    assert seen[-1] == 4000
+    again = collect_in_files_of(1, tmp_path / "stopped", 400, progress=seen.append)
+    assert seen[0] == 200  # it went on, and did not start over
+    assert seen[-1] == 400
     assert checksums(left).items() < checksums(again).items()
-    whole = collect_in_files_of(1, tmp_path / "whole", 4000)
+    whole = collect_in_files_of(1, tmp_path / "whole", 400)
     assert checksums(again) == checksums(whole)
     assert {path.name for path in again.path.iterdir()} == {
         "manifest.json",
@@ -107,23 +102,22 @@ def test_killed_collection_resumes_to_the_same_bytes(tmp_path, collect_in_files_
     }
 
 
-def test_memory_is_the_same_for_four_times_as_many_files(tmp_path, monkeypatch):
+def test_memory_is_the_same_for_four_times_as_many_files(tmp_path, shorten_datasets, monkeypatch):
     collecting = importlib.import_module("jbench.datasets.collect")
     monkeypatch.setattr(collecting, "_PART_EPISODES", 1)
-    for module in (collecting, dataset):
-        monkeypatch.setattr(module, "EPISODE_STEPS", 500)
+    shorten_datasets(monkeypatch.setattr, 250)
     peaks, held = [], []
     for episodes in (2, 4, 16):  # the first for what is made once
-        settings = DatasetSettings(seed=3, steps=500 * episodes)
+        settings = DatasetSettings(seed=3, steps=250 * episodes)
         tracemalloc.start()
         collect(settings, Results(tmp_path), 2)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
         held.append(pyarrow.total_allocated_bytes())
-    # Twelve more trajectories are 1.5 MB, their rows another 0.5; how many are there at a time
+    # Twelve more trajectories are 0.75 MB, their rows another 0.25; how many are there at a time
     # depends on the threads.
-    assert peaks[2] < peaks[1] + 700_000
-    assert held[2] < held[1] + 100_000
+    assert peaks[2] < peaks[1] + 350_000
+    assert held[2] < held[1] + 50_000
 
 
 def test_finished_dataset_is_returned_untouched(six_episodes, collect_in_files_of):

@@ -1,14 +1,13 @@
 """A dataset in Minari's format is what the dataset holds, and nothing else is touched."""
 
-import os
 import shutil
-import subprocess
 import sys
 
 import minari
 import numpy as np
 import pytest
 
+from jbench.cli import main
 from jbench.datasets import Dataset, collect, find_dataset
 from jbench.datasets.export import export_minari, minari_id
 from jbench.errors import RequestError, WorkError
@@ -16,17 +15,7 @@ from jbench.names import TASKS
 from jbench.registration import environment_id
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
-
-# In a process of its own: with a limit of file sizes, or with modules that are not there.
-EXPORT = """
-import sys
-from jbench.cli import main
-sys.exit(main(["export", "--results", sys.argv[1], "--out", sys.argv[2]]))
-"""
-LIMIT = """
-import resource
-resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
-"""
+from tests.command_line import Process
 
 
 @pytest.fixture
@@ -134,13 +123,9 @@ def test_a_killed_export_is_written_again(dataset, root):
     assert len(minari.load_dataset(path.relative_to(root).as_posix())) == 6
 
 
-def run(script, *arguments):
-    command = [sys.executable, "-c", script, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, env={**os.environ})
-
-
 def test_a_full_disk_is_reported_and_leaves_nothing(copied, tmp_path):
-    done = run(LIMIT + EXPORT, copied, tmp_path / "out")
+    arguments = ("export", "--results", str(copied), "--out", str(tmp_path / "out"))
+    done = Process("tests.datasets.limited:main", 100_000, *arguments).finished()
     assert done.returncode == 1
     assert done.stderr.startswith(f"Error: {tmp_path / 'out'}")
     # 6 episodes of 1001 rows of 74 bytes, and half of that for the format.
@@ -150,11 +135,11 @@ def test_a_full_disk_is_reported_and_leaves_nothing(copied, tmp_path):
 
 
 @pytest.mark.parametrize("module", ["minari", "h5py"])
-def test_without_minari_the_error_names_the_package(module, copied, tmp_path):
+def test_without_minari_the_error_names_the_package(module, copied, tmp_path, monkeypatch, capsys):
     # What is None here can't be imported: as if it were not installed.
-    done = run(f"import sys; sys.modules[{module!r}] = None\n{EXPORT}", copied, tmp_path / "out")
-    assert done.returncode == 2
-    assert done.stderr == (
+    monkeypatch.setitem(sys.modules, module, None)
+    assert main(["export", "--results", str(copied), "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == (
         f"Error: Exporting needs {module}, which is not installed: type pip install "
         "'jbench[minari]'.\n"
     )

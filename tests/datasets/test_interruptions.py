@@ -11,21 +11,16 @@ import pytest
 from jbench.datasets import collect
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
+from tests.command_line import Process
+from tests.forking import ROOT
 
 SETTINGS = DatasetSettings(seed=3, steps=2000)
 
 # The verb, with a short episode to a file.
 VERB = """
-import importlib, sys
-collecting = importlib.import_module("jbench.datasets.collect")
-collecting._PART_EPISODES, collecting.EPISODE_STEPS = 1, 100
-from jbench.cli import main
-sys.exit(main(["collect", "--steps", "2000", "--seed", "3", "--results", sys.argv[1]]))
-"""
-# The same with a limit on the size of files in bytes.
-LIMITED = """
-import resource, sys
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
+import sys
+from tests.datasets.limited import collect
+sys.exit(collect(-1, sys.argv[1]))
 """
 # On a disk of 200 kB, which grows; then what is on it is said.
 SMALL_DISK = """
@@ -65,10 +60,7 @@ def uninterrupted(tmp_path_factory):
 
 @pytest.mark.parametrize("kills", [8, pytest.param(20, marks=pytest.mark.slow)])
 def test_killed_at_random_moments_the_dataset_has_the_same_bytes(tmp_path, kills):
-    script = Path(__file__).with_name("killed_collections.py")
-    done = subprocess.run(
-        [sys.executable, script, tmp_path, str(kills)], capture_output=True, text=True
-    )
+    done = Process("tests.datasets.killed_collections:main", str(tmp_path), kills).finished()
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert len(said["committed"]) >= kills
@@ -86,14 +78,13 @@ def one_sentence(text):
 
 
 def test_collection_resumes_after_a_file_size_limit(tmp_path, uninterrupted):
-    command = [sys.executable, "-c", LIMITED + VERB, tmp_path, "10000"]
-    stopped = subprocess.run(command, capture_output=True, text=True)
+    stopped = Process("tests.datasets.limited:collect", 10_000, str(tmp_path)).finished()
     assert stopped.returncode == 1
     said = one_sentence(stopped.stderr)
     assert said.startswith("Error: No room left to write steps-00000-")
     assert said.endswith("what was finished is kept: free some space and type the command again.")
     assert Results(tmp_path).find("dataset", SETTINGS.id).status == "unfinished"
-    again = subprocess.run([sys.executable, "-c", VERB, tmp_path], capture_output=True, text=True)
+    again = Process("tests.datasets.limited:collect", -1, str(tmp_path)).finished()
     assert again.returncode == 0, again.stderr
     assert checksums(finished_dataset(tmp_path)) == checksums(uninterrupted)
 
@@ -106,7 +97,7 @@ def test_collection_resumes_after_a_full_disk(tmp_path, uninterrupted):
     if tried.returncode:
         pytest.skip(f"no disk can be mounted here: {tried.stderr}")
     command = ["sh", "-c", SMALL_DISK, "sh", tmp_path, sys.executable, VERB]
-    done = subprocess.run([*IN_A_NAMESPACE, *command], capture_output=True, text=True)
+    done = subprocess.run([*IN_A_NAMESPACE, *command], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     code, there, *rest = done.stdout.splitlines()
     assert code == "exit code 1"

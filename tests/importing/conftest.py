@@ -24,7 +24,7 @@ def sb3_files(tmp_path_factory):
     torch.set_num_threads(1)
 
     def monitored(name):
-        env = gymnasium.make(environment_id("face_direction"), max_episode_steps=100)
+        env = gymnasium.make(environment_id("face_direction"), max_episode_steps=20)
         return Monitor(env, name and str(place / name))
 
     environments = DummyVecEnv([lambda: monitored("0"), lambda: monitored("1")])
@@ -32,7 +32,7 @@ def sb3_files(tmp_path_factory):
     callback = EvalCallback(
         evaluated,
         n_eval_episodes=2,
-        eval_freq=100,
+        eval_freq=20,
         log_path=str(place),
         deterministic=True,
         verbose=0,
@@ -41,13 +41,13 @@ def sb3_files(tmp_path_factory):
     model = PPO(
         "MlpPolicy",
         environments,
-        n_steps=50,
+        n_steps=10,
         n_epochs=1,
-        batch_size=100,
+        batch_size=20,
         policy_kwargs=network,
         seed=3,
     )
-    model.learn(400, callback=callback)
+    model.learn(80, callback=callback)
     torch.set_num_threads(threads)
     return place
 

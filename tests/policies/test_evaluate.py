@@ -14,6 +14,17 @@ from jbench.tasks import resets
 from jbench.tasks.features import Target
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.heuristics import heuristic
+from tests.training.small_runs import shorten_episodes
+
+EPISODE = 100
+"""Control steps of an episode in these tests."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_episodes():
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_episodes(patch.setattr, EPISODE)
+        yield
 
 
 def returns_of(record):
@@ -36,7 +47,7 @@ def test_a_heuristic_gets_what_it_gets_in_the_environment(tmp_path):
         env._data.qpos[3:7] = quaternion
         policy.reset(1)
         (observation, *_), total = env._outcome(), 0.0
-        for _ in range(1000):
+        for _ in range(EPISODE):
             observation, reward, *_ = env.step(policy.act(observation[None])[0])
             total += reward
         assert kept == pytest.approx(total, abs=1e-6)
@@ -50,7 +61,12 @@ def test_states_are_kept_with_the_rewards_that_make_the_returns(tmp_path):
     states = record.read("policy_states", schema.POLICY_STATES).to_pandas()
     sums = states.groupby("episode")["reward"].sum()
     assert sums.to_list() == pytest.approx(returns_of(record), rel=1e-5)
-    assert states.groupby("episode")["step"].apply(list).map(lambda s: s == [*range(1, 1001)]).all()
+    assert (
+        states.groupby("episode")["step"]
+        .apply(list)
+        .map(lambda s: s == [*range(1, EPISODE + 1)])
+        .all()
+    )
     episodes = record.read("policy_episodes", schema.POLICY_EPISODES).to_pandas()
     assert set(episodes["target_yaw"]) == {math.pi / 4}
     assert states["action"].between(-1, 1).all()

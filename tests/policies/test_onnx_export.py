@@ -14,7 +14,6 @@ from jbench.encoders.registry import kind_names, make_kind
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS
 from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Layer, Network
 from jbench.policies.onnx_export import export_onnx
@@ -24,6 +23,7 @@ from jbench.store import Results, schema
 from jbench.tasks import features, resets
 from jbench.tasks.robots import load_model
 from tests.encoders.encoder_data import make_dataset, observations_of
+from tests.training.small_runs import EPISODE, shorten_episodes
 
 TASK = "face_direction"
 RUN = "reference/face_direction/ddpg/full"
@@ -46,14 +46,16 @@ def policy_of(inputs):
     return Policy(weights, [random_matrix(8), random_matrix(1)], "tanh")
 
 
-def test_the_exported_policy_repeats_the_actions_of_jbench_evaluate(tmp_path, capsys):
+def test_the_exported_policy_repeats_the_actions_of_jbench_evaluate(tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
     results = tmp_path / "results"
     where = ("--results", str(results))
-    assert main(["evaluate", "--policy", RUN, "--episodes", "1", "--states", *where]) == 0
+    evaluate = ("evaluate", "--policy", RUN, "--episodes", "1", "--seed", "5", "--states")
+    assert main([*evaluate, *where]) == 0
     assert main(["export", RUN, "--out", str(tmp_path / "policy.onnx"), *where]) == 0
     (record,) = Results(results).scan("evaluation")[0]
     states = record.read("policy_states", schema.POLICY_STATES)
-    recorded = states["action"].to_numpy().reshape(EPISODE_STEPS, 1, 1)
+    recorded = states["action"].to_numpy().reshape(EPISODE, 1, 1)
     # The recorded actions lead through the same states: their rewards are those of the evaluation.
     seen, episode_return, actions = [], 0.0, iter(recorded)
 
@@ -61,14 +63,14 @@ def test_the_exported_policy_repeats_the_actions_of_jbench_evaluate(tmp_path, ca
         seen.append(observations[0])
         return next(actions)
 
-    starts = resets.draw_starts(TASK, [resets.episode_generator(0, 0)])
+    starts = resets.draw_starts(TASK, [resets.episode_generator(5, 0)])
     with Robots(load_model(None), 1, 1) as robots:
         for transition in rollout(TASK, robots, starts, replay):
             episode_return += transition.rewards[0]
     (evaluated,) = record.read("policy_episodes", schema.POLICY_EPISODES).to_pylist()
-    assert episode_return == evaluated["episode_return"]
+    assert episode_return == evaluated["episode_return"] > 1
     exported = run_model(
-        tmp_path / "policy.onnx", features.denormalize(TASK, np.array(seen[:EPISODE_STEPS]))
+        tmp_path / "policy.onnx", features.denormalize(TASK, np.array(seen[:EPISODE]))
     )
     assert np.abs(recorded[:, 0]).mean() > 0.1
     np.testing.assert_allclose(exported, recorded[:, 0], atol=PRECISION)

@@ -18,6 +18,7 @@ from jbench.settings.base import settings_hash
 from jbench.store import Results, schema
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
+from tests.training.small_runs import shorten_episodes
 
 ROOT = Path(__file__).parents[2]
 POLICY = Policy([np.ones((1, 16), np.float32)], [np.zeros(1, np.float32)], "tanh")
@@ -144,19 +145,21 @@ class TestOfTwoCells:
 
     @pytest.mark.parametrize("representation", ["full", "dae12"])
     def test_a_shipped_policy_acts_as_the_run_did(
-        self, database, representation, demo_results, tmp_path, capsys
+        self, database, representation, demo_results, tmp_path, monkeypatch, capsys
     ):
+        shorten_episodes(monkeypatch.setattr)
         cell = f"reference/face_direction/td3/{representation}"
         (name,) = [one for one in find.shipped_policies() if one.startswith(cell)]
         assert find.full_name(Results(shipped()), cell) == name
         shutil.copytree(demo_results.path, tmp_path / "own")
-        evaluate = ("evaluate", "--episodes", "1", "--threads", "1", "--json", "--policy")
+        evaluate = ("evaluate", "--episodes", "1", "--seed", "5", "--threads", "1", "--json")
         said = []
         for policy, results in ((name.removeprefix("reference/"), "own"), (cell, "other")):
             capsys.readouterr()
-            assert main([*evaluate, policy, "--results", str(tmp_path / results)]) == 0
+            assert main([*evaluate, "--policy", policy, "--results", str(tmp_path / results)]) == 0
             said.append(json.loads(capsys.readouterr().out))
         assert said[1]["summary"] == said[0]["summary"]
+        assert said[1]["summary"]["median"] > 1
         assert said[1]["settings"]["policy"] == name
         assert verify(Results(tmp_path / "other"), 1).findings == []
 

@@ -26,17 +26,27 @@ from jbench.simulation import Robots, rollout
 from jbench.store import Results, schema
 from jbench.tasks import resets
 from jbench.tasks.robots import load_model
-from tests.command_line import SHORT, short_episodes
+from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
+from tests.training.small_runs import EPISODE, shorten_episodes
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-STEPS = 2000
-RUN = {"algo": "mine", "seed": 3, "steps": STEPS, "evaluate_every": 1000, "evaluate_episodes": 2}
+SEED = 7  # in its first episode the robot of `loop` gets rewards
+STEPS = 2 * EPISODE
+RUN = {"algo": "mine", "seed": SEED, "steps": STEPS}
+RUN |= {"evaluate_every": EPISODE, "evaluate_episodes": 2}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_episodes():
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_episodes(patch.setattr)
+        yield
 
 
 def recorded(results, **changes):
-    hyperparameters = {"rate": 0.5, "seed": 3, "total_timesteps": STEPS, "layers": (8, 8)}
+    hyperparameters = {"rate": 0.5, "seed": SEED, "total_timesteps": STEPS, "layers": (8, 8)}
     arguments = {**RUN, "hyperparameters": hyperparameters, "results": results, **changes}
     return jbench.record("face_direction", **arguments)
 
@@ -101,16 +111,17 @@ def test_rows_are_what_the_environment_returned(finished):
     results, id, _, returns = finished
     rows = record_of(results, id).read("episodes", schema.EPISODES).to_pylist()
     assert [row["episode_return"] for row in rows] == pytest.approx(returns, rel=1e-6)
-    assert [(row["control_steps"], row["length"]) for row in rows] == [(1000, 1000), (2000, 1000)]
+    assert returns[0] > 1
+    assert [(row["control_steps"], row["length"]) for row in rows] == [(50, 50), (100, 50)]
     # The losses of the step before the last: that of the last one comes after the episode's end.
-    assert [(row["critic_loss"], row["actor_loss"]) for row in rows] == [(999, -1), (999, -1)]
+    assert [(row["critic_loss"], row["actor_loss"]) for row in rows] == [(49, -1), (49, -1)]
     assert rows[0]["policy_loss"] is None
 
 
 def test_the_first_episode_is_that_of_the_seed(finished, tmp_path):
     results, id, actor, returns = finished
     with (
-        pytest.raises(jbench.WorkError, match="1,000 of 2,000 control steps"),
+        pytest.raises(jbench.WorkError, match="50 of 100 control steps"),
         recorded(tmp_path / "again") as recording,
     ):
         assert loop(recording, actor, episodes=1) == returns[:1]
@@ -127,15 +138,15 @@ def test_id_and_settings_are_those_that_were_passed(finished):
     record = record_of(results, id)
     wanted = {
         **{"task": "face_direction", "algo": "mine", "representation": "full", "encoder": None},
-        **{"seed": 3, "steps": STEPS, "engine": "external", "time_limit": "bootstrap"},
-        **{"evaluate_every": 1000, "evaluate_episodes": 2},
+        **{"seed": SEED, "steps": STEPS, "engine": "external", "time_limit": "bootstrap"},
+        **{"evaluate_every": EPISODE, "evaluate_episodes": 2},
         # The seed and the steps are not part of what two runs have to share.
         "hyperparameters": {"rate": 0.5, "layers": [8, 8]},
     }
     assert record.settings == wanted
     text = json.dumps(wanted, sort_keys=True, separators=(",", ":"))
     digest = hashlib.sha256(text.encode()).hexdigest()[:8]
-    assert id == f"face_direction/mine/full/s03-{digest}"
+    assert id == f"face_direction/mine/full/s07-{digest}"
     assert isinstance(read_run(record.settings), ExternalSettings)
     assert record.manifest.summary["steps_done"] == STEPS
     assert {"jbench", "processor", "command", "script_sha256"} <= set(record.manifest.provenance)
@@ -145,9 +156,9 @@ def test_evaluations_come_when_they_are_due(finished):
     results, id, _, _ = finished
     rows = record_of(results, id).read("evaluations", schema.EVALUATIONS).to_pylist()
     steps = [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows]
-    due = [(0, 1000, 0), (0, 1000, 1), (1, 2000, 0), (1, 2000, 1)]
+    due = [(0, 50, 0), (0, 50, 1), (1, 100, 0), (1, 100, 1)]
     # The kept policy is evaluated at the end, so that anyone can repeat its evaluation.
-    assert steps == [*due, (2, 2000, 0), (2, 2000, 1)]
+    assert steps == [*due, (2, 100, 0), (2, 100, 1)]
 
 
 def test_the_kept_policy_acts_as_the_actor(finished, copy, capsys):
@@ -208,7 +219,7 @@ def test_a_block_that_raises_leaves_a_failed_run_which_can_be_repeated(tmp_path,
 
 def test_a_block_that_ends_early_leaves_a_failed_run(tmp_path):
     with (
-        pytest.raises(jbench.WorkError, match="1,000 of 2,000 control steps"),
+        pytest.raises(jbench.WorkError, match="50 of 100 control steps"),
         recorded(tmp_path, evaluate_episodes=0) as recording,
     ):
         loop(recording, None, episodes=1)
@@ -225,34 +236,15 @@ def test_an_action_that_is_not_finite_is_a_divergence(tmp_path):
     assert diverged == {"update": None, "control_steps": 1, "what": "actions"}
 
 
-KILLED = """
-import os, signal, sys
-import numpy as np
-import jbench
-import jbench.recording.writer as writer
-writer._COMMIT_EVERY = 0.0
-with jbench.record("face_direction", algo="mine", seed=0, steps=2000, hyperparameters={},
-                   results=sys.argv[1], evaluate_episodes=0) as recording:
-    env = recording.env()
-    for episode in range(2):
-        env.reset()
-        for step in range(1000):
-            env.step(np.zeros(1))
-            if sys.argv[2] == "kill" and episode == 1:
-                os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
 def test_a_killed_run_is_unfinished_and_starts_over(tmp_path):
-    def script(what):
-        return subprocess.run(
-            [sys.executable, "-c", KILLED, str(tmp_path), what], capture_output=True, text=True
-        )
+    def program(what):
+        target = "tests.recording.programs:record_two_episodes"
+        return Process(target, str(tmp_path), what, short=True).finished()
 
-    assert script("kill").returncode == -signal.SIGKILL
+    assert program("kill").returncode == -signal.SIGKILL
     (record,) = Results(tmp_path).scan("run")[0]
     assert (record.status, record.rows("episodes")) == ("unfinished", 1)
-    again = script("end")
+    again = program("end")
     assert again.returncode == 0, again.stderr
     assert again.stderr == f"The run {record.id} is unfinished; it starts over.\n"
     (record,) = Results(tmp_path).scan("run")[0]
@@ -264,20 +256,20 @@ def test_a_model_of_stable_baselines3_is_recorded_by_its_callback(tmp_path):
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-    with recorded(tmp_path, algo="sb3-ppo", evaluate_episodes=1, evaluate_every=2000) as recording:
+    with recorded(tmp_path, algo="sb3-ppo", evaluate_episodes=1, evaluate_every=100) as recording:
         env = VecNormalize(DummyVecEnv([recording.env] * 2))
         policy = {"net_arch": [8], "activation_fn": nn.Tanh}
-        ppo = PPO("MlpPolicy", env, n_steps=500, n_epochs=1, policy_kwargs=policy, seed=0)
+        ppo = PPO("MlpPolicy", env, n_steps=25, n_epochs=1, policy_kwargs=policy, seed=0)
         ppo.learn(STEPS, recording.sb3_callback())
     record = record_of(tmp_path, recording.id)
     rows = record.read("episodes", schema.EPISODES).to_pylist()
     # Two environments in turn: the first one's episode ends a control step before the second's.
-    assert [row["control_steps"] for row in rows] == [1999, 2000]
-    assert all(0 < row["episode_return"] < 1000 for row in rows)  # not the normalised rewards
+    assert [row["control_steps"] for row in rows] == [99, 100]
+    assert all(0 < row["episode_return"] < EPISODE for row in rows)  # not the normalised rewards
     # The second rollout ends after the first update.
     assert all(np.isfinite(row["value_loss"]) for row in rows)
     evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
-    assert [row["control_steps"] for row in evaluations] == [2000, 2000]
+    assert [row["control_steps"] for row in evaluations] == [100, 100]
     observations = np.random.default_rng(0).normal(size=(20, 16)).astype(np.float32)
     wanted, _ = ppo.predict(env.normalize_obs(observations), deterministic=True)
     acted = load_agent(Results(tmp_path), recording.id).act(observations)
@@ -355,9 +347,9 @@ def test_layers_are_those_of_torch():
     ("changes", "says"),
     [
         ({"algo": "a/b"}, "algo of the run can't be 'a/b'"),
-        ({"steps": 500}, "No episode would end in 500 control steps"),
+        ({"steps": 40}, "No episode would end in 40 control steps"),
         ({"encoder": "ofe12"}, "learned together with jbench's own agents"),
-        ({"hyperparameters": {"seed": 4}}, "hyperparameters['seed'] is 4, but seed=3"),
+        ({"hyperparameters": {"seed": 4}}, "hyperparameters['seed'] is 4, but seed=7"),
         ({"hyperparameters": {"f": print}}, "hyperparameters['f'] is <built-in function print>"),
         ({"package": "no-such-package"}, "package='no-such-package' is not an installed"),
     ],
@@ -380,7 +372,7 @@ def test_wrong_uses_of_a_recording_are_refused(tmp_path):
         recording.env()
     with pytest.raises(jbench.RequestError, match="no loss qf1_loss; there are act"), recording:
         recording.losses(qf1_loss=1.0)
-    recording = recorded(tmp_path, steps=1000, evaluate_every=1, hyperparameters={})
+    recording = recorded(tmp_path, steps=EPISODE, evaluate_every=1, hyperparameters={})
     with pytest.raises(jbench.RequestError, match=r"returned the shape \(2,\)"), recording:
         env = recording.env()
         env.reset()
@@ -443,13 +435,9 @@ def test_examples_train_and_differ_from_a_plain_script_in_five_lines(example, tm
         pytest.importorskip("sb3_contrib")
     script = ROOT / "examples" / f"{example}.py"
     assert script.read_text().count("  # jbench\n") <= 5
-    done = subprocess.run(
-        [sys.executable, script, "--total-timesteps", str(2 * SHORT), *EXAMPLES[example]],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        env=short_episodes(tmp_path),
-    )
+    arguments = (str(script), "--total-timesteps", str(2 * SHORT), *EXAMPLES[example])
+    target = "tests.recording.programs:run_script"
+    done = Process(target, *arguments, cwd=tmp_path, short=True).finished()
     assert done.returncode == 0, done.stderr
     (record,) = Results(tmp_path / "results").scan("run")[0]
     assert (record.status, record.rows("episodes")) == ("finished", 2)

@@ -191,14 +191,15 @@ def test_without_a_limit_episodes_continue():
 
 @pytest.mark.usefixtures("rendering")
 def test_pictures_are_those_of_sync_vector_env():
-    ours, oracle = pair("move_to_pose", render_mode="rgb_array", width=64, height=48)
+    ours, oracle = pair("move_to_pose", num_envs=2, render_mode="rgb_array", width=64, height=48)
+    actions = steps(1)[0, :2]
     for env in (ours, oracle):
         env.reset(seed=3)
-        env.step(steps(1)[0])
+        env.step(actions)
     pictures = ours.render()
     np.testing.assert_array_equal(pictures, oracle.render())
     assert np.any(pictures[0] != pictures[1])
     # Drawing changes nothing.
-    assert_same(ours.step(steps(1)[0]), oracle.step(steps(1)[0]))
+    assert_same(ours.step(actions), oracle.step(actions))
     ours.close()
     oracle.close()

@@ -1,23 +1,38 @@
 """Settings of runs that take a moment, and what such a run has come to."""
 
 import importlib
+import itertools
 
+from gymnasium.envs.registration import registry
+
+from jbench.names import TASKS
+from jbench.policies import evaluate
+from jbench.recording import request
+from jbench.registration import environment_id, register_environments
 from jbench.settings import run
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import schema
 from jbench.store.merge import TIMES
-from jbench.training import batched_run, engines, reproduce
+from jbench.training import batched_run, engines, reproduce, status
 
 EPISODE = 50
 
 
-def shorten_episodes(set_attribute=setattr):
-    """Makes the batched engine's episodes `EPISODE` control steps long."""
+def shorten_episodes(set_attribute=setattr, steps=EPISODE):
+    """Makes the episodes of training, of evaluations and of Gymnasium's environments shorter.
+
+    Args:
+        set_attribute: such as that of pytest's `monkeypatch`, which undoes it.
+        steps: control steps of an episode.
+    """
     # Each module knows their length by itself.
     rollout = importlib.import_module("jbench.simulation.rollout")  # the package has a function
-    for module in (batched_run, engines, reproduce, rollout, run):
-        set_attribute(module, "EPISODE_STEPS", EPISODE)
+    for module in (batched_run, engines, evaluate, reproduce, request, rollout, run, status):
+        set_attribute(module, "EPISODE_STEPS", steps)
+    register_environments()
+    for task, augmented in itertools.product(TASKS, (False, True)):
+        set_attribute(registry[environment_id(task, augmented)], "max_episode_steps", steps)
 
 
 def small_run(algo, overrides, **changes):

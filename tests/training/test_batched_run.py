@@ -14,18 +14,20 @@ from jbench.training.evaluation import robot_model
 from jbench.training.request import training_device
 from jbench.training.speed import _short_schedule, seconds_per_step
 from jbench.training.status import plan
-from tests.training.small_runs import rows, small_run
+from tests.training.small_runs import EPISODE, rows, small_run
+
+pytestmark = pytest.mark.usefixtures("short_episodes")
 
 SMALL = {
-    "ddpg": {"train_freq": 100, "gradient_steps": 5},
-    "td3": {"learning_starts": 500, "train_freq": 100, "gradient_steps": 5},
-    "sac": {"learning_starts": 500, "train_freq": 100, "gradient_steps": 5},
-    "ppo": {"n_envs": 2, "n_steps": 128},
+    "ddpg": {"train_freq": 10, "gradient_steps": 5},
+    "td3": {"learning_starts": 50, "train_freq": 10, "gradient_steps": 5},
+    "sac": {"learning_starts": 50, "train_freq": 10, "gradient_steps": 5},
+    "ppo": {"n_envs": 2, "n_steps": 25},
 }
 
 
 def settings(algo="td3", seed=0, **changes):
-    lengths = {"steps": 2000, "evaluate_every": 1000, "evaluate_episodes": 2}
+    lengths = {"steps": 2 * EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 2}
     about = {"engine": "batched", "seed": seed, **lengths, **changes}
     return small_run(algo, {"batch_size": 16, **SMALL[algo]}, **about)
 
@@ -37,10 +39,9 @@ SLOW = pytest.mark.slow
 @pytest.mark.parametrize(
     "algo", [pytest.param(algo, marks=[] if algo in ("ddpg", "ppo") else SLOW) for algo in SMALL]
 )
-@pytest.mark.usefixtures("short_episodes")
 def test_a_run_among_others_is_the_run_alone(algo, tmp_path):
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
-    runs = [settings(algo, seed, steps=1000, evaluate_every=500) for seed in (0, 3)]
+    runs = [settings(algo, seed, steps=4 * EPISODE) for seed in (0, 3)]
     assert run_batch(runs, together, None) == {}
     assert run_batch(runs[1:], alone, None) == {}
     found = [results.find("run", runs[1].id) for results in (together, alone)]
@@ -54,23 +55,25 @@ def test_a_run_among_others_is_the_run_alone(algo, tmp_path):
 
 def test_rows_come_when_they_are_due(tmp_path):
     results, reported = Results(tmp_path), []
-    run = settings(steps=3000, evaluate_every=2000)
+    run = settings(steps=150, evaluate_every=100)
     run_batch([run], results, None, progress=lambda *now: reported.append(now))
     record = results.find("run", run.id)
     episodes = record.read("episodes", schema.EPISODES).to_pylist()
     assert [(row["episode"], row["control_steps"]) for row in episodes] == [
-        (0, 1000),
-        (1, 2000),
-        (2, 3000),
+        (0, 50),
+        (1, 100),
+        (2, 150),
     ]
     assert reported == [(run, row["control_steps"], row["episode_return"]) for row in episodes]
-    assert all(row["critic_loss"] > 0 for row in episodes)
+    # Learning starts at the end of the first episode.
+    assert [row["critic_loss"] is None for row in episodes] == [True, False, False]
+    assert all(row["critic_loss"] > 0 for row in episodes[1:])
     evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
     assert [(row["evaluation"], row["control_steps"]) for row in evaluations] == [
-        (0, 2000),
-        (0, 2000),
-        (1, 3000),
-        (1, 3000),
+        (0, 100),
+        (0, 100),
+        (1, 150),
+        (1, 150),
     ]
     assert len({row["episode_return"] for row in evaluations}) == 4
     assert load_agent(results, run.id).task == "face_direction"
@@ -83,7 +86,7 @@ def test_rows_come_when_they_are_due(tmp_path):
 
 def test_a_run_that_another_process_does_is_left_to_it(tmp_path):
     results = Results(tmp_path)
-    runs = [settings(seed=seed, steps=1000, evaluate_episodes=0) for seed in range(2)]
+    runs = [settings(seed=seed, steps=EPISODE, evaluate_episodes=0) for seed in range(2)]
     record = results.create("run", runs[0].id, runs[0].model_dump(mode="json"))
     with record.lock():
         failures = run_batch(runs, results, None)
@@ -94,19 +97,20 @@ def test_a_run_that_another_process_does_is_left_to_it(tmp_path):
 
 def test_several_environments_share_the_steps_and_the_updates(tmp_path):
     results = Results(tmp_path)
-    run = settings("ddpg", parallel=4, steps=4000, evaluate_episodes=0)
+    changes = {"task": "move_from_origin", "parallel": 4, "evaluate_episodes": 0}
+    run = settings("ddpg", steps=4 * EPISODE, **changes)
     run_batch([run], results, None)
     episodes = results.find("run", run.id).read("episodes", schema.EPISODES).to_pylist()
-    assert [row["control_steps"] for row in episodes] == [4000] * 4
+    assert [row["control_steps"] for row in episodes] == [200] * 4
     assert len({row["episode_return"] for row in episodes}) == 4
 
 
 def test_a_sequence_of_robots_is_gone_through():
-    run = settings("ddpg", robots=2, augment=5, steps=4000)
+    run = settings("ddpg", robots=2, augment=5, steps=4 * EPISODE)
     first, second = robot_model(run, 0), robot_model(run, 1)
     assert (first.body_pos != second.body_pos).any() or (first.geom_size != second.geom_size).any()
     assert robot_model(run, 7) is second
-    assert (run.episodes_on_each, run.robot_at(2000), run.robot_at(2001)) == (2, 0, 1)
+    assert (run.episodes_on_each, run.robot_at(100), run.robot_at(101)) == (2, 0, 1)
 
 
 def test_seeds_are_dealt_out_to_processes():
@@ -142,12 +146,11 @@ def test_ppo_is_refused_in_bfloat16():
         settings("ppo", precision="bfloat16")
 
 
-@pytest.mark.usefixtures("short_episodes")
 def test_evaluations_use_the_threads_of_the_training(tmp_path, monkeypatch):
     given, make, robots = [], engines.make_engine, evaluation.Robots
     monkeypatch.setattr(engines, "make_engine", lambda *a, **o: make(*a, **o, threads=3))
     monkeypatch.setattr(evaluation, "Robots", lambda *args: given.append(args[2]) or robots(*args))
-    run = settings("ddpg", steps=100, evaluate_every=50)
+    run = settings("ddpg")
     assert run_batch([run], Results(tmp_path), None) == {}
     assert given == [3, 3]
 
@@ -168,7 +171,6 @@ def test_the_measured_schedule_has_the_ratio_of_the_engine(algo, environments, s
     assert (found["train_freq"], found["gradient_steps"]) == short
 
 
-@pytest.mark.usefixtures("short_episodes")
 def test_the_speed_is_measured_with_any_number_of_environments():
     run = small_run(
         "ddpg",
@@ -184,7 +186,7 @@ def test_the_speed_is_measured_with_any_number_of_environments():
 
 @pytest.mark.parametrize("algo", ["td3", pytest.param("ppo", marks=SLOW)])
 def test_measuring_the_speed_changes_nothing(algo, tmp_path):
-    run = settings(algo, steps=1000 if algo == "td3" else 2000, evaluate_episodes=0)
+    run = settings(algo, evaluate_episodes=0)
     once, again = Results(tmp_path / "once"), Results(tmp_path / "again")
     run_batch([run], once, None)
     assert seconds_per_step([run], None) > 0

@@ -62,8 +62,8 @@ def file_of(record, prefix, number):
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
-    """A run that was stopped after 250 of 400 control steps, and what it should become."""
-    path, run = tmp_path_factory.mktemp("both"), settings("td3", 1)
+    """A run that was stopped after 250 of 300 control steps, and what it should become."""
+    path, run = tmp_path_factory.mktemp("both"), settings("td3", 1, steps=300)
     with pytest.MonkeyPatch.context() as patch:
         shorten_episodes(patch.setattr)
         stop_at(path / "stopped", [run], 250)
@@ -79,8 +79,16 @@ def stopped(both, tmp_path):
     return tmp_path / "stopped", *rest
 
 
-@pytest.mark.parametrize("which", ["checkpoint-", "replay-", "episodes-", "manifest.json"])
-@pytest.mark.parametrize("code", [errno.EMFILE, errno.EIO])
+@pytest.mark.parametrize(
+    ("which", "code"),
+    [
+        ("checkpoint-", errno.EMFILE),
+        ("checkpoint-", errno.EIO),
+        ("replay-", errno.EIO),
+        ("episodes-", errno.EIO),
+        ("manifest.json", errno.EIO),
+    ],
+)
 def test_a_checkpoint_that_cannot_be_read_now_is_not_given_up(stopped, which, code, monkeypatch):
     path, run, uninterrupted = stopped
     before = only(path, run).roles()
@@ -209,13 +217,13 @@ def test_a_checkpoint_of_something_else_is_refused(stopped, changes, reason):
 
 
 def test_seeds_that_stopped_at_different_steps_resume_together(tmp_path):
-    runs = [settings("ddpg", seed) for seed in (0, 3, 5)]
+    runs = [settings("ddpg", seed, steps=250) for seed in (0, 3, 5)]
     do(tmp_path / "uninterrupted", runs)
     path = tmp_path / "stopped"
-    stop_at(path, runs[:1], 300)
-    stop_at(path, runs[1:2], 100)
+    stop_at(path, runs[:1], 150)
+    stop_at(path, runs[1:2], 50)
     # The one that was never begun is new.
-    assert sorted(do(path, runs)) == [(0, 300, ""), (3, 100, "")]
+    assert sorted(do(path, runs)) == [(0, 150, ""), (3, 50, "")]
     for run in runs:
         assert outcome(path, run) == outcome(tmp_path / "uninterrupted", run)
 

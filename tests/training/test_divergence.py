@@ -12,7 +12,7 @@ from jbench.store import Results, schema
 from jbench.training.batched_run import run_batch
 from jbench.training.log import RunLog
 from jbench.training.sb3_run import run as run_sb3
-from tests.training.small_runs import rows
+from tests.training.small_runs import EPISODE, rows
 from tests.training.test_checkpoints import only
 from tests.training.test_resume import outcome, settings
 from tests.training.test_sb3_run import settings as sb3_settings
@@ -103,7 +103,7 @@ def test_a_retried_run_starts_at_its_last_finite_checkpoint_and_diverges_again(t
 
 @pytest.mark.usefixtures("short_episodes")
 def test_the_other_runs_end_as_alone(tmp_path, engines):
-    runs = [settings("td3", seed) for seed in (0, 3)]
+    runs = [settings("td3", seed, steps=250) for seed in (0, 3)]
     assert train(tmp_path / "alone", runs[1:]) == ({}, [])
 
     def poison(run, steps, episode_return):
@@ -139,12 +139,13 @@ def test_weights_of_the_last_update_are_looked_at_before_they_are_kept(tmp_path,
 
 
 @pytest.mark.parametrize("algo", ["td3", "ppo"])
+@pytest.mark.usefixtures("short_episodes")
 def test_an_agent_of_stable_baselines3_that_diverges_fails_too(algo, tmp_path):
     first = {
-        "td3": {"learning_starts": 1000},
-        "ppo": {"n_envs": 2, "n_steps": 1100, "batch_size": 100, "n_epochs": 2},
+        "td3": {"learning_starts": EPISODE},
+        "ppo": {"n_envs": 2, "n_steps": 55, "batch_size": 10, "n_epochs": 2},
     }
-    run = sb3_settings(algo, {**first[algo], **HUGE}, steps=9000, evaluate_episodes=0)
+    run = sb3_settings(algo, {**first[algo], **HUGE}, steps=450, evaluate_episodes=0)
     results = Results(tmp_path)
     with pytest.raises(DivergedError, match="after update"):
         run_sb3(run, results)
@@ -152,7 +153,7 @@ def test_an_agent_of_stable_baselines3_that_diverges_fails_too(algo, tmp_path):
     assert record.status == "failed"
     diverged = record.manifest.summary["diverged"]
     assert {*diverged} == {"update", "control_steps", "what"}
-    assert 1000 < diverged["control_steps"] < 9000
+    assert EPISODE < diverged["control_steps"] < 450
     episodes = record.read("episodes", schema.EPISODES)
     assert episodes.num_rows > 0
     assert episodes["control_steps"][-1].as_py() <= diverged["control_steps"]

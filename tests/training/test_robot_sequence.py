@@ -24,19 +24,21 @@ from jbench.tasks.robots import load_model
 from jbench.training import sb3_run as running
 from jbench.training.environment import make_env
 from jbench.training.sb3_run import make_training_env, run
-from tests.training.small_runs import small_run
+from tests.training.small_runs import EPISODE, shorten_episodes, small_run
 
-# Rollouts of 700 steps do not end where a robot's share does; after each there is an update.
+SHORT = pytest.mark.usefixtures("short_episodes")
+
+# Rollouts of 35 steps do not end where a robot's share does; after each there is an update.
 TD3 = {
     "batch_size": 8,
-    "learning_starts": 500,
-    "train_freq": 700,
+    "learning_starts": 25,
+    "train_freq": 35,
     "gradient_steps": 5,
 }
 
 
 def settings(algo="td3", overrides=TD3, **changes):
-    lengths = {"steps": 4000, "evaluate_every": 2000, "evaluate_episodes": 1}
+    lengths = {"steps": 4 * EPISODE, "evaluate_every": 2 * EPISODE, "evaluate_episodes": 1}
     about = {"task": "move_in_direction", "engine": "sb3", **lengths, **changes}
     return small_run(algo, overrides, **about)
 
@@ -55,18 +57,17 @@ def flat(weights):
 class Watched:
     """A run, with the robots' shapes, the agent's policy and its replay buffer on the way."""
 
-    def __init__(self, path, wanted):
+    def __init__(self, path, *arguments, **changes):
         self.shapes, self.weights, self.stored, self.evaluated = {}, {}, {}, {}
         on_step, evaluate = running._Recorder._on_step, running.Evaluator.__call__
 
         def watched_step(recorder):
             step = recorder.num_timesteps
-            if step % 1000:  # else the episode has ended, and the next has begun already
+            if step % EPISODE:  # else the episode has ended, and the next has begun already
                 self.shapes[step] = [shape(env) for env in recorder.training_env.envs]
-            if step % 100 in (0, 1):
-                self.weights[step] = flat(sb3.policy(recorder.model).weights)
-                if hasattr(recorder.model, "replay_buffer"):
-                    self.stored[step] = recorder.model.replay_buffer.size()
+            self.weights[step] = flat(sb3.policy(recorder.model).weights)
+            if hasattr(recorder.model, "replay_buffer"):
+                self.stored[step] = recorder.model.replay_buffer.size()
             return on_step(recorder)
 
         def watched_evaluation(evaluator, act, control_steps):
@@ -77,8 +78,9 @@ class Watched:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(running._Recorder, "_on_step", watched_step)
             patch.setattr(running.Evaluator, "__call__", watched_evaluation)
+            shorten_episodes(patch.setattr)
             self.results = Results(path)
-            self.record = run(wanted, self.results)
+            self.record = run(settings(*arguments, **changes), self.results)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +90,7 @@ def two(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    return watched(tmp_path_factory, augment=5, steps=2000)
+    return watched(tmp_path_factory, augment=5, steps=2 * EPISODE)
 
 
 def watched(tmp_path_factory, **changes):
@@ -96,7 +98,7 @@ def watched(tmp_path_factory, **changes):
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        return Watched(tmp_path_factory.mktemp("watched"), settings(**changes))
+        return Watched(tmp_path_factory.mktemp("watched"), **changes)
     finally:
         torch.set_num_threads(before)
 
@@ -108,10 +110,10 @@ def test_plain_settings_keep_the_id_they_had_before_there_were_other_robots():
         "representation": "full",
         "encoder": None,
         "seed": 0,
-        "steps": 4000,
+        "steps": 200,
         "engine": "sb3",
         "time_limit": "bootstrap",
-        "evaluate_every": 2000,
+        "evaluate_every": 100,
         "evaluate_episodes": 1,
         "hyperparameters": settings().hyperparameters,
     }
@@ -121,6 +123,7 @@ def test_plain_settings_keep_the_id_they_had_before_there_were_other_robots():
     assert settings(augment=None, robots=1).model_dump(mode="json") == kept
 
 
+@SHORT
 def test_robots_are_part_of_the_id():
     different = [
         settings(),
@@ -137,8 +140,9 @@ def test_robots_are_part_of_the_id():
         assert RunSettings.model_validate_json(each.model_dump_json()) == each
 
 
+@SHORT
 @pytest.mark.parametrize(
-    ("steps", "robot"), [(0, 0), (1, 0), (2000, 0), (2001, 1), (4000, 1), (4096, 1)]
+    ("steps", "robot"), [(0, 0), (1, 0), (100, 0), (101, 1), (200, 1), (205, 1)]
 )
 def test_the_robot_of_a_step(steps, robot):
     assert settings(robots=2).robot_at(steps) == robot
@@ -148,7 +152,7 @@ def test_one_augmented_robot_is_learned_and_evaluated_on_throughout(alone):
     expected = shape(load_model(5))
     assert not np.array_equal(expected, shape(load_model()))
     assert all(np.array_equal(each, expected) for (each,) in alone.shapes.values())
-    assert list(alone.evaluated) == [2000, 2100]
+    assert list(alone.evaluated) == [100, 105]
     assert all(np.array_equal(each, expected) for each in alone.evaluated.values())
     assert alone.record.settings["augment"] == 5
     assert "robots" not in alone.record.settings
@@ -157,23 +161,23 @@ def test_one_augmented_robot_is_learned_and_evaluated_on_throughout(alone):
 def test_episodes_and_evaluations_count_through_both_robots(two):
     rows = two.record.read("episodes", schema.EPISODES).to_pylist()
     assert [(r["episode"], r["control_steps"], r["length"]) for r in rows] == [
-        (0, 1000, 1000),
-        (1, 2000, 1000),
-        (2, 3000, 1000),
-        (3, 4000, 1000),
+        (0, 50, 50),
+        (1, 100, 50),
+        (2, 150, 50),
+        (3, 200, 50),
     ]
     rows = two.record.read("evaluations", schema.EVALUATIONS).to_pylist()
-    # The last rollout of 700 steps ends at 4200, and with it the run.
-    assert [row["control_steps"] for row in rows] == [2000, 4000, 4200]
+    # The last rollout of 35 steps ends at 210, and with it the run.
+    assert [row["control_steps"] for row in rows] == [100, 200, 210]
     assert two.record.settings["robots"] == 2
 
 
 def test_the_robot_is_switched_after_its_share_of_the_episodes(two):
     first, second = shape(load_model(5)), shape(load_model(6))
     assert not np.array_equal(first, second)
-    assert len(two.shapes) == 4200 - 4
+    assert len(two.shapes) == 210 - 4
     for step, (seen,) in two.shapes.items():
-        assert np.array_equal(seen, first if step <= 2000 else second), step
+        assert np.array_equal(seen, first if step <= 100 else second), step
 
 
 def test_evaluations_are_with_the_robot_of_the_moment(two):
@@ -182,15 +186,15 @@ def test_evaluations_are_with_the_robot_of_the_moment(two):
         steps: [np.array_equal(seen, robot) for robot in robots].index(True)
         for steps, seen in two.evaluated.items()
     }
-    assert chosen == {2000: 0, 4000: 1, 4200: 1}
+    assert chosen == {100: 0, 200: 1, 210: 1}
 
 
 def test_the_second_robot_begins_with_what_was_learned_on_the_first(two, alone):
-    # Updates came after steps 700 and 1400; the next comes after 2100.
-    assert not np.array_equal(alone.weights[1], alone.weights[2000])
-    for step in (1, 1000, 2000):
+    # Updates came after steps 35 and 70; the next comes after 105.
+    assert not np.array_equal(alone.weights[1], alone.weights[100])
+    for step in (1, 50, 100):
         assert np.array_equal(two.weights[step], alone.weights[step]), step
-    assert np.array_equal(two.weights[2001], alone.weights[2000])
+    assert np.array_equal(two.weights[101], alone.weights[100])
     ours, theirs = (
         each.record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
         for each in (two, alone)
@@ -200,11 +204,12 @@ def test_the_second_robot_begins_with_what_was_learned_on_the_first(two, alone):
 
 def test_the_second_robot_keeps_the_transitions_of_the_first(two):
     # A transition is stored right after the recorder has looked.
-    assert [two.stored[step] for step in (2000, 2001, 4200)] == [1999, 2000, 4199]
+    assert [two.stored[step] for step in (100, 101, 210)] == [99, 100, 209]
     kept = flat(load_agent(two.results, two.record.id).policy.weights)
-    assert not np.array_equal(two.weights[2001], kept)
+    assert not np.array_equal(two.weights[101], kept)
 
 
+@SHORT
 def test_the_next_robot_draws_on_and_does_not_repeat_the_first_ones_episodes():
     sequence, plain = make_training_env(settings(robots=4), None), make_env(settings(), None)
     seen = {sequence: [], plain: []}
@@ -213,9 +218,9 @@ def test_the_next_robot_draws_on_and_does_not_repeat_the_first_ones_episodes():
         for _ in range(3):
             beginnings.append((*env.unwrapped.data.qpos[3:7], env.unwrapped._target.yaw))
             if env is sequence:
-                for _ in range(1000):
+                for _ in range(EPISODE):
                     *_, info = env.step(np.zeros(1, np.float32))
-                assert info["episode"]["l"] == 1000
+                assert info["episode"]["l"] == EPISODE
             env.reset()
     # Pose and target are drawn alike for every robot.
     assert seen[sequence] == seen[plain]
@@ -223,23 +228,21 @@ def test_the_next_robot_draws_on_and_does_not_repeat_the_first_ones_episodes():
     assert np.array_equal(shape(sequence), shape(load_model(3)))
 
 
-@pytest.mark.slow
 def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
-    ppo = {"hidden_layers": [8], "n_envs": 2, "n_steps": 300, "batch_size": 600, "n_epochs": 1}
-    wanted = settings("ppo", ppo, robots=2, evaluate_episodes=0)
-    watched = Watched(tmp_path, wanted)
+    ppo = {"hidden_layers": [8], "n_envs": 2, "n_steps": 15, "batch_size": 30, "n_epochs": 1}
+    watched = Watched(tmp_path, "ppo", ppo, robots=2, evaluate_episodes=0)
     rows = watched.record.read("episodes", schema.EPISODES).to_pylist()
-    assert [row["control_steps"] for row in rows] == [2000, 2000, 4000, 4000]
+    assert [row["control_steps"] for row in rows] == [100, 100, 200, 200]
     robots = [shape(load_model(seed)) for seed in (0, 1)]
-    assert max(watched.shapes) == 4200
+    assert max(watched.shapes) == 210
     for step, seen in watched.shapes.items():
-        expected = robots[0 if step <= 2000 else 1]
+        expected = robots[0 if step <= 100 else 1]
         assert all(np.array_equal(each, expected) for each in seen), step
 
 
+@SHORT
 @pytest.mark.parametrize(
-    ("robots", "steps", "wanted"),
-    [(3, 4000, 6000), (2, 1000, 2000), (2, 3000, 4000), (4, 4500, 8000)],
+    ("robots", "steps", "wanted"), [(3, 200, 300), (2, 50, 100), (2, 150, 200), (4, 225, 400)]
 )
 def test_robots_that_do_not_share_the_episodes_are_refused(robots, steps, wanted):
     with pytest.raises(ValidationError, match=f"steps must be {wanted},"):

@@ -14,15 +14,22 @@ from jbench.training.environment import make_env
 from jbench.training.sb3_run import run
 from jbench.training.speed import seconds_per_step
 from jbench.training.status import plan
-from tests.training.small_runs import small_run
+from tests.training.small_runs import EPISODE, shorten_episodes, small_run
 
-TD3 = {"learning_starts": 1500, "train_freq": 500, "gradient_steps": 5}
+TD3 = {"learning_starts": 75, "train_freq": 25, "gradient_steps": 5}
 
 
 def settings(algo="td3", overrides=None, **changes):
-    lengths = {"steps": 3000, "evaluate_every": 2000, "evaluate_episodes": 2}
+    lengths = {"steps": 3 * EPISODE, "evaluate_every": 2 * EPISODE, "evaluate_episodes": 2}
     chosen = {"batch_size": 8, **(TD3 if algo == "td3" else {}), **(overrides or {})}
     return small_run(algo, chosen, **{"engine": "sb3", **lengths, **changes})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_episodes():
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_episodes(patch.setattr)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +44,10 @@ def test_every_training_episode_is_a_row(finished):
     _, record, _ = finished
     rows = record.read("episodes", schema.EPISODES).to_pylist()
     assert [row["episode"] for row in rows] == [0, 1, 2]
-    assert [row["control_steps"] for row in rows] == [1000, 2000, 3000]
-    assert {row["length"] for row in rows} == {1000}
+    assert [row["control_steps"] for row in rows] == [50, 100, 150]
+    assert {row["length"] for row in rows} == {EPISODE}
     assert {row["run"] for row in rows} == {record.id}
-    assert all(0 <= row["episode_return"] <= 1000 for row in rows)
+    assert all(0 <= row["episode_return"] <= EPISODE for row in rows)
     assert np.all(np.diff([row["wall_time"] for row in rows]) > 0)
     assert np.all(np.diff([row["processor_time"] for row in rows]) > 0)
     assert record.manifest.summary["processor_time"] > rows[-1]["processor_time"]
@@ -49,7 +56,7 @@ def test_every_training_episode_is_a_row(finished):
 def test_losses_are_null_before_learning_starts_and_numbers_after(finished):
     _, record, _ = finished
     rows = record.read("episodes", schema.EPISODES).to_pylist()
-    # Learning starts after 1500 steps: at the end of the second episode, 2000.
+    # Learning starts after 75 steps: at the end of the second episode, 100.
     assert [row["critic_loss"] is None for row in rows] == [True, True, False]
     assert {row["value_loss"] for row in rows} == {None}  # PPO's alone
 
@@ -58,18 +65,18 @@ def test_evaluations_come_when_asked_for_and_at_the_end(finished):
     _, record, _ = finished
     rows = record.read("evaluations", schema.EVALUATIONS).to_pylist()
     assert [(r["evaluation"], r["episode"], r["control_steps"]) for r in rows] == [
-        (0, 0, 2000),
-        (0, 1, 2000),
-        (1, 0, 3000),
-        (1, 1, 3000),
+        (0, 0, 100),
+        (0, 1, 100),
+        (1, 0, 150),
+        (1, 1, 150),
     ]
-    assert {row["length"] for row in rows} == {1000}
+    assert {row["length"] for row in rows} == {EPISODE}
 
 
 def test_progress_is_reported_after_each_episode(finished):
     _, record, reported = finished
     returns = record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
-    assert reported == list(zip([1000, 2000, 3000], returns, strict=True))
+    assert reported == list(zip([50, 100, 150], returns, strict=True))
 
 
 def test_a_finished_run_is_not_repeated(finished):
@@ -99,7 +106,7 @@ def test_the_same_settings_give_the_same_rows_elsewhere(finished, tmp_path):
 
 def test_another_seed_gives_other_episodes(finished, tmp_path):
     _, record, _ = finished
-    other = run(settings(seed=1, steps=1000, evaluate_episodes=0), Results(tmp_path))
+    other = run(settings(seed=1, steps=EPISODE, evaluate_episodes=0), Results(tmp_path))
     first, second = (
         r.read("episodes", schema.EPISODES)["episode_return"].to_pylist() for r in (record, other)
     )
@@ -136,13 +143,14 @@ def test_an_agent_of_no_run_is_refused(finished):
 def test_ppo_counts_the_steps_of_all_its_environments(tmp_path):
     ppo = settings(
         "ppo",
-        steps=4000,
+        task="move_from_origin",
+        steps=4 * EPISODE,
         evaluate_episodes=0,
-        overrides={"n_envs": 4, "n_steps": 250, "batch_size": 500, "n_epochs": 1},
+        overrides={"n_envs": 4, "n_steps": 10, "batch_size": 20, "n_epochs": 1},
     )
     rows = run(ppo, Results(tmp_path)).read("episodes", schema.EPISODES).to_pylist()
-    # Four environments end their first episodes together, at step 1000 of each.
-    assert [row["control_steps"] for row in rows] == 4 * [4000]
+    # Four environments end their first episodes together, at step 50 of each.
+    assert [row["control_steps"] for row in rows] == 4 * [200]
     assert len({row["episode_return"] for row in rows}) == 4
     assert all(row["value_loss"] is not None for row in rows)
 
@@ -153,15 +161,15 @@ def test_ppo_counts_the_steps_of_all_its_environments(tmp_path):
 def test_the_agent_treats_the_time_limit_as_chosen(time_limit, ends):
     env = make_env(settings(time_limit=time_limit), None)
     env.reset(seed=0)
-    for _ in range(1000):
+    for _ in range(EPISODE):
         *_, terminated, truncated, info = env.step(np.zeros(1, np.float32))
     assert (terminated, truncated) == ends
-    assert info["episode"]["l"] == 1000
+    assert info["episode"]["l"] == EPISODE
 
 
 def test_a_failure_is_recorded_and_tried_again(tmp_path, monkeypatch):
     results = Results(tmp_path)
-    wanted = settings(steps=1000, evaluate_episodes=0)
+    wanted = settings(steps=EPISODE, evaluate_episodes=0)
 
     def burn(*_, **__):
         raise FloatingPointError("on fire")
@@ -192,7 +200,7 @@ def test_the_id_names_what_was_done_and_changes_with_every_setting():
         settings(seed=1),
         settings(steps=4000),
         settings(time_limit="terminal"),
-        settings(evaluate_every=1000),
+        settings(evaluate_every=EPISODE),
         settings(overrides={"tau": 0.01}),
         settings("ddpg"),
     ]

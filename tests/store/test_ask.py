@@ -9,7 +9,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.store import query
-from tests.store.store_faults import PREAMBLE
+from tests.store.store_faults import Script
 from tests.store.store_rows import add_run, listed
 from tests.store.test_damage import truncate
 
@@ -95,8 +95,7 @@ while True:
 
 
 def test_run_that_is_written_meanwhile_is_whole_in_one_of_its_states(filled):
-    command = [sys.executable, "-c", PREAMBLE + WRITING, str(filled.path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+    with Script(filled, WRITING) as writer:
         assert writer.stdout.readline() == "finished\n"
         found = [rows(filled, "SELECT run, count(*) FROM episodes GROUP BY 1") for _ in range(40)]
         assert writer.poll() is None

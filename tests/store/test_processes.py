@@ -6,13 +6,13 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pyarrow as pa
 import pytest
 
 from jbench.errors import WorkError
 from jbench.store import Results
+from tests.store.store_faults import Script
 from tests.store.store_rows import listed, names, numbers, read
 
 # Rows of one append have the same number; it is printed once the append has returned.
@@ -52,22 +52,11 @@ except WorkError as error:
     print(error)
 """
 
-PREAMBLE = f"""
-import resource, signal, sys, time
-from pathlib import Path
-sys.path.insert(0, {str(Path(__file__).parents[2])!r})
-from jbench.errors import WorkError
-from jbench.store import Record, Results
-from tests.store.store_rows import incompressible, numbers
-results = Results(Path(sys.argv[1]))
-"""
-
 
 @contextlib.contextmanager
 def process_of(results, script):
     """Runs a script until the end of the block, however that comes."""
-    command = [sys.executable, "-c", PREAMBLE + script, str(results.path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    with Script(results, script) as process:
         try:
             yield process
         finally:

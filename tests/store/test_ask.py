@@ -97,7 +97,7 @@ while True:
 def test_run_that_is_written_meanwhile_is_whole_in_one_of_its_states(filled):
     with Script(filled, WRITING) as writer:
         assert writer.stdout.readline() == "finished\n"
-        found = [rows(filled, "SELECT run, count(*) FROM episodes GROUP BY 1") for _ in range(40)]
+        found = [rows(filled, "SELECT run, count(*) FROM episodes GROUP BY 1") for _ in range(20)]
         assert writer.poll() is None
         writer.kill()
     assert {count for answer in found for run, count in answer if run == "c"} <= {1, 2, 3}
@@ -141,6 +141,6 @@ def test_processes_that_end_right_after_a_query_end_well(filled):
         "print(len(query.ask(Results(Path(sys.argv[1])), 'FROM episodes').rows))\n"
     )
     command = [sys.executable, "-c", script, os.fspath(filled.path)]
-    for _ in range(3):
+    for _ in range(2):
         done = subprocess.run(command, capture_output=True, text=True)
         assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr

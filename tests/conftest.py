@@ -13,7 +13,7 @@ if not os.environ.get("MUJOCO_GL"):
     os.environ["MUJOCO_GL"] = "osmesa" if ctypes.util.find_library("OSMesa") else "disable"
 
 # No deadline: a busy machine fails no test. The same examples for everyone, in every run.
-settings.register_profile("jbench", deadline=None, derandomize=True)
+settings.register_profile("jbench", deadline=None, derandomize=True, max_examples=30)
 settings.load_profile("jbench")
 
 
@@ -22,6 +22,23 @@ def rendering():
     """Skips the test on a machine that cannot draw pictures off the screen."""
     if os.environ["MUJOCO_GL"].lower() in _NO_RENDERER:
         pytest.skip("no off-screen renderer: install libosmesa6")
+
+
+@pytest.fixture
+def coarse_pictures(rendering, monkeypatch):
+    """Draws with coarse shadows and edges, which without a GPU take most of a picture's time."""
+    from jbench.rendering import episode
+    from jbench.tasks import gym
+
+    load = gym.load_model
+
+    def load_coarse(*arguments, **options):
+        model = load(*arguments, **options)
+        model.vis.quality.shadowsize, model.vis.quality.offsamples = 64, 0
+        return model
+
+    monkeypatch.setattr(gym, "load_model", load_coarse)
+    monkeypatch.setattr(episode, "_SHADOW_TEXELS", 64)
 
 
 @pytest.fixture

@@ -91,6 +91,28 @@ class Forked:
         return NUMBER.unpack(received)[0]
 
 
+class Piped(Forked):
+    """A process without input whose output is read from `stdout`; its errors are this process's."""
+
+    def __init__(self, target, arguments, **options):
+        """Starts it; see `Forked`."""
+        output, printed = os.pipe()
+        with open(os.devnull) as nothing:
+            streams = (nothing.fileno(), printed, 2)
+            super().__init__(server(names.EPISODE_STEPS), target, arguments, streams, **options)
+        os.close(printed)
+        self.stdout = os.fdopen(output)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, error, *_):
+        self.stdout.close()
+        if error is not None:
+            self.kill()
+        self.wait(120)
+
+
 def forked_worker(channel):
     """Starts a worker; it replaces `executors._start`."""
     to_read, stdin = os.pipe()

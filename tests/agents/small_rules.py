@@ -16,7 +16,7 @@ from tests.agents.batched_oracle import SIZE
 from tests.agents.test_batched_engine import LENGTH
 from tests.documentation import code_of
 
-SMALL = {"hidden_layers": (24, 20), "batch_size": 16, "learning_rate": 1e-3, "buffer_size": 70}
+SMALL = {"hidden_layers": (24, 20), "batch_size": 16, "learning_rate": 1e-3, "buffer_size": 50}
 SCHEDULE = {"train_freq": 10, "gradient_steps": 5, "learning_starts": 20}
 TD3_SETTINGS = TD3.Settings(**SMALL, **SCHEDULE)
 PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}

@@ -27,7 +27,7 @@ from tests.agents.small_rules import (
     learners,
     mean_losses,
 )
-from tests.agents.test_batched_engine import STEPS, assert_same, round_trip, trajectory
+from tests.agents.test_batched_engine import STEPS, assert_same, round_trip, slow, trajectory
 
 
 def by_hand(learner):
@@ -94,8 +94,18 @@ def test_a_stack_is_updated_as_each_seed_alone(rule, settings):
     torch.testing.assert_close(stack.act(observations), expected)
 
 
-@pytest.mark.parametrize("options", [{}, {"environments": 2, "time_limit": "terminal"}])
-@RULES
+SEVERAL = {"environments": 2, "time_limit": "terminal"}
+
+
+@pytest.mark.parametrize(
+    ("rule", "settings", "options"),
+    [
+        (TD3, TD3_SETTINGS, SEVERAL),
+        (TQC, TQC_SETTINGS, {}),
+        slow(TD3, TD3_SETTINGS, {}),
+        slow(TQC, TQC_SETTINGS, SEVERAL),
+    ],
+)
 def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(rule, settings, options):
     with (
         engine_of(rule, settings, [7, 0, 3], **options) as together,
@@ -107,13 +117,20 @@ def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(rule, settings, optio
     assert set(among[2][-1]) == {"critic_loss", "actor_loss"}
 
 
-@pytest.mark.parametrize("stacked", [False, True])
-@RULES
+@pytest.mark.parametrize(
+    ("rule", "settings", "stacked"),
+    [
+        (TD3, TD3_SETTINGS, True),
+        (TQC, TQC_SETTINGS, False),
+        slow(TD3, TD3_SETTINGS, False),
+        slow(TQC, TQC_SETTINGS, True),
+    ],
+)
 def test_a_restored_engine_continues_with_the_same_bits(rule, settings, stacked):
     options = {"stacked": stacked}
     with engine_of(rule, settings, [0, 4], **options) as whole:
         for _ in whole.learn(STEPS):
-            if whole.control_steps == 57:
+            if whole.control_steps == 37:
                 states = [round_trip(whole.state(index)) for index in range(2)]
                 rows, row = [whole.replay_rows(i).clone() for i in range(2)], whole.replay.row
         expected = [whole.state(index) for index in range(2)]
@@ -121,7 +138,7 @@ def test_a_restored_engine_continues_with_the_same_bits(rule, settings, stacked)
         for index in range(2):
             resumed.restore_rows(index, rows[index], row)
         resumed.restore(states)
-        assert resumed.control_steps == 57
+        assert resumed.control_steps == 37
         for _ in resumed.learn(STEPS):
             pass
         for index in range(2):

@@ -9,7 +9,7 @@ import torch
 
 from jbench.agents.divergence import Divergence
 from jbench.names import ALGORITHMS
-from tests.agents.test_batched_engine import FEW, STEPS, engine_of
+from tests.agents.test_batched_engine import FEW, STEPS, engine_of, slow
 
 SEEDS, DIVERGED = [0, 5, 3], 1
 CRITICS = {
@@ -38,8 +38,14 @@ def trained(engine, algo, poisoned_at=None):
     return returns, engine.state(2)
 
 
-@pytest.mark.parametrize("stacked", [False, True])
-@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize(
+    ("algo", "stacked"),
+    [
+        *((algo, False) for algo in ALGORITHMS),
+        *(("ddpg", True), ("ppo", True)),
+        *(slow("td3", True), slow("sac", True)),
+    ],
+)
 def test_a_diverged_seed_does_not_affect_the_others(algo, stacked, capfd):
     with engine_of(algo, SEEDS, stacked=stacked) as engine:
         returns, state = trained(engine, algo)

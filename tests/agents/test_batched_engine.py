@@ -24,24 +24,24 @@ from jbench.settings.ofe import OFESettings
 from jbench.tasks.gym import JitterbugEnv
 from jbench.tasks.robots import load_model
 
-LENGTH = 30  # control steps of an episode
+LENGTH = 20  # control steps of an episode
 SMALL = {
     "ddpg": {"train_freq": 10, "gradient_steps": 5, "learning_starts": 16, "batch_size": 16},
     "td3": {"train_freq": 12, "gradient_steps": 6, "learning_starts": 20, "batch_size": 16},
-    "sac": {"learning_starts": 50, "batch_size": 16},
-    "ppo": {"n_envs": 2, "n_steps": 20, "batch_size": 16, "n_epochs": 2},
+    "sac": {"learning_starts": 30, "batch_size": 16},
+    "ppo": {"n_envs": 2, "n_steps": 15, "batch_size": 16, "n_epochs": 2},
 }
-STEPS = 100
+STEPS = 64
 # The authors' script settings with the small step counts above.
 SCRIPTS = {algo: {"changes": changes | SMALL[algo]} for algo, changes in SCRIPT.items()}
 
 # Learned features: fewer than the 16 observed numbers (used alone) and more (appended).
-FEW, MANY = (OFESettings(units=units, layers=3, standardize_updates=40) for units in (6, 20))
+FEW, MANY = (OFESettings(units=units, layers=3, standardize_updates=20) for units in (6, 20))
 
 
 def settings_of(algo, **changes):
     small = {"hidden_layers": [33, 20], "learning_rate": 1e-3} | SMALL[algo]
-    small |= {} if algo == "ppo" else {"buffer_size": 70}
+    small |= {} if algo == "ppo" else {"buffer_size": 50}
     return algorithm_settings(algo, overrides=small | changes)
 
 
@@ -103,24 +103,15 @@ def slow(*values):
 )
 def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(algo, options):
     with (
-        engine_of(algo, [7, 5, 0, 3], **options) as together,
-        engine_of(algo, [3], **options) as (alone),
+        engine_of(algo, [7, 5, 3], **options) as together,
+        engine_of(algo, [3], **options) as alone,
     ):
-        among = trajectory(together, 3)
+        among = trajectory(together, 2)
         assert_same(trajectory(alone, 0), among)
+        other, same = together.environments.observations[[0, 2]]
+        assert not torch.equal(other, same)
     assert any(among[1])
     assert among[2][-1]
-
-
-@pytest.mark.parametrize("algo", ALGORITHMS)
-def test_training_is_reproducible_and_depends_on_the_seed(algo):
-    trajectories = []
-    for seeds in ([0, 1], [0, 1]):
-        with engine_of(algo, seeds) as engine:
-            trajectories.append(trajectory(engine, 1))
-    assert_same(*trajectories)
-    with engine_of(algo, [0, 2]) as engine:
-        assert not torch.equal(trajectory(engine, 1)[0], trajectories[0][0])
 
 
 def round_trip(state):
@@ -132,17 +123,17 @@ def round_trip(state):
 @pytest.mark.parametrize(
     ("algo", "options", "stop"),
     [
-        ("ddpg", {}, 60),
-        slow("td3", {"time_limit": "terminal"}, 60),
-        ("td3", {}, 67),
-        ("sac", {"environments": 2}, 61),
-        ("ppo", {}, 80),
+        ("ddpg", {}, 40),
+        slow("td3", {"time_limit": "terminal"}, 40),
+        ("td3", {}, 43),
+        ("sac", {"environments": 2}, 45),
+        ("ppo", {}, 60),
         slow("ppo", {"encoder": TanhEncoder()}, 49),
         slow("ppo", SCRIPTS["ppo"], 49),
-        slow("ddpg", SCRIPTS["ddpg"], 60),
+        slow("ddpg", SCRIPTS["ddpg"], 40),
         slow("ddpg", {"ofe": MANY}, 30),
-        ("td3", {"ofe": FEW}, 67),
-        slow("sac", {"ofe": MANY}, 61),
+        ("td3", {"ofe": FEW}, 43),
+        slow("sac", {"ofe": MANY}, 45),
     ],
 )
 def test_a_restored_engine_continues_bit_for_bit(algo, options, stop):
@@ -171,7 +162,7 @@ def test_a_restored_engine_continues_bit_for_bit(algo, options, stop):
 def test_seeds_with_different_step_counts_are_not_restored_together():
     states = []
     with engine_of("ppo", [0]) as engine:
-        for steps in (40, 80):
+        for steps in (30, 60):
             for _ in engine.learn(steps):
                 pass
             states.append(engine.state(0))
@@ -280,7 +271,7 @@ def test_a_loaded_policy_acts_as_its_agent_bit_for_bit(algo, ofe):
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])
-@pytest.mark.parametrize(("steps", "starts"), [(95, 0), (100, 60), (120, 119)])
+@pytest.mark.parametrize(("steps", "starts"), [(65, 0), slow(100, 60), (60, 59)])
 def test_update_counts_equal_the_oracle(algo, steps, starts):
     changes = {"learning_starts": starts, "hidden_layers": [4]}
     settings = settings_of(algo, **changes)
@@ -308,19 +299,19 @@ def test_script_td3_first_updates_at_learning_starts():
     ("environments", "changes", "updates"),
     [
         # The first updates follow the first rollout that ends after 16 control steps.
-        (5, {}, 5 * (300 - 10) // 10),
-        (10, {}, 5 * (300 - 10) // 10),
-        (20, {}, 300 * 5 // 10),
-        (3, {"train_freq": 1, "gradient_steps": 2}, 2 * (300 - 15)),
+        (5, {}, 5 * (120 - 10) // 10),
+        (10, {}, 5 * (120 - 10) // 10),
+        (20, {}, 120 * 5 // 10),
+        (3, {"train_freq": 1, "gradient_steps": 2}, 2 * (120 - 15)),
     ],
 )
 def test_more_environments_keep_the_ratio_of_updates_to_control_steps(
     environments, changes, updates
 ):
     with engine_of("ddpg", [0], environments=environments, changes=changes) as engine:
-        for _ in engine.learn(300):
+        for _ in engine.learn(120):
             pass
-        assert (engine.control_steps, engine.updates) == (300, updates)
+        assert (engine.control_steps, engine.updates) == (120, updates)
 
 
 def test_environments_that_cannot_share_updates_are_refused():
@@ -400,7 +391,7 @@ def test_ppo_bootstraps_at_the_time_limit_unless_it_is_terminal():
     ("algo", "options"),
     [
         *((algo, {}) for algo in ALGORITHMS),
-        ("ppo", SCRIPTS["ppo"]),
+        slow("ppo", SCRIPTS["ppo"]),
         ("ddpg", {"ofe": FEW}),
         ("sac", {"ofe": MANY}),
     ],
@@ -408,7 +399,7 @@ def test_ppo_bootstraps_at_the_time_limit_unless_it_is_terminal():
 @pytest.mark.parametrize("encoder", [None, TanhEncoder()])
 def test_extracted_policies_act_like_the_agents(algo, options, encoder):
     with engine_of(algo, [0, 1, 2], encoder=encoder, **options) as engine:
-        for _ in engine.learn(60):
+        for _ in engine.learn(32):
             pass
         observations = np.random.default_rng(0).normal(size=(3, 8, 16)).astype(np.float32)
         actions = engine.act(observations)
@@ -429,7 +420,7 @@ def test_actions_are_those_of_the_latest_policy():
     with engine_of("ddpg", [0], changes=changes, stacked=True) as engine:
         observations = [engine.environments.observations[0, 0].clone()]
         policies = []
-        for _ in engine.learn(29):
+        for _ in engine.learn(LENGTH - 1):
             policies.append(engine.policy(0))
             observations.append(engine.environments.observations[0, 0].clone())
         actions = engine.replay_rows(0)[0, :, -2]

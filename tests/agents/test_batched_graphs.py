@@ -16,6 +16,7 @@ from tests.agents.test_batched_engine import (
     STEPS,
     assert_same,
     engine_of,
+    slow,
     trajectory,
 )
 
@@ -87,9 +88,9 @@ def repeating(engine):
     ("algo", "options"),
     [
         *((algo, {}) for algo in ALGORITHMS),
-        *SCRIPTS.items(),
+        *(slow(*each) for each in SCRIPTS.items()),
         ("td3", {"time_limit": "terminal", "precision": "bfloat16"}),
-        ("ppo", {"changes": {"batch_size": 15}}),
+        ("ppo", {"changes": {"batch_size": 12}}),
         ("sac", {"changes": {"gradient_steps": 4, "train_freq": 4, "target_update_interval": 3}}),
     ],
 )

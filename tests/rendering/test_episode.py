@@ -15,7 +15,7 @@ from tests.rendering.render_policies import PAD, Constant
 SMALL = {"width": 96, "height": 64}
 
 
-@pytest.mark.usefixtures("rendering")
+@pytest.mark.usefixtures("coarse_pictures")
 def test_frames_are_those_of_the_episode_without_pictures():
     policy = Constant()
     frames = list(render_episode(policy, Scene("move_from_origin", seed=3, **SMALL), [0, 5, 12]))
@@ -39,7 +39,7 @@ def test_frames_are_those_of_the_episode_without_pictures():
         assert np.any(one.picture != other.picture)
 
 
-@pytest.mark.usefixtures("rendering")
+@pytest.mark.usefixtures("coarse_pictures")
 def test_scene_decides_the_picture():
     scenes = [Scene("face_direction", camera=camera, **SMALL) for camera in CAMERAS]
     scenes += [

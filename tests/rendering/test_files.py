@@ -16,7 +16,7 @@ from jbench.rendering.write import default_size, mp4, render_to_file
 from tests.rendering.render_policies import Constant
 
 SCENE = Scene("move_to_pose", seed=1, width=160, height=120)
-rendering = pytest.mark.usefixtures("rendering")
+rendering = pytest.mark.usefixtures("coarse_pictures")
 
 
 def pictures(steps, draw):
@@ -30,25 +30,25 @@ def as_video(frame):
 @rendering
 def test_strip_is_the_moments_side_by_side(tmp_path):
     path = tmp_path / "new" / "strip.png"
-    done = render_to_file(Constant(), SCENE, path, name="constant", moments=3, steps=40)
+    done = render_to_file(Constant(), SCENE, path, name="constant", moments=3, steps=16)
     strip = np.asarray(Image.open(path))
-    moments = pictures([0, 20, 40], strip_picture)
+    moments = pictures([0, 8, 16], strip_picture)
     assert strip.shape == (120, 3 * 160, 3)
     np.testing.assert_array_equal(strip, np.hstack(moments))
-    *_, last = render_episode(Constant(), SCENE, [40])
-    assert (done.path, done.pictures, done.seconds) == (path, 3, 0.4)
+    *_, last = render_episode(Constant(), SCENE, [16])
+    assert (done.path, done.pictures, done.seconds) == (path, 3, 0.16)
     assert done.episode_return == last.episode_return > 0
 
 
 @rendering
 def test_gif_loops_the_episode_in_real_time(tmp_path):
     path = tmp_path / "episode.GIF"
-    done = render_to_file(Constant(), SCENE, path, name="half power", steps=40)
+    done = render_to_file(Constant(), SCENE, path, name="half power", steps=16)
     animation = Image.open(path)
-    assert (animation.n_frames, animation.size) == (11, (160, 120))
+    assert (animation.n_frames, animation.size) == (5, (160, 120))
     assert animation.info["loop"] == 0
-    assert (done.pictures, done.seconds) == (11, 0.4)
-    for index, expected in enumerate(pictures(range(0, 41, 4), as_video)):
+    assert (done.pictures, done.seconds) == (5, 0.16)
+    for index, expected in enumerate(pictures(range(0, 17, 4), as_video)):
         animation.seek(index)
         assert animation.info["duration"] == 40  # ms
         shown = np.asarray(animation.convert("RGB")).astype(int)
@@ -60,12 +60,12 @@ def test_mp4_holds_the_episode_in_slow_motion(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "episode.mp4"
     reported = []
-    render_to_file(Constant(), SCENE, path, name="x", steps=40, speed=0.5, progress=reported.append)
+    render_to_file(Constant(), SCENE, path, name="x", steps=16, speed=0.5, progress=reported.append)
     about, *shown = ffmpeg.read_frames(str(path))
     assert (about["size"], about["fps"], about["codec"]) == ((160, 120), 25, "h264")
-    assert len(shown) == 21  # every second of 40 control steps
-    assert reported == list(range(41))
-    steps = range(0, 41, 2)
+    assert len(shown) == 9  # every second of 16 control steps
+    assert reported == list(range(17))
+    steps = range(0, 17, 2)
     for content, frame in zip(shown, render_episode(Constant(), SCENE, steps), strict=True):
         note = "tracking camera, 0.5 x real time"
         expected = video_picture(frame, "move_to_pose, x", note).astype(int)

@@ -6,7 +6,7 @@ import shutil
 import pytest
 from playwright.sync_api import sync_playwright
 
-from jbench.report.figures.plotting import draw, to_png
+from jbench.report.figures.plotting import draw
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 ARGUMENTS = (
@@ -60,7 +60,7 @@ class Opened:
         box = svg.bounding_box()
         view = svg.evaluate("(e) => ['x', 'y', 'width', 'height'].map((n) => e.viewBox.baseVal[n])")
         drawn = draw(figure, text=False, legend=False)
-        to_png(drawn)  # places the panels
+        drawn.draw_without_rendering()  # places the panels
         left, up = drawn.axes[panel].transData.transform((x, y)) * 72 / drawn.dpi
         down = drawn.get_size_inches()[1] * 72 - up
         across = box["x"] + (left - view[0]) / view[2] * box["width"]

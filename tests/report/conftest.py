@@ -10,11 +10,14 @@ from jbench.report.data.building import build_cells, usable_runs
 from jbench.report.data.cells import LearnedCurve, of_kind
 from jbench.report.data.published import read_published
 from jbench.report.data.returns import TRAINING
+from jbench.report.figure import Axis, Figure, Panel
 from jbench.report.figures import plotting
+from jbench.report.page import vector
 from jbench.report.request import Request
 from jbench.report.views import curve_of
 from jbench.store import Results, query, schema
 from tests.report import browser
+from tests.training.small_runs import shorten_episodes
 
 SETTINGS = {
     "task": "face_direction",
@@ -159,6 +162,32 @@ def out(tmp_path):
 def no_png(monkeypatch):
     """Draws no PNG files: drawing is most of the time of a report, and SVG files are drawn too."""
     monkeypatch.setitem(plotting.FORMATS, "png", lambda drawn, paper=False: b"\x89PNG")
+
+
+@pytest.fixture
+def short_episodes(monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+
+
+@pytest.fixture(scope="session")
+def blank():
+    """A drawing of an empty panel."""
+    panel = Panel("", Axis("x", (0, 1)), Axis("y", (0, 1)), [])
+    return vector.element(Figure("Blank", [panel]), "blank-", "Blank")
+
+
+@pytest.fixture
+def undrawn(monkeypatch, blank):
+    """Draws no figure: for reports of which a test reads tables, names or other text."""
+
+    def empty(item, request):
+        return {f"{item.name}.{ending}": b"" for ending in request.formats}
+
+    def element(figure, *_):
+        return blank._replace(boxes=blank.boxes * len(figure.panels))
+
+    monkeypatch.setattr("jbench.report.report._figure_files", empty)
+    monkeypatch.setattr(vector, "element", element)
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ from jbench.policies.evaluate import evaluate
 from jbench.report.figures import behaviour
 from jbench.settings.evaluation import EvaluationSettings
 from jbench.store import Results
+from tests.training.small_runs import EPISODE
 
 
 def made_up(policy="random", **changes):
@@ -50,7 +51,7 @@ def test_the_worst_and_the_best_are_drawn():
     assert [panel.title.splitlines()[0] for panel in panels] == ["a", "d", "e", "f"]
 
 
-def test_only_evaluations_with_states_are_drawn(tmp_path):
+def test_only_evaluations_with_states_are_drawn(short_episodes, tmp_path):
     results = Results(tmp_path)
     for states in (False, True):
         settings = EvaluationSettings(
@@ -64,14 +65,14 @@ def test_only_evaluations_with_states_are_drawn(tmp_path):
     (found,), problems = behaviour.behaviours(results)
     assert problems == []
     assert (found.policy, found.episodes, found.target_yaw) == ("constant:0.5", 1, math.pi / 4)
-    assert len(found.x) == 1000
+    assert len(found.x) == EPISODE
     assert set(behaviour.figures([found])) == {
         "figure4-move_in_direction",
         "figure5-move_in_direction",
     }
 
 
-def test_a_damaged_evaluation_is_named(tmp_path):
+def test_a_damaged_evaluation_is_named(short_episodes, tmp_path):
     results = Results(tmp_path)
     settings = EvaluationSettings(task="face_direction", policy="random", episodes=1, states=True)
     record = evaluate(settings, results, threads=1)

@@ -97,6 +97,7 @@ class TestProcessorTime:
         # The last window within 20 episodes is centred between the 18th and the 19th.
         assert processor.timed_curve(item)[0][-1] == 18.5
 
+    @pytest.mark.usefixtures("undrawn")
     def test_runs_that_did_not_record_it_are_left_out_and_named(self, fabric, out):
         fabric.run(RETURNS, 0)
         (item,) = fabric.learned(window=4)
@@ -186,6 +187,7 @@ class TestSizesAndFormats:
                 assert box.y1 <= drawn.bbox.y1
             assert not [1 for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
 
+    @pytest.mark.usefixtures("undrawn")
     def test_only_the_formats_asked_for_are_written_and_earlier_ones_go(self, fabric, out):
         seeds(fabric, [500, 600, 700])
         write_report(fabric.results, out)
@@ -194,17 +196,11 @@ class TestSizesAndFormats:
         assert sorted(report.files) == sorted(out.iterdir())
 
     @pytest.mark.parametrize("name", ["svg", "pdf", "png"])
-    def test_a_figure_is_the_same_bytes_each_time(self, fabric, published, name):
+    def test_a_figure_is_the_same_bytes_each_time(self, fabric, name):
         seeds(fabric, [500, 600, 700])
-        made = [
-            plotting.FORMATS[name](plotting.draw(figure))
-            for _ in range(2)
-            for figure in (
-                profiles.profiles_figure(cells(fabric)),
-                heat_map.matrix_figure(cells(fabric)),
-            )
-        ]
-        assert made[:2] == made[2:]
+        figure = profiles.profiles_figure(cells(fabric))
+        made = [plotting.FORMATS[name](plotting.draw(figure)) for _ in range(2)]
+        assert made[0] == made[1]
         assert not re.search(rb"CreationDate|dc:date|Matplotlib v\d", made[0])
 
     @pytest.mark.parametrize(

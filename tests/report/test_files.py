@@ -14,14 +14,14 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.evaluate import evaluate
 from jbench.report import Request, write_report
 from jbench.report.data.curves import QUANTILES
+from jbench.report.report import gather
 from jbench.settings.evaluation import EvaluationSettings
-
-pytestmark = pytest.mark.usefixtures("no_png")
 
 KEY = ["task", "algo", "representation", "variant", "source", "returns"]
 FLAT = np.full(400, 500.0)
 
 
+@pytest.mark.usefixtures("no_png")
 def test_all_files_are_written_and_named(fabric, out):
     for seed in range(3):
         fabric.run(FLAT, seed=seed, algo="ddpg")
@@ -53,6 +53,7 @@ def test_all_files_are_written_and_named(fabric, out):
     ]
 
 
+@pytest.mark.usefixtures("no_png")
 def test_the_same_results_give_the_same_bytes(fabric, tmp_path):
     for seed in range(3):
         fabric.run(FLAT + seed, seed=seed)
@@ -63,12 +64,12 @@ def test_the_same_results_give_the_same_bytes(fabric, tmp_path):
 
 
 class TestAggregate:
-    def test_a_row_for_each_point_sorted_by_names(self, fabric, out):
+    def test_a_row_for_each_point_sorted_by_names(self, fabric):
         for task, algo in (("move_to_pose", "ddpg"), ("face_direction", "td3")):
             for representation in ("full", "dae12"):
                 for seed in range(2):
                     fabric.run(FLAT, seed=seed, task=task, algo=algo, representation=representation)
-        frame = write_report(fabric.results, out, Request(window=50)).aggregate
+        frame = gather(fabric.results, Request(window=50)).aggregate
         assert list(frame) == [
             *KEY, "order", "window", "control_steps", "seeds", *[f"q{q}" for q in QUANTILES]
         ]  # fmt: skip
@@ -76,6 +77,7 @@ class TestAggregate:
         assert frame.equals(frame.sort_values([*KEY, "control_steps"], ignore_index=True))
         assert set(frame["window"]) == {*range(25, 51)}
 
+    @pytest.mark.usefixtures("undrawn")
     def test_the_files_hold_the_same_numbers(self, fabric, out):
         rng = np.random.default_rng(0)
         for seed in range(3):
@@ -87,29 +89,30 @@ class TestAggregate:
         pd.testing.assert_frame_equal(text, report.aggregate, check_dtype=False, rtol=1e-12)
         assert set(report.aggregate["seeds"]) == {1, 2, 3}
 
-    def test_the_order_is_the_one_asked_for(self, fabric, out):
+    def test_the_order_is_the_one_asked_for(self, fabric):
         turns = np.tile([0.0, 10.0], 4)
         for seed, returns in enumerate((turns, 10 - turns, np.full(8, 4.0))):
             fabric.run(returns, seed=seed)
         for order, median in (("quantile-first", 4), ("smooth-first", 5)):
-            frame = write_report(fabric.results, out, Request(order=order, window=2)).aggregate
+            frame = gather(fabric.results, Request(order=order, window=2)).aggregate
             assert set(frame["order"]) == {order}
             assert frame["q50"].tolist()[1:-1] == [median] * 7
 
-    def test_window_larger_than_the_run(self, fabric, out):
+    def test_window_larger_than_the_run(self, fabric):
         fabric.run(np.arange(12.0))
-        report = write_report(fabric.results, out, Request(window=1000))
+        report = gather(fabric.results, Request(window=1000))
         assert set(report.aggregate["window"]) == {2, 3}
         assert any("window of 3 instead of 1000 episodes" in note for note in report.notes)
 
-    def test_a_note_on_several_cells_is_one_sentence(self, fabric, out):
+    def test_a_note_on_several_cells_is_one_sentence(self, fabric):
         for algo in ("ddpg", "sac", "td3"):
             fabric.run(np.arange(12.0), algo=algo)
-        notes = write_report(fabric.results, out, Request(window=1000)).notes
+        notes = gather(fabric.results, Request(window=1000)).notes
         (note,) = [note for note in notes if "instead of 1000" in note]
         assert re.match(r"3 cells, such as face_direction ddpg full \w+: window of 3 instead", note)
 
 
+@pytest.mark.usefixtures("undrawn")
 class TestTable:
     def test_a_row_of_numbers_beside_the_papers(self, fabric, out):
         for seed, end in enumerate((900.0, 950.0, 1000.0)):
@@ -137,10 +140,10 @@ class TestTable:
         with (out / "table.csv").open() as file:
             assert {row["published_median"] for row in csv.DictReader(file)} == {""}
 
-    def test_ppo_says_what_the_papers_steps_probably_are(self, fabric, out):
+    def test_ppo_says_what_the_papers_steps_probably_are(self, fabric):
         fabric.run(FLAT, algo="ppo", environments=8)
         fabric.run(FLAT, algo="sac")
-        notes = write_report(fabric.results, out).table.set_index("algo")["notes"]
+        notes = gather(fabric.results, Request()).table.set_index("algo")["notes"]
         assert "probably those of one of 8 environments" in notes["ppo"]
         assert "environments" not in notes["sac"]
 
@@ -166,6 +169,7 @@ class TestTable:
         assert "seed 1 failed after 300 episodes" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 class TestDamage:
     def test_a_damaged_run_is_named_and_the_others_are_reported(self, fabric, out):
         damaged = fabric.run(FLAT, seed=0)
@@ -189,6 +193,7 @@ class TestDamage:
         assert not out.exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 class TestRequests:
     def test_an_empty_database(self, fabric, out):
         command = "`jbench train --task face_direction --steps 100000 --seeds 0-1`"
@@ -196,7 +201,7 @@ class TestRequests:
             write_report(fabric.results, out)
         assert not out.exists()
 
-    def test_evaluated_policies_are_drawn_without_any_run(self, fabric, out):
+    def test_evaluated_policies_are_drawn_without_any_run(self, fabric, short_episodes, out):
         settings = EvaluationSettings(
             task="move_in_direction", policy="constant:0.5", episodes=1, states=True
         )
@@ -225,20 +230,20 @@ class TestRequests:
             ({"task": ""}, "task ''"),
         ],
     )
-    def test_a_filter_that_nothing_matches_names_what_there_is(self, fabric, out, filters, asked):
+    def test_a_filter_that_nothing_matches_names_what_there_is(self, fabric, filters, asked):
         fabric.run(FLAT, algo="td3")
         fabric.run(FLAT, algo="sac")
         fabric.run(FLAT, task="move_to_pose", algo="ddpg")
         with pytest.raises(RequestError) as error:
-            write_report(fabric.results, out, Request(**filters))
+            gather(fabric.results, Request(**filters))
         assert asked in str(error.value)
         assert "face_direction with sac, td3; move_to_pose with ddpg" in str(error.value)
 
-    def test_a_filter_leaves_the_rest_out(self, fabric, out):
+    def test_a_filter_leaves_the_rest_out(self, fabric):
         fabric.run(FLAT, algo="td3")
         fabric.run(FLAT, algo="ddpg")
         fabric.run(FLAT, task="move_to_pose", algo="ddpg")
-        report = write_report(fabric.results, out, Request(task="face_direction", algo="ddpg"))
+        report = gather(fabric.results, Request(task="face_direction", algo="ddpg"))
         assert report.table[["task", "algo"]].to_numpy().tolist() == [["face_direction", "ddpg"]]
         assert set(report.aggregate["algo"]) == {"ddpg"}
 
@@ -250,10 +255,9 @@ class TestRequests:
             ({"order": "random"}, "quantile-first or smooth-first"),
         ],
     )
-    def test_a_wrong_window_or_order(self, fabric, out, wrong, said):
-        fabric.run(FLAT)
+    def test_a_wrong_window_or_order(self, wrong, said):
         with pytest.raises(RequestError, match=said):
-            write_report(fabric.results, out, Request(**wrong))
+            Request(**wrong)
 
     def test_a_file_has_the_path_of_the_report(self, fabric, out):
         fabric.run(FLAT)
@@ -266,6 +270,7 @@ class TestRequests:
 HOSTILE = '<script>alert("1")</script>&amp;<img src=x onerror=alert(1)>'
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_names_that_records_may_have_name_no_file_elsewhere(fabric, out):
     for name in ("face_direction", "x/../../../etc/passwd"):
         for representation in ("full", "x/../../y"):
@@ -274,6 +279,7 @@ def test_names_that_records_may_have_name_no_file_elsewhere(fabric, out):
     assert sorted(report.files) == sorted(out.rglob("*"))
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("setting", ["task", "algo", "representation", "engine"])
 def test_a_record_with_a_hostile_name_is_left_out_and_reported(fabric, out, setting):
     fabric.run(FLAT[:4])
@@ -288,6 +294,7 @@ def test_a_record_with_a_hostile_name_is_left_out_and_reported(fabric, out, sett
     assert not any(b"alert(1)" in path.read_bytes() for path in report.files)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_shows_the_table_and_explains_the_orders(fabric, out):
     for seed in range(3):
         fabric.run(np.full(5000, 910.0 + seed), seed=seed)

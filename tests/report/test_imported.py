@@ -14,7 +14,7 @@ from jbench.report.data.cells import IMPORTED
 from jbench.report.report import gather
 from jbench.store import Results
 
-pytestmark = pytest.mark.usefixtures("no_png")
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 RETURNS = {
     "slow": {seed: 400.0 + 10 * seed for seed in range(6)},
@@ -44,13 +44,18 @@ def demo(demo_results, tmp_path):
     return tmp_path / "demo"
 
 
-@pytest.fixture
-def imported(tmp_path):
-    """Results with two imported algorithms and no runs."""
-    path = tmp_path / "imported"
+@pytest.fixture(scope="module")
+def two_imported(tmp_path_factory):
+    path = tmp_path_factory.mktemp("two")
     for algo, returns in RETURNS.items():
-        add(path, tmp_path, algo, returns)
-    return path
+        add(path / "imported", path, algo, returns)
+    return path / "imported"
+
+
+@pytest.fixture
+def imported(two_imported, tmp_path):
+    """Results with two imported algorithms and no runs."""
+    return shutil.copytree(two_imported, tmp_path / "imported")
 
 
 def test_a_report_of_imports_alone_has_their_statistics(imported, tmp_path):

@@ -1,5 +1,8 @@
-"""axe-core finds nothing to mend in the page of the shipped runs."""
+"""axe-core finds nothing to mend in the page of a report."""
 
+import itertools
+
+import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
@@ -9,6 +12,7 @@ from jbench.report.report import gather
 from jbench.report.request import Request
 from jbench.store import Results
 from jbench.store.shipped import shipped
+from tests.report.conftest import Fabric
 
 WIDE, NARROW = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 UNFOLD = (
@@ -19,12 +23,29 @@ UNFOLD = (
 DROP = "document.querySelectorAll('.drawing svg > *').forEach((one) => one.remove())"
 
 
-@pytest.fixture(scope="module")
-def written(tmp_path_factory):
-    path = tmp_path_factory.mktemp("page") / "index.html"
-    made = document(gather(Results(shipped()), Request(claims=True)))
+SHIPPED = pytest.param("shipped", marks=pytest.mark.slow)
+
+
+@pytest.fixture(scope="module", params=["fabricated", SHIPPED])
+def written(request, tmp_path_factory):
+    """The page of a few fabricated runs, or of the shipped ones: more of the same elements."""
+    folder = tmp_path_factory.mktemp("page")
+    results = Results(shipped()) if request.param == "shipped" else fabricated(folder / "results")
+    made = document(gather(results, Request(claims=True)))
+    path = folder / "index.html"
     path.write_bytes(render_document(made).encode())
     return path
+
+
+def fabricated(path):
+    """Returns results of two algorithms on two representations."""
+    fabric = Fabric(path)
+    for algo, representation in itertools.product(("td3", "sac"), ("full", "dae12")):
+        for seed in range(2):
+            evaluated = {20_000: 300.0 + seed, 40_000: 950.0 + seed}
+            settings = {"algo": algo, "representation": representation}
+            fabric.run(np.linspace(0, 900, 40), seed, evaluated=evaluated, **settings)
+    return fabric.results
 
 
 def violations(page, **context):
@@ -42,13 +63,13 @@ def violations(page, **context):
 @pytest.mark.parametrize(
     ("viewport", "scheme"),
     [
-        (WIDE, "light"),
         (NARROW, "dark"),
+        pytest.param(WIDE, "light", marks=pytest.mark.slow),
         pytest.param(WIDE, "dark", marks=pytest.mark.slow),
         pytest.param(NARROW, "light", marks=pytest.mark.slow),
     ],
 )
-def test_the_page_of_the_shipped_runs_its_filter_and_a_run(opened, written, viewport, scheme):
+def test_the_page_its_filter_and_a_run(opened, written, viewport, scheme):
     page = opened(written, viewport=viewport, color_scheme=scheme)
     assert violations(page) == {}
     page.page.locator(".filters summary").click()

@@ -18,6 +18,7 @@ from tests.report.browser import PHONE, Opened
 # matplotlib says that its font has no control characters.
 pytestmark = pytest.mark.filterwarnings("ignore:Glyph")
 
+SLOW = pytest.mark.slow
 EXACT = 5e-5
 """Relative: values under the pointer are shown with 5 digits."""
 
@@ -102,10 +103,10 @@ class TestTables:
     @pytest.mark.parametrize(
         ("heading", "rising"),
         [
-            ("algorithm", ["ddpg", "PPO", "sac", "td3", "td10"]),
+            pytest.param("algorithm", ["ddpg", "PPO", "sac", "td3", "td10"], marks=SLOW),
             (RETURNS, ["-3 [-5, -1]", "99 [98, 100]", "668 [659, 676]", "1,000 [990, 1,000]", ""]),
-            ("seeds", ["1", "2", "9", "10", "100"]),
-            ("published median", ["1e-05", "40", "963.2", "1,234,568", ""]),
+            pytest.param("seeds", ["1", "2", "9", "10", "100"], marks=SLOW),
+            pytest.param("published median", ["1e-05", "40", "963.2", "1,234,568", ""], marks=SLOW),
             ("verdict", ["contradicted", "supported", "undecided", "not tested", ""]),
         ],
     )
@@ -145,7 +146,7 @@ class TestTables:
 
 
 class TestFigures:
-    @pytest.mark.parametrize("row", [0, 11, 29])
+    @pytest.mark.parametrize("row", [11, *(pytest.param(row, marks=SLOW) for row in (0, 29))])
     def test_the_pointer_shows_the_numbers_of_the_data(self, opened, written, row):
         page = opened(written)
         figure = made.curves_figure()
@@ -346,12 +347,14 @@ class TestLooks:
         page.context.close()
 
 
-def test_a_page_of_200_long_runs_is_small_and_works(opened, tmp_path):
-    # 20 cells of 10 seeds and 5000 episodes in 5 figures, at the points that a curve is drawn with.
+@pytest.mark.parametrize(("figures", "size"), [(1, 5e6), pytest.param(5, 10e6, marks=SLOW)])
+def test_a_page_of_200_long_runs_is_small_and_works(opened, tmp_path, figures, size):
+    # 20 cells of 10 seeds and 5000 episodes in each figure, at the points that a curve is drawn
+    # with.
     rng = np.random.default_rng(0)
     steps = np.arange(1, 4902, 8) * 1000.0
     items = []
-    for i in range(5):
+    for i in range(figures):
         series = []
         for j in range(20):
             y = rng.normal(500, 100, len(steps))
@@ -368,9 +371,9 @@ def test_a_page_of_200_long_runs_is_small_and_works(opened, tmp_path):
     sections = [Section("All", [], [*items, TableItem("runs", "Runs", "", runs)])]
     path = tmp_path / "index.html"
     path.write_bytes(render_document(made.document(sections=sections, provenance=runs)).encode())
-    assert path.stat().st_size < 10e6
+    assert path.stat().st_size < size
     page = opened(path)
-    tip = page.point("figure3", figure, 2.5e6, 500)
+    tip = page.point(f"figure{figures - 1}", figure, 2.5e6, 500)
     # 13 lines of 20; the others are counted.
     assert tip[0] == "face_direction"
     assert tip[-1] in ("and 6 more", "and 7 more")

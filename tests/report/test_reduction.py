@@ -11,7 +11,7 @@ from jbench.report.report import write_report
 from jbench.report.request import Request
 from jbench.report.tables import reduction_items
 
-pytestmark = pytest.mark.usefixtures("no_png")
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 CLOSE = np.linspace(-10, 10, 8)
 FINALS = {

@@ -13,7 +13,7 @@ from jbench.report.figures import heat_map, learning_curves
 from jbench.report.report import gather
 from jbench.report.tables import files
 
-pytestmark = pytest.mark.usefixtures("no_png")
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 FLAT = np.full(40, 500.0)
 RISING = {10_000: 100.0, 20_000: 300.0, 30_000: 600.0, 40_000: 950.0}

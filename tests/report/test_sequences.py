@@ -57,6 +57,7 @@ def test_the_figure_holds_ours_theirs_and_the_changes(fabric, sequences):
     assert [line.at for line in panel.references if line.vertical] == [80_000]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_grid_has_one_robot_only(fabric, out):
     fabric.run(RETURNS, 0, **SAC)
     names = {path.name for path in write_report(fabric.results, out).figures}

@@ -85,7 +85,9 @@ def test_one_look_at_five_seeds_is_the_exact_permutation_test_of_scipy():
         assert first_above(ours, theirs, found.pvalue - 1e-6, 1) == 0
 
 
-@pytest.mark.parametrize("distribution", [normal, skewed, bounded])
+@pytest.mark.parametrize(
+    "distribution", [normal, skewed, pytest.param(bounded, marks=pytest.mark.slow)]
+)
 def test_of_equal_cells_at_most_the_error_rate_is_found_different(distribution):
     random, repetitions = np.random.default_rng(1), 2000
     ours, theirs = (distribution(random, (repetitions, 5 * LOOKS)) for _ in range(2))

@@ -11,7 +11,7 @@ from jbench.report.contents import document
 from jbench.report.data.returns import TRAINING
 from jbench.report.report import gather
 
-pytestmark = pytest.mark.usefixtures("no_png")
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 FLAT = np.full(40, 500.0)
 

@@ -4,7 +4,6 @@ import csv
 import json
 import re
 import signal
-import subprocess
 import sys
 import webbrowser
 
@@ -15,9 +14,9 @@ from jbench.cli import main
 from jbench.commands.report import open_page
 from jbench.report import Request
 from jbench.report.watch import Interrupt, fingerprint, remembered_interrupt, watch
-from tests.command_line import INTERRUPTIBLE
+from tests.forking import COMMAND, Piped
 
-pytestmark = pytest.mark.usefixtures("no_png")
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 RELOADS = b'<meta http-equiv="refresh"'
 FLAT = np.full(40, 500.0)
@@ -139,14 +138,8 @@ class TestWatch:
 
     def test_it_reports_again_while_runs_train_and_ends_on_ctrl_c(self, fabric):
         fabric.results.path.mkdir()
-        command = [*INTERRUPTIBLE, "report", "--watch", "--format", "svg"]
-        process = subprocess.Popen(
-            [*command, "--results", str(fabric.results.path)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        try:
+        command = ["report", "--watch", "--format", "svg", "--results", str(fabric.results.path)]
+        with Piped(COMMAND, [command], session=True) as process:
             wait_for(process, "Nothing to report yet: There are no runs")
             fabric.run(FLAT, 0)
             wait_for(process, "Wrote ")
@@ -158,9 +151,7 @@ class TestWatch:
             assert page.read_bytes().count(RELOADS) == 1
             assert not list(page.parent.glob("*.svg"))
             process.send_signal(signal.SIGINT)
-            said, _ = process.communicate(timeout=120)
-        finally:
-            process.kill()
+            said = process.stdout.read()
         assert process.returncode == 0
         assert "No longer watching" in said
         assert RELOADS not in page.read_bytes()
@@ -184,4 +175,4 @@ def wait_for(process, text):
     """Reads what the process prints up to the first line that matches."""
     if any(re.search(text, line) for line in process.stdout):
         return
-    raise AssertionError(f"{text!r} was never said: {process.stderr.read()}")
+    raise AssertionError(f"{text!r} was never said")

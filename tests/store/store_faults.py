@@ -8,20 +8,19 @@ import platform
 import resource
 import signal
 import struct
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-PREAMBLE = f"""
-import sys
+from tests.forking import Piped
+
+PREAMBLE = """
+import resource, signal, sys, time
 from pathlib import Path
-sys.path.insert(0, {str(Path(__file__).parents[2])!r})
 from tests.store import store_faults
 from jbench.errors import RequestError, WorkError
 from jbench.store import Record, Results, schema
-from tests.store.store_rows import ROWS, numbers, read
+from tests.store.store_rows import ROWS, incompressible, numbers, read
 results = Results(Path(sys.argv[1]))
 """
 
@@ -32,14 +31,29 @@ _RENAMES = {"x86_64": (82, 264, 316), "aarch64": (38, 276)}
 _EPERM = 1
 
 
+class Script(Piped):
+    """A process of its own that runs a script on a results directory."""
+
+    def __init__(self, results, script, *arguments):
+        """Starts it; `arguments` are those of its command line after the directory."""
+        typed = [str(results.path), *map(str, arguments)]
+        super().__init__("tests.store.store_faults:execute", [script, typed])
+
+
+def execute(script, arguments):
+    """Runs a script in this process."""
+    sys.argv = ["-c", *arguments]
+    exec(PREAMBLE + script, {"__name__": "__main__"})  # noqa: S102
+
+
 def run_script(results, script):
     """Runs a script on a results directory; returns the lines that it printed."""
-    command = [sys.executable, "-c", PREAMBLE + script, str(results.path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    if done.returncode == CANNOT:
+    with Script(results, script) as process:
+        lines = process.stdout.read().splitlines()
+    if process.returncode == CANNOT:
         pytest.skip("this system can't be made to refuse")
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    assert process.returncode == 0
+    return lines
 
 
 def forbid_renames():

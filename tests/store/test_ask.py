@@ -9,7 +9,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.store import query
-from tests.store.store_faults import PREAMBLE
+from tests.store.store_faults import Script
 from tests.store.store_rows import add_run, listed
 from tests.store.test_damage import truncate
 
@@ -95,10 +95,9 @@ while True:
 
 
 def test_run_that_is_written_meanwhile_is_whole_in_one_of_its_states(filled):
-    command = [sys.executable, "-c", PREAMBLE + WRITING, str(filled.path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+    with Script(filled, WRITING) as writer:
         assert writer.stdout.readline() == "finished\n"
-        found = [rows(filled, "SELECT run, count(*) FROM episodes GROUP BY 1") for _ in range(40)]
+        found = [rows(filled, "SELECT run, count(*) FROM episodes GROUP BY 1") for _ in range(20)]
         assert writer.poll() is None
         writer.kill()
     assert {count for answer in found for run, count in answer if run == "c"} <= {1, 2, 3}
@@ -142,6 +141,6 @@ def test_processes_that_end_right_after_a_query_end_well(filled):
         "print(len(query.ask(Results(Path(sys.argv[1])), 'FROM episodes').rows))\n"
     )
     command = [sys.executable, "-c", script, os.fspath(filled.path)]
-    for _ in range(3):
+    for _ in range(2):
         done = subprocess.run(command, capture_output=True, text=True)
         assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr

@@ -2,30 +2,23 @@
 
 import random
 import signal
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import pytest
 
 from jbench.errors import WorkError
 from jbench.store import Results
+from tests.store.store_faults import Script
 from tests.store.store_rows import listed, manifest_of, names, numbers, read
 
 ROLE = "checkpoint.safetensors"
 
 # The checkpoint says how many rows were committed with it.
-WRITING = f"""
-import sys
-from pathlib import Path
-sys.path.insert(0, {str(Path(__file__).parents[2])!r})
-from jbench.store import Results
-from tests.store.store_rows import numbers
-record = Results(Path(sys.argv[1])).find("run", "a/b")
+WRITING = """
+record = results.find("run", "a/b")
 n = record.rows("t")
 while True:
-    record.append({{"t": numbers(n)}}, {{"checkpoint.safetensors": str(n + 1).encode()}})
+    record.append({"t": numbers(n)}, {"checkpoint.safetensors": str(n + 1).encode()})
     print(n, flush=True)
     n += 1
 """
@@ -82,8 +75,7 @@ def test_altered_checkpoint_is_refused(results, record):
 @pytest.mark.parametrize("kills", [4, pytest.param(8, marks=pytest.mark.slow)])
 def test_killed_writer_leaves_rows_and_the_checkpoint_that_goes_with_them(results, record, kills):
     for kill in range(kills):
-        command = [sys.executable, "-c", WRITING, str(results.path)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        with Script(results, WRITING) as process:
             process.stdout.readline()
             time.sleep(random.Random(kill).uniform(0, 0.1))
             process.send_signal(signal.SIGKILL)

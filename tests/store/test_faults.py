@@ -1,15 +1,13 @@
 """When the system refuses, what was committed is still read, and a sentence says what happened."""
 
 import os
-import subprocess
-import sys
 
 import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results
 from jbench.store.listing import list_runs
-from tests.store.store_faults import PREAMBLE, run_script
+from tests.store.store_faults import Script, run_script
 from tests.store.store_rows import (
     add_run,
     alter_manifest,
@@ -196,11 +194,9 @@ while True:
     except WorkError as error:
         assert "Another process" in str(error)
 """
-    command = [sys.executable, "-c", PREAMBLE + script, str(results.path)]
-    writers = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
-    for writer in writers:
-        assert writer.communicate(timeout=120)[1] == ""
-        assert writer.returncode == 0
+    with Script(results, script) as one, Script(results, script) as other:
+        assert (one.stdout.read(), other.stdout.read()) == ("", "")
+    assert (one.returncode, other.returncode) == (0, 0)
     found = results.find("run", "a/b")
     assert read(found) == list(range(found.rows("t")))
     assert found.rows("t") >= 40

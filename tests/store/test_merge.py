@@ -4,8 +4,6 @@ import math
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
 
 import pyarrow as pa
@@ -15,7 +13,7 @@ from jbench.errors import RequestError
 from jbench.store import Results, query, schema
 from jbench.store.merge import TIMES, merge
 from jbench.store.verify import verify
-from tests.store.store_faults import PREAMBLE, run_script
+from tests.store.store_faults import Script, run_script
 from tests.store.store_rows import (
     RUN_SETTINGS,
     alter_manifest,
@@ -287,9 +285,8 @@ def test_killed_merge_is_finished_by_the_next(results, other):
     for seed in range(12):
         add_whole_run(other, seed=seed)
     source = snapshot(other.path)
-    command = [sys.executable, "-c", PREAMBLE + MERGING, str(results.path), str(other.path)]
     for kill in range(4):
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        with Script(results, MERGING, other.path) as process:
             for _ in range(2 + 2 * kill):
                 process.stdout.readline()
             time.sleep(random.Random(kill).uniform(0, 0.02))

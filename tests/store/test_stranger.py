@@ -61,7 +61,7 @@ def replace(path, make):
 def deep(run):
     """Folders in folders, deeper than Python calls functions."""
     at = os.open(run.path, os.O_RDONLY)
-    for _ in range(1900):
+    for _ in range(1100):
         os.mkdir("d", dir_fd=at)
         below = os.open("d", os.O_RDONLY, dir_fd=at)
         os.close(at)

@@ -1,8 +1,6 @@
 """Every fault of a results directory is found, named with its record, and nothing is changed."""
 
 import shutil
-import subprocess
-import sys
 
 import pytest
 from hypothesis import given, settings
@@ -13,7 +11,7 @@ from jbench.store import Results
 from jbench.store.files import sha256
 from jbench.store.manifest import Manifest
 from jbench.store.verify import examine, verify
-from tests.store.store_faults import PREAMBLE, run_script
+from tests.store.store_faults import Script, run_script
 from tests.store.store_rows import alter_manifest, listed, manifest_of, numbers
 from tests.store.store_whole import add, add_chain, add_whole_run, snapshot
 from tests.store.test_damage import BROKEN_MANIFESTS, DAMAGES, flip_a_byte, truncate
@@ -244,8 +242,7 @@ with results.record("run", sys.argv[2]).lock():
 
 def test_record_that_changes_all_the_time_is_never_called_damaged(results):
     run = add_whole_run(results, finish=False)
-    command = [sys.executable, "-c", PREAMBLE + WRITING, str(results.path), run.id]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+    with Script(results, WRITING, run.id) as writer:
         assert writer.stdout.readline() == "begun\n"
         found = [finding for _ in range(30) for finding in verify(results, 2).findings]
         assert writer.poll() is None
@@ -322,7 +319,7 @@ JSON = st.recursive(
 
 
 @given(st.dictionaries(TEXT, JSON, max_size=4))
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_settings_have_their_hash_still_when_they_come_back_from_a_manifest(values):
     manifest = Manifest(kind="run", id="a", settings=values, created="", updated="")
     back = Manifest.from_bytes(manifest.to_bytes(), "here")

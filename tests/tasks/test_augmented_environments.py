@@ -79,15 +79,20 @@ def test_dm_control_robot_is_the_seeds_to_the_last_bit():
     assert bits(physics.model.ptr) == bits(augmented.augmented_model(3, vary_masses=True))
 
 
-def test_episode_of_the_domain():
-    env = suite.load("augmented_jitterbug", "move_to_pose", task_kwargs={"augment": 1, "random": 0})
+@pytest.mark.parametrize(
+    ("settings", "length"),
+    [({"time_limit": 1}, 100), pytest.param({}, 1000, marks=pytest.mark.slow)],
+)
+def test_episode_of_the_domain(settings, length):
+    settings = {"augment": 1, "random": 0, **settings}
+    env = suite.load("augmented_jitterbug", "move_to_pose", task_kwargs=settings)
     time_step, steps = env.reset(), 0
     actions = np.random.default_rng(0)
     while not time_step.last():
         time_step = env.step(actions.uniform(-1, 1, 1))
         steps += 1
         assert 0 <= time_step.reward <= 1
-    assert steps == 1000
+    assert steps == length
     assert time_step.discount == 1
     assert np.isfinite(np.concatenate(list(time_step.observation.values()))).all()
 

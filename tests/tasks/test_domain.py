@@ -42,7 +42,13 @@ def flat(time_step):
     return np.concatenate(list(time_step.observation.values()))
 
 
-@pytest.fixture(scope="module", params=TASKS)
+@pytest.fixture(
+    scope="module",
+    params=[
+        task if task in RANDOM_RETURNS else pytest.param(task, marks=pytest.mark.slow)
+        for task in TASKS
+    ],
+)
 def episode(request):
     """A task and a whole episode of it, up to the first step that ends one."""
     env = load(request.param)

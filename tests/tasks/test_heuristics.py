@@ -64,7 +64,7 @@ def test_a_robot_does_the_same_alone_and_among_others(task):
         assert alone.act(row[None]) == pytest.approx(action[None], abs=1e-12)
 
 
-# Median return of six robots per step after a number of steps; one may have fallen.
+# Median return of three robots per step after a number of steps; one may have fallen.
 DONE = {
     "move_from_origin": (150, 0.95),
     "face_direction": (250, 0.9),
@@ -77,13 +77,13 @@ DONE = {
 @pytest.mark.parametrize("task", TASKS)
 def test_the_task_is_done(task):
     random = np.random.default_rng(2)
-    target = targets(task, random, 6)
+    target = targets(task, random, 3)
     steps, least = DONE[task]
     policy = heuristic(task)
-    policy.reset(6)
+    policy.reset(3)
     rewards = []
-    with Robots(load_model(), 6, threads=2) as robots:
-        state = robots.reset(np.array([resets.draw_quaternion(random) for _ in range(6)]))
+    with Robots(load_model(), 3, threads=2) as robots:
+        state = robots.reset(np.array([resets.draw_quaternion(random) for _ in range(3)]))
         for _ in range(steps):
             state = robots.step(policy.act(features.observation(task, state, target))[:, 0])
             rewards.append(reward(task, state, target))

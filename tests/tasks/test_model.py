@@ -219,11 +219,11 @@ def test_robot_stands_at_rest_on_its_four_feet(robot, at_rest):
 def test_only_the_floor_is_touched_under_random_control(robot, at_rest):
     random = np.random.default_rng(0)
     touched = 0
-    for _ in range(200):
+    for _ in range(60):
         at_rest.ctrl[0] = random.uniform(-1, 1)
         for _ in range(PHYSICS_STEPS):
             mujoco.mj_step(robot, at_rest)
             pairs = touching(robot, at_rest)
             touched += len(pairs)
             assert all("floor" in pair for pair in pairs)
-    assert touched > 10_000  # of 10,000 steps: more than one foot on the floor on average
+    assert touched > 3_000  # of 3,000 steps: more than one foot on the floor on average

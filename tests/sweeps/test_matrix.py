@@ -165,7 +165,7 @@ def test_its_runs_are_those_of_jbench_train(tmp_path):
         "evaluate_episodes": 1,
         "engine": "batched",
     }
-    td3 = ["learning_starts=500", "train_freq=100", "gradient_steps=2", "batch_size=16"]
+    td3 = ["learning_starts=50", "train_freq=50", "gradient_steps=2", "batch_size=16"]
     ppo = ["n_envs=2", "n_steps=128", "batch_size=64"]
     for cell, overrides in zip(cells_of(matrix, tmp_path), (td3, ppo), strict=True):
         typed = request_runs(

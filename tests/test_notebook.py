@@ -6,11 +6,13 @@ from pathlib import Path
 
 import nbclient
 import nbformat
+import pytest
 
 from tests.command_line import short_episodes
 from tests.documentation import ROOT
 
 
+@pytest.mark.slow
 def test_quickstart_trains_reports_and_queries(tmp_path, monkeypatch):
     (tmp_path / "site").mkdir()
     monkeypatch.setenv("PYTHONPATH", short_episodes(tmp_path / "site")["PYTHONPATH"])

@@ -76,6 +76,7 @@ def in_the_middle(node, runs, path):
     return None
 
 
+@pytest.mark.slow
 def test_a_node_that_is_killed_leaves_the_rows_of_the_local_executor(cluster, tmp_path):
     results, local = tmp_path / "results", tmp_path / "local"
     matrix = write_matrix(tmp_path, seeds="0-1", steps=3000)

@@ -66,7 +66,7 @@ print(json.dumps([events, of_the_command_line]))
 
 
 def test_a_program_sweeps_without_the_command_line_and_receives_the_events(tmp_path):
-    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", steps=1000)
+    matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", steps=1000, dataset=1000)
     results = tmp_path / "results"
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, matrix, str(results)],

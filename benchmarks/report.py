@@ -84,7 +84,7 @@ def measure(path: Path, *options: str) -> Measure:
 
 def profile(path: Path, lines: int) -> str:
     """Returns where the time of a report goes, function by function."""
-    from jbench.report import write_report
+    from jbench.report.report import write_report
 
     profiler = cProfile.Profile()
     profiler.runcall(write_report, Results(path), path / "report")

@@ -50,9 +50,9 @@ def leaderboard(
     """
     if markdown + as_csv + json > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
-    from jbench.report import Request
     from jbench.report import leaderboard as board
     from jbench.report.data.returns import KINDS
+    from jbench.report.request import Request
 
     databases = {str(path): parsing.existing_results(path) for path in directories or [RESULTS]}
     read = list(databases.values())

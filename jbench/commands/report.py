@@ -25,7 +25,8 @@ from jbench.errors import RequestError, WorkError
 from jbench.opengl import has_display
 
 if TYPE_CHECKING:
-    from jbench.report import Report, Request
+    from jbench.report.report import Report
+    from jbench.report.request import Request
     from jbench.store import Results
 
 
@@ -111,7 +112,7 @@ def report(
     It has learning curves, statistics and tables, as files and as an HTML page.
     """
     command = _command(locals())
-    from jbench.report import Request
+    from jbench.report.request import Request
     from jbench.store import Results
 
     # If two directories are compared, --results is not read.
@@ -152,7 +153,7 @@ def report(
 
 def _report(database: "Results", out: Path, request: "Request", output: Output) -> None:
     """Writes a report and prints its main tables and notes."""
-    from jbench.report import write_report
+    from jbench.report.report import write_report
 
     written = write_report(database, out, request)
     _show(written, output)

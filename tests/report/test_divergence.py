@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from jbench.report import Request, contents
+from jbench.report import contents
 from jbench.report.analysis.scores import scores_of
 from jbench.report.data.returns import EVALUATION
 from jbench.report.report import gather
+from jbench.report.request import Request
 
 FLAT = np.full(40, 500.0)
 LAST = {20_000: 400.0, 40_000: 600.0}

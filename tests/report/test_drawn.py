@@ -6,10 +6,11 @@ import re
 import numpy as np
 import pytest
 
-from jbench.report import Request, write_report
 from jbench.report.data.cells import SOLVED
 from jbench.report.figures import heat_map, layout, plotting, processor, profiles
 from jbench.report.figures.learning_curves import ALGORITHM_COLORS, comparison_figures, grid_figure
+from jbench.report.report import write_report
+from jbench.report.request import Request
 
 RETURNS = np.linspace(0, 800, 40)
 

@@ -9,9 +9,10 @@ import pyarrow as pa
 import pytest
 
 from jbench.errors import RequestError, WorkError
-from jbench.report import Request, contents, write_report
+from jbench.report import contents
 from jbench.report.analysis.scores import statistics_frame
-from jbench.report.report import gather
+from jbench.report.report import gather, write_report
+from jbench.report.request import Request
 from jbench.report.tables import files
 from jbench.store import schema
 

@@ -9,8 +9,9 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.names import OFE
-from jbench.report import Request, write_report
 from jbench.report.figures import encoders
+from jbench.report.report import write_report
+from jbench.report.request import Request
 from jbench.store import Results, encoder_schema, query
 
 pytestmark = pytest.mark.usefixtures("no_png")

@@ -12,9 +12,9 @@ import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.policies.evaluate import evaluate
-from jbench.report import Request, write_report
 from jbench.report.data.curves import QUANTILES
-from jbench.report.report import gather
+from jbench.report.report import gather, write_report
+from jbench.report.request import Request
 from jbench.settings.evaluation import EvaluationSettings
 
 KEY = ["task", "algo", "representation", "variant", "source", "returns"]

@@ -9,9 +9,10 @@ import pytest
 
 import jbench
 from jbench.cli import main
-from jbench.report import Request, contents, write_report
+from jbench.report import contents
 from jbench.report.data.cells import IMPORTED
-from jbench.report.report import gather
+from jbench.report.report import gather, write_report
+from jbench.report.request import Request
 from jbench.store import Results
 
 pytestmark = pytest.mark.usefixtures("undrawn")

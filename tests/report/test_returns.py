@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from jbench.report import Request, contents, write_report
+from jbench.report import contents
 from jbench.report.analysis.comparisons import within
 from jbench.report.analysis.examine import examine
 from jbench.report.analysis.scores import scores_of, summaries
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.report.document import TableItem
 from jbench.report.figures import heat_map, learning_curves
-from jbench.report.report import gather
+from jbench.report.report import gather, write_report
+from jbench.report.request import Request
 from jbench.report.tables import files
 
 pytestmark = pytest.mark.usefixtures("undrawn")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jbench.report import write_report
 from jbench.report.data.published import read_sequences
 from jbench.report.figures.sequences import sequence_curve, sequence_figures
+from jbench.report.report import write_report
 from jbench.store import query
 
 SAC = {"algo": "sac", "task": "move_in_direction", "augment": 0, "robots": 2}

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from jbench.errors import RequestError
-from jbench.report import Request, sources, write_report
+from jbench.report import sources
 from jbench.report.contents import document
 from jbench.report.data.returns import TRAINING
-from jbench.report.report import gather
+from jbench.report.report import gather, write_report
+from jbench.report.request import Request
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 

@@ -121,6 +121,7 @@ def test_installed_command_is_that_of_the_wheel(jbench, installed):
     assert jbench("--version") == f"jbench {__version__}\n"
 
 
+@pytest.mark.slow
 def test_installed_command_trains(jbench, installed):
     assert "face_direction/ddpg/full/s00-" in jbench(*TRAINING)
     (manifest,) = installed.glob("results/**/manifest.json")

@@ -95,6 +95,7 @@ def without_linux(tmp_path_factory):
     return dict(zip((verb[0] for verb, _ in VERBS), ended, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("verb", "prints"), VERBS)
 def test_verbs_work_without_what_linux_alone_has(verb, prints, without_linux):
     code, said = without_linux[verb[0]]

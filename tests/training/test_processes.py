@@ -45,8 +45,8 @@ sys.exit(main(sys.argv[1:]))
 
 def test_any_number_of_seeds_fit_into_the_request_of_a_process(tmp_path):
     # Linux takes 128 KiB in one argument. The runs are finished, so that nothing is trained.
-    results, long = Results(tmp_path), {**TD3, "hidden_layers": [8] * 500}
-    runs = [small_run("td3", long, seed=seed, **SHORT) for seed in range(100)]
+    results, long = Results(tmp_path), {**TD3, "hidden_layers": [8] * 5000}
+    runs = [small_run("td3", long, seed=seed, **SHORT) for seed in range(15)]
     assert sum(len(run.model_dump_json()) for run in runs) > 2**17
     for run in runs:
         results.create("run", run.id, run.model_dump(mode="json")).finish({})

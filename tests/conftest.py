@@ -1,4 +1,4 @@
-"""What all tests share: the choice of a renderer and the settings of hypothesis."""
+"""What all tests share: threads, the choice of a renderer and the settings of hypothesis."""
 
 import ctypes.util
 import os
@@ -6,7 +6,13 @@ import os
 import pytest
 from hypothesis import settings
 
+from jbench.names import ONE_THREAD
+
 _NO_RENDERER = ("disable", "disabled", "off", "false", "0")
+
+# Libraries read this when they are first imported, and processes inherit it. `make test` runs a
+# process on each core; more threads would only wait for each other.
+os.environ.update(ONE_THREAD)
 
 # dm_control and MuJoCo read this once, when they are first imported.
 if not os.environ.get("MUJOCO_GL"):
@@ -39,17 +45,6 @@ def coarse_pictures(rendering, monkeypatch):
 
     monkeypatch.setattr(gym, "load_model", load_coarse)
     monkeypatch.setattr(episode, "_SHADOW_TEXELS", 64)
-
-
-@pytest.fixture
-def one_thread():
-    """Limits torch to one thread: on a busy machine a second thread makes it slower."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture

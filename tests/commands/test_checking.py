@@ -29,8 +29,6 @@ RUNS = [
     for seed in range(3)
 ]
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 @pytest.fixture(scope="module", autouse=True)
 def _short_episodes():
@@ -74,7 +72,8 @@ def altered(trained, tmp_path):
     return results
 
 
-def test_reproduce_says_equal(trained, capsys):
+def test_reproduce_says_equal(trained, capsys, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS")
     assert main(["reproduce", RUNS[0].id[:-4], "--results", str(trained.path)]) == 0
     said = capsys.readouterr().out
     assert f"run {RUNS[0].id}\n" in said

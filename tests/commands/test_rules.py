@@ -44,8 +44,6 @@ quantiles = 5
 episodes = 1
 """
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):

@@ -3,22 +3,12 @@
 from types import SimpleNamespace
 
 import pytest
-import torch
 
 from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import States
 from jbench.encoders.training import train_encoder
 from jbench.store import Results
 from tests.encoders.encoder_data import make_dataset
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_thread():
-    """These networks are so small that threads only wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture(autouse=True)

@@ -2,7 +2,6 @@
 
 import gymnasium
 import pytest
-import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.monitor import Monitor
@@ -20,8 +19,6 @@ def sb3_files(tmp_path_factory):
     """Files of a tiny PPO of seed 3 in two environments with short episodes."""
     register_environments()
     place = tmp_path_factory.mktemp("sb3") / "seed3"
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
 
     def monitored(name):
         env = gymnasium.make(environment_id("face_direction"), max_episode_steps=20)
@@ -48,7 +45,6 @@ def sb3_files(tmp_path_factory):
         seed=3,
     )
     model.learn(80, callback=callback)
-    torch.set_num_threads(threads)
     return place
 
 

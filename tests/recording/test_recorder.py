@@ -30,8 +30,6 @@ from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
 from tests.training.small_runs import EPISODE, shorten_episodes
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 SEED = 7  # in its first episode the robot of `loop` gets rewards
 STEPS = 2 * EPISODE
 RUN = {"algo": "mine", "seed": SEED, "steps": STEPS}

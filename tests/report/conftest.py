@@ -214,3 +214,4 @@ def opened(chromium):
     for page in pages:
         page.assert_quiet()
         page.context.close()
+        page.context.close()

@@ -1,13 +1,8 @@
-"""What the tests of experiments share."""
+"""What the tests of training share."""
 
 import pytest
 
 from tests.training.small_runs import shorten_episodes
-
-
-@pytest.fixture(autouse=True)
-def _one_thread(one_thread):
-    """Every test of these learns."""
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ import json
 import numpy as np
 import pyarrow as pa
 import pytest
-import torch
 from pydantic import ValidationError
 
 from jbench import cli
@@ -94,13 +93,7 @@ def alone(tmp_path_factory):
 
 
 def watched(tmp_path_factory, **changes):
-    # Outside of the tests, which the fixture above does this for.
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        return Watched(tmp_path_factory.mktemp("watched"), **changes)
-    finally:
-        torch.set_num_threads(before)
+    return Watched(tmp_path_factory.mktemp("watched"), **changes)
 
 
 def test_plain_settings_keep_the_id_they_had_before_there_were_other_robots():

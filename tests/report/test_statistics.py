@@ -12,7 +12,7 @@ from jbench.report.data.curves import steps_to_threshold
 
 _MADE = json.loads((Path(__file__).parent / "rliable_oracle" / "made.json").read_text())
 CASES = _MADE["cases"]
-NAMES = ("mean", "median_of_means", "interquartile_mean", "probability_of_improvement")
+NAMES = ("mean", "interquartile_mean", "probability_of_improvement")
 
 
 def strata(matrix):

@@ -60,12 +60,7 @@ def median(strata: Strata) -> FloatArray:
 
 def mean(strata: Strata) -> FloatArray:
     """Returns the mean over tasks of the mean over seeds."""
-    return _over_tasks(np.mean, [np.mean(seeds, axis=-1) for seeds in strata])
-
-
-def median_of_means(strata: Strata) -> FloatArray:
-    """Returns the median over tasks of the mean over seeds, which rliable calls the median."""
-    return _over_tasks(np.median, [np.mean(seeds, axis=-1) for seeds in strata])
+    return _mean_over_tasks([np.mean(seeds, axis=-1) for seeds in strata])
 
 
 def interquartile_mean(strata: Strata) -> FloatArray:
@@ -105,7 +100,7 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:
     2021, section 4.3).
     """
     won = [_won(x, y).mean(axis=(-2, -1)) for x, y in zip(ours, theirs, strict=True)]
-    return _over_tasks(np.mean, won)
+    return _mean_over_tasks(won)
 
 
 def difference(statistic: Statistic) -> Statistic:
@@ -129,7 +124,7 @@ def performance_profile(strata: Strata, thresholds: FloatArray) -> FloatArray:
     Every task counts the same, however many seeds it has (Agarwal et al., 2021, section 4.2).
     """
     shares = [np.mean(seeds[..., None, :] > thresholds[:, None], axis=-1) for seeds in strata]
-    return _over_tasks(np.mean, shares)
+    return _mean_over_tasks(shares)
 
 
 def bootstrap(
@@ -208,8 +203,9 @@ def _with_interval(value: float, drawn: FloatArray, confidence: float) -> Estima
     return Estimate(value, float(low), float(high), np.nan if infinite else float(np.std(drawn)))
 
 
-def _over_tasks(average: Callable[..., FloatArray], values: Sequence[FloatArray]) -> FloatArray:
-    return average(values, axis=0)
+def _mean_over_tasks(values: Sequence[FloatArray]) -> FloatArray:
+    mean_of_tasks: FloatArray = np.mean(values, axis=0)
+    return mean_of_tasks
 
 
 def _pooled(strata: Strata) -> FloatArray:
@@ -266,7 +262,7 @@ def _improvements(
         # Sums of halves have no rounding errors.
         won = np.sum((ours @ _won(x, y)) * theirs, axis=-1)
         shares.append(won / (len(x) * len(y)))
-    return _over_tasks(np.mean, shares)
+    return _mean_over_tasks(shares)
 
 
 def _counts(index: NDArray[np.int64], seeds: int) -> FloatArray:

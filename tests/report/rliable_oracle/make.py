@@ -37,7 +37,6 @@ def case(seed: int, runs: int, others: int, tasks: int) -> dict:
     x, y = scores(seed, runs, tasks), scores(seed + 1, others, tasks)
     single = {
         "mean": metrics.aggregate_mean,
-        "median_of_means": metrics.aggregate_median,
         "interquartile_mean": metrics.aggregate_iqm,
     }
     made = {name: {"value": float(f(x)), "interval": interval(x, f)} for name, f in single.items()}

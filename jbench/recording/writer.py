@@ -16,7 +16,7 @@ from jbench.policies.saved import policy_files
 from jbench.settings.external import ExternalSettings
 from jbench.simulation.rollout import Act
 from jbench.store import Record
-from jbench.training.evaluation import EvaluationSchedule, evaluation_returns, seeds_of
+from jbench.training.evaluation import EvaluationSchedule, evaluate_policy, seeds_of
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
@@ -80,13 +80,11 @@ class RunWriter:
         def encoded(observations: NDArray[np.float32]) -> NDArray[np.floating]:
             return act(observations if encoder is None else encoder.encode(observations))
 
-        returns, length = evaluation_returns(
-            self._settings, self._seed, self._evaluations, encoded, cores()
-        )
+        made = evaluate_policy(self._settings, self._seed, self._evaluations, encoded, cores())
         self._evaluations += 1
         self._clock.share([self._log])
-        self._log.evaluation(control_steps, [(float(total), length) for total in returns])
-        return returns
+        self._log.evaluation(control_steps, made.episodes, made.path)
+        return made.returns
 
     def finish(self, kept: tuple[Network, int] | None) -> None:
         """Evaluates the kept policy unless it is older than the last evaluation; finishes the run.

@@ -49,7 +49,7 @@ class _Seen:
 
     created: str
     status: str
-    rows: dict[str, int] = field(default_factory=lambda: dict.fromkeys(schema.RUN_TABLES, 0))
+    rows: dict[str, int] = field(default_factory=lambda: dict.fromkeys(schema.EPISODE_TABLES, 0))
 
 
 class Follower:
@@ -115,7 +115,7 @@ class Follower:
                 # A writer may have joined the files since the manifest was read.
                 if not record.refresh():
                     raise
-        counts = {table: record.rows(table) for table in schema.RUN_TABLES}
+        counts = {table: record.rows(table) for table in schema.EPISODE_TABLES}
         now = _Seen(record.manifest.created, record.status, counts)
         self._seen[run] = now
         return Change(run_line(record), record, is_new, now.status != seen.status, rows)
@@ -141,7 +141,7 @@ def _rows_after(record: Record, counts: Mapping[str, int]) -> list[Row]:
     """Returns the rows of a run but the first `counts` ones of each table."""
     rows = [
         (table, _finite(row))
-        for table, columns in schema.RUN_TABLES.items()
+        for table, columns in schema.EPISODE_TABLES.items()
         for row in _table_after(record, table, columns, counts[table]).to_pylist()
     ]
     return sorted(rows, key=lambda row: row[1]["control_steps"] or 0)

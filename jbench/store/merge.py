@@ -117,7 +117,8 @@ def _choice(own: Record, other: Record) -> Outcome:
     if own.manifest.files == other.manifest.files:
         return "same"
     entries = (*own.manifest.files, *other.manifest.files)
-    tables = sorted({entry.table for entry in entries if entry.table is not None})
+    # Paths follow from the evaluations; older versions did not record them.
+    tables = sorted({entry.table for entry in entries if entry.table not in (None, "paths")})
     differences = filter(None, (_difference(own, other, table) for table in tables))
     difference = next(differences, None)
     more = [other.rows(table) - own.rows(table) for table in tables]

@@ -56,7 +56,7 @@ class Record(RecordReader):
         checkpoints: Mapping[str, bytes] | None = None,
         *,
         drop: Collection[str] = (),
-        replace: bool = False,
+        replace: Collection[str] = (),
     ) -> None:
         """Adds rows to tables and replaces checkpoints in one atomic commit.
 
@@ -66,16 +66,14 @@ class Record(RecordReader):
                 needed to resume after these rows. It replaces the previous file of the role.
                 `read_file` finds it by its role; `finish` removes it.
             drop: roles of checkpoints to remove.
-            replace: whether the rows replace the existing rows of the tables.
+            replace: tables whose existing rows are dropped.
         """
         checkpoints = checkpoints or {}
         added = [self._write_part(name, rows) for name, rows in tables.items() if rows.num_rows]
         added += [self._write_checkpoint(role, content) for role, content in checkpoints.items()]
         before, dropped = self.manifest.files, {*checkpoints, *drop}
         kept = [
-            entry
-            for entry in before
-            if entry.role not in dropped and not (replace and entry.table in tables)
+            entry for entry in before if entry.role not in dropped and entry.table not in replace
         ]
         # The same rows are the same file.
         listed = {entry.name: entry for entry in (*kept, *added)}

@@ -17,6 +17,12 @@ _PROCESSOR_TIME = field("processor_time", pa.float64(), "s of processor time sin
 _RETURN = field("episode_return", pa.float64(), "sum of rewards")
 _LENGTH = field("length", pa.int32(), "control steps")
 _CONTROL_STEPS = field("control_steps", pa.int64(), "control steps of the run, all environments")
+_MANIFEST = (
+    field("created", pa.string(), "UTC"),
+    field("updated", pa.string(), "UTC"),
+    field("settings", pa.string(), "JSON"),
+    field("provenance", pa.string(), "JSON"),
+)
 
 LOSSES = (
     "actor_loss",
@@ -60,8 +66,26 @@ EVALUATIONS = pa.schema(
 )
 """Episodes of the deterministic policy, `episode` counting within each `evaluation`."""
 
-RUN_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS}
-"""Tables of a run's rows by name."""
+PATHS = pa.schema(
+    [
+        _RUN,
+        field("evaluation", pa.int32()),
+        _CONTROL_STEPS,
+        field("time", pa.float32(), "s since the episode began"),
+        *(field(name, pa.float32(), "m") for name in ("x", "y", "target_x", "target_y")),
+        *(field(name, pa.float32(), "rad") for name in ("heading", "target_yaw")),
+    ]
+)
+"""Where the robot was in the first episode of a run's first evaluation and of its latest one.
+
+Numbers of the target are null if they are not random in the task.
+"""
+
+EPISODE_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS}
+"""Tables with a row for each episode of a run."""
+
+RUN_TABLES = {**EPISODE_TABLES, "paths": PATHS}
+"""All tables of a run's files by name."""
 
 RUNS = pa.schema(
     [
@@ -80,10 +104,7 @@ RUNS = pa.schema(
         field("wall_time", pa.float64(), "s"),
         field("processor_time", pa.float64(), "s"),
         field("diverged", pa.string(), "JSON; null unless the run diverged"),
-        field("created", pa.string(), "UTC"),
-        field("updated", pa.string(), "UTC"),
-        field("settings", pa.string(), "JSON"),
-        field("provenance", pa.string(), "JSON"),
+        *_MANIFEST,
     ]
 )
 """One row per run, from its manifest."""
@@ -102,10 +123,7 @@ ENCODERS = pa.schema(
         field("test_explained", pa.float64(), "fraction of the variance"),
         field("effective_rank", pa.float64(), "of the latents on held-out episodes"),
         field("wall_time", pa.float64(), "s"),
-        field("created", pa.string(), "UTC"),
-        field("updated", pa.string(), "UTC"),
-        field("settings", pa.string(), "JSON"),
-        field("provenance", pa.string(), "JSON"),
+        *_MANIFEST,
     ]
 )
 """One row for each encoder, from its manifest."""
@@ -118,10 +136,7 @@ DATASETS = pa.schema(
         field("steps_done", pa.int64(), "control steps"),
         field("status", pa.string()),
         field("bytes", pa.int64(), "bytes on disk"),
-        field("created", pa.string(), "UTC"),
-        field("updated", pa.string(), "UTC"),
-        field("settings", pa.string(), "JSON"),
-        field("provenance", pa.string(), "JSON"),
+        *_MANIFEST,
     ]
 )
 """One row for each dataset, from its manifest."""
@@ -137,10 +152,7 @@ POLICY_EVALUATIONS = pa.schema(
         field("median", pa.float64(), "sum of rewards"),
         field("q10", pa.float64(), "sum of rewards"),
         field("q90", pa.float64(), "sum of rewards"),
-        field("created", pa.string(), "UTC"),
-        field("updated", pa.string(), "UTC"),
-        field("settings", pa.string(), "JSON"),
-        field("provenance", pa.string(), "JSON"),
+        *_MANIFEST,
     ]
 )
 """One row for each evaluation of a policy by `jbench evaluate`, from its manifest."""
@@ -222,10 +234,7 @@ IMPORTS = pa.schema(
         field("control_steps", pa.int64(), "control steps of the last point"),
         field("files", pa.string(), "JSON: names by SHA-256"),
         field("status", pa.string()),
-        field("created", pa.string(), "UTC"),
-        field("updated", pa.string(), "UTC"),
-        field("settings", pa.string(), "JSON"),
-        field("provenance", pa.string(), "JSON"),
+        *_MANIFEST,
     ]
 )
 """One row for each learning curve that `jbench import` read, from its manifest."""
@@ -264,6 +273,7 @@ TABLES = {
     "runs": RUNS,
     "episodes": EPISODES,
     "evaluations": EVALUATIONS,
+    "paths": PATHS,
     "encoders": ENCODERS,
     "encoder_epochs": ENCODER_EPOCHS,
     "encoder_features": ENCODER_FEATURES,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from jbench.names import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASKS
 from jbench.tasks import features, model, resets
-from jbench.tasks.features import Target
+from jbench.tasks.features import State, Target
 from jbench.tasks.outcome import outcome
 from jbench.tasks.robots import load_model
 
@@ -92,6 +92,11 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """The state of `model`."""
         return self._data
 
+    @property
+    def state(self) -> State:
+        """The state of the robot, without leading axes."""
+        return model.state_of(self._data.qpos, self._data.qvel, self._torso_offset)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
@@ -163,8 +168,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._renderer = None
 
     def _outcome(self) -> tuple[NDArray[np.float32], float, dict[str, Any]]:
-        state = model.state_of(self._data.qpos, self._data.qvel, self._torso_offset)
-        observation, reward, info = outcome(self.task, state, self._target)
+        observation, reward, info = outcome(self.task, self.state, self._target)
         numbers = {key: value if key == "target" else float(value) for key, value in info.items()}
         return observation, float(reward), numbers
 

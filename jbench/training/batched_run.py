@@ -178,12 +178,12 @@ class _Batch:
         self._fail_diverged(weights=True)
         if not self._active():
             return
-        returns = self._evaluator(self._engine)
+        evaluations = self._evaluator(self._engine)
         self._fail_diverged()
         self._share_processor_time()
         for index in self._active():
-            outcome = [(value, EPISODE_STEPS) for value in returns[index].tolist()]
-            self._members[index].log.evaluation(self._engine.control_steps, outcome)
+            made, log = evaluations[index], self._members[index].log
+            log.evaluation(self._engine.control_steps, made.episodes, made.path)
         self._note_policies()
 
     def _note_policies(self) -> None:

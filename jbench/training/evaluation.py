@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -11,8 +12,10 @@ from jbench.agents.trainer import Trainer
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout
+from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
 from jbench.simulation.rollout import Act
 from jbench.tasks import resets
+from jbench.tasks.resets import Starts
 from jbench.tasks.robots import load_model
 
 
@@ -33,9 +36,28 @@ def _model(augment: int | None) -> mujoco.MjModel:
     return load_model(augment)
 
 
-def evaluation_returns(
+class Evaluation(NamedTuple):
+    """An evaluation of one policy.
+
+    Attributes:
+        returns: (evaluate_episodes,) of its episodes.
+        length: control steps of an episode.
+        path: of the robot in the first episode; None without episodes.
+    """
+
+    returns: NDArray[np.float64]
+    length: int
+    path: Path | None
+
+    @property
+    def episodes(self) -> list[tuple[float, int]]:
+        """Return and length of each episode."""
+        return [(value, self.length) for value in self.returns.tolist()]
+
+
+def evaluate_policy(
     settings: RunSettings | ExternalSettings, seed: int, number: int, act: Act, threads: int
-) -> tuple[NDArray[np.float64], int]:
+) -> Evaluation:
     """Runs the episodes of an evaluation of one policy side by side, on the run's first robot.
 
     Args:
@@ -44,19 +66,35 @@ def evaluation_returns(
         number: of the evaluation; each has its own generator.
         act: returns actions (n, 1) for observations (n, dim(O)) of the task.
         threads: number of simulation threads; the returns do not depend on it.
-
-    Returns:
-        The returns (evaluate_episodes,), and the control steps of an episode.
     """
-    episodes, length = settings.evaluate_episodes, 0
+    episodes = settings.evaluate_episodes
     generator = resets.episode_generator(seed, number)
     starts = resets.draw_starts(settings.task, [generator] * episodes)
-    returns = np.zeros(episodes)
     with Robots(robot_model(settings, 0), episodes, threads) as robots:
-        for transition in rollout(settings.task, robots, starts, act):
-            returns += transition.rewards
-            length += 1
-    return returns, length
+        (evaluation,) = _evaluations(settings.task, robots, starts, act, episodes)
+    return evaluation
+
+
+def _evaluations(
+    task: str, robots: Robots, starts: Starts, act: Act, episodes: int
+) -> list[Evaluation]:
+    """Runs evaluations of some episodes each, one after another in `starts`, side by side."""
+    total, length = np.zeros(len(starts.quaternions)), 0
+    points = [path_point(robots.reset(starts.quaternions))]
+    for transition in rollout(task, robots, starts, act):
+        total += transition.rewards
+        length += 1
+        if length % PATH_EVERY == 0:
+            points.append(path_point(transition.state))
+    targets = resets.target_numbers(task, starts.targets)
+    return [
+        Evaluation(
+            total[first : first + episodes],
+            length,
+            path_of(task, [point[first] for point in points], targets[first]),
+        )
+        for first in range(0, len(total), episodes)
+    ]
 
 
 class EvaluationSchedule:
@@ -92,13 +130,12 @@ class Evaluator(EvaluationSchedule):
         """Resumes after `done` evaluations, the last of them at `last_steps` control steps."""
         self._done, self.last_steps = done, last_steps
 
-    def __call__(self, engine: Trainer) -> NDArray[np.float64]:
-        """Returns the returns (runs, evaluate_episodes) of an evaluation."""
+    def __call__(self, engine: Trainer) -> list[Evaluation]:
+        """Returns an evaluation of each run."""
         task, episodes = self._settings.task, self._settings.evaluate_episodes
-        shape = (len(self._seeds), episodes)
-        total = np.zeros(shape)
         if not episodes:
-            return total
+            return [Evaluation(np.zeros(0), 0, None) for _ in self._seeds]
+        shape = (len(self._seeds), episodes)
         generators = [resets.episode_generator(seed, self._done) for seed in self._seeds]
         starts = resets.draw_starts(task, [one for one in generators for _ in range(episodes)])
 
@@ -106,8 +143,8 @@ class Evaluator(EvaluationSchedule):
             return engine.act(observations.reshape(*shape, -1)).reshape(-1, 1)
 
         model = robot_model(self._settings, self._settings.robot_at(engine.control_steps))
-        with Robots(model, total.size, engine.environments.threads) as robots:
-            for transition in rollout(task, robots, starts, act):
-                total += transition.rewards.reshape(shape)
+        threads = engine.environments.threads
+        with Robots(model, len(starts.quaternions), threads) as robots:
+            evaluations = _evaluations(task, robots, starts, act, episodes)
         self._done += 1
-        return total
+        return evaluations

@@ -1,15 +1,18 @@
-"""Log of a run: its episodes and evaluations, and when they are committed."""
+"""Log of a run: its episodes, evaluations and paths, and when they are committed."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import BaseModel, Field
 
 from jbench.errors import WorkError
+from jbench.names import CONTROL_TIMESTEP
 from jbench.settings.base import Settings
+from jbench.simulation.paths import PATH_EVERY, Path
 from jbench.store import Record, schema
 
 POLICY_EVALUATION = "policy_evaluation"
@@ -53,15 +56,20 @@ class RunLog:
                 that were committed after it.
         """
         self._record = record
-        self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.RUN_TABLES}
+        self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.EPISODE_TABLES}
         start = position or Position(processor_time=0.0)
         self._episodes, self._evaluations = start.episodes, start.evaluations
         self._last_evaluation = start.last_evaluation
         self._began = time.perf_counter() - start.wall_time
         self._processor_time = start.processor_time
         self._before: dict[str, pa.Table] | None = None
+        # Of the first evaluation and of the latest one, which replace the committed ones.
+        self._paths, self._paths_changed = schema.PATHS.empty_table(), False
         if position is not None:
             self._before = self._rows_of(position)
+            committed = record.read("paths", schema.PATHS)
+            self._paths = committed.filter(pc.less(committed["evaluation"], self._evaluations))
+            self._paths_changed = self._paths.num_rows < committed.num_rows
 
     def wall_time(self) -> float:
         """Returns the seconds that the run has taken, without interruptions."""
@@ -115,34 +123,50 @@ class RunLog:
         self._add("episodes", control_steps, episode_return, length, row)
         self._episodes += 1
 
-    def evaluation(self, control_steps: int, returns_and_lengths: list[tuple[float, int]]) -> None:
-        """Adds the episodes of one evaluation."""
+    def evaluation(
+        self,
+        control_steps: int,
+        returns_and_lengths: list[tuple[float, int]],
+        path: Path | None = None,
+    ) -> None:
+        """Adds the episodes of one evaluation.
+
+        Args:
+            path: of the first of them. Those of the run's first and of its latest evaluation are
+                kept.
+        """
         for episode, (episode_return, length) in enumerate(returns_and_lengths):
             row = {"evaluation": self._evaluations, "episode": episode}
             self._add("evaluations", control_steps, episode_return, length, row)
+        if path is not None:
+            first = self._paths.filter(pc.equal(self._paths["evaluation"], 0))
+            self._paths = pa.concat_tables([first, self._path_rows(control_steps, path)])
+            self._paths_changed = True
         self._evaluations += 1
         self._last_evaluation = control_steps
 
-    def pending(self) -> tuple[dict[str, pa.Table], bool]:
-        """Returns the pending rows by table, and whether they replace all committed rows.
+    def pending(self) -> tuple[dict[str, pa.Table], Collection[str]]:
+        """Returns the pending rows by table, and the tables whose committed rows they replace.
 
         They do when a table has many files, so that a long run does not end with thousands.
         """
         tables = {
             name: pa.Table.from_pylist(self._rows[name], columns)
-            for name, columns in schema.RUN_TABLES.items()
+            for name, columns in schema.EPISODE_TABLES.items()
         }
+        paths = {"paths": self._paths} if self._paths_changed else {}
         before = self._before
         if before is None and any(len(self._record.parts(name)) >= _MAX_PARTS for name in tables):
             before = self._committed()
         if before is None:
-            return tables, False
-        return {name: pa.concat_tables([before[name], tables[name]]) for name in tables}, True
+            return {**tables, **paths}, paths
+        joined = {name: pa.concat_tables([before[name], tables[name]]) for name in tables}
+        return {**joined, **paths}, {*joined, *paths}
 
     def mark_committed(self) -> None:
         """Clears the pending rows."""
         self._rows = {name: [] for name in self._rows}
-        self._before = None
+        self._before, self._paths_changed = None, False
 
     def commit(self) -> float:
         """Commits the pending rows atomically; returns the seconds that it took."""
@@ -153,12 +177,12 @@ class RunLog:
         return time.perf_counter() - began
 
     def _committed(self) -> dict[str, pa.Table]:
-        """Returns the committed rows by table."""
-        tables = schema.RUN_TABLES.items()
+        """Returns the committed rows of episodes by table."""
+        tables = schema.EPISODE_TABLES.items()
         return {name: self._record.read(name, columns) for name, columns in tables}
 
     def _rows_of(self, position: Position) -> dict[str, pa.Table] | None:
-        """Returns the committed rows up to a checkpoint, or None if there are no later ones.
+        """Returns these rows up to a checkpoint, or None if there are no later ones.
 
         Rows are compared by number, since an evaluation may be at the checkpoint's control step.
         """
@@ -172,6 +196,21 @@ class RunLog:
         }
         same = all(counted[name].num_rows == committed[name].num_rows for name in committed)
         return None if same else counted
+
+    def _path_rows(self, control_steps: int, path: Path) -> pa.Table:
+        """Returns the rows of the path of the evaluation that is being added."""
+        count = len(path.points)
+        constant = {
+            "run": self._record.id,
+            "evaluation": self._evaluations,
+            "control_steps": control_steps,
+            **{f"target_{name}": path.target.get(name) for name in ("x", "y", "yaw")},
+        }
+        x, y, heading = path.points.T
+        time = (np.arange(count) * (PATH_EVERY * CONTROL_TIMESTEP)).astype(np.float32)
+        columns = {"time": time, "x": x, "y": y, "heading": heading}
+        repeated = {name: [value] * count for name, value in constant.items()}
+        return pa.table({**columns, **repeated}, schema=schema.PATHS)
 
     def _add(
         self,

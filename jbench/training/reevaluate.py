@@ -16,7 +16,7 @@ from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import Record, Results, schema
 from jbench.training.engines import engine_of
-from jbench.training.evaluation import Evaluator, evaluation_returns, seeds_of
+from jbench.training.evaluation import Evaluator, evaluate_policy, seeds_of
 from jbench.training.log import POLICY_EVALUATION
 
 Verdict = Literal["equal", "different", "no policy", "not comparable"]
@@ -160,7 +160,8 @@ def _returns(
     agent = load_agent(results, record.id)
     agent_seed, evaluation_seed = seeds_of(settings.seed)
     if isinstance(settings, ExternalSettings):
-        return evaluation_returns(settings, evaluation_seed, last.number, agent.act, cores())[0]
+        own = evaluate_policy(settings, evaluation_seed, last.number, agent.act, cores())
+        return own.returns
     if settings.engine == "sb3":
         return _of_sb3(settings, agent, evaluation_seed, last)
     device = device_for(record.manifest.provenance)
@@ -169,8 +170,7 @@ def _returns(
         engine.load_policy(0, agent.policy, last.control_steps)
         evaluator = Evaluator(settings, [evaluation_seed])
         evaluator.restore(last.number, last.control_steps)
-        returns: NDArray[np.float64] = evaluator(engine)[0]
-    return returns
+        return evaluator(engine)[0].returns
 
 
 def _of_sb3(
@@ -180,5 +180,5 @@ def _of_sb3(
 
     evaluator = sb3_run.Evaluator(settings, agent.encoder, seed)
     evaluator.skip(last.number)
-    outcome = evaluator(agent.policy.act, last.control_steps)
+    outcome, _ = evaluator(agent.policy.act, last.control_steps)
     return np.array([episode_return for episode_return, _ in outcome])

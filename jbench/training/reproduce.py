@@ -195,8 +195,8 @@ def _retrain(
     until = rounds * round_steps
     with tempfile.TemporaryDirectory(prefix="jbench-") as directory:
         again = _train(results, record, settings, until, progress, Results(Path(directory)))
-        ours = {table: _rows(again, table, until) for table in schema.RUN_TABLES}
-    theirs = {table: _rows(record, table, until) for table in schema.RUN_TABLES}
+        ours = {table: _rows(again, table, until) for table in schema.EPISODE_TABLES}
+    theirs = {table: _rows(record, table, until) for table in schema.EPISODE_TABLES}
     computed = {**ours["episodes"], **ours["evaluations"]}
     found = _differences({**theirs["episodes"], **theirs["evaluations"]}, computed)
     return Retraining(
@@ -247,7 +247,9 @@ def _train(
 
 def _rows(record: Record, table: str, until: int) -> dict[_Key, dict[str, Any]]:
     """Returns the rows up to a control step, without times."""
-    rows = record.read(table, schema.RUN_TABLES[table]).drop_columns([*TIMES, "run"]).to_pylist()
+    rows = (
+        record.read(table, schema.EPISODE_TABLES[table]).drop_columns([*TIMES, "run"]).to_pylist()
+    )
     number = "episode" if table == "episodes" else "evaluation"
     keys = ((row["control_steps"], table, row[number], row["episode"]) for row in rows)
     keyed = zip(keys, rows, strict=True)

@@ -20,6 +20,7 @@ from jbench.errors import WorkError, sentence_of_failure
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
+from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
 from jbench.store import Record, Results
 from jbench.training.environment import load_encoder_of, make_env
 from jbench.training.evaluation import EvaluationSchedule, seeds_of
@@ -187,8 +188,8 @@ class Evaluator(EvaluationSchedule):
 
     def __call__(
         self, act: Callable[[Any], Any], control_steps: int = 0
-    ) -> list[tuple[float, int]]:
-        """Returns return and length of each episode.
+    ) -> tuple[list[tuple[float, int]], Path | None]:
+        """Returns return and length of each episode, and the path in the first of them.
 
         Args:
             act: the policy.
@@ -198,15 +199,20 @@ class Evaluator(EvaluationSchedule):
         if robot != self._robot:
             self._env = with_robot(self._env, self._settings, self._encoder, robot)
             self._robot = robot
-        outcome = []
+        outcome, path = [], None
+        robot_env: Any = self._env.unwrapped
         for _ in range(self._episodes):
-            observation, _ = self._env.reset()
+            observation, info = self._env.reset()
             ended, total, length = False, 0.0, 0
+            points = [path_point(robot_env.state)]
             while not ended:
                 observation, reward, terminated, truncated, _ = self._env.step(act(observation))
                 total, length, ended = total + float(reward), length + 1, terminated or truncated
+                if length % PATH_EVERY == 0:
+                    points.append(path_point(robot_env.state))
             outcome.append((total, length))
-        return outcome
+            path = path or path_of(self._settings.task, points, info.get("target", np.zeros(0)))
+        return outcome, path
 
 
 class _Recorder(BaseCallback):
@@ -234,9 +240,9 @@ class _Recorder(BaseCallback):
     def evaluate(self) -> None:
         """Evaluates the agent's current policy."""
         policy = policy_of(self.model, self._settings)
-        returns = self._evaluator(policy.act, self.num_timesteps)
+        returns, path = self._evaluator(policy.act, self.num_timesteps)
         self._clock.share([self._log])
-        self._log.evaluation(self.num_timesteps, returns)
+        self._log.evaluation(self.num_timesteps, returns, path)
         self.evaluated = policy if returns else None
 
     def check_agent(self) -> None:

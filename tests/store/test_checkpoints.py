@@ -102,14 +102,14 @@ def test_roles_that_are_dropped_are_gone_with_their_files(results, record):
 def test_rows_that_come_anew_take_the_place_of_all_that_there_were(results, record):
     record.append({"t": numbers(1), "u": numbers(7)}, {ROLE: b"one"})
     record.append({"t": numbers(2)})
-    record.append({"t": numbers(1, 2, 3)}, replace=True)
+    record.append({"t": numbers(1, 2, 3)}, replace=("t",))
     again = results.find("run", "a/b")
     assert (read(again), read(again, "u")) == ([1, 2, 3], [7])
     assert len(again.parts("t")) == 1
     assert len(list(record.path.glob("t-*"))) == 1
     assert again.has_checkpoint(ROLE)
     # The same rows again are the same file, which stays.
-    record.append({"t": numbers(1, 2, 3)}, replace=True)
+    record.append({"t": numbers(1, 2, 3)}, replace=("t",))
     assert read(results.find("run", "a/b")) == [1, 2, 3]
 
 

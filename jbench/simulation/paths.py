@@ -10,7 +10,8 @@ from jbench.tasks import features
 from jbench.tasks.features import TASK_SPECS, State
 
 PATH_EVERY = 20
-"""Control steps between two points of a path: 0.2 s."""
+"""Control steps between two points of a path: 0.2 s, in which the hand-written policies move up to
+6 cm, the distance between two feet. A whole episode has 51 points."""
 
 
 class Path(NamedTuple):

@@ -28,7 +28,7 @@ from jbench.tasks import resets
 from jbench.tasks.robots import load_model
 from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
-from tests.training.small_runs import EPISODE, shorten_episodes
+from tests.training.small_runs import EPISODE, paths, shorten_episodes
 
 SEED = 7  # in its first episode the robot of `loop` gets rewards
 STEPS = 2 * EPISODE
@@ -157,6 +157,7 @@ def test_evaluations_come_when_they_are_due(finished):
     due = [(0, 50, 0), (0, 50, 1), (1, 100, 0), (1, 100, 1)]
     # The kept policy is evaluated at the end, so that anyone can repeat its evaluation.
     assert steps == [*due, (2, 100, 0), (2, 100, 1)]
+    assert paths(record_of(results, id)) == {(0, 50): 3, (2, 100): 3}
 
 
 def test_the_kept_policy_acts_as_the_actor(finished, copy, capsys):

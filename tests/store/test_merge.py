@@ -100,6 +100,15 @@ def test_same_rows_in_other_files_are_the_same_run(results, other):
     assert outcomes(results, other) == {mine.id: "same"}
 
 
+def test_a_run_without_paths_is_the_same_run(results, other):
+    mine = add_timed(results, [1.0], 3.0)
+    theirs = add_timed(other, [1.0], 3.0, finish=False)
+    row = {"run": mine.id, "evaluation": 0, "control_steps": 1000, "x": 0.5}
+    theirs.append({"paths": pa.Table.from_pylist([row], schema.PATHS)})
+    theirs.finish({}, {"policy.json": b"{}"})
+    assert outcomes(results, other) == {mine.id: "same"}
+
+
 def test_nan_is_the_same_as_nan_and_not_as_nothing(results, other):
     mine = add_timed(results, [1.0], 3.0, actor_loss=math.nan)
     add_timed(other, [1.0], 5.0, actor_loss=math.nan)

@@ -2,6 +2,7 @@
 
 import importlib
 import itertools
+from collections import Counter
 
 from gymnasium.envs.registration import registry
 
@@ -47,6 +48,12 @@ def small_run(algo, overrides, **changes):
     chosen = algorithm_settings(algo, overrides=overrides).model_dump(mode="json")
     about = {"task": "face_direction", "algo": algo, "seed": 0}
     return RunSettings(**{**about, "hyperparameters": chosen, **changes})
+
+
+def paths(record):
+    """Returns the number of rows of each path, by its evaluation and its control steps."""
+    found = record.read("paths", schema.PATHS).to_pylist()
+    return dict(Counter((row["evaluation"], row["control_steps"]) for row in found))
 
 
 def rows(record):

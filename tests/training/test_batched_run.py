@@ -1,5 +1,6 @@
 """Runs that share the batched engine give the same rows as separate runs."""
 
+import numpy as np
 import pytest
 import torch
 
@@ -10,11 +11,11 @@ from jbench.store import Results, schema
 from jbench.sweeps.executors import batches
 from jbench.training import engines, evaluation
 from jbench.training.batched_run import run_batch
-from jbench.training.evaluation import robot_model
+from jbench.training.evaluation import evaluate_policy, robot_model, seeds_of
 from jbench.training.request import training_device
 from jbench.training.speed import _short_schedule, seconds_per_step
 from jbench.training.status import plan
-from tests.training.small_runs import EPISODE, rows, small_run
+from tests.training.small_runs import EPISODE, paths, rows, small_run
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 
@@ -76,6 +77,8 @@ def test_rows_come_when_they_are_due(tmp_path):
         (1, 150),
     ]
     assert len({row["episode_return"] for row in evaluations}) == 4
+    # At control steps 0, 20 and 40 of episodes of 50.
+    assert paths(record) == {(0, 100): 3, (1, 150): 3}
     assert load_agent(results, run.id).task == "face_direction"
     assert plan([run], results).ids("finished") == [run.id]
     # Typed again, it is found.
@@ -103,6 +106,24 @@ def test_several_environments_share_the_steps_and_the_updates(tmp_path):
     episodes = results.find("run", run.id).read("episodes", schema.EPISODES).to_pylist()
     assert [row["control_steps"] for row in episodes] == [200] * 4
     assert len({row["episode_return"] for row in episodes}) == 4
+    assert paths(results.find("run", run.id)) == {}
+
+
+def test_paths_are_those_of_the_seeds_own_episodes(tmp_path):
+    results, runs = Results(tmp_path), [settings(seed=seed, steps=150) for seed in (0, 3)]
+    run_batch(runs, results, None)
+    for run in runs:
+        record, agent = results.find("run", run.id), load_agent(results, run.id)
+        _, seed = seeds_of(run.seed)
+        found = record.read("paths", schema.PATHS).to_pandas()
+        assert paths(record) == {(0, 50): 3, (2, 150): 3}
+        made = evaluate_policy(run, seed, 2, agent.act, 1)
+        last = found[found["evaluation"] == 2]
+        # The engine rounds in another way than the policy alone.
+        np.testing.assert_allclose(last[["x", "y", "heading"]], made.path.points, atol=1e-4)
+        assert np.abs(last[["x", "y"]].to_numpy()).max() > 1e-4
+        assert last["target_yaw"].tolist() == pytest.approx([made.path.target["yaw"]] * 3)
+        assert last["target_x"].isna().all()
 
 
 def test_a_sequence_of_robots_is_gone_through():

@@ -7,7 +7,7 @@ import pytest
 
 from jbench.policies.saved import WEIGHTS
 from jbench.settings.ofe import OFESettings
-from jbench.store import Results
+from jbench.store import Results, schema
 from tests.command_line import Process
 from tests.training.small_runs import rows, small_run
 
@@ -26,11 +26,12 @@ def settings(algo, seed, **changes):
 
 
 def outcome(path, run):
-    """Returns all rows of a finished run but their times, and its weights."""
+    """Returns all rows of a finished run but their times, its paths, and its weights."""
     record = Results(path).find("run", run.id)
     assert record.status == "finished"
     assert record.roles() == []
-    return rows(record), record.read_file(WEIGHTS)
+    paths = record.read("paths", schema.PATHS).to_pylist()
+    return rows(record), paths, record.read_file(WEIGHTS)
 
 
 def kill(path, runs, **request):

@@ -14,7 +14,7 @@ from jbench.training.environment import make_env
 from jbench.training.sb3_run import run
 from jbench.training.speed import seconds_per_step
 from jbench.training.status import plan
-from tests.training.small_runs import EPISODE, shorten_episodes, small_run
+from tests.training.small_runs import EPISODE, paths, shorten_episodes, small_run
 
 TD3 = {"learning_starts": 75, "train_freq": 25, "gradient_steps": 5}
 
@@ -121,17 +121,23 @@ def test_the_kept_agent_repeats_an_evaluation(finished):
     evaluation_seed = int(np.random.SeedSequence(0).generate_state(2)[1])
     env = make_env(settings(), None)
     env.reset(seed=evaluation_seed)
-    returns = []
+    returns, positions = [], []
     for _ in range(4):
         observation, _ = env.reset()
         total, ended = 0.0, False
+        positions.append([env.unwrapped.data.qpos[:2].copy()])
         while not ended:
             observation, reward, _, ended, _ = env.step(agent.act(observation))
             total += reward
+            positions[-1].append(env.unwrapped.data.qpos[:2].copy())
         returns.append(total)
     rows = record.read("evaluations", schema.EVALUATIONS).to_pylist()
     # The last two were of the final policy; the first two of an earlier one.
     assert returns[2:] == pytest.approx([row["episode_return"] for row in rows[2:]])
+    # At control steps 0, 20 and 40.
+    assert paths(record) == {(0, 100): 3, (1, 150): 3}
+    found = record.read("paths", schema.PATHS).slice(3).select(["x", "y"]).to_pandas()
+    np.testing.assert_array_equal(found, np.array(positions[2][::20], np.float32))
 
 
 def test_an_agent_of_no_run_is_refused(finished):

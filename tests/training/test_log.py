@@ -1,0 +1,70 @@
+"""The log of a run keeps the paths of its first evaluation and of the latest one."""
+
+import numpy as np
+import pytest
+
+from jbench.simulation.paths import Path
+from jbench.store import Results, schema
+from jbench.training.log import Position, RunLog
+
+
+@pytest.fixture
+def record(tmp_path):
+    return Results(tmp_path).create("run", "r", {"task": "move_to_pose"})
+
+
+def evaluate(log, number):
+    """Adds an evaluation, whose path has two points."""
+    start = np.array([0, 0, number], np.float32)
+    path = Path(np.stack([start, start + 0.5]), {"x": 0.25, "yaw": float(number)})
+    log.evaluation(1000 * (number + 1), [(1.0, 1000)], path)
+
+
+def numbers(record):
+    return record.read("paths", schema.PATHS)["evaluation"].to_pylist()
+
+
+def test_the_latest_path_replaces_the_one_before(record):
+    log = RunLog(record)
+    for number, kept in enumerate(([0, 0], [0, 0, 1, 1], [0, 0, 2, 2])):
+        evaluate(log, number)
+        log.commit()
+        assert numbers(record) == kept
+        assert len(record.parts("paths")) == 1
+    log.commit()
+    assert numbers(record) == [0, 0, 2, 2]
+    assert record.rows("evaluations") == 3
+    last = record.read("paths", schema.PATHS).to_pylist()[-1]
+    assert last == {
+        **{"run": "r", "evaluation": 2, "control_steps": 3000, "time": np.float32(0.2)},
+        **{"x": 0.5, "y": 0.5, "heading": 2.5},
+        **{"target_x": 0.25, "target_y": None, "target_yaw": 2.0},
+    }
+
+
+def test_paths_after_the_position_of_a_checkpoint_are_dropped(record):
+    log = RunLog(record)
+    for number in range(3):
+        evaluate(log, number)
+    log.commit()
+    resumed = RunLog(record, Position(evaluations=2))
+    resumed.commit()
+    assert numbers(record) == [0, 0]
+    evaluate(resumed, 2)
+    resumed.commit()
+    assert numbers(record) == [0, 0, 2, 2]
+    # There is nothing to drop, and the path of the last evaluation stays.
+    RunLog(record, Position(evaluations=3)).commit()
+    assert numbers(record) == [0, 0, 2, 2]
+
+
+def test_an_older_run_gets_the_path_of_its_last_evaluation_only(record):
+    log = RunLog(record)
+    log.evaluation(1000, [(1.0, 1000)])
+    log.commit()
+    assert record.parts("paths") == []
+    resumed = RunLog(record, Position(evaluations=1))
+    for number in (1, 2):
+        evaluate(resumed, number)
+        resumed.commit()
+    assert numbers(record) == [2, 2]

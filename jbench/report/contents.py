@@ -11,6 +11,7 @@ from jbench.report import headline, leaderboard, run_details, summary
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.data.curves import FloatArray
+from jbench.report.data.paths import RunPath
 from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import Document, FigureItem, Item, Section, TableItem
@@ -69,6 +70,7 @@ class ReportData:
         behaviours: states of policies.
         by_hand: (episodes,) returns of the hand-written policy of each task.
         runs: rows of the table `runs`.
+        paths: of robots in evaluations, by source and run.
         notes: sentences for the reader.
         problems: sentences on unreadable records.
     """
@@ -83,6 +85,7 @@ class ReportData:
     behaviours: Sequence[Behaviour]
     by_hand: Mapping[str, FloatArray]
     runs: pd.DataFrame
+    paths: Mapping[tuple[str, str], Sequence[RunPath]]
     notes: Sequence[str]
     problems: Sequence[str]
 
@@ -123,7 +126,7 @@ def document(data: ReportData) -> Document:
         headline=headline.headline(data.views[0]),
         overview=overview,
         inventory=headline.inventory(data.views),
-        runs=run_details.details(data.views, data.runs),
+        runs=run_details.details(data.views, data.runs, data.paths),
     )
 
 

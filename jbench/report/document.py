@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from jbench.report.data.curves import FloatArray
+from jbench.report.data.paths import RunPath
 from jbench.report.figure import Figure
 
 
@@ -111,6 +112,7 @@ class RunDetail:
         settings: text of each setting by its name, such as "hyperparameters.tau".
         curves: its learning curves.
         tags: what the page filters by; see `figure.Series`.
+        paths: of its robot in its first and its last evaluation, or fewer.
     """
 
     name: str
@@ -118,6 +120,7 @@ class RunDetail:
     settings: Mapping[str, str]
     curves: Sequence[RunCurve]
     tags: Mapping[str, str]
+    paths: Sequence[RunPath] = ()
 
 
 @dataclass(frozen=True)

@@ -192,6 +192,7 @@ def _report_data(
         behaviours=behaviours,
         by_hand=leaderboard.by_hand(reported, request.task),
         runs=_runs(reported),
+        paths={(s.name, run): paths for s in reported for run, paths in s.paths.items()},
         notes=notes,
         problems=[*(problem for source in reported for problem in source.problems), *unread],
     )

@@ -1,12 +1,13 @@
-"""Runs of a report one by one: their settings and learning curves."""
+"""Runs of a report one by one: their settings, learning curves and paths."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
 from jbench.report.data.cells import OURS, page_tags
+from jbench.report.data.paths import RunPath
 from jbench.report.data.variants import value_text
 from jbench.report.document import RunCurve, RunDetail
 from jbench.report.views import View
@@ -14,12 +15,15 @@ from jbench.settings.alike import flatten
 from jbench.settings.run import Run, RunSettings, read_run
 
 
-def details(views: Sequence[View], runs: pd.DataFrame) -> list[RunDetail]:
+def details(
+    views: Sequence[View], runs: pd.DataFrame, paths: Mapping[tuple[str, str], Sequence[RunPath]]
+) -> list[RunDetail]:
     """Returns the run of each row.
 
     Args:
         views: contain the curves. A run without a curve is in no cell, or has no episodes yet.
         runs: rows of the table `runs`, with a column `source` if there are several.
+        paths: by source and run.
     """
     curves: dict[tuple[str, str], list[RunCurve]] = {}
     for view in views:
@@ -44,6 +48,7 @@ def details(views: Sequence[View], runs: pd.DataFrame) -> list[RunDetail]:
                 tags=page_tags(
                     str(row["algo"]), str(row["representation"]), source, str(row["task"])
                 ),
+                paths=paths.get((source, id), []),
             )
         )
     return found

@@ -2,8 +2,8 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from jbench.names import REFERENCE
 from jbench.report.data.building import build_cells, usable_runs
 from jbench.report.data.cells import IMPORTED, OURS, Cell
 from jbench.report.data.imported import as_runs, with_spacing_note
+from jbench.report.data.paths import COLUMNS, RunPath, run_paths
 from jbench.report.data.variants import value_text
 from jbench.report.request import Request
 from jbench.settings.alike import flatten
@@ -25,13 +26,17 @@ from jbench.store import Results, query
 Choice = Callable[[Run], bool]
 """Returns whether a run is selected, by its settings."""
 
-_RUNS = ("runs", "episodes", "evaluations")
+_RUNS = ("runs", "episodes", "evaluations", "paths")
 _MORE = (
     *("encoders", "encoder_errors", "encoder_predictions"),
     *("policy_evaluations", "policy_episodes"),
 )
 _POINT = ("control_steps", "episode_return", "processor_time")
-_COLUMNS = {"episodes": ("run", "episode", *_POINT), "evaluations": ("run", "evaluation", *_POINT)}
+_COLUMNS = {
+    "episodes": ("run", "episode", *_POINT),
+    "evaluations": ("run", "evaluation", "episode", *_POINT),
+    "paths": COLUMNS,
+}
 _READ: dict[str, Any] = {"coded": True, "columns": _COLUMNS}
 
 
@@ -50,6 +55,7 @@ class Source:
         problems: a sentence for each unreadable record.
         tables: tables of encoders and policies; empty for other sources than the results.
         name: name of the source in its cells.
+        paths: of the robots in evaluations, by run.
     """
 
     cells: list[Cell]
@@ -58,6 +64,7 @@ class Source:
     problems: list[str]
     tables: dict[str, pa.Table]
     name: str = OURS
+    paths: Mapping[str, Sequence[RunPath]] = field(default_factory=dict)
 
 
 def own(results: Results, request: Request, name: str = OURS, *, strict: bool = True) -> Source:
@@ -191,8 +198,10 @@ def _source(
     runs, early = _begun_since(runs, request)
     runs = _filter(runs, request.task, request.algo, strict=strict) if len(runs) else runs
     points = tables.pop("episodes"), tables.pop("evaluations")
+    # Imported curves have no paths.
+    paths = run_paths(tables.pop("paths"), points[1]) if "paths" in tables else {}
     cells, notes = build_cells(runs, *points, name) if len(runs) else ([], [])
-    return Source(cells, runs, early + notes, [*problems, *unusable], tables, name)
+    return Source(cells, runs, early + notes, [*problems, *unusable], tables, name, paths)
 
 
 def _begun_since(runs: pd.DataFrame, request: Request) -> tuple[pd.DataFrame, list[str]]:

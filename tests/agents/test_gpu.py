@@ -268,5 +268,5 @@ def test_a_run_moves_from_the_cpu_to_the_device_and_back(device, tmp_path, monke
     assert [steps for steps, _ in notices] == [100, 250]
     changed = f"Since it began, device cpu is now {device}" if device != "cpu" else ""
     assert notices[0][1].startswith(changed)
-    found, _ = outcome(tmp_path, run)
+    found, *_ = outcome(tmp_path, run)
     assert max(row["control_steps"] for row in found) == 400

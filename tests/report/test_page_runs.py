@@ -1,9 +1,12 @@
 """The runs of a report's page, one by one, in a real browser."""
 
+import re
+
 import numpy as np
 import pytest
 from playwright.sync_api import expect
 
+from jbench.report.data.paths import RunPath
 from jbench.report.document import RunCurve, RunDetail
 from jbench.report.page import render_document
 from tests.report import page_documents as made
@@ -13,10 +16,19 @@ STEPS = np.array([20_000.0, 40_000, 60_000])
 NAMES = made.provenance()["run"].tolist()
 
 
-def detail(number, cell, curves=(), **changes):
+NO_TARGET = np.full(3, np.nan)
+# 20 cm along x with a target beyond its end, and a smaller one to its left.
+FIRST = RunPath(20_000.0, 12.0, np.array([[0, 0], [0, 0.05]]), np.pi / 2, NO_TARGET)
+LAST = RunPath(
+    60_000.0,
+    *(612.3, np.array([[0, 0], [0.1, 0.02], [0.2, 0]]), 0.0, np.array([0.25, -0.05, np.pi / 2])),
+)
+
+
+def detail(number, cell, curves=(), paths=(), **changes):
     settings = {"algo": "td3", "seed": str(number), "tau": "0.005", **changes}
     tags = {"task": "face_direction", "algorithm": settings["algo"].upper(), "source": "ours"}
-    return RunDetail(NAMES[number], ("ours", cell), settings, curves, tags)
+    return RunDetail(NAMES[number], ("ours", cell), settings, curves, tags, paths)
 
 
 def curves(height):
@@ -175,3 +187,84 @@ def test_a_run_fits_on_a_phone(opened, written):
     box = dialog.locator("svg[role]").bounding_box()
     assert box["x"] >= 0
     assert box["x"] + box["width"] <= PHONE["width"]
+
+
+@pytest.fixture(scope="module")
+def moved(tmp_path_factory):
+    turned = FIRST._replace(target=np.array([np.nan, np.nan, np.pi]), episode_return=np.nan)
+    runs = [
+        detail(0, "a", curves(0), [FIRST, LAST]),
+        detail(1, "a", curves(50)),
+        detail(2, "a", [], [turned]),
+    ]
+    path = tmp_path_factory.mktemp("page") / "index.html"
+    path.write_bytes(render_document(made.document(runs=runs)).encode())
+    return path
+
+
+def numbers(element, *names):
+    return [float(element.get_attribute(name)) for name in names]
+
+
+def test_the_paths_of_the_first_and_the_last_evaluation_are_drawn(opened, moved):
+    page = opened(moved)
+    dialog = open_run(page, NAMES[0])
+    svg = dialog.get_by_role("img", name=f"Path of the robot of {NAMES[0]}")
+    lines = svg.locator("g > path:not(.goal, .end)")
+    scale, first, last = (lines.nth(i).get_attribute("d") for i in range(3))
+    # From 0 to 25 cm along x: 280 pixels less 24 at each end; y from -5 to 5 cm, upwards.
+    pixels = (280 - 2 * 24) / 0.25
+    start = np.array([24, 140])
+    read = [np.fromstring(d[1:].replace("L", " "), sep=" ").reshape(-1, 2) for d in (first, last)]
+    assert read[0] == pytest.approx(start + pixels * np.array([[0, 0], [0, -0.05]]))
+    assert read[1] == pytest.approx(start + pixels * np.array([[0, 0], [0.1, -0.02], [0.2, 0]]))
+    assert numbers(svg.locator(".this circle.goal"), "cx", "cy") == pytest.approx(
+        start + pixels * np.array([0.25, 0.05])
+    )
+    expect(svg.locator(".first .goal")).to_have_count(0)
+    # The largest round length below a third of the drawing, which is 10.06 cm.
+    assert svg.locator("text").all_text_contents() == ["10 cm"]
+    assert f"h{0.1 * pixels:g}" in scale
+    ends = [svg.locator(f".{kind} .end").get_attribute("transform") for kind in ("first", "this")]
+    turns = [float(end.rpartition("(")[2].rstrip(")")) for end in ends]
+    assert turns == pytest.approx([-90, 0], abs=0.1)
+    expect(dialog.locator(".paths figcaption")).to_have_text(
+        "The robot from above in the first episode of evaluations after 20,000 control steps "
+        "(thin, return 12) and 60,000 control steps (return 612.3). A circle is the start, an "
+        "arrowhead the end and the robot's heading. A dashed circle is the target of an episode. "
+        "A dashed line points in the direction of the target."
+    )
+
+
+def test_a_run_without_paths_has_no_drawing(opened, moved):
+    dialog = open_run(opened(moved), NAMES[1])
+    expect(dialog.locator("svg[role]")).to_have_count(1)
+    expect(dialog.get_by_text("Path of the robot")).to_have_count(0)
+
+
+def test_a_target_without_a_position_is_a_direction_from_the_start(opened, moved):
+    dialog = open_run(opened(moved), NAMES[2])
+    goal = dialog.locator(".paths .goal")
+    expect(goal).to_have_count(1)
+    numbers = [float(one) for one in re.split("[Ml ]", goal.get_attribute("d"))[1:]]
+    # A third of the drawing to the left, from the start at its lower edge.
+    assert numbers == pytest.approx([140, 256, -280 / 3, 0], abs=0.1)
+    expect(dialog.locator(".paths figcaption")).to_contain_text(
+        "episode of an evaluation after 20,000 control steps. A circle"
+    )
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_paths_fit_on_a_phone_and_stand_out(opened, moved, scheme):
+    page = opened(moved, viewport=PHONE, color_scheme=scheme)
+    dialog = open_run(page, NAMES[0])
+    assert dialog.evaluate("(one) => one.scrollWidth <= one.clientWidth")
+    svg = dialog.locator(".paths svg")
+    box = svg.bounding_box()
+    assert box["width"] == pytest.approx(box["height"], abs=1)
+    assert box["x"] + box["width"] <= PHONE["width"]
+    stroke = "(one) => getComputedStyle(one).stroke"
+    colors = [svg.locator(f".{kind} path").last.evaluate(stroke) for kind in ("first", "scale")]
+    ink = svg.locator(".this path:not(.goal, .end)").evaluate(stroke)
+    assert ink != colors[1]
+    assert ink == dialog.evaluate("(one) => getComputedStyle(one).color")

@@ -1,9 +1,12 @@
 """The runs of a report one by one: settings and learning curves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from jbench.report.contents import document
+from jbench.report.data.paths import RunPath
 from jbench.report.page import runs
 from jbench.report.report import gather
 from jbench.report.request import Request
@@ -61,6 +64,21 @@ def test_packed_runs_share_what_they_have_in_common(details):
     assert len(set(one["settings"]) ^ set(other["settings"])) == 2
     unpacked = dict(packed["settings"][index] for index in third["settings"])
     assert unpacked == details[2].settings
+
+
+def test_paths_are_packed_in_tenths_of_millimetres(details, monkeypatch):
+    points = np.array([[0, 0], [0.01, -0.02], [0.12345, 0]])
+    path = RunPath(4000.0, 12.34, points, -0.5, np.array([0.1, np.nan, 2.0]))
+    unknown = path._replace(episode_return=np.nan)
+    packed = runs.packed([replace(details[0], paths=[path, unknown]), details[1]])
+    one, other = packed["runs"]
+    wanted = [4000, 12.3, [0, 0, 100, -200, 1234, 0], -0.5, [0.1, None, 2.0]]
+    assert one["paths"] == [wanted, [4000, None, *wanted[2:]]]
+    assert other["paths"] == []
+    # Two paths of two points each, the first and the last.
+    monkeypatch.setattr(runs, "PAGE_POINTS", 4)
+    thin = runs.packed([replace(details[0], paths=[path, path])])
+    assert [one[2] for one in thin["runs"][0]["paths"]] == [[0, 0, 1234, 0]] * 2
 
 
 def test_many_runs_share_the_points_of_a_page(details):

@@ -246,16 +246,16 @@ def _notes_on_points(
 
 def _training_points(episodes: pa.Table) -> dict[str, Recorded]:
     """Returns the training episodes of each run in order."""
-    names, codes = _coded(episodes["run"])
+    names, codes = coded(episodes["run"])
     order = np.lexsort((episodes["episode"].to_numpy(), codes))
-    columns = (_numbers(episodes, name)[order] for name in _POINT)
+    columns = (numbers(episodes, name)[order] for name in _POINT)
     return _by_run(names, codes[order], columns)
 
 
 def _evaluation_points(evaluations: pa.Table) -> dict[str, Recorded]:
     """Returns the evaluations of each run in order, each the mean over its episodes."""
-    names, codes = _coded(evaluations["run"])
-    frame = pd.DataFrame({name: _numbers(evaluations, name) for name in _POINT})
+    names, codes = coded(evaluations["run"])
+    frame = pd.DataFrame({name: numbers(evaluations, name) for name in _POINT})
     keys = [codes, evaluations["evaluation"].to_numpy()]
     how = {"episode_return": "mean", "control_steps": "max", "processor_time": "max"}
     means = frame.groupby(keys).agg(how)  # ignores NaN, and sorts by run and evaluation
@@ -266,7 +266,7 @@ def _evaluation_points(evaluations: pa.Table) -> dict[str, Recorded]:
 _POINT = ("episode_return", "control_steps", "processor_time")
 
 
-def _coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:
+def coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:
     """Returns the ids of runs, and for each row the index of its run."""
     if pa.types.is_dictionary(run.type):
         coded = run.unify_dictionaries().combine_chunks()
@@ -275,7 +275,7 @@ def _coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:
     return coded.dictionary.to_pylist(), coded.indices.to_numpy()
 
 
-def _numbers(table: pa.Table, name: str) -> FloatArray:
+def numbers(table: pa.Table, name: str) -> FloatArray:
     """Returns a column with non-finite values replaced by NaN."""
     values = table[name].to_numpy().astype(np.float64)
     values[~np.isfinite(values)] = np.nan

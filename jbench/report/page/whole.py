@@ -29,6 +29,7 @@ _SCRIPTS = (
     "hiding",
     "saving",
     "zoom",
+    "paths",
     "runs",
     "start",
 )

@@ -1,4 +1,5 @@
-// A click on a run opens a dialog: its learning curve, and how its settings differ from another's.
+// A click on a run opens a dialog: its learning curve, the path of its robot, and how its settings
+// differ from another's.
 
 const HEIGHT = 280; // pixels of the chart of a run
 const RETURNS = { label: "return", limits: [-15, 1015], unit: 1, ticks: null, log: false };
@@ -47,6 +48,7 @@ class Runs {
       ...run,
       settings: new Map(run.settings.map((index) => settings[index])),
       curves: run.curves.map(([label, at, returns]) => ({ label, x: steps[at], y: returns })),
+      paths: run.paths.map(readPath),
     }));
     this.dialog = make("dialog", document.body, "run");
     this.dialog.setAttribute("aria-labelledby", "run-name");
@@ -101,6 +103,7 @@ class Runs {
     makeButton(head, "save", "Close", () => this.dialog.close());
     if (other) this.makeSelect(box, run, other);
     this.makeCurves(box, run, other);
+    makePaths(box, run);
     if (other) this.makeDifference(box, run, other);
     const all = make("details", box);
     make("summary", all, "", `All ${run.settings.size} settings`);

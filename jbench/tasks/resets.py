@@ -85,14 +85,11 @@ def draw_target(task: str, random: Random) -> Target:
 
 
 def target_numbers(task: str, target: Target) -> Array:
-    """Returns the (..., n) random numbers of targets: x and y (m), yaw (rad), or all three."""
+    """Returns the (..., n) random numbers of targets, see `TaskSpec.target_numbers`."""
     spec = TASK_SPECS[task]
-    if not spec.draws_yaw:
-        return target.position[..., :2].copy()
-    yaw = np.asarray(target.yaw)[..., None]
-    if not spec.draws_position:
-        return yaw.copy()
-    return np.concatenate([target.position[..., :2], yaw], axis=-1)
+    position = target.position[..., : 2 * spec.draws_position]
+    yaw = np.asarray(target.yaw)[..., None][..., : int(spec.draws_yaw)]
+    return np.concatenate([position, yaw], axis=-1)
 
 
 def option_target(

@@ -58,10 +58,16 @@ def from_bytes(content: bytes, rows: int, dictionaries: Sequence[str] = ()) -> p
     try:
         # Texts are read as dictionaries first, so that many copies of a text take no memory until
         # their size is known.
-        texts = _checked_texts(pq.read_metadata(pa.BufferReader(content)), rows)
+        metadata = pq.read_metadata(pa.BufferReader(content))
+        texts = _checked_texts(metadata, rows)
         # pyarrow 26 aborts processes that exit soon after it has started threads; only this way of
         # reading starts none.
-        file = pq.ParquetFile(pa.BufferReader(content), pre_buffer=False, read_dictionary=texts)
+        file = pq.ParquetFile(
+            pa.BufferReader(content),
+            metadata=metadata,
+            pre_buffer=False,
+            read_dictionary=texts,
+        )
         table = file.read(use_threads=False)
         plain = [name for name in texts if name not in dictionaries]
         if sum(_size_of_texts(table[name]) for name in plain) > _MAX_BYTES:

@@ -229,10 +229,10 @@ def test_the_paths_of_the_first_and_the_last_evaluation_are_drawn(opened, moved)
     turns = [float(end.rpartition("(")[2].rstrip(")")) for end in ends]
     assert turns == pytest.approx([-90, 0], abs=0.1)
     expect(dialog.locator(".paths figcaption")).to_have_text(
-        "The robot from above in the first episode of evaluations after 20,000 control steps "
-        "(thin, return 12) and 60,000 control steps (return 612.3). A circle is the start, an "
-        "arrowhead the end and the robot's heading. A dashed circle is the target of an episode. "
-        "A dashed line points in the direction of the target."
+        "The robot seen from above, in the first episode of the evaluations after 20,000 control "
+        "steps (thin line, return 12) and 60,000 control steps (return 612.3). A circle is the "
+        "start; an arrowhead is the end and the robot's heading. A dashed circle is the target of "
+        "the line with its colour. A dashed line is the target's direction."
     )
 
 
@@ -250,7 +250,7 @@ def test_a_target_without_a_position_is_a_direction_from_the_start(opened, moved
     # A third of the drawing to the left, from the start at its lower edge.
     assert numbers == pytest.approx([140, 256, -280 / 3, 0], abs=0.1)
     expect(dialog.locator(".paths figcaption")).to_contain_text(
-        "episode of an evaluation after 20,000 control steps. A circle"
+        "episode of the evaluation after 20,000 control steps. A circle"
     )
 
 

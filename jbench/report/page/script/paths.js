@@ -62,17 +62,15 @@ function captionOf(paths) {
     const about = [look, gained === null ? "" : `return ${gained}`].filter((text) => text);
     return `${inWords(steps)} control steps${about.length ? ` (${about.join(", ")})` : ""}`;
   };
-  const several = paths.length > 1;
-  const each = paths.map((path, i) => said(path, several && i < paths.length - 1 ? "thin" : ""));
+  const each = paths.map((path, i) => said(path, i < paths.length - 1 ? "thin line" : ""));
   const [x, , yaw] = paths.at(-1).target;
-  const goals = [x === null ? "" : "A dashed circle is the target of an episode."];
-  goals.push(yaw === null ? "" : "A dashed line points in the direction of the target.");
-  const of = several ? "evaluations" : "an evaluation";
+  const evaluations = paths.length > 1 ? "evaluations" : "evaluation";
   return [
-    `The robot from above in the first episode of ${of} after ${each.join(" and ")}.`,
-    "A circle is the start, an arrowhead the end and the robot's heading.",
-    ...goals.filter((text) => text),
-  ].join(" ");
+    `The robot seen from above, in the first episode of the ${evaluations} after ${each.join(" and ")}.`,
+    "A circle is the start; an arrowhead is the end and the robot's heading.",
+    x === null ? "" : "A dashed circle is the target of the line with its colour.",
+    yaw === null ? "" : "A dashed line is the target's direction.",
+  ].filter((text) => text).join(" ");
 }
 
 function makePaths(inside, { name, paths }) {

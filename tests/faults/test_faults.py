@@ -40,8 +40,9 @@ def test_a_verb_that_meets_a_fault_says_so_and_loses_nothing(sample, verb):
 
 
 def test_the_faults_are_met(sample):
-    # A fault that is armed and never met would pass everything.
-    codes = [case["code"] for cases in sample.values() for case in cases]
+    # A fault that is armed and never met would pass everything. An interrupted `close` is no error.
+    every = [case for cases in sample.values() for case in cases]
+    codes = [case["code"] for case in every if case["call"] != "close"]
     assert codes.count(1) > len(codes) / 2
 
 

@@ -35,7 +35,14 @@ def stepped_alone(task, starts, episode):
     return np.array(points)
 
 
-@pytest.mark.parametrize("task", ["move_to_pose", "face_direction", "move_from_origin"])
+@pytest.mark.parametrize(
+    "task",
+    [
+        "move_to_pose",
+        pytest.param("face_direction", marks=pytest.mark.slow),
+        pytest.param("move_from_origin", marks=pytest.mark.slow),
+    ],
+)
 def test_the_path_is_that_of_a_robot_that_is_stepped_alone(task):
     settings = ExternalSettings(
         **{"task": task, "algo": "mine", "seed": 0, "steps": 1000, "hyperparameters": {}},

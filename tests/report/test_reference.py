@@ -65,7 +65,7 @@ BANDS = {
         ("td3", 100_000, "sb3", "float32", 4),
         ("sac", 100_000, "batched", "float32", 6),
         ("sac", 100_000, "sb3", "float32", 4),
-        ("ddpg", 300_000, "batched", "float32", 4),
+        ("ddpg", 300_000, "batched", "float32", 6),
     ],
 )
 def test_the_last_twenty_episodes_lie_in_the_published_band(
@@ -80,7 +80,7 @@ def test_the_last_twenty_episodes_lie_in_the_published_band(
 
 def test_on_twelve_latents_the_published_seed_lies_among_ours(runs):
     chosen = last_twenty(runs, 300_000, algo="ddpg", representation="dae12")
-    assert len(chosen) == 4
+    assert len(chosen) == 6
     # Figure 7, one seed: the mean of its points at 290,000 and 310,000 control steps.
     assert min(map(np.median, chosen)) < 554.0 < max(map(np.median, chosen))
 

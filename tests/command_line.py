@@ -5,7 +5,7 @@ import subprocess
 import sys
 import tempfile
 
-from jbench.names import EPISODE_STEPS, ONE_THREAD
+from jbench.names import EPISODE_STEPS
 from tests.forking import COMMAND, ROOT, Forked, server
 
 # A background process of a script ignores Ctrl-C, and so do its children. This command does not.
@@ -32,7 +32,7 @@ def short_episodes(folder):
     (folder / "sitecustomize.py").write_text(
         f"import jbench.names\njbench.names.EPISODE_STEPS = {SHORT}\n"
     )
-    return {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
 
 
 class Process(Forked):

@@ -123,7 +123,7 @@ class Session:
         )
         jbench.chmod(0o755)
         path = f"{programs}{os.pathsep}{os.environ['PATH']}"
-        self.environment = {**os.environ, "PATH": path, "OMP_NUM_THREADS": "1"}
+        self.environment = {**os.environ, "PATH": path}
         (directory / "jbench").mkdir()
         (directory / "jbench" / "reference").symlink_to(ROOT / "jbench" / "reference")
 

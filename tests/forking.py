@@ -119,7 +119,7 @@ def forked_worker(channel):
     """Starts a worker; it replaces `executors._start`."""
     to_read, stdin = os.pipe()
     stdout, to_write = os.pipe()
-    environ = {**os.environ, **names.ONE_THREAD, "MUJOCO_GL": "disable"}
+    environ = {**os.environ, "MUJOCO_GL": "disable"}
     process = Forked(channel, WORKER, [], (to_read, to_write, 2), environ=environ)
     os.close(to_read)
     os.close(to_write)
@@ -138,7 +138,7 @@ def server(episode_steps):
     """Returns the socket of this process's server, which ends with it."""
     ours, theirs = _channel()
     command = [sys.executable, "-m", "tests.forking", str(theirs.fileno()), str(episode_steps)]
-    environ = {**os.environ, **names.ONE_THREAD, "PYTHONPATH": str(ROOT)}
+    environ = {**os.environ, "PYTHONPATH": str(ROOT)}
     subprocess.Popen(command, pass_fds=[theirs.fileno()], cwd=ROOT, env=environ)
     theirs.close()
     return ours

@@ -208,10 +208,11 @@ class Evaluator(EvaluationSchedule):
             while not ended:
                 observation, reward, terminated, truncated, _ = self._env.step(act(observation))
                 total, length, ended = total + float(reward), length + 1, terminated or truncated
-                if length % PATH_EVERY == 0:
+                if path is None and length % PATH_EVERY == 0:
                     points.append(path_point(robot_env.state))
             outcome.append((total, length))
-            path = path or path_of(self._settings.task, points, info.get("target", np.zeros(0)))
+            if path is None:
+                path = path_of(self._settings.task, points, info.get("target", np.zeros(0)))
         return outcome, path
 
 

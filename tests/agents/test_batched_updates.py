@@ -23,16 +23,12 @@ from tests.agents.batched_oracle import (
     theirs,
     transitions,
 )
+from tests.agents.test_batched_engine import slow
 
 # Bound of the difference of parameters after 1, 10 and 100 updates with a learning rate of 1e-3.
 # Parameters are of the order of 0.1, so 1e-6 is a few times the rounding of float32.
 PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
 PRECISIONS = pytest.mark.parametrize("dtype", PRECISION, ids=str)
-
-
-def slow(*values):
-    """Returns parameters that only `make test-slow` tries."""
-    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 def mean_losses(learner, tensors):

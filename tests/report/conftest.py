@@ -214,4 +214,3 @@ def opened(chromium):
     for page in pages:
         page.assert_quiet()
         page.context.close()
-        page.context.close()

@@ -269,10 +269,10 @@ _POINT = ("episode_return", "control_steps", "processor_time")
 def coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:
     """Returns the ids of runs, and for each row the index of its run."""
     if pa.types.is_dictionary(run.type):
-        coded = run.unify_dictionaries().combine_chunks()
+        array = run.unify_dictionaries().combine_chunks()
     else:
-        coded = run.combine_chunks().dictionary_encode()
-    return coded.dictionary.to_pylist(), coded.indices.to_numpy()
+        array = run.combine_chunks().dictionary_encode()
+    return array.dictionary.to_pylist(), array.indices.to_numpy()
 
 
 def numbers(table: pa.Table, name: str) -> FloatArray:

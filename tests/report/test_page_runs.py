@@ -236,6 +236,14 @@ def test_the_paths_of_the_first_and_the_last_evaluation_are_drawn(opened, moved)
     )
 
 
+@pytest.mark.parametrize(("page", "shown"), [("moved", True), ("written", False)])
+def test_the_hint_above_the_runs_names_the_path_if_one_is_recorded(opened, page, shown, request):
+    section = opened(request.getfixturevalue(page)).page.locator("section")
+    hint = section.get_by_text("Open a run to see")
+    expect(hint).to_have_count(1)
+    assert ("the path of its robot" in hint.inner_text()) is shown
+
+
 def test_a_run_without_paths_has_no_drawing(opened, moved):
     dialog = open_run(opened(moved), NAMES[1])
     expect(dialog.locator("svg[role]")).to_have_count(1)

@@ -68,7 +68,8 @@ class Runs {
         if (!reads) this.open(this.runs[i]);
       });
     });
-    const hint = "Open a run to see its learning curve, and how its settings differ from another's.";
+    const path = this.runs.some(({ paths }) => paths.length) ? ", the path of its robot" : "";
+    const hint = `Open a run to see its learning curve${path}, and how its settings differ from another's.`;
     this.rows[0].closest("section").querySelector("p").append(` ${hint}`);
     listeners.push(() => this.show());
   }

@@ -109,7 +109,7 @@ class TestAggregate:
             fabric.run(np.arange(12.0), algo=algo)
         notes = gather(fabric.results, Request(window=1000)).notes
         (note,) = [note for note in notes if "instead of 1000" in note]
-        assert re.match(r"3 cells, such as face_direction ddpg full \w+: window of 3 instead", note)
+        assert re.match(r"3 cells, such as face_direction ddpg full: window of 3 instead", note)
 
 
 @pytest.mark.usefixtures("undrawn")

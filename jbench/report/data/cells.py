@@ -80,8 +80,8 @@ class Cell:
     @property
     def name(self) -> str:
         """Name of the cell in notes."""
-        name = f"{self.task} {self.algo} {self.representation} {self.label or self.variant}"
-        return f"{self.prefix}{name}"
+        named = self.task, self.algo, self.representation, self.label
+        return self.prefix + " ".join(filter(None, named))
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:

@@ -85,7 +85,7 @@ def regions_of(algo, *, base="published", changes=None, ofe=None, precision="flo
         rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))
     tensors = Tensors(SEEDS, torch.float32, GPU)
     low = precision == "bfloat16"
-    team = Team(rule, settings, SIZE, tensors, stacked=True, low_precision=low)
+    team = Team(rule, settings, [SIZE] * SEEDS, tensors, stacked=True, low_precision=low)
     streams = [Streams(seed, 1) for seed in range(SEEDS)]
     (group,) = team.groups
     if algo == "ppo":

@@ -52,7 +52,7 @@ def make_engine(
         environments: per agent; None for the settings' number (PPO's n_envs, otherwise 1).
         time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         encoder: of all seeds, or one for each seed. Seeds with fewer inputs than others need a rule
-            of jbench, without `ofe`.
+            of jbench with hidden layers and without `ofe`.
         ofe: settings of features learned with the agent (not with PPO); None for no features.
         models: the robot of each episode; None for the plain robot.
         device: see `jbench.devices.find_device`.
@@ -138,7 +138,8 @@ def _learner(
     ofe: OFESettings | None,
 ) -> Callable[..., Learner]:
     """Returns the class of the learners of seeds with these numbers of inputs."""
-    pads = isinstance(algo, str) and ofe is None
+    # The weights of inputs fill whole vectors of memory only in front of hidden layers.
+    pads = isinstance(algo, str) and ofe is None and settings.hidden_layers
     if not pads and len(set(sizes)) > 1:
         raise ValueError(f"All seeds must have the same number of inputs here, not {sizes}.")
     if not isinstance(algo, str):

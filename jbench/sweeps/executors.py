@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -21,6 +22,8 @@ from jbench.store import Results
 from jbench.training.memory import stacks_for_memory
 
 _T = TypeVar("_T")
+
+_MAX_STACK = 500  # runs of a process, which holds a lock file of each; many systems allow 1024
 
 Message = dict[str, Any]
 """Message of a worker; see `jbench.training.worker`."""
@@ -132,7 +135,8 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
 
     On a CPU the seeds of a cell are divided among `jobs` processes. On a GPU the cells of a stack
     (`jbench.settings.alike.stack_of`) share one process; they are divided only among several jobs,
-    or if their replay buffers exceed the GPU's memory. A run of another engine has its own process.
+    or if they are too many for the GPU's memory or a process. A run of another engine has its own
+    process.
     """
     if device == "cpu":
         cells = _grouped(runs, lambda run: alike(run, SEED))
@@ -140,7 +144,9 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
     found = []
     for stack in _grouped(runs, stack_of):
         cells = _grouped(stack, lambda run: alike(run, SEED))
-        parts = max(jobs, stacks_for_memory(stack, device, jobs))
+        parts = max(
+            jobs, stacks_for_memory(stack, device, jobs), math.ceil(len(stack) / _MAX_STACK)
+        )
         found += [[run for cell in part for run in cell] for part in _divided(cells, parts)]
     return found
 

@@ -133,6 +133,12 @@ def test_cells_that_exceed_the_memory_of_a_gpu_are_several_stacks():
     assert "of 48 runs will take up to 4.0 GB of the GPU's memory" in memory_sentence(runs, "cuda")
 
 
+def test_a_process_has_at_most_500_runs_of_several_cells():
+    tasks = ("move_from_origin", "face_direction", "move_in_direction")
+    cells = [[large_run("ppo", task=task, seed=seed) for seed in range(200)] for task in tasks]
+    assert [len(part) for part in batches(flat(cells), 1, "cuda")] == [400, 200]
+
+
 def test_an_encoder_that_is_missing_fails_the_runs_of_its_cell_only(tmp_path):
     full, _, encoded = cells_of("td3")
     encoders, failures = load_encoders_of([*full, *encoded], Results(tmp_path))

@@ -125,7 +125,7 @@ class Engine(Closing):
         return self._team.policy(seed)
 
     def load_policy(self, seed: int, policy: Policy | Network, control_steps: int) -> None:
-        """Sets the deterministic policy of one seed, for `act` and `evaluate`.
+        """Sets the deterministic policy of one seed, for `act`.
 
         Args:
             seed: index of the seed.

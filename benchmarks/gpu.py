@@ -4,7 +4,8 @@ In this order, within 20 minutes:
 
 1. the tests of `tests/agents/test_gpu.py` and `test_captured_regions.py`;
 2. updates per second without robots, of 10, 40 and 100 seeds in one stack;
-3. whole training of 10 seeds with 1 and 8 environments each, and what takes the time;
+3. whole training of 10 seeds with 1 and 8 environments each, of one task and of all five tasks in
+   one stack, and what takes the time;
 4. a profile of the kernels of DDPG's update.
 
 The results are rows of Markdown, printed and written to --out. `--device cpu --small` runs all
@@ -15,7 +16,7 @@ import argparse
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
@@ -31,12 +32,13 @@ from jbench.agents.batched.make import make_engine
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.errors import RequestError
-from jbench.names import ALGORITHMS
+from jbench.names import ALGORITHMS, TASKS
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store.provenance import device_provenance, processor
 
 ROOT = Path(__file__).parents[1]
 TESTS = ("tests/agents/test_gpu.py", "tests/agents/test_captured_regions.py")
+TASK = ("face_direction",)
 Overrides = Mapping[str, Mapping[str, Any]]
 
 
@@ -116,14 +118,22 @@ class Report:
         self.row(*["---"] * len(columns))
 
 
-def engine_of(algo: str, size: Size, seeds: int, device: torch.device, **options: Any) -> Engine:
-    """Returns untrained agents in one stack."""
+def engine_of(
+    algo: str,
+    size: Size,
+    seeds: int,
+    device: torch.device,
+    tasks: Sequence[str] = TASK,
+    **options: Any,
+) -> Engine:
+    """Returns untrained agents in one stack, as many for each task."""
     overrides = dict(size.overrides.get(algo, {}))
     if algo != "ppo":
         overrides["buffer_size"] = size.transitions
     settings = algorithm_settings(algo, overrides=overrides)
     more = {"device": str(device), "stacked": True, **options}
-    return make_engine(algo, settings, "face_direction", range(seeds), **more)
+    own = [(task, seed) for task in tasks for seed in range(seeds)]
+    return make_engine(algo, settings, [task for task, _ in own], [s for _, s in own], **more)
 
 
 def report_tests(size: Size, report: Report) -> bool:
@@ -183,9 +193,11 @@ def _rates(updates: Updates, size: Size, seeds: int, most: float) -> list[str]:
 
 def report_training(size: Size, device: torch.device, report: Report) -> None:
     """Reports control steps per second of whole training, and what takes the time."""
-    report.table("algorithm", "seeds", "environments", "control steps/s of all seeds", "time in")
-    for algo, environments in product(ALGORITHMS, size.environments):
-        with engine_of(algo, size, size.trained, device, environments=environments) as engine:
+    columns = "algorithm", "tasks", "seeds of each", "environments"
+    report.table(*columns, "control steps/s of all seeds", "time in")
+    for algo, tasks, environments in product(ALGORITHMS, (TASK, TASKS), size.environments):
+        options = {"tasks": tasks, "environments": environments}
+        with engine_of(algo, size, size.trained, device, **options) as engine:
             clock, steps = Clock(engine), engine.learn(10**12)
             while engine.control_steps < size.warm_up:
                 next(steps)
@@ -193,9 +205,9 @@ def report_training(size: Size, device: torch.device, report: Report) -> None:
             first, began = engine.control_steps, time.perf_counter()
             while (took := time.perf_counter() - began) < size.seconds:
                 next(steps)
-            rate = size.trained * (engine.control_steps - first) / took
+            rate = len(tasks) * size.trained * (engine.control_steps - first) / took
         parts = ", ".join(f"{name} {spent / took:.0%}" for name, spent in clock.spent.items())
-        report.row(algo, size.trained, environments, f"{rate:,.0f}", parts)
+        report.row(algo, len(tasks), size.trained, environments, f"{rate:,.0f}", parts)
 
 
 def report_profile(size: Size, device: torch.device, report: Report) -> None:

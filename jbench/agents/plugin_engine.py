@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from jbench.agents.batched.engine import SeedState
-from jbench.agents.batched.environments import Environments, Models
+from jbench.agents.batched.environments import Cell, Environments, Models
 from jbench.agents.batched.streams import Streams
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.agents.packing import pack, unpack
@@ -69,9 +69,7 @@ class PluginEngine(Closing):
         self._name, self._time_limit = name, time_limit
         self._streams = Streams(seed, environments)
         self.environments = Environments(
-            task,
-            [self._streams.environments],
-            encoder=encoder,
+            [Cell(task, [self._streams.environments], encoder)],
             models=models,
             episode_steps=episode_steps,
         )
@@ -116,7 +114,7 @@ class PluginEngine(Closing):
             self._note_losses(self._agent.learn(transition))
             yield step.episode_returns
 
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
+    def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
         """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
         inputs = self.environments.encode(torch.from_numpy(observations))[0].numpy()
         with torch.no_grad(), torch.random.fork_rng(devices=[]):

@@ -43,8 +43,8 @@ class Trainer(Protocol):
     def learn(self, steps: int) -> Iterator[NDArray[np.float64] | None]:
         """Trains each seed for `steps` control steps; yields after each of them."""
 
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Returns deterministic actions (seeds, N, 1) for the task's observations."""
+    def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
+        """Returns deterministic actions of seeds of a cell for their task's observations."""
 
     def policy(self, seed: int) -> Policy | Network | None:
         """Returns a copy of a deterministic policy; None if the agent has none to be saved."""

@@ -26,12 +26,15 @@ class Batch:
         self._returns: dict[str, float] = {}
         self._curve: list[float] = []
         self._total = sum(run.steps for run in runs)
+        self._cells = len({(run.task, run.representation) for run in runs})
         self._first: tuple[float, int] | None = None
 
     @property
     def name(self) -> str:
-        """The cell and the seeds."""
+        """The cell and the seeds, or the number of cells."""
         run, seeds = self.runs[0], ",".join(str(run.seed) for run in self.runs)
+        if self._cells > 1:
+            return f"{run.algo} {len(self.runs)} runs of {self._cells} cells"
         return f"{run.task} {run.algo} {run.representation} seed {seeds}"
 
     @property
@@ -84,6 +87,8 @@ class Batch:
             text = " ".join(f"{value:.0f}" for value in values)
         else:
             text = f"mean {fmean(values):.0f} [{min(values):.0f}, {max(values):.0f}]"
+        if self._cells > 1:
+            return text
         run = self.runs[0]
         published = self._published(run.task, run.algo, run.representation, self.steps_each)
         return text if published is None or not text else f"{text} (published {published:.0f})"

@@ -13,7 +13,9 @@ Flat = dict[tuple[str, ...], Any]
 """Settings by path, such as ("hyperparameters", "tau")."""
 
 SEED = ("seed",)
-"""Runs that differ only in this can be trained in one process."""
+"""Runs that differ only in this form one cell, and can be trained in one process."""
+
+_STACK = ("task", "representation", "encoder", *SEED)
 
 VARIANT = ("seed", "steps")
 """Runs that differ only in these form one variant, and one learning curve."""
@@ -58,6 +60,22 @@ def alike(run: Run, free: Collection[str]) -> str:
         if not names & {path[0], path[-1], ".".join(path)}
     }
     return canonical_json(kept)
+
+
+def stack_of(run: RunSettings) -> str:
+    """Returns a key that is equal for runs that can be trained as one stack on a GPU.
+
+    With jbench's own update rules, tasks and encoders may differ. Features that are learned with
+    the agent and a sequence of robots are those of one cell.
+    """
+    joins = (
+        run.engine == "batched"
+        and run.is_ours
+        and run.algorithm.hidden_layers
+        and run.ofe is None
+        and run.augment is None
+    )
+    return alike(run, _STACK if joins else SEED)
 
 
 def comparable(run: Run, *names: str) -> str:

@@ -137,7 +137,8 @@ def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        # On a GPU the seeds are trained as one stack. The encoder's cost is negligible.
+        # On a GPU the seeds are trained as one stack; with other cells in it they take less time.
+        # The encoder's cost is negligible.
         together = runs[:1] if device == "cpu" else runs
         return seconds_per_step(together, None, device) / len(together)
     except (RequestError, WorkError, RuntimeError):

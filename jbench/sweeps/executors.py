@@ -2,22 +2,28 @@
 
 import contextlib
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from jbench.cores import cores
 from jbench.errors import WorkError
 from jbench.names import CHECKPOINT_EVERY, ONE_THREAD
-from jbench.settings.alike import SEED, alike
+from jbench.settings.alike import SEED, alike, stack_of
 from jbench.settings.run import RunSettings
 from jbench.store import Results
+from jbench.training.memory import stacks_for_memory
+
+_T = TypeVar("_T")
+
+_MAX_STACK = 500  # runs of a process, which holds a lock file of each; many systems allow 1024
 
 Message = dict[str, Any]
 """Message of a worker; see `jbench.training.worker`."""
@@ -125,22 +131,40 @@ def default_jobs(device: str) -> int:
 
 
 def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[RunSettings]]:
-    """Returns the runs of each process: runs that differ only in their seeds may share one.
+    """Returns the runs of each process.
 
-    On a CPU the seeds are divided among `jobs` processes; on a GPU all share one. A run with
-    stable-baselines3 has its own process.
+    On a CPU the seeds of a cell are divided among `jobs` processes. On a GPU the cells of a stack
+    (`jbench.settings.alike.stack_of`) share one process; they are divided only among several jobs,
+    or if they are too many for the GPU's memory or a process. A run of another engine has its own
+    process.
     """
+    if device == "cpu":
+        cells = _grouped(runs, lambda run: alike(run, SEED))
+        return [part for cell in cells for part in _divided(cell, jobs)]
+    found = []
+    for stack in _grouped(runs, stack_of):
+        cells = _grouped(stack, lambda run: alike(run, SEED))
+        parts = max(
+            jobs, stacks_for_memory(stack, device, jobs), math.ceil(len(stack) / _MAX_STACK)
+        )
+        found += [[run for cell in part for run in cell] for part in _divided(cells, parts)]
+    return found
+
+
+def _grouped(
+    runs: Sequence[RunSettings], key: Callable[[RunSettings], str]
+) -> list[list[RunSettings]]:
+    """Returns the runs with equal keys; a run of another engine than the batched one is alone."""
     groups: dict[str, list[RunSettings]] = {}
     for run in runs:
-        alone = run.engine != "batched"
-        key = run.id if alone else alike(run, SEED)
-        groups.setdefault(key, []).append(run)
-    parts = jobs if device == "cpu" else 1
-    return [
-        [group[i] for i in share]
-        for group in groups.values()
-        for share in np.array_split(np.arange(len(group)), min(parts, len(group)))
-    ]
+        groups.setdefault(key(run) if run.engine == "batched" else run.id, []).append(run)
+    return list(groups.values())
+
+
+def _divided(items: Sequence[_T], parts: int) -> list[list[_T]]:
+    """Returns consecutive items in at most this many parts of about the same number."""
+    shares = np.array_split(np.arange(len(items)), min(parts, len(items)))
+    return [[items[i] for i in share] for share in shares]
 
 
 def worker_request(

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
@@ -21,6 +22,7 @@ class Member:
     """A run of a batch."""
 
     settings: RunSettings
+    encoder: Encoder | None
     record: Record
     log: RunLog
     checkpoint: Checkpoint | None = None
@@ -37,6 +39,7 @@ class Member:
 
 def begin(
     run: RunSettings,
+    encoder: Encoder | None,
     record: Record | None,
     results: Results,
     made_on: Mapping[str, str | None],
@@ -58,10 +61,10 @@ def begin(
             changed = record.resume(where, made_on)
             sentences = [*refused, *_changes(changed)]
             notice(run, checkpoint.position.control_steps, " ".join(sentences))
-            return Member(run, record, log, checkpoint)
+            return Member(run, encoder, record, log, checkpoint)
         notice(run, 0, " ".join([*refused, *restart_reason(run)]))
     record = results.create("run", run.id, run.model_dump(mode="json"), made_on)
-    return Member(run, record, RunLog(record))
+    return Member(run, encoder, record, RunLog(record))
 
 
 def _changes(changed: Mapping[str, Sequence[object]]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Trains runs that differ only in their seeds together, and commits their rows and checkpoints."""
+"""Trains runs together in one engine, and commits their rows and checkpoints."""
 
 import contextlib
 import time
@@ -33,7 +33,7 @@ Progress = Callable[[RunSettings, int, float], None]
 def run_batch(
     runs: Sequence[RunSettings],
     results: Results,
-    encoder: Encoder | None,
+    encoder: Encoder | Sequence[Encoder | None] | None,
     *,
     device: str = "auto",
     checkpoint_every: float = CHECKPOINT_EVERY,
@@ -49,9 +49,10 @@ def run_batch(
     resumed with the same versions on the same machine, it diverges again.
 
     Args:
-        runs: settings that differ only in their seeds; one run, if the agent is of another package.
+        runs: settings that differ only in their seeds, or that can be one stack (see
+            `jbench.settings.alike.stack_of`); one run, if the agent is of another package.
         results: where the runs are written.
-        encoder: encoder of the observations.
+        encoder: encoder of the observations of all runs, or one for each run.
         device: see `jbench.devices.find_device`.
         checkpoint_every: minimum seconds between two checkpoints; 0 for one after every episode.
         until: control step at the end of an episode, where training stops and the runs remain
@@ -70,10 +71,11 @@ def run_batch(
     made_on = {**device_provenance(find_device(device)), **code_of(runs[0].algo)}
     with contextlib.ExitStack() as locks:
         members = []
-        for run in runs:
+        encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(runs)
+        for run, own_encoder in zip(runs, encoders, strict=True):
             try:
                 found = locks.enter_context(results.locked("run", run.id))
-                member = begin(run, found, results, made_on, notice)
+                member = begin(run, own_encoder, found, results, made_on, notice)
             except WorkError as error:
                 failures[run.id] = error
                 continue
@@ -85,7 +87,7 @@ def run_batch(
                 behind = min(member.control_steps for member in members)
                 ahead = {m.control_steps for m in members if m.control_steps > behind}
                 group = [member for member in members if member.control_steps == behind]
-                batch = _Batch(group, encoder, device, checkpoint_every)
+                batch = _Batch(group, device, checkpoint_every)
                 failures |= batch.train(min(ahead, default=until), progress)
                 members = [m for m in members if m.is_behind(until)]
         except Exception as error:
@@ -103,7 +105,6 @@ class _Batch:
     def __init__(
         self,
         members: Sequence[Member],
-        encoder: Encoder | None,
         device: str,
         checkpoint_every: float,
     ) -> None:
@@ -116,7 +117,8 @@ class _Batch:
         agent_seeds, evaluation_seeds = zip(
             *(seeds_of(m.settings.seed) for m in members), strict=True
         )
-        self._engine = engine_of(settings, agent_seeds, encoder, device)
+        encoders, tasks = [m.encoder for m in members], [m.settings.task for m in members]
+        self._engine = engine_of(settings, agent_seeds, encoders, device, tasks)
         self._evaluator = Evaluator(settings, evaluation_seeds)
         if members[0].checkpoint is not None:
             self._restore(members[0].checkpoint.position)

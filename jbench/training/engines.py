@@ -19,13 +19,19 @@ from jbench.training.evaluation import robot_model
 
 
 def engine_of(
-    settings: RunSettings, seeds: Sequence[int], encoder: Encoder | None, device: str
+    settings: RunSettings,
+    seeds: Sequence[int],
+    encoder: Encoder | Sequence[Encoder | None] | None,
+    device: str,
+    tasks: Sequence[str] | None = None,
 ) -> Trainer:
     """Returns what trains an agent per seed with the settings of a run of any seed.
 
     Args:
         seeds: of the agents; one, if the agent is of another package.
+        encoder: of all seeds, or one for each seed.
         device: one of `jbench.names.DEVICES`.
+        tasks: one for each seed; None for that of the settings.
 
     Raises:
         RequestError: if the device is unavailable, or the algorithm is not installed or can't be
@@ -38,7 +44,7 @@ def engine_of(
         return robot_model(settings, episode // settings.episodes_on_each)
 
     if settings.engine == "plugin":
-        (seed,) = seeds
+        (seed,), (encoder,) = seeds, encoder if isinstance(encoder, Sequence) else [encoder]
         agent = find_agent(settings.algo)
         return PluginEngine(
             settings.algo,
@@ -56,7 +62,7 @@ def engine_of(
     return make_engine(
         settings.algo if settings.is_ours else find_rule(settings.algo),
         algorithm_of(settings),
-        settings.task,
+        tasks or settings.task,
         seeds,
         environments=settings.environments,
         time_limit=settings.time_limit,

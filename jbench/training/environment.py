@@ -1,11 +1,13 @@
 """The environment of a run, as its agent sees it."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
 
 from jbench.encoders import Encoder, load_encoder
 from jbench.encoders.wrapper import EncodedObservation
+from jbench.errors import RequestError, WorkError
 from jbench.registration import environment_id
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
@@ -15,6 +17,21 @@ from jbench.store import Results
 def load_encoder_of(settings: RunSettings | ExternalSettings, results: Results) -> Encoder | None:
     """Returns the encoder of a run, or None for the full observation."""
     return None if settings.encoder is None else load_encoder(results, settings.encoder)[0]
+
+
+def load_encoders_of(
+    runs: Sequence[RunSettings], results: Results
+) -> tuple[dict[str | None, Encoder | None], dict[str, RequestError | WorkError]]:
+    """Returns the encoders of runs by id, and the error of each run whose encoder is not usable."""
+    encoders: dict[str | None, Encoder | None] = {}
+    failures: dict[str, RequestError | WorkError] = {}
+    for run in runs:
+        try:
+            if run.encoder not in encoders:
+                encoders[run.encoder] = load_encoder_of(run, results)
+        except (RequestError, WorkError) as error:
+            failures[run.id] = error
+    return encoders, failures
 
 
 def make_env(

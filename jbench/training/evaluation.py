@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.agents.batched.environments import Cell
 from jbench.agents.trainer import Trainer
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
@@ -132,19 +133,26 @@ class Evaluator(EvaluationSchedule):
 
     def __call__(self, engine: Trainer) -> list[Evaluation]:
         """Returns an evaluation of each run."""
-        task, episodes = self._settings.task, self._settings.evaluate_episodes
-        if not episodes:
+        if not self._settings.evaluate_episodes:
             return [Evaluation(np.zeros(0), 0, None) for _ in self._seeds]
-        shape = (len(self._seeds), episodes)
-        generators = [resets.episode_generator(seed, self._done) for seed in self._seeds]
-        starts = resets.draw_starts(task, [one for one in generators for _ in range(episodes)])
+        evaluations: list[Evaluation] = []
+        for cell in engine.environments.cells:
+            evaluations += self._of_cell(engine, cell, len(evaluations))
+        self._done += 1
+        return evaluations
+
+    def _of_cell(self, engine: Trainer, cell: Cell, first: int) -> list[Evaluation]:
+        """Returns an evaluation of each run of a cell, the first of which has this index."""
+        episodes = self._settings.evaluate_episodes
+        shape = (len(cell.generators), episodes)
+        seeds = self._seeds[first : first + shape[0]]
+        generators = [resets.episode_generator(seed, self._done) for seed in seeds]
+        starts = resets.draw_starts(cell.task, [one for one in generators for _ in range(episodes)])
 
         def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
-            return engine.act(observations.reshape(*shape, -1)).reshape(-1, 1)
+            return engine.act(observations.reshape(*shape, -1), first).reshape(-1, 1)
 
         model = robot_model(self._settings, self._settings.robot_at(engine.control_steps))
         threads = engine.environments.threads
         with Robots(model, len(starts.quaternions), threads) as robots:
-            evaluations = _evaluations(task, robots, starts, act, episodes)
-        self._done += 1
-        return evaluations
+            return _evaluations(cell.task, robots, starts, act, episodes)

@@ -3,7 +3,7 @@
 `python -m jbench.training.worker` reads a request (one line of JSON, see `worker_request`) from
 standard input, and writes messages (one line of JSON each) to standard output. multiprocessing is
 not used because it pickles. The process exits when its standard input is closed. Runs of the
-batched engine differ only in their seeds; with the other engines there is one run.
+batched engine are those that `run_batch` takes; with the other engines there is one run.
 
 Messages: for a resumed run, {"run": id, "resumed_at": control steps, "reason": sentence or ""};
 then for each run {"run": id} with {"control_steps": n, "episode_return": r}, and finally
@@ -73,10 +73,13 @@ def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any
     """Trains all runs; returns the error of each failed run by id."""
     from jbench.store import Results
     from jbench.training.batched_run import run_batch
-    from jbench.training.environment import load_encoder_of
+    from jbench.training.environment import load_encoders_of
 
     results, device = Results(Path(request["results"])), request["device"]
-    encoder = load_encoder_of(runs[0], results)
+    encoders, failures = load_encoders_of(runs, results)
+    runs = [run for run in runs if run.id not in failures]
+    if not runs:
+        return failures
 
     def report(settings: Any, steps: int, episode_return: float | None) -> None:
         send({"run": settings.id, "control_steps": steps, "episode_return": episode_return})
@@ -85,10 +88,10 @@ def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any
         send({"run": settings.id, "resumed_at": steps, "reason": sentence})
 
     if runs[0].engine != "sb3":
-        return run_batch(
+        return failures | run_batch(
             runs,
             results,
-            encoder,
+            [encoders[run.encoder] for run in runs],
             device=device,
             checkpoint_every=request["checkpoint_every"],
             progress=report,
@@ -101,7 +104,7 @@ def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any
         if record is not None and record.status != "finished":
             report_resumed(settings, 0, "")
         run(settings, results, lambda steps, value: report(settings, steps, value))  # noqa: B023
-    return {}
+    return failures
 
 
 def _sender() -> Any:

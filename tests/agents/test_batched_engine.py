@@ -11,7 +11,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
 from jbench.agents.batched.engine import SeedState
-from jbench.agents.batched.environments import Environments
+from jbench.agents.batched.environments import Cell, Environments
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.off_policy import OffPolicyEngine
@@ -187,8 +187,7 @@ def test_environments_equal_the_gymnasium_environment(augment):
         env.np_random = generator
     seen = [env.reset()[0] for env in plain]
     with Environments(
-        "move_to_pose",
-        [stream.environments for stream in streams],
+        [Cell("move_to_pose", [stream.environments for stream in streams])],
         episode_steps=LENGTH,
         threads=2,
         models=None if augment is None else always(load_model(augment)),
@@ -220,8 +219,7 @@ def test_each_episode_can_have_its_own_robot():
         engine.environments.step(actions)
         seen = engine.environments.observations[:, 0]
     with Environments(
-        "face_direction",
-        [Streams(seed, 1).environments for seed in (0, 1)],
+        [Cell("face_direction", [Streams(seed, 1).environments for seed in (0, 1)])],
         models=always(robots[1]),
     ) as others:
         for index, (tensors, _) in enumerate(state):
@@ -233,23 +231,6 @@ def test_each_episode_can_have_its_own_robot():
             others.restore(index, world, 1, 0)
         others.step(actions)
         assert torch.equal(others.observations[:, 0], seen)
-
-
-def test_evaluate_equals_an_episode_of_the_extracted_policies():
-    def environments_of():
-        generators = [Streams(seed, 3).environments for seed in (5, 6)]
-        return Environments("face_direction", generators, episode_steps=LENGTH)
-
-    with engine_of("td3", [0, 1]) as engine, environments_of() as one, environments_of() as other:
-        for _ in engine.learn(50):
-            pass
-        returns = engine.evaluate(one)
-        policies = [engine.policy(index) for index in range(2)]
-        for _ in range(LENGTH):
-            seen = other.observations.numpy()
-            actions = np.stack([policies[index].act(seen[index])[:, 0] for index in range(2)])
-            step = other.step(actions)
-    np.testing.assert_allclose(returns, step.episode_returns, rtol=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,16 @@ def kernels_in(function, argument, tensors):
     return region.kernels
 
 
-def regions_of(algo, *, base="published", changes=None, ofe=None, precision="float32", limit=None):
+def regions_of(
+    algo,
+    *,
+    base="published",
+    changes=None,
+    ofe=None,
+    precision="float32",
+    limit=None,
+    sizes=(SIZE,) * SEEDS,
+):
     """The kernels of everything that is recorded of an algorithm, by name."""
     if isinstance(algo, str):
         settings = algorithm_settings(algo, base, changes or {})
@@ -85,7 +94,7 @@ def regions_of(algo, *, base="published", changes=None, ofe=None, precision="flo
         rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))
     tensors = Tensors(SEEDS, torch.float32, GPU)
     low = precision == "bfloat16"
-    team = Team(rule, settings, SIZE, tensors, stacked=True, low_precision=low)
+    team = Team(rule, settings, sizes, tensors, stacked=True, low_precision=low)
     streams = [Streams(seed, 1) for seed in range(SEEDS)]
     (group,) = team.groups
     if algo == "ppo":
@@ -130,6 +139,11 @@ def test_recorded_updates_stay_on_the_gpu_and_launch_the_documented_kernels(algo
     if algo == "td3":
         counts.append(found["update without the actor"])
     assert counts == documented(algo, precision)
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_a_stack_of_several_cells_launches_the_kernels_of_one_cell(algo):
+    assert regions_of(algo, sizes=(SIZE, 5)) == regions_of(algo)
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from tests.agents.test_batched_engine import (
     MANY,
     SCRIPTS,
     STEPS,
+    TanhEncoder,
     assert_same,
     engine_of,
     round_trip,
@@ -41,6 +42,10 @@ slow_on_a_cpu = pytest.mark.parametrize(
 )
 ROOT = Path(__file__).parents[2]
 
+# Seeds with 16, 5 and 15 inputs.
+TASKS = ["face_direction", "face_direction", "move_from_origin"]
+CELLS = {"task": TASKS, "encoder": [None, TanhEncoder(), None]}
+
 # PPO makes one update of all transitions after each rollout.
 ONE_UPDATE = {"changes": {"n_epochs": 1, "batch_size": 30}}
 
@@ -51,7 +56,7 @@ def filled_engine(algo, seeds, **options):
     random = torch.Generator().manual_seed(1)
     if isinstance(engine, OffPolicyEngine):
         for index in range(len(seeds)):
-            rows = torch.randn(1, 50, engine.environments.size + 2, generator=random)
+            rows = torch.randn(1, 50, engine.environments.sizes[index] + 2, generator=random)
             engine.restore_rows(index, rows, 50)
     else:
         rows = engine._rollout.rows
@@ -88,6 +93,8 @@ def largest_difference(one, other):
         ),
         ("ddpg", SCRIPTS["ddpg"], torch.float64, 1e-9),
         ("td3", {"time_limit": "terminal"}, torch.float64, 1e-9),
+        ("td3", CELLS, torch.float64, 1e-9),
+        ("ppo", {**ONE_UPDATE, **CELLS}, torch.float64, 1e-9),
         ("td3", {"ofe": MANY}, torch.float64, 1e-9),
         ("sac", {"ofe": FEW}, torch.float64, 1e-9),
         # The products of both devices are rounded to bfloat16.
@@ -171,9 +178,17 @@ def test_a_restored_engine_continues_with_the_same_bits(algo, options, steps, de
 
 
 @on_each_device
-@pytest.mark.parametrize("algo", ALGORITHMS)
-def test_a_checkpoint_moves_between_the_devices(algo, device):
-    here, there = {"device": "cpu", "stacked": False}, {"device": device, "stacked": True}
+@pytest.mark.parametrize(
+    ("algo", "cells"),
+    [
+        *((algo, {}) for algo in ALGORITHMS),
+        ("sac", {"task": TASKS[1:]}),
+        ("ppo", {"task": TASKS[1:]}),
+    ],
+)
+def test_a_checkpoint_moves_between_the_devices(algo, cells, device):
+    here = {"device": "cpu", "stacked": False, **cells}
+    there = {"device": device, "stacked": True, **cells}
     for first, second in ((here, there), (there, here)):
         with engine_of(algo, [0, 4], **first) as engine:
             saved = stopped_at(engine, 40)

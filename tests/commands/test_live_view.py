@@ -137,3 +137,16 @@ def test_a_long_forecast_names_what_makes_it_shorter(tmp_path, capsys):
         "about 11 min 40 s. For less: fewer --steps (such as 300000), or fewer --seeds (such as "
         "0-2).\n"
     )
+
+
+def test_a_process_with_several_cells_has_their_number_and_no_published_median(tmp_path):
+    runs = runs_of_matrix(write_matrix(tmp_path), tmp_path)
+    other = [run.model_copy(update={"task": "move_to_pose"}) for run in runs]
+    view = TrainingView(Output(), lambda *_: 612.4)
+    with view.training([*runs, *other]):
+        view.started([*runs, *other])
+        view.message(runs[0], episode(runs[0], 1000, 12.4))
+        (line,) = (line for line in shown(view) if "td3" in line)
+    assert line.startswith("td3 4 runs of 2 cells 1,000/8,000 ")
+    assert " 12" in line
+    assert "published" not in line

@@ -3,10 +3,12 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from jbench.store import Results
+from jbench.sweeps.cell import all_runs
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.sweeps.scheduler import sweep
 from jbench.sweeps.watcher import Watcher
@@ -84,6 +86,41 @@ def test_a_program_sweeps_without_the_command_line_and_receives_the_events(tmp_p
         *("finished", "ended", "done"),
     ]
     assert states(runs_of_matrix(matrix, results), results) == ["finished"]
+
+
+class Gpu:
+    """An executor with a GPU whose first process dies.
+
+    Attributes:
+        given: the runs of each process.
+    """
+
+    jobs, device = 1, "cuda"
+
+    def __init__(self):
+        self.given = []
+
+    def train(self, runs):
+        self.given.append(runs)
+        yield from [] if len(self.given) == 1 else [{"run": r.id, "finished": True} for r in runs]
+
+    def stop(self):
+        """Ends nothing."""
+
+    close = stop
+
+
+def test_a_gpu_gets_the_cells_of_an_algorithm_in_one_process(tmp_path, monkeypatch):
+    matrix, notes, gpu = write_matrix(tmp_path, algos='"td3", "ppo"'), [], Gpu()
+    text = Path(matrix).read_text()
+    Path(matrix).write_text(text.replace('"face_direction"', '"face_direction", "move_to_pose"'))
+    cells = matrix_cells(read_matrix(matrix), Results(tmp_path))
+    monkeypatch.setattr(Watcher, "note", lambda _, sentence: notes.append(sentence))
+    assert sweep(cells, Results(tmp_path), lambda: gpu) == {}
+    td3, ppo = ([run for run in all_runs(cells) if run.algo == algo] for algo in ("td3", "ppo"))
+    assert len(td3) == len(ppo) == 4
+    assert gpu.given == [td3, ppo, td3]
+    assert notes == ["The process of 4 runs of td3 in 2 cells died; they are tried again."]
 
 
 def test_runs_whose_dataset_can_not_be_collected_fail_and_no_process_starts(tmp_path, monkeypatch):

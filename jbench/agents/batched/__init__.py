@@ -10,7 +10,7 @@
     rule.py          base class of other packages' rules; rule_check.py: refuses faulty ones;
                      autograd.py: trains them
     streams.py       random generators of each seed; noise.py: action noise
-    environments.py  the simulated robots
+    environments.py  the simulated robots of all cells; padding.py: equal sizes for a stack
     replay.py        replay buffers; updates.py: minibatches sampled from them
     rollout.py       rollout buffer of PPO
     team.py          the agents of all seeds; graphs.py: CUDA graphs

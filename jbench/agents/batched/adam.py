@@ -11,6 +11,9 @@ _PARTS, _MIN_PART = 36, 4096
 
 _BETA1, _BETA2 = 0.9, 0.999
 
+MOMENTS = ("first_moment", "second_moment")
+"""Names of the saved tensors that have the layout of the parameters, after their prefix."""
+
 
 class Adam:
     """Adam for one flat vector of parameters.
@@ -34,8 +37,7 @@ class Adam:
             name: prefix of the saved tensors.
             epsilon: added to the root of the second moment.
         """
-        first = view.saved(f"{name}.first_moment", values.shape[-1])
-        second = view.saved(f"{name}.second_moment", values.shape[-1])
+        first, second = (view.saved(f"{name}.{moment}", values.shape[-1]) for moment in MOMENTS)
         self.steps = view.saved(f"{name}.steps", dtype=torch.float32)
         self._values, self._gradients = _parts(values), _parts(gradient)
         self._firsts, self._seconds = _parts(first), _parts(second)

@@ -1,4 +1,4 @@
-"""The training loop of several seeds on one task, and its complete state."""
+"""The training loop of several seeds, and its complete state."""
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
@@ -103,36 +103,29 @@ class Engine(Closing):
             self._store(observations, actions, step)
             yield step.episode_returns
 
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns deterministic actions (seeds, N, 1) in [-1, 1]; 0 for diverged agents.
+    def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.float32]:
+        """Returns deterministic actions (n, N, 1) in [-1, 1]; 0 for diverged agents.
 
         Args:
-            observations: (seeds, N, dim(O)) of the task, not encoded.
+            observations: (n, N, dim(O)) of the task, not encoded, of n consecutive seeds of a cell.
+            first: index of the first of these seeds.
         """
-        inputs = self.environments.encode(torch.from_numpy(observations))
+        inputs = self.environments.encode(torch.from_numpy(observations), first)
+        seeds = slice(first, first + len(inputs))
+        if len(inputs) < len(self._streams):
+            of_all = inputs.new_zeros(len(self._streams), *inputs.shape[1:])
+            of_all[seeds] = inputs
+            inputs = of_all
         actions: NDArray[np.float32] = self._team.run(act, inputs).float().numpy()
         actions[list(self.diverged)] = 0
-        return actions
-
-    def evaluate(self, environments: Environments) -> NDArray[np.float64]:
-        """Returns the returns (seeds, N) of one episode per robot with deterministic actions.
-
-        Args:
-            environments: N per seed, at the beginning of an episode.
-        """
-        while True:
-            actions = self._team.run(act, environments.observations)[..., 0]
-            returns = environments.step(actions.numpy()).episode_returns
-            if returns is not None:
-                return returns
+        return actions[seeds]
 
     def policy(self, seed: int) -> Policy | Network:
         """Returns a copy of the deterministic policy of the seed with this index."""
-        policy: Policy | Network = self._team.each[seed].policy()
-        return policy
+        return self._team.policy(seed)
 
     def load_policy(self, seed: int, policy: Policy | Network, control_steps: int) -> None:
-        """Sets the deterministic policy of one seed, for `act` and `evaluate`.
+        """Sets the deterministic policy of one seed, for `act`.
 
         Args:
             seed: index of the seed.
@@ -142,7 +135,7 @@ class Engine(Closing):
         Raises:
             ValueError: if it has other layers or features than the seed's agent.
         """
-        self._team.each[seed].load_policy(policy)
+        self._team.load_policy(seed, policy)
         self.control_steps = control_steps
 
     def losses(self, seed: int) -> dict[str, float]:
@@ -158,8 +151,11 @@ class Engine(Closing):
                 self._record_divergence(seed, "weights")
 
     def state(self, seed: int) -> SeedState:
-        """Returns the state of one seed without its replay rows, at any control step."""
-        tensors = {_AGENT + name: saved[seed] for name, saved in self._team.tensors.saved.items()}
+        """Returns the state of one seed without its replay rows, at any control step.
+
+        It is that of the seed alone, without the padding of a stack of several cells.
+        """
+        tensors = {_AGENT + name: value for name, value in self._team.state(seed).items()}
         world = self.environments.state(seed)
         tensors |= {_WORLD + name: torch.from_numpy(value) for name, value in world.items()}
         tensors |= {_LOOP + name: tensor for name, tensor in self._loop_state(seed).items()}
@@ -189,8 +185,7 @@ class Engine(Closing):
                 "All seeds of an engine must have made the same number of control steps."
             )
         for seed, (tensors, scalars) in enumerate(states):
-            for name, saved in self._team.tensors.saved.items():
-                saved[seed] = tensors[_AGENT + name]
+            self._team.restore(seed, _under(_AGENT, tensors))
             world = {name: tensor.numpy() for name, tensor in _under(_WORLD, tensors).items()}
             steps = scalars["episodes"], scalars["episode_steps"]
             self.environments.restore(seed, world, *steps)

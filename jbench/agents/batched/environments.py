@@ -1,6 +1,7 @@
 """The simulated robots of all seeds, stepped together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import mujoco
@@ -15,12 +16,44 @@ from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import Robots
 from jbench.tasks import resets
-from jbench.tasks.features import TASK_SPECS, State, observation
+from jbench.tasks.features import TASK_SPECS, State, Target, observation
 from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
 
 Models = Callable[[int], mujoco.MjModel]
 """Maps an episode number, counted from 0, to its robot."""
+
+
+class Cell(NamedTuple):
+    """Consecutive seeds with the same task and encoder.
+
+    Attributes:
+        task: name of the task.
+        generators: per seed and environment, of initial poses and targets.
+        encoder: of the observations; None for the full observation.
+    """
+
+    task: str
+    generators: list[Sequence[Generator]]
+    encoder: Encoder | None = None
+
+    @property
+    def size(self) -> int:
+        """Dimension of the agents' inputs."""
+        if self.encoder is not None:
+            return self.encoder.latent_size
+        return TASK_SPECS[self.task].observation_size
+
+    def encode(self, observations: Tensor) -> Tensor:
+        """Maps observations (seeds, N, dim(O)) of the task to inputs (seeds, N, size)."""
+        if self.encoder is None:
+            return observations
+        # Seed by seed, because a matrix product may round differently in a larger batch.
+        return torch.stack([self.encoder.encode(batch) for batch in observations])
+
+    def draw_starts(self) -> resets.Starts:
+        """Draws the initial states of the next episodes, seed by seed."""
+        return resets.draw_starts(self.task, [each for seed in self.generators for each in seed])
 
 
 class Step(NamedTuple):
@@ -39,11 +72,14 @@ class Step(NamedTuple):
 
 
 class Environments(Closing):
-    """Seeds x environments robots on one task, reset together.
+    """Seeds x environments robots of one or several cells, reset together.
 
     Use it as a context manager: it holds threads.
 
     Attributes:
+        cells: in the order of their seeds.
+        size: largest dimension of the agents' inputs.
+        sizes: dimension of each seed's inputs, which are padded with zeros to `size`.
         observations: (seeds, environments, size) current inputs of the agents, float32.
         episodes: completed episodes of each robot.
         steps: control steps made in the current episode.
@@ -53,10 +89,8 @@ class Environments(Closing):
 
     def __init__(
         self,
-        task: str,
-        generators: Sequence[Sequence[Generator]],
+        cells: Sequence[Cell],
         *,
-        encoder: Encoder | None = None,
         threads: int = 1,
         models: Models | None = None,
         episode_steps: int = EPISODE_STEPS,
@@ -64,14 +98,16 @@ class Environments(Closing):
         """Starts the first episodes.
 
         Args:
-            generators: per seed and environment, of initial poses and targets.
+            cells: with the same number of environments per seed.
             models: the robot of each episode; None for the plain robot.
             episode_steps: control steps in an episode; tests use short episodes.
         """
-        self._task, self._encoder, self.threads = task, encoder, threads
-        self.episode_steps = episode_steps
-        self._generators = [generator for seed in generators for generator in seed]
-        self._shape = (len(generators), len(generators[0]))
+        self.cells, self.threads, self.episode_steps = cells, threads, episode_steps
+        self.sizes = [cell.size for cell in cells for _ in cell.generators]
+        self.size = max(self.sizes)
+        self._shape = (len(self.sizes), len(cells[0].generators[0]))
+        ends = accumulate((len(cell.generators) * self._shape[1] for cell in cells), initial=0)
+        self._rows_of_cells = [slice(*pair) for pair in pairwise(ends)]
         self._models = models or _plain_robot()
         self._model = self._models(0)
         self._robots = self._new_robots()
@@ -83,17 +119,11 @@ class Environments(Closing):
         """Stops the threads."""
         self._robots.close()
 
-    @property
-    def size(self) -> int:
-        """Dimension of the agents' inputs."""
-        if self._encoder is not None:
-            return self._encoder.latent_size
-        return TASK_SPECS[self._task].observation_size
-
     def step(self, actions: NDArray[np.floating]) -> Step:
         """Applies actions (seeds, environments), clipped to [-1, 1], for one control step."""
         state = self._robots.step(actions.reshape(-1))
-        rewards = np.asarray(reward(self._task, state, self._target)).reshape(self._shape)
+        of_cells = [reward(cell.task, at, target) for cell, at, target in self._by_cell(state)]
+        rewards = np.concatenate(of_cells).reshape(self._shape)
         self._returns += rewards
         self.steps += 1
         self.observations = observations = self._observe(state)
@@ -104,12 +134,24 @@ class Environments(Closing):
             self._begin_episodes()
         return Step(rewards, observations, returns)
 
-    def encode(self, observations: Tensor) -> Tensor:
-        """Maps observations (seeds, N, dim(O)) of the task to agents' inputs (seeds, N, size)."""
-        if self._encoder is None:
-            return observations
-        # Seed by seed, because a matrix product may round differently in a larger batch.
-        return torch.stack([self._encoder.encode(batch) for batch in observations])
+    def encode(self, observations: Tensor, first: int = 0) -> Tensor:
+        """Maps observations of a cell's task to agents' inputs.
+
+        Args:
+            observations: (n, N, dim(O)) of the task of consecutive seeds of one cell.
+            first: index of the first of these seeds.
+
+        Returns:
+            (n, N, size), padded with zeros.
+        """
+        row = first * self._shape[1]
+        pairs = zip(self.cells, self._rows_of_cells, strict=True)
+        cell = next(cell for cell, rows in pairs if row < rows.stop)
+        return self._padded(cell.encode(observations))
+
+    def padding(self, seed: int) -> list[slice]:
+        """Returns the columns of a seed's inputs that are padding."""
+        return [slice(self.sizes[seed], self.size)] if self.sizes[seed] < self.size else []
 
     def state(self, seed: int) -> dict[str, NDArray[np.float64]]:
         """Returns the simulation state of one seed, for `restore`."""
@@ -145,11 +187,14 @@ class Environments(Closing):
     def _begin_episodes(self) -> None:
         """Resets all robots and draws a target for each."""
         self._switch_robot(self.episodes)
-        starts = resets.draw_starts(self._task, self._generators)
-        self._target = starts.targets
+        starts = [cell.draw_starts() for cell in self.cells]
+        targets = zip(*(each.targets for each in starts), strict=True)
+        self._target = Target(*(np.concatenate(part) for part in targets))
         self._returns = np.zeros(self._shape)
         self.steps = 0
-        self.observations = self._observe(self._robots.reset(starts.quaternions))
+        self.observations = self._observe(
+            self._robots.reset(np.concatenate([each.quaternions for each in starts]))
+        )
 
     def _switch_robot(self, episode: int) -> None:
         """Switches to the robot of an episode if it differs from the current one."""
@@ -160,12 +205,28 @@ class Environments(Closing):
             self._robots = self._new_robots()
 
     def _new_robots(self) -> Robots:
-        return Robots(self._model, len(self._generators), self.threads)
+        seeds, environments = self._shape
+        return Robots(self._model, seeds * environments, self.threads)
 
     def _observe(self, state: State) -> Tensor:
         """Returns the agents' inputs (seeds, environments, size)."""
-        observed = np.asarray(observation(self._task, state, self._target), np.float32)
-        return self.encode(torch.from_numpy(observed.reshape(*self._shape, -1)))
+        of_cells = []
+        for cell, at, target in self._by_cell(state):
+            observed = np.asarray(observation(cell.task, at, target), np.float32)
+            shape = len(cell.generators), self._shape[1], -1
+            of_cells.append(self._padded(cell.encode(torch.from_numpy(observed.reshape(shape)))))
+        return of_cells[0] if len(of_cells) == 1 else torch.cat(of_cells)
+
+    def _padded(self, inputs: Tensor) -> Tensor:
+        """Returns inputs (..., any) with zeros up to `size`."""
+        missing = self.size - inputs.shape[-1]
+        return torch.nn.functional.pad(inputs, (0, missing)) if missing else inputs
+
+    def _by_cell(self, state: State) -> Iterator[tuple[Cell, State, Target]]:
+        """Yields each cell with the states and targets of its robots."""
+        for cell, rows in zip(self.cells, self._rows_of_cells, strict=True):
+            states, targets = ((each[rows] for each in part) for part in (state, self._target))
+            yield cell, State(*states), Target(*targets)
 
     def _rows(self, seed: int) -> slice:
         """Returns the indices of a seed's robots."""

@@ -7,9 +7,10 @@ from typing import ClassVar
 import torch
 from torch import Generator, Tensor
 
-from jbench.agents.batched.adam import Adam
+from jbench.agents.batched.adam import MOMENTS, Adam
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.network import Affine, Network, Sizes, affines, parameter_count
+from jbench.agents.batched.padding import weights_of
 from jbench.agents.batched.tensors import SeedView
 from jbench.agents.batched.twins import Twins
 from jbench.policies.feature_map import FeatureMap
@@ -55,6 +56,7 @@ class Learner:
         # A mean loss, and the count of 1 that is added with it.
         self._mean_and_one = view.scratch("mean_and_one", 2).fill_(1)
         self._mean = self._mean_and_one[..., 0]
+        self._networks_by_name: dict[str, Network] = {}
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""
@@ -84,6 +86,21 @@ class Learner:
             squash,
             self.feature_map(),
         )
+
+    def input_weights(self, inputs: slice) -> dict[str, list[slice]]:
+        """Returns where the saved tensors have the weights of some observed numbers.
+
+        Args:
+            inputs: consecutive observed numbers.
+
+        Returns:
+            By name of parameters and their moments.
+        """
+        return {
+            name: weights
+            for network, weights in self._input_weights(inputs).items()
+            for name in (network, *(f"{network}.{moment}" for moment in MOMENTS))
+        }
 
     def load_policy(self, policy: Policy | SavedNetwork) -> None:
         """Sets the deterministic policy of one seed; inverts `policy`, bit for bit.
@@ -127,6 +144,13 @@ class Learner:
         """
         self._loss_sums.zero_()
 
+    def _input_weights(self, inputs: slice) -> dict[str, list[slice]]:
+        """Returns where some observed numbers' weights lie, by name of the flat parameters."""
+        return {
+            name: [weights_of(inputs, network.first_units)]
+            for name, network in self._networks_by_name.items()
+        }
+
     def _record_loss(self, loss: str, values: Tensor) -> None:
         """Records the mean of (..., batch, 1) values."""
         torch.mean(values, dim=(-2, -1), out=self._mean)
@@ -144,7 +168,7 @@ class Learner:
     ) -> Network:
         """Returns a network whose parameters are saved under `name`; see `Network`."""
         count, view = parameter_count(sizes, joins), view or self.view
-        return make(
+        self._networks_by_name[name] = made = make(
             view,
             sizes,
             view.saved(name, count),
@@ -153,6 +177,7 @@ class Learner:
             low_precision=self._low_precision,
             joins=joins,
         )
+        return made
 
     def _adam(self, name: str, network: Network) -> Adam:
         """Returns the optimiser of a network; its moments are saved under `name`."""

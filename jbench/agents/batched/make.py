@@ -7,7 +7,7 @@ import torch
 
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.engine import Engine
-from jbench.agents.batched.environments import Environments, Models
+from jbench.agents.batched.environments import Cell, Environments, Models
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.on_policy import OnPolicyEngine
@@ -29,12 +29,12 @@ from jbench.settings.ofe import OFESettings
 def make_engine(
     algo: str | type[Rule],
     settings: AlgorithmSettings,
-    task: str,
+    task: str | Sequence[str],
     seeds: Sequence[int],
     *,
     environments: int | None = None,
     time_limit: TimeLimit = "bootstrap",
-    encoder: Encoder | None = None,
+    encoder: Encoder | Sequence[Encoder | None] | None = None,
     ofe: OFESettings | None = None,
     models: Models | None = None,
     device: str = "auto",
@@ -48,8 +48,11 @@ def make_engine(
 
     Args:
         algo: one of `jbench.names.ALGORITHMS`, or an update rule of another package.
+        task: of all seeds, or one for each seed.
         environments: per agent; None for the settings' number (PPO's n_envs, otherwise 1).
         time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
+        encoder: of all seeds, or one for each seed. Seeds with fewer inputs than others need a rule
+            of jbench with hidden layers and without `ofe`.
         ofe: settings of features learned with the agent (not with PPO); None for no features.
         models: the robot of each episode; None for the plain robot.
         device: see `jbench.devices.find_device`.
@@ -72,17 +75,15 @@ def make_engine(
     count = environments or (settings.n_envs if isinstance(settings, PPOSettings) else 1)
     streams = [Streams(seed, count) for seed in seeds]
     robots = Environments(
-        task,
-        [stream.environments for stream in streams],
-        encoder=encoder,
+        _cells(task, encoder, streams),
         threads=threads or (cores() if gpu else 1),
         models=models,
         episode_steps=episode_steps,
     )
     team: Team[Learner] = Team(
-        _learner(algo, settings, robots.size, ofe),
+        _learner(algo, settings, robots.sizes, ofe),
         settings,
-        robots.size,
+        robots.sizes,
         Tensors(len(seeds), dtype, torch_device),
         stacked=gpu if stacked is None else stacked,
         low_precision=precision == "bfloat16",
@@ -97,6 +98,23 @@ def make_engine(
             f"The GPU's memory is not enough for the replay buffers of {len(seeds)} seeds: type "
             f"fewer --seeds at a time, or less than --set buffer_size={settings.buffer_size}."
         ) from None
+
+
+def _cells(
+    task: str | Sequence[str],
+    encoder: Encoder | Sequence[Encoder | None] | None,
+    streams: Sequence[Streams],
+) -> list[Cell]:
+    """Returns the cells of the seeds with these streams."""
+    tasks = [task] * len(streams) if isinstance(task, str) else task
+    encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(streams)
+    cells: list[Cell] = []
+    for its_task, its_encoder, stream in zip(tasks, encoders, streams, strict=True):
+        last = cells[-1] if cells else None
+        if last is None or last.task != its_task or last.encoder is not its_encoder:
+            cells.append(Cell(its_task, [], its_encoder))
+        cells[-1].generators.append(stream.environments)
+    return cells
 
 
 def _device_with_precision(device: str, precision: str) -> torch.device:
@@ -114,10 +132,17 @@ def _device_with_precision(device: str, precision: str) -> torch.device:
 
 
 def _learner(
-    algo: str | type[Rule], settings: AlgorithmSettings, size: int, ofe: OFESettings | None
+    algo: str | type[Rule],
+    settings: AlgorithmSettings,
+    sizes: Sequence[int],
+    ofe: OFESettings | None,
 ) -> Callable[..., Learner]:
-    """Returns the class of the learners."""
+    """Returns the class of the learners of seeds with these numbers of inputs."""
+    # The weights of inputs fill whole vectors of memory only in front of hidden layers.
+    pads = isinstance(algo, str) and ofe is None and settings.hidden_layers
+    if not pads and len(set(sizes)) > 1:
+        raise ValueError(f"All seeds must have the same number of inputs here, not {sizes}.")
     if not isinstance(algo, str):
         assert isinstance(settings, OffPolicySettings)
-        return partial(AutogradLearner, rule=checked_rule(algo, settings, size))
+        return partial(AutogradLearner, rule=checked_rule(algo, settings, sizes[0]))
     return LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)

@@ -87,6 +87,7 @@ class Network:
         gradients = affine_views(values if gradient is None else gradient, shapes)
         pairs = list(zip(affine_views(values, shapes), gradients, strict=True))
         self._exact = [Layer(*pair) for pair in pairs]
+        self.first_units = self._exact[0].units  # of the first layer, with padding
         self._layers = [
             _LowPrecisionLayer(*pair, view, f"{workspace} {i}")
             if low_precision and 0 < i < last

@@ -12,6 +12,7 @@ from jbench.agents.batched.engine import Engine, act
 from jbench.agents.batched.environments import Environments, Step
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.noise import ActionNoise
+from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
@@ -69,22 +70,25 @@ class OffPolicyEngine(Engine):
         self.replay.begin(environments.observations)
 
     def replay_rows(self, seed: int, first: int = 0) -> Tensor:
-        """Returns a seed's replay rows (environments, rows, size + 2), without row `replay.row`.
+        """Returns a seed's replay rows (environments, rows, own size + 2), without `replay.row`.
 
         Args:
             seed: index of the seed.
             first: number of the first row; expired rows are left out.
         """
-        return self.replay.rows_since(seed, first)
+        rows = self.replay.rows_since(seed, first)
+        return without_padding(rows, self.environments.padding(seed))
 
     def restore_rows(self, seed: int, rows: Tensor, row: int) -> None:
         """Restores the replay rows of a seed; `restore` of all seeds must follow.
 
         Args:
             seed: index of the seed.
-            rows: (environments, rows, size + 2) up to row number `row` - 1.
+            rows: as from `replay_rows`, up to row number `row` - 1.
             row: the saved `replay.row`, the same for all seeds.
         """
+        if rows.numel():
+            rows = with_padding(rows, self.environments.padding(seed))
         self.replay.restore(seed, rows, row)
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:

@@ -11,6 +11,7 @@ from torch import Tensor
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.environments import Environments, Step
 from jbench.agents.batched.graphs import Captured
+from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.ppo import PPO, Minibatch
 from jbench.agents.batched.rollout import Rollout
 from jbench.agents.batched.streams import Streams
@@ -76,14 +77,14 @@ class OnPolicyEngine(Engine):
         self.updates += settings.n_epochs
 
     def _loop_state(self, seed: int) -> dict[str, Tensor]:
-        steps = self._rollout.steps
+        steps, padding = self._rollout.steps, self.environments.padding(seed)
         return {
-            "rollout": self._rollout.rows[seed, :, :steps],
+            "rollout": without_padding(self._rollout.rows[seed, :, :steps], padding),
             "ends": torch.from_numpy(self._rollout.ends[:steps]),
         }
 
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
-        rows = tensors["rollout"]
+        rows = with_padding(tensors["rollout"], self.environments.padding(seed))
         self._rollout.steps = steps = rows.shape[1]
         self._rollout.rows[seed, :, :steps] = rows
         self._rollout.ends[:steps] = tensors["ends"].numpy()

@@ -9,6 +9,7 @@ from torch import Generator, Tensor
 from jbench.agents.batched.adam import Adam
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.network import Network, parameter_count
+from jbench.agents.batched.padding import weights_of
 from jbench.agents.batched.tensors import SeedView, aligned
 from jbench.settings.algorithms import PPOSettings
 
@@ -85,6 +86,14 @@ class PPO(Learner):
     def act(self, observations: Tensor) -> Tensor:
         """Returns mu(s), clipped."""
         return self.actor.forward(observations, exact=True)[..., :1].clamp(-1, 1)
+
+    def _input_weights(self, inputs: slice) -> dict[str, list[slice]]:
+        """See `Learner`; the networks are parts of one vector."""
+        starts = (0, self._values.shape[-1] - self.critic.values.shape[-1])
+        units = self.actor.first_units
+        return {
+            "policy": [weights_of(inputs, units, start) for start in starts[: len(self._networks)]]
+        }
 
     def policy_network(self) -> tuple[Network, str]:
         """See `Learner.policy_network`."""

@@ -1,6 +1,8 @@
 """The agents of several seeds."""
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import Concatenate, Generic, NamedTuple, TypeVar
 
 import torch
@@ -8,8 +10,11 @@ from torch import Tensor
 
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import Learner
+from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.tensors import Tensors
+from jbench.policies.network import Network
+from jbench.policies.saved import Policy
 from jbench.settings.algorithms import AlgorithmSettings
 
 _Learner = TypeVar("_Learner", bound=Learner)
@@ -35,6 +40,9 @@ class Group(NamedTuple, Generic[_Learner]):
 class Team(Generic[_Learner]):
     """One learner per seed, and optionally one for the whole stack, on the same tensors.
 
+    The tensors of a seed with fewer inputs than others are padded: the weights of missing inputs
+    are 0 and stay 0, because those inputs are 0. States and policies are not padded.
+
     Attributes:
         tensors: the state of the agents.
         each: a learner per seed.
@@ -45,7 +53,7 @@ class Team(Generic[_Learner]):
         self,
         learner: Callable[..., _Learner],
         settings: AlgorithmSettings,
-        observation_size: int,
+        sizes: Sequence[int],
         tensors: Tensors,
         *,
         stacked: bool,
@@ -55,17 +63,20 @@ class Team(Generic[_Learner]):
 
         Args:
             learner: class of the learners.
-            observation_size: number of inputs of the policy.
+            sizes: number of inputs of the policy of each seed.
             stacked: whether to compute all seeds in one stack or one after another.
             low_precision: whether to multiply hidden layers in bfloat16.
         """
         self.tensors = tensors
-        self._stack: _Learner | None = None
-        if stacked:
-            # It comes first, because it decides how the tensors lie in memory.
-            self._stack = learner(settings, observation_size, tensors.stacked_view(), low_precision)
-        views = [tensors.seed_view(seed) for seed in range(tensors.seeds)]
-        self.each = [learner(settings, observation_size, view, low_precision) for view in views]
+        self._sizes, largest = sizes, max(sizes)
+        self._make = partial(learner, settings, low_precision=low_precision)
+        # It comes first, because it decides how the tensors lie in memory.
+        self._stack = self._make(largest, tensors.stacked_view()) if stacked else None
+        self.each = [self._make(largest, tensors.seed_view(seed)) for seed in range(len(sizes))]
+        self._padding = [
+            learner.input_weights(slice(size, largest)) if size < largest else {}
+            for size, learner in zip(sizes, self.each, strict=True)
+        ]
         self.groups = (
             [Group(learner, range(seed, seed + 1)) for seed, learner in enumerate(self.each)]
             if self._stack is None
@@ -77,8 +88,33 @@ class Team(Generic[_Learner]):
 
     def initialize(self, streams: Sequence[Streams]) -> None:
         """Draws the initial parameters of every seed."""
-        for learner, stream in zip(self.each, streams, strict=True):
-            learner.initialize(stream.weights())
+        for seed, stream in enumerate(streams):
+            with self._unpadded(seed) as learner:
+                learner.initialize(stream.weights())
+
+    def policy(self, seed: int) -> Policy | Network:
+        """Returns a copy of the deterministic policy of a seed."""
+        with self._unpadded(seed) as learner:
+            return learner.policy()
+
+    def load_policy(self, seed: int, policy: Policy | Network) -> None:
+        """Sets the deterministic policy of a seed; see `Learner.load_policy`."""
+        with self._unpadded(seed) as learner:
+            learner.load_policy(policy)
+
+    def state(self, seed: int) -> dict[str, Tensor]:
+        """Returns the state of the agent of a seed by name."""
+        padding = self._padding[seed]
+        return {
+            name: without_padding(saved[seed], padding.get(name, []))
+            for name, saved in self.tensors.saved.items()
+        }
+
+    def restore(self, seed: int, state: Mapping[str, Tensor]) -> None:
+        """Restores what `state` returned."""
+        padding = self._padding[seed]
+        for name, saved in self.tensors.saved.items():
+            saved[seed] = with_padding(state[name], padding.get(name, []))
 
     def run(self, method: Method[_Learner], *inputs: Tensor) -> Tensor:
         """Evaluates a method of every agent on its inputs.
@@ -103,6 +139,19 @@ class Team(Generic[_Learner]):
             on_device.copy_(on_cpu, non_blocking=True)
         self._captured(key)
         return self._outputs[key].cpu()
+
+    @contextmanager
+    def _unpadded(self, seed: int) -> Iterator[_Learner]:
+        """Yields the learner of a seed in its own sizes; changes of its state are kept."""
+        if not self._padding[seed]:
+            yield self.each[seed]
+            return
+        own = Tensors(1, self.tensors.dtype)
+        learner = self._make(self._sizes[seed], own.seed_view(0))
+        for name, values in self.state(seed).items():
+            own.saved[name][0] = values
+        yield learner
+        self.restore(seed, {name: saved[0] for name, saved in own.saved.items()})
 
     def _run_stack(self, key: Hashable) -> None:
         assert isinstance(key, tuple)

@@ -266,11 +266,13 @@ def _page(document: Document, request: Request) -> dict[str, bytes]:
 
 def _to_csv(frame: pd.DataFrame) -> bytes:
     """Returns the rows as CSV with a header, by pyarrow, which is ten times as fast as pandas."""
-    header, rows = io.StringIO(), io.BytesIO()
+    header = io.StringIO()
     csv.writer(header, lineterminator="\n").writerow(frame.columns)
-    table = pa.Table.from_pandas(frame, preserve_index=False, nthreads=1)
-    write_csv(table, rows, WriteOptions(include_header=False, quoting_style="needed"))
-    return header.getvalue().encode() + rows.getvalue()
+    sink = io.BytesIO()
+    sink.write(header.getvalue().encode())
+    rows = pa.Table.from_pandas(frame, preserve_index=False, nthreads=1)
+    write_csv(rows, sink, WriteOptions(include_header=False, quoting_style="needed"))
+    return sink.getvalue()
 
 
 def _to_parquet(frame: pd.DataFrame) -> bytes:

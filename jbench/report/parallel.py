@@ -49,10 +49,9 @@ def _forked(tasks: Sequence[Task], processes: int) -> dict[int, dict[str, bytes]
     sinks: dict[int, IO[bytes]] = {}
     with contextlib.ExitStack() as stack:
         stack.callback(os.close, queue)
-        # The search for garbage takes a tenth of the time, and would copy all data to each process.
-        if gc.isenabled():
-            gc.disable()
-            stack.callback(gc.enable)
+        # What exists is not searched for garbage, which would also copy it to each process.
+        gc.freeze()
+        stack.callback(gc.unfreeze)
         for _ in range(processes - 1):
             sink: IO[bytes] = stack.enter_context(tempfile.TemporaryFile())
             pid = _fork(tasks, queue, sink)

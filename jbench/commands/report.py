@@ -170,6 +170,7 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
 
 def _watch(database: "Results", out: Path, request: "Request", output: Output) -> None:
     """Writes a page whenever the results change, and the whole report after Ctrl-C."""
+    from jbench.remembered import remembering
     from jbench.report.watch import remembered_interrupt, watch
 
     def report(request: "Request") -> None:
@@ -182,8 +183,13 @@ def _watch(database: "Results", out: Path, request: "Request", output: Output) -
 
     output.say("Watching; Ctrl-C ends it.")
     opened = False
-    with contextlib.suppress(KeyboardInterrupt), remembered_interrupt() as interrupt:
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        remembered_interrupt() as interrupt,
+        remembering() as memory,
+    ):
         for _ in watch(database, request, interrupt):
+            memory.next_round()
             report(request)
             opened = opened or open_page(out / "index.html")
     output.say("No longer watching; writing the last report with all its files.")

@@ -85,14 +85,15 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     data = gather(results, request)
     document = contents.document(data)
     drawn = [item for item in document.items if isinstance(item, FigureItem)]
-    if request.watched:
-        drawn = []  # their files take most of the time, and whoever watches looks at the page
     tasks = [
         partial(_data_files, data),
         partial(_table_files, document),
         *(partial(_figure_files, item, request) for item in drawn),
         partial(_page, document, request),
     ]
+    if request.watched:
+        # Whoever watches looks at the page. What is drawn is remembered in this process only.
+        tasks, drawn = tasks[-1:], []
     figures = {f"{item.name}.{ending}" for item in drawn for ending in request.formats}
     paths, kept = output_directory.write(out, parallel.files_of(tasks, cores()))
     return Report(
@@ -266,11 +267,13 @@ def _page(document: Document, request: Request) -> dict[str, bytes]:
 
 def _to_csv(frame: pd.DataFrame) -> bytes:
     """Returns the rows as CSV with a header, by pyarrow, which is ten times as fast as pandas."""
-    header, rows = io.StringIO(), io.BytesIO()
+    header = io.StringIO()
     csv.writer(header, lineterminator="\n").writerow(frame.columns)
-    table = pa.Table.from_pandas(frame, preserve_index=False, nthreads=1)
-    write_csv(table, rows, WriteOptions(include_header=False, quoting_style="needed"))
-    return header.getvalue().encode() + rows.getvalue()
+    sink = io.BytesIO()
+    sink.write(header.getvalue().encode())
+    rows = pa.Table.from_pandas(frame, preserve_index=False, nthreads=1)
+    write_csv(rows, sink, WriteOptions(include_header=False, quoting_style="needed"))
+    return sink.getvalue()
 
 
 def _to_parquet(frame: pd.DataFrame) -> bytes:

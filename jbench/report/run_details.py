@@ -33,7 +33,8 @@ def details(
                 if shown.any():
                     mean = f", mean over {curve.window} episodes" if view.kind.smoothed else ""
                     label = f"{view.kind.name} return{mean}"
-                    one = RunCurve(label, curve.control_steps[shown], returns[shown])
+                    points = slice(None) if shown.all() else shown  # a slice copies nothing
+                    one = RunCurve(label, curve.control_steps[points], returns[points])
                     curves.setdefault((cell.source, run), []).append(one)
     found = []
     for row in runs.to_dict("records"):

@@ -45,12 +45,18 @@ def to_bytes(rows: pa.Table) -> bytes:
     return sink.getvalue()
 
 
-def from_bytes(content: bytes, rows: int, dictionaries: Sequence[str] = ()) -> pa.Table:
-    """Returns all columns of a Parquet file.
+def from_bytes(
+    content: bytes,
+    rows: int,
+    dictionaries: Sequence[str] = (),
+    columns: Sequence[str] | None = None,
+) -> pa.Table:
+    """Returns columns of a Parquet file in the order of the file.
 
     Args:
         rows: expected number of rows.
         dictionaries: text columns to return as dictionaries.
+        columns: to return, of those that it has; None: all.
 
     Raises:
         ValueError: if it is not a Parquet file, has another number of rows, or is too large.
@@ -60,6 +66,8 @@ def from_bytes(content: bytes, rows: int, dictionaries: Sequence[str] = ()) -> p
         # their size is known.
         metadata = pq.read_metadata(pa.BufferReader(content))
         texts = _checked_texts(metadata, rows)
+        if columns is not None:
+            texts = [name for name in texts if name in columns]
         # pyarrow 26 aborts processes that exit soon after it has started threads; only this way of
         # reading starts none.
         file = pq.ParquetFile(
@@ -68,7 +76,7 @@ def from_bytes(content: bytes, rows: int, dictionaries: Sequence[str] = ()) -> p
             pre_buffer=False,
             read_dictionary=texts,
         )
-        table = file.read(use_threads=False)
+        table = file.read(columns, use_threads=False)
         plain = [name for name in texts if name not in dictionaries]
         if sum(_size_of_texts(table[name]) for name in plain) > _MAX_BYTES:
             raise ValueError(f"its texts are larger than {_MAX_BYTES >> 20} MiB")

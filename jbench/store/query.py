@@ -18,6 +18,7 @@ import pyarrow as pa
 from jbench.cores import cores
 from jbench.errors import RequestError, WorkError
 from jbench.names import FULL
+from jbench.remembered import recall
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.record import Record
@@ -58,15 +59,19 @@ def load(
     if "published" in names:
         tables["published"] = published()
     for kind, (table, _, of_files) in KINDS.items():
-        schemas = {n: _coded(c) if coded else c for n, c in of_files.items() if n in names}
+        schemas = {
+            name: _selected(_coded(fields) if coded else fields, selected.get(name))
+            for name, fields in of_files.items()
+            if name in names
+        }
         if not schemas and table not in names:
             continue
         records, unreadable = results.scan(kind)
-        read, damaged = _read(records, schemas, selected)
+        read, damaged = _read(records, schemas)
         problems += unreadable + damaged
         for name, fields in schemas.items():
-            empty = fields.empty_table().select(selected.get(name, fields.names))
-            tables[name] = pa.concat_tables([empty, *(parts[name] for _, parts in read)])
+            parts = (of_record[name] for _, of_record in read)
+            tables[name] = pa.concat_tables([fields.empty_table(), *parts])
         if table in names:
             rows = [row for row, _ in read]
             tables[table] = pa.Table.from_pylist(rows, schema.TABLES[table])
@@ -184,20 +189,19 @@ def _plain(value: Any) -> Any:
 
 
 def _read(
-    records: Sequence[Record],
-    schemas: Mapping[str, pa.Schema],
-    selected: Mapping[str, Sequence[str]],
+    records: Sequence[Record], schemas: Mapping[str, pa.Schema]
 ) -> tuple[list[tuple[Row, dict[str, pa.Table]]], list[str]]:
     """Returns the row and the tables of each record, and an error for each damaged one."""
+
+    def rows(record: Record, name: str) -> pa.Table:
+        # The manifest has the checksums of the files.
+        key = str(record.path), record.parts(name), str(schemas[name])
+        return recall(key, lambda: record.read(name, schemas[name]))
 
     def read(record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
         while True:
             try:
-                parts = {
-                    name: record.read(name, columns).select(selected.get(name, columns.names))
-                    for name, columns in schemas.items()
-                }
-                return row_of(record), parts
+                return row_of(record), {name: rows(record, name) for name in schemas}
             except WorkError as error:
                 if not record.refresh():
                     return str(error)
@@ -209,6 +213,11 @@ def _read(
         [outcome for outcome in outcomes if not isinstance(outcome, str)],
         [outcome for outcome in outcomes if isinstance(outcome, str)],
     )
+
+
+def _selected(columns: pa.Schema, names: Sequence[str] | None) -> pa.Schema:
+    """Returns some columns of a schema; None: all."""
+    return columns if names is None else pa.schema([columns.field(name) for name in names])
 
 
 def _coded(columns: pa.Schema) -> pa.Schema:

@@ -78,6 +78,10 @@ class RecordReader:
     def read(self, table: str, schema: pa.Schema) -> pa.Table:
         """Returns all committed rows of a table, checked against the manifest.
 
+        Args:
+            table: name of the table.
+            schema: its columns, or some of them; others are not read.
+
         Raises:
             WorkError: if a file is missing or damaged, or lacks a column.
         """
@@ -87,9 +91,10 @@ class RecordReader:
     def read_part(self, entry: FileEntry, schema: pa.Schema) -> pa.Table:
         """Returns the rows of one file, checked against the manifest; see `read`."""
         dictionaries = [field.name for field in schema if pa.types.is_dictionary(field.type)]
-        rows = self.rows_of(entry, dictionaries)
         if self.manifest.schema_version < SCHEMA_VERSION and entry.table is not None:
-            rows = upgraded(entry.table, rows, schema)
+            rows = upgraded(entry.table, self.rows_of(entry, dictionaries), schema)
+        else:
+            rows = self.rows_of(entry, dictionaries, schema.names)
         if rows.schema.equals(schema, check_metadata=True):
             return rows  # a cast takes a sixth of the time of reading
         for name in schema.names:
@@ -124,11 +129,16 @@ class RecordReader:
         """Returns the roles of all checkpoints in the order of writing."""
         return [entry.role for entry in self.manifest.files if entry.role is not None]
 
-    def rows_of(self, entry: FileEntry, dictionaries: Sequence[str] = ()) -> pa.Table:
-        """Returns all columns of one file, checked; see `read`."""
+    def rows_of(
+        self,
+        entry: FileEntry,
+        dictionaries: Sequence[str] = (),
+        columns: Sequence[str] | None = None,
+    ) -> pa.Table:
+        """Returns columns of one file, checked; see `parquet.from_bytes`."""
         content = self._content_of(entry)
         try:
-            return parquet.from_bytes(content, entry.rows, dictionaries)
+            return parquet.from_bytes(content, entry.rows, dictionaries, columns)
         except ValueError as error:
             raise self._damaged(entry, str(error)) from None
 

@@ -10,11 +10,13 @@ distribution.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.remembered import remembered
 from jbench.report.data.curves import FloatArray
 
 Strata = Sequence[FloatArray]
@@ -105,17 +107,21 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> FloatArray:
 
 def difference(statistic: Statistic) -> Statistic:
     """Returns the difference of a statistic, ours minus theirs."""
-    return lambda ours, theirs: statistic(ours) - statistic(theirs)
+    return partial(_subtracted, statistic)
 
 
 def ratio(statistic: Statistic) -> Statistic:
     """Returns the ratio of a statistic, ours to theirs; NaN if both are 0."""
+    return partial(_divided, statistic)
 
-    def divided(ours: Strata, theirs: Strata) -> FloatArray:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return statistic(ours) / statistic(theirs)
 
-    return divided
+def _subtracted(statistic: Statistic, ours: Strata, theirs: Strata) -> FloatArray:
+    return statistic(ours) - statistic(theirs)
+
+
+def _divided(statistic: Statistic, ours: Strata, theirs: Strata) -> FloatArray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return statistic(ours) / statistic(theirs)
 
 
 def performance_profile(strata: Strata, thresholds: FloatArray) -> FloatArray:
@@ -175,6 +181,7 @@ def estimate(
     return estimates([statistic], *groups, resamples=resamples, confidence=confidence, seed=seed)[0]
 
 
+@remembered
 def estimates(
     statistics: Sequence[Statistic],
     *groups: Strata,

@@ -247,9 +247,13 @@ def _notes_on_points(
 def _training_points(episodes: pa.Table) -> dict[str, Recorded]:
     """Returns the training episodes of each run in order."""
     names, codes = coded(episodes["run"])
-    order = np.lexsort((episodes["episode"].to_numpy(), codes))
-    columns = (numbers(episodes, name)[order] for name in _POINT)
-    return _by_run(names, codes[order], columns)
+    number = episodes["episode"].to_numpy()
+    columns = [numbers(episodes, name) for name in _POINT]
+    run_ends, falls = np.diff(codes) > 0, np.diff(number) < 0
+    if (np.diff(codes) < 0).any() or (falls & ~run_ends).any():  # most are in order
+        order = np.lexsort((number, codes))
+        codes, columns = codes[order], [column[order] for column in columns]
+    return _by_run(names, codes, columns)
 
 
 def _evaluation_points(evaluations: pa.Table) -> dict[str, Recorded]:
@@ -277,9 +281,9 @@ def coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:
 
 def numbers(table: pa.Table, name: str) -> FloatArray:
     """Returns a column with non-finite values replaced by NaN."""
-    values = table[name].to_numpy().astype(np.float64)
-    values[~np.isfinite(values)] = np.nan
-    return np.asarray(values, np.float64)
+    values = np.asarray(table[name].to_numpy(), np.float64)
+    finite = np.isfinite(values)
+    return values if finite.all() else np.where(finite, values, np.nan)
 
 
 def _by_run(names: Sequence[str], codes: IntArray, columns: Any) -> dict[str, Recorded]:

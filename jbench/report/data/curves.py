@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import Order
+from jbench.remembered import remembered
 from jbench.returns import FINAL_EPISODES, final_episodes
 
 FloatArray = NDArray[np.float64]
@@ -60,6 +61,7 @@ class Curve:
         return whole
 
 
+@remembered
 def learning_curve(
     returns: FloatArray,
     control_steps: FloatArray,

@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import matplotlib
@@ -15,9 +15,9 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from jbench.report.figure import Figure, Shade, Style
+from jbench.report.figure import Figure, Panel, Shade, Style
 from jbench.report.figures import layout
-from jbench.report.figures.layout import SCREEN, SMALL, Box, Sheet
+from jbench.report.figures.layout import SCREEN, SMALL, Box, Layout, Sheet
 from jbench.report.figures.panels import draw_panel, look, tick_size
 
 KEPT = "heat-map"
@@ -61,6 +61,21 @@ def draw(
     return drawn
 
 
+def draw_alone(panel: Panel, number: int, laid: Layout, sheet: Sheet, *, picture: bool) -> Drawn:
+    """Draws one panel of lines at its place in a figure, and nothing else.
+
+    Args:
+        panel: the panel.
+        number: its index in the figure.
+        laid: positions in the figure.
+        sheet: format of the figure.
+        picture: see `draw`.
+    """
+    drawn = _empty(laid)
+    _add_panel(drawn, panel, number, laid, sheet, picture=picture)
+    return drawn
+
+
 def to_png(drawn: Drawn, *, paper: bool = False) -> bytes:
     """Returns the figure as PNG, without a timestamp or version."""
     return _saved(drawn, format="png", dpi=_PNG_DPI[paper], metadata={"Software": None})
@@ -93,27 +108,40 @@ def _saved(drawn: Drawn, **options: Any) -> bytes:
 def _lines(figure: Figure, sheet: Sheet, *, text: bool, legend: bool, picture: bool) -> Drawn:
     """Draws a figure whose size depends on its texts."""
     laid = layout.lay_out(figure, sheet, width_of, text=text, legend=legend)
-    width, height = laid.width, laid.height
-    drawn = Drawn((width, height), facecolor="white")
-    FigureCanvasAgg(drawn)
-
-    def corner(box: Box) -> tuple[float, float]:
-        return box.left / width, 1 - box.top / height
-
-    for i, (panel, place) in enumerate(zip(figure.panels, laid.panels, strict=True)):
-        left, top = corner(place.box)
-        size = place.box.width / width, place.box.height / height
-        axes = drawn.add_axes((left, top - size[1], *size), label=f"{i} {panel.title}")
-        draw_panel(axes, panel, i, sheet, place, shared=laid.shared, picture=picture)
+    drawn = _empty(laid)
+    corner = partial(_corner, laid)
+    for i, panel in enumerate(figure.panels):
+        _add_panel(drawn, panel, i, laid, sheet, picture=picture)
     for (label, box), (_, style) in zip(laid.legend, figure.legend, strict=False):
         _entry(drawn, _handle(style), label, corner(box))
     if text:
-        room = (width - 2 * layout.MARGIN) / max(width_of(figure.title), 1e-9)
+        room = (laid.width - 2 * layout.MARGIN) / max(width_of(figure.title), 1e-9)
         size_of_title = min(_LARGE, SMALL * room / _BOLD)
         corner_of_title = corner(Box(layout.MARGIN, layout.MARGIN))
         _text(drawn, corner_of_title, figure.title, size_of_title, "bold")
         _text(drawn, corner(laid.notes), "\n".join(laid.lines), SMALL, "normal")
     return drawn
+
+
+def _empty(laid: Layout) -> Drawn:
+    drawn = Drawn((laid.width, laid.height), facecolor="white")
+    FigureCanvasAgg(drawn)
+    return drawn
+
+
+def _add_panel(
+    drawn: Drawn, panel: Panel, number: int, laid: Layout, sheet: Sheet, *, picture: bool
+) -> None:
+    place = laid.panels[number]
+    left, top = _corner(laid, place.box)
+    size = place.box.width / laid.width, place.box.height / laid.height
+    axes = drawn.add_axes((left, top - size[1], *size), label=f"{number} {panel.title}")
+    draw_panel(axes, panel, number, sheet, place, shared=laid.shared, picture=picture)
+
+
+def _corner(laid: Layout, box: Box) -> tuple[float, float]:
+    """Returns the upper left corner of a box as a share of the figure."""
+    return box.left / laid.width, 1 - box.top / laid.height
 
 
 def _heat_maps(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Drawn:

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from jbench.names import TASKS
+from jbench.remembered import remembered
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import scores_of
 from jbench.report.data.cells import SOLVED, Cell, in_order, page_tags
@@ -164,6 +165,7 @@ def _series(
     return Series(THRESHOLDS, share, style, label, bands, **more)
 
 
+@remembered
 def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Returns the ends of the 95% interval at each threshold, by the stratified bootstrap.
 

@@ -19,6 +19,7 @@ PACKED = 50_000
 """Bytes from which CSV is compressed; the script decompresses it, else it is a .gz file."""
 
 _DIGITS = 9  # significant digits
+_LEVEL = 5  # of compression: 9 takes 2.5 times as long and saves 2%
 
 
 def link(name: str, frame: pd.DataFrame, cells: int) -> str:
@@ -39,7 +40,7 @@ def link(name: str, frame: pd.DataFrame, cells: int) -> str:
         note += f"; row 1 of every {step} of {len(frame):,}, to keep the page small"
     if len(content) >= PACKED:
         ending = ".csv.gz"
-        packed = base64.b64encode(gzip.compress(content, mtime=0)).decode()
+        packed = base64.b64encode(gzip.compress(content, _LEVEL, mtime=0)).decode()
         address = f"data:application/gzip;base64,{packed}"
     else:
         ending = ".csv"

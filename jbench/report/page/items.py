@@ -90,7 +90,7 @@ def _figure(one: FigureItem, parts: Parts, heading: str, leads: bool) -> Iterato
     for i, width in enumerate(drawing.widths):
         # Panels share the width of the page, and are below each other on a narrow one.
         parts.styles.append(
-            f"#{id} svg[role]:nth-of-type({i + (2 if len(drawing.widths) > 1 else 1)})"
+            f"#{id} svg[role]:nth-of-type({i + 1})"
             f"{{flex-grow:{width:.0f};min-width:min(100%,{0.9 * width:.0f}pt)}}"
         )
     scrolls = len(drawing.widths) == 1 and (drawing.width > _BESIDE or _named(one))

@@ -15,7 +15,6 @@ function pictureOf(figure) {
   whole.classList.remove("gone");
   const panels = [...figure.querySelectorAll(".drawing > svg[role]:not(.gone)")];
   let [right, bottom] = [0, 0];
-  figure.querySelectorAll(".drawing > .defs").forEach((defs) => whole.append(defs.cloneNode(true)));
   panels.forEach((panel) => {
     const { width, height } = panel.viewBox.baseVal;
     const copy = panel.cloneNode(true);

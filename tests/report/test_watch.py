@@ -1,0 +1,64 @@
+"""What is computed again when a report is written again."""
+
+import numpy as np
+import pytest
+
+from jbench.remembered import remembering
+from jbench.report.page import vector
+from jbench.report.report import write_report
+from jbench.report.request import Request
+from jbench.store.record import Record
+from tests.report.conftest import episodes
+
+TASKS = ("move_from_origin", "face_direction", "move_to_pose")
+WATCHED = Request(window=4, watched=True)
+
+
+@pytest.fixture
+def growing(fabric):
+    """Adds two finished runs of each task, and returns the record of a third that goes on."""
+    levels = {task: 300.0 + 200 * i for i, task in enumerate(TASKS)}
+    for task, level in levels.items():
+        for seed in range(2):
+            fabric.run(np.full(40, level + seed), seed, task=task)
+    return fabric.run(np.full(20, 510.0), 2, status="unfinished", task=TASKS[1], steps=40_000)
+
+
+def counted(monkeypatch, place, name, which):
+    """Returns a list that grows with each call of a function by `which(*arguments)`."""
+    calls, function = [], getattr(place, name)
+
+    def call(*args, **kwargs):
+        calls.append(which(*args))
+        return function(*args, **kwargs)
+
+    monkeypatch.setattr(place, name, call)
+    return calls
+
+
+def test_only_what_changed_is_read_and_drawn_again(fabric, growing, out, monkeypatch):
+    read = counted(monkeypatch, Record, "read", lambda record, table, _: (record.id, table))
+    drawn = counted(monkeypatch, vector, "draw_alone", lambda panel, *_: panel.title)
+    with remembering() as memory:
+        write_report(fabric.results, out, WATCHED)
+        assert (growing.id, "episodes") in read
+        assert {*TASKS, "move_in_direction", "all tasks"} < set(drawn)
+        read.clear(), drawn.clear()
+        memory.next_round()
+        write_report(fabric.results, out, WATCHED)
+        assert (read, drawn) == ([], [])
+        growing.append({"episodes": episodes(growing.id, np.full(22, 510.0)).slice(20)})
+        memory.next_round()
+        write_report(fabric.results, out, WATCHED)
+    assert read == [(growing.id, "episodes")]
+    # A panel of the learning curves, and those of the forest plot, whose axes are the same.
+    assert drawn == [TASKS[1], *TASKS]
+    # The page is that of a report that remembers nothing.
+    page = (out / "index.html").read_bytes()
+    write_report(fabric.results, out, WATCHED)
+    assert (out / "index.html").read_bytes() == page
+
+
+def test_only_the_page_is_written(fabric, growing, out):
+    write_report(fabric.results, out, WATCHED)
+    assert sorted(path.name for path in out.iterdir()) == ["index.html", "report.json"]

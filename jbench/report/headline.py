@@ -131,15 +131,21 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
 
 
 def _on_reduction(one: Reduction) -> str:
-    finding = next(f for f in one.findings if f.claim == "a")
-    effect = values.estimate(finding.effect, formatting.signed)
+    findings = {finding.claim: finding for finding in one.findings}
+    finding, of_speed = findings["a"], findings["c"]
+    effect, gain = (values.estimate(f.effect, formatting.signed) for f in (finding, of_speed))
     interval = " with a 90% interval" if math.isfinite(finding.effect.low) else ""
     cell, seeds = one.cell, f"{one.seeds[0]} and {one.seeds[1]} seeds"
     numbers = numbers_seen(cell.representation, cell.task)
     reduced = f"{numbers} numbers ({cell.representation}) instead of the full observation"
     algo, task = display_name(cell.algo), cell.task
     text = f" ({effect.text}{interval}; {seeds})" if effect else ""
-    outcome = reduction_items.outcome(finding)
+    outcome, speed = reduction_items.outcome(finding), reduction_items.outcome(of_speed)
+    if outcome == "undecided" and gain and speed != "undecided":
+        return (
+            f"{reduced} make {algo} learn {task} {speed} ({gain.text} over the run with a 95% "
+            f"interval), but whether they change its final return is undecided{text}"
+        )
     if outcome == "undecided":
         return f"whether {reduced} change the return of {algo} on {task} is undecided{text}"
     if outcome == "similar":

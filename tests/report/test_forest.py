@@ -98,6 +98,16 @@ class TestHeadline:
             document(fabric).headline
         )
 
+    def test_a_faster_representation_is_named_even_if_its_final_return_is_undecided(self, fabric):
+        for seed, final in enumerate(range(700, 940, 40)):
+            for representation, early in (("full", 100), ("dae12", 700)):
+                returns = [early] * 6 + [final] * 2
+                fabric.run(returns, seed, algo="td3", representation=representation)
+        said = document(fabric).headline
+        # 600 more in six of eight episodes.
+        assert "make TD3 learn face_direction faster (+450 [" in said
+        assert "but whether they change its final return is undecided (0 [-" in said
+
     def test_an_interval_is_named_only_if_there_is_one(self, fabric):
         ran(fabric, [800 + seed for seed in range(6)])
         ran(fabric, [820], representation="dae12")

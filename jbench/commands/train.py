@@ -35,9 +35,9 @@ def train(
     encoder: Annotated[
         str,
         typer.Option(
-            help="Representation of the observation: none (or full), KIND:LATENTS (the newest "
-            "encoder), the number of latents of a DAE, the id of an encoder, or ofeN (N features "
-            "learned with the agent).",
+            help="Representation of the observation: none (or full), a kind with its number of "
+            "latents, such as dae12 or dae:12 (the newest encoder), the number of latents of a "
+            "DAE, the id of an encoder, or ofeN (N features learned with the agent).",
         ),
     ] = "none",
     seeds: Annotated[str, typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7.")] = "0-9",

@@ -142,26 +142,18 @@ def find_encoder(results: Results, name: str, task: str) -> str:
     """Returns the id of an encoder for a task.
 
     Args:
-        name: KIND:LATENTS for the newest encoder of that kind and size trained on this task and the
-            plain robot; KIND if the task determines the size; a number of latents for a denoising
-            autoencoder; or the id of an encoder, or the beginning of a single one.
+        name: KIND:LATENTS, or KINDLATENTS as tables write it, for the newest encoder of that kind
+            and size trained on this task and the plain robot; KIND if the task determines the size;
+            a number of latents for a denoising autoencoder; or the id of an encoder, or the
+            beginning of a single one.
 
     Raises:
         RequestError: if there is none, or it encodes the observations of another task.
     """
-    kind, colon, number = name.rpartition(":")
-    if name in kind_names():
-        kind, colon, number = name, ":", _only_size(name, task)
-    if not colon and not name.isdecimal():
-        name = results.complete_id("encoder", name)
-        _, description = load_encoder(results, name)
-        if description["task"] != task:
-            raise RequestError(
-                f"The encoder {name} is for {description['task']}, not for {task}; type "
-                f"{_command(description['kind'], task)} to make one."
-            )
-        return name
-    kind = known("kind of encoder", kind, kind_names()) if colon else "dae"
+    kind, number = _kind_and_number(name, task)
+    if kind is None:
+        return _find_id(results, name, task)
+    kind = known("kind of encoder", kind, kind_names())
     latents = int(number) if number.isdecimal() else 0
     _check_size(kind, latents, task)
     matches = [
@@ -175,6 +167,39 @@ def find_encoder(results: Results, name: str, task: str) -> str:
             f"{_command(kind, task, latents)} to make one."
         )
     return max(matches, key=lambda record: record.manifest.updated).id
+
+
+def _kind_and_number(name: str, task: str) -> tuple[str | None, str]:
+    """Returns the kind and the number of latents that a name asks for; no kind for an id.
+
+    Raises:
+        RequestError: if the name is a kind of several sizes.
+    """
+    if name in kind_names():
+        return name, _only_size(name, task)
+    if name.isdecimal():
+        return "dae", name
+    kind, colon, number = name.rpartition(":")
+    if colon:
+        return kind, number
+    kind = name.rstrip("0123456789")
+    return (kind, name.removeprefix(kind)) if kind in kind_names() else (None, "")
+
+
+def _find_id(results: Results, name: str, task: str) -> str:
+    """Returns the id that a name or its beginning stands for.
+
+    Raises:
+        RequestError: if there is none, or it encodes the observations of another task.
+    """
+    id = results.complete_id("encoder", name)
+    _, description = load_encoder(results, id)
+    if description["task"] != task:
+        raise RequestError(
+            f"The encoder {id} is for {description['task']}, not for {task}; type "
+            f"{_command(description['kind'], task)} to make one."
+        )
+    return id
 
 
 def _only_size(kind: str, task: str) -> str:

@@ -103,6 +103,17 @@ def test_kind_and_number_select_the_newest_finished_encoder(results):
     assert find_encoder(results, "dae:12", "face_direction") == "face_direction/dae12/e"
 
 
+def test_a_kind_and_a_number_are_accepted_as_tables_write_them(results):
+    add(results, "face_direction/dae12/a", "2021")
+    add(results, "face_direction/lld-vae8/b", "2022", kind="lld-vae", latents=8)
+    assert find_encoder(results, "dae12", "face_direction") == "face_direction/dae12/a"
+    assert find_encoder(results, "lld-vae8", "face_direction") == "face_direction/lld-vae8/b"
+    assert refusal(results, "pca12") == (
+        f"No pca of 12 latents for face_direction in {results.path}; type "
+        "jbench train-encoder --kind pca --task face_direction --latent 12 to make one."
+    )
+
+
 def test_encoder_is_found_by_its_id(trained):
     assert find_encoder(trained.results, trained.record.id, "face_direction") == trained.record.id
 
@@ -142,7 +153,9 @@ def test_unknown_id_is_an_error_that_lists_the_known_ones(results):
     )
 
 
-@pytest.mark.parametrize("expected", ["dae:0", "dae:17", "dae:", "dae:-1", "pca:1.5", "ae:x"])
+@pytest.mark.parametrize(
+    "expected", ["dae:0", "dae17", "dae:17", "dae:", "dae:-1", "pca:1.5", "ae:x"]
+)
 def test_kind_with_an_invalid_number_is_refused_with_the_range(results, expected):
     assert "An encoder of face_direction has 1 to 16 latents" in refusal(results, expected)
 

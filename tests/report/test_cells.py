@@ -6,7 +6,8 @@ import pytest
 
 from jbench.report.data.building import build_cells, usable_runs
 from jbench.report.data.cells import file_name, in_order
-from jbench.report.data.variants import variant_labels
+from jbench.report.data.variants import variant_labels, variant_words
+from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.alike import alike, comparable, flatten
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import query
@@ -210,6 +211,28 @@ class TestVariants:
             for name, more in {"a": {}, "b": {"shared_layers": True}}.items()
         }
         assert variant_labels(runs) == {"a": "shared_layers=false", "b": "shared_layers=true"}
+
+    def test_hyperparameters_of_the_authors_script_are_named_by_their_option(self):
+        runs = {}
+        for base in ("published", "script", "sb3"):
+            chosen = algorithm_settings("ppo", base)
+            runs[base] = read_run(
+                {"algo": "ppo", "hyperparameters": chosen.model_dump(mode="json")}
+            )
+        assert variant_labels(runs) == {name: f"settings={name}" for name in runs}
+        assert variant_words(runs) == {
+            "published": "",
+            "script": "settings=script",
+            "sb3": "settings=sb3",
+        }
+
+    def test_one_changed_setting_of_the_script_is_named_as_a_change_of_the_published_ones(self):
+        changes = [algorithm_settings("td3", "script", {"tau": tau}) for tau in (0.1, 0.2)]
+        runs = {
+            str(i): read_run({"algo": "td3", "hyperparameters": values.model_dump(mode="json")})
+            for i, values in enumerate(changes)
+        }
+        assert variant_labels(runs) == {"0": "tau=0.1", "1": "tau=0.2"}
 
     def test_that_is_what_the_settings_of_a_run_leave_out(self):
         omitted = flatten(read_run({}))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jbench.report.data.cells import SOLVED
+from jbench.report.figure import Axis, Figure, Panel
 from jbench.report.figures import heat_map, layout, plotting, processor, profiles
 from jbench.report.figures.learning_curves import ALGORITHM_COLORS, comparison_figures, grid_figure
 from jbench.report.report import write_report
@@ -228,3 +229,16 @@ def test_a_figure_is_drawn_with_and_without_the_text_around_its_panels(fabric, p
     assert bare.get_size_inches()[1] < whole.get_size_inches()[1]
     assert "Order: quantile-first" in figure.caption
     assert f"solved ({SOLVED})" in [text.get_text() for text in bare.legends[-1].get_texts()]
+
+
+@pytest.mark.parametrize("sheet", layout.SHEETS.values(), ids=map(str, layout.SHEETS))
+@pytest.mark.parametrize("count", [1, 2, 6])
+def test_long_names_of_rows_leave_room_for_the_panels(sheet, count):
+    names = [f"ppo full, {'setting=0.123456, ' * 20}{row}" for row in range(3)]
+    y = Axis("", (2.6, -0.6), ticks=range(3), names=names)
+    figure = Figure("", [Panel("", Axis("return", (0.0, 1000.0)), y, [], [])] * count, [], [])
+    laid = layout.lay_out(figure, sheet, plotting.width_of, text=True)
+    assert min(place.box.width for place in laid.panels) >= 0.5
+    right = max(place.box.left + place.box.width for place in laid.panels)
+    assert right <= laid.width
+    assert plotting.to_png(plotting.draw(figure, sheet))

@@ -3,17 +3,26 @@
 import json
 import math
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
-from jbench.settings.alike import VARIANT, flatten
+from jbench.settings.algorithms import SCRIPT, SETTINGS, algorithm_settings
+from jbench.settings.alike import VARIANT, Flat, flatten
 from jbench.settings.run import Run, RunSettings
 
+_HYPERPARAMETERS = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
 
 
-_WORDS = {("engine", "sb3"): "stable-baselines3", ("precision", "bfloat16"): "bfloat16"}
-"""Settings that have a name of their own."""
+_BASE = "settings"  # the option of `jbench train` that selects all hyperparameters
+
+_WORDS = {
+    ("engine", "sb3"): "stable-baselines3",
+    ("precision", "bfloat16"): "bfloat16",
+    (_BASE, "published"): "",
+}
+"""Settings that have a name of their own; none for the published hyperparameters."""
 
 
 def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str, str]:
@@ -48,7 +57,7 @@ def _labels(
     settings: Mapping[str, Run | Mapping[str, Any]], form: Callable[[str, Any], str]
 ) -> dict[str, str]:
     """Returns the labels of variants; `form` makes a text of the name and value of a setting."""
-    flat = {variant: flatten(values) for variant, values in settings.items()}
+    flat = {variant: _with_base(flatten(values)) for variant, values in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [
         path
@@ -73,6 +82,36 @@ def _labels(
     if len(differing) > _NAMED_SETTINGS or len(set(labels.values())) < len(labels):
         labels = {variant: f"{label}, … ({variant})" for variant, label in labels.items()}
     return labels
+
+
+def _with_base(flat: Flat) -> Flat:
+    """Returns settings of a run with its hyperparameters as changes of one base.
+
+    The base is `published`; the other ones only stand for hyperparameters that equal all of theirs.
+    """
+    algo = flat.get(("algo",))
+    if algo not in SETTINGS or not any(path[0] == _HYPERPARAMETERS for path in flat):
+        return flat
+    bases = _bases(algo)
+    own = {path: value for path, value in flat.items() if path[0] == _HYPERPARAMETERS}
+    base = next((name for name, values in bases.items() if values == own), "published")
+    rest = bases["published"] if base != "published" else own
+    return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in own} | rest
+
+
+@cache
+def _bases(algo: str) -> dict[str, Flat]:
+    """Returns the hyperparameters of an algorithm by the name of their base."""
+    chosen = {
+        "published": algorithm_settings(algo, "published"),
+        "sb3": algorithm_settings(algo, "sb3"),
+        **({"script": algorithm_settings(algo, "script")} if algo in SCRIPT else {}),
+    }
+    omitted = SETTINGS[algo].omitted()
+    return {
+        name: flatten({_HYPERPARAMETERS: omitted | values.model_dump(mode="json")})
+        for name, values in chosen.items()
+    }
 
 
 def _short_names(paths: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:

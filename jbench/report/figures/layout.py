@@ -14,6 +14,7 @@ _NUMBERS, _LABEL_LINE = 0.24, 0.15  # below a panel
 _TITLE_HEIGHT, _LINE_HEIGHT = 0.35, 0.165
 HANDLE, _GAP = 0.32, 0.07  # of an entry of the legend: its line, and the space to its text
 _BETWEEN = 0.2
+_LEAST = 0.75  # width of a panel beside long names
 _FEW, _LOWER = 2, 0.6  # panels in a row of a narrow column; factor of the height of two wide rows
 
 SMALL = 8.0
@@ -74,11 +75,13 @@ class Place(NamedTuple):
         box: box of the axes.
         x_label: label of the horizontal axis in lines; empty if the panel below has the same.
         first: whether it is the first of its row.
+        name_size: maximum characters in a line, and lines, of the names of rows.
     """
 
     box: Box
     x_label: str
     first: bool
+    name_size: tuple[int, int]
 
 
 class Layout(NamedTuple):
@@ -125,7 +128,8 @@ def lay_out(
     shared = (sheet.paper or named) and len(
         {(p.y.limits, p.y.log, p.y.label) for p in figure.panels}
     ) == 1
-    left = max(_left_of(panel.y, measure) for panel in figure.panels)
+    name_size = min(48, int((width - _LEAST * columns) * _CHARACTERS)), int(sheet.row / _LABEL_LINE)
+    left = max(_left_of(panel.y, name_size, measure) for panel in figure.panels)
     gap = 0.27 if shared else max(_TICKS, left - _LEFT + _TICKS) + 0.06
     panel_width = (width - left - (columns - 1) * gap - 2 * MARGIN - 0.06) / columns
     panel_height = _height(figure, sheet)
@@ -146,7 +150,8 @@ def lay_out(
             label = "" if same else _fitted(panel.x.label, panel_width, measure)
             labels.append(label)
             at = MARGIN + left + column * (panel_width + gap)
-            places.append(Place(Box(at, top, panel_width, panel_height), label, column == 0))
+            box = Box(at, top, panel_width, panel_height)
+            places.append(Place(box, label, column == 0, name_size))
         lines = max(label.count("\n") + 1 if label else 0 for label in labels)
         top += panel_height + _NUMBERS + _LABEL_LINE * lines
     characters = int((width - 2 * MARGIN) * _CHARACTERS)
@@ -156,11 +161,17 @@ def lay_out(
     return Layout(width, height, places, entries, corner, notes, shared)
 
 
-def _left_of(axis: Axis, measure: Measure) -> float:
-    """Returns the space to the left of a panel."""
+def _left_of(axis: Axis, size: tuple[int, int], measure: Measure) -> float:
+    """Returns the space to the left of a panel; `size` is that of `shortened` names."""
     if axis.names is None:
         return _LEFT if axis.label else _TICKS
-    return max([measure(name) for name in axis.names], default=0.0) + 0.1
+    lines = [line for name in axis.names for line in shortened(name, *size).split("\n")]
+    return max(map(measure, lines), default=0.0) + 0.1
+
+
+def shortened(name: str, characters: int, lines: int) -> str:
+    """Returns a name in at most so many lines, cut short with "…" if it needs more."""
+    return "\n".join(wrap(name, characters, max_lines=lines, placeholder=" …"))
 
 
 def _above(panel: Panel) -> float:

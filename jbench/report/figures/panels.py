@@ -1,7 +1,6 @@
 """Draws the panels of figures with matplotlib."""
 
 from functools import partial
-from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ _MEDIUM = 9.0  # points
 _PICTURE_CELLS = 1000  # larger heat maps are rasterized: each cell would be a path of 200 bytes
 _INTERVAL_ALPHA = 0.18
 _NARROW = 1.6  # inches; panels with fewer numbers on their axis
+_COLUMN_NAME, _ROW_NAME = (20, 3), (48, 3)  # sizes of names of heat maps, see `shortened`
 _ARROW = {"arrowstyle": "->", "color": "#d00000", "linewidth": 1.6}
 
 
@@ -131,8 +131,10 @@ def _style_panel(
         axes.set_title(title, loc="left", y=y, parse_math=False, fontsize=size, fontweight=weight)
     axes.tick_params(labelsize=tick_size(panel, sheet))
     narrow = place is not None and place.box.width < _NARROW
-    _style_axis(axes, "x", panel.x, panel.x.label if place is None else place.x_label, narrow)
-    _style_axis(axes, "y", panel.y, panel.y.label if place is None or place.first else "", False)
+    x_label = panel.x.label if place is None else place.x_label
+    y_label = panel.y.label if place is None or place.first else ""
+    _style_axis(axes, "x", panel.x, x_label, _COLUMN_NAME, narrow=narrow)
+    _style_axis(axes, "y", panel.y, y_label, _ROW_NAME if place is None else place.name_size)
     if shared and place is not None and not place.first:
         axes.tick_params(labelleft=False)
     if panel.heat_map is None:
@@ -149,15 +151,27 @@ def _style_panel(
             label.set(rotation=25, ha="right")
 
 
-def _style_axis(axes: Axes, name: str, axis: Axis, label: str, narrow: bool) -> None:
-    """Sets label, scale, limits and ticks of the axis "x" or "y"."""
+def _style_axis(
+    axes: Axes,
+    name: str,
+    axis: Axis,
+    label: str,
+    name_size: tuple[int, int],
+    *,
+    narrow: bool = False,
+) -> None:
+    """Sets label, scale, limits and ticks of the axis "x" or "y".
+
+    Args:
+        name_size: of the names of ticks, see `layout.shortened`.
+        narrow: whether there is room for few numbers only.
+    """
     axes.set(**{f"{name}scale": "log" if axis.log else "linear", f"{name}lim": axis.limits})
     drawn = axes.xaxis if name == "x" else axes.yaxis
     drawn.set_label_text(label, fontsize=SMALL, parse_math=False)
     if axis.names is not None:
-        width = 20 if name == "x" else 48
-        names = ["\n".join(wrap(n, width, max_lines=3, placeholder=" …")) for n in axis.names]
-        for tick in drawn.set_ticks(axis.ticks or (), names):
+        shown = [layout.shortened(one, *name_size) for one in axis.names]
+        for tick in drawn.set_ticks(axis.ticks or (), shown):
             tick.label1.set_parse_math(False)
     elif axis.ticks is not None:
         drawn.set_ticks(axis.ticks[:: 2 if narrow and len(axis.ticks) > 4 else 1])

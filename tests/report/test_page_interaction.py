@@ -210,6 +210,17 @@ class TestFirstScreen:
         assert box["y"] + box["height"] <= 800
         assert page.page.locator(".inventory div").all_inner_texts() == ["3\nruns", "1\ntask"]
 
+    def test_numbers_in_parentheses_are_fainter_than_the_words(self, opened, tmp_path):
+        headline = "12 numbers (dae12) lower the return (-332 [-491, -214]; 6 seeds)."
+        (tmp_path / "index.html").write_text(render_document(made.document(headline=headline)))
+        asides = opened(tmp_path / "index.html").page.locator(".headline span")
+        assert asides.all_inner_texts() == ["(-332 [-491, -214]; 6 seeds)"]
+        soft, plain = (
+            one.evaluate("(one) => getComputedStyle(one).color")
+            for one in (asides, asides.locator(".."))
+        )
+        assert soft != plain
+
     def test_a_phone_stacks_the_panels(self, opened, written):
         page = opened(written, viewport=PHONE)
         panels = page.page.locator("#tagged svg[role]")

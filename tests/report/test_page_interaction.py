@@ -133,6 +133,14 @@ class TestFilters:
         assert rows(page) == ["SAC"]
         expect(page.page.locator(".filters summary")).to_have_text("Filter (1 hidden)")
 
+    def test_the_legend_names_only_what_is_left(self, opened, written):
+        page = opened(written)
+        legend = page.page.locator("#tagged .legend")
+        choose(page, "TD3")
+        assert legend.inner_text().split() == ["SAC", "median"]
+        page.page.locator(".filters label", has_text="TD3").locator("input").click()
+        assert legend.inner_text().split() == ["SAC", "TD3", "median"]
+
     def test_it_fits_on_a_phone(self, opened, written):
         page = opened(written, viewport=PHONE)
         page.page.locator(".filters summary").click()

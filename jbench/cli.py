@@ -122,8 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return answer if isinstance(answer, int) else 0
     except typer.TyperException as error:
-        message = error.format_message().rstrip(".")
-        return _failed(f"{message}; jbench --help lists the commands.", 2, as_json)
+        return _failed(_refusal(error), 2, as_json)
     except (RequestError, WorkError) as error:
         return _failed(str(error), error.exit_code, as_json)
     except (KeyboardInterrupt, typer.Abort):
@@ -140,6 +139,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _failed(f"the system reports: {error.strerror or error}{where}.", 1, as_json)
     finally:
         _discard_unwritten()
+
+
+def _refusal(error: typer.TyperException) -> str:
+    """Returns what is wrong with the arguments, and the help that lists the right ones."""
+    context = getattr(error, "ctx", None)
+    if context is None or context.parent is None:
+        help_ = "jbench --help lists the commands."
+    else:
+        help_ = f"{context.command_path} --help lists the options and shows an example."
+    message = error.format_message()
+    return f"{message} {help_}" if message.endswith("?") else f"{message.rstrip('.')}; {help_}"
 
 
 def _failed(sentence: str, exit_code: int, as_json: bool) -> int:

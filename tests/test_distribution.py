@@ -13,15 +13,13 @@ from pathlib import Path
 import pytest
 
 from jbench import __version__
-from tests.command_line import train
+from tests import every_verb
+from tests.command_line import SHORT
 
 ROOT = Path(__file__).parents[1]
 BUILD = (
     "import sys; from setuptools import build_meta; getattr(build_meta, sys.argv[1])(sys.argv[2])"
 )
-TRAINING = [
-    *(*train("ddpg", "none"), "--seeds", "0", "--steps", "1000", "--evaluate-episodes", "0"),
-]
 
 
 def checkout():
@@ -122,9 +120,27 @@ def test_installed_command_is_that_of_the_wheel(jbench, installed):
 
 
 @pytest.mark.slow
-def test_installed_command_trains(jbench, installed):
-    assert "face_direction/ddpg/full/s00-" in jbench(*TRAINING)
-    (manifest,) = installed.glob("results/**/manifest.json")
+def test_installed_package_types_every_verb(installed):
+    (installed / "short").mkdir()
+    (installed / "short" / "sitecustomize.py").write_text(
+        f"import jbench.names\njbench.names.EPISODE_STEPS = {SHORT}\n"
+    )
+    packages = os.pathsep.join(str(installed / name) for name in ("short", "packages"))
+    done = subprocess.run(
+        [sys.executable, "-c", every_verb.TYPED, every_verb.typed(installed)],
+        cwd=installed,
+        env={**os.environ, "PYTHONPATH": packages},
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
+    assert done.returncode == 0, done.stderr
+    ended = dict(zip(every_verb.PRINTED, json.loads(done.stdout), strict=True))
+    for verb in every_verb.PRINTED.keys() - every_verb.missing():
+        code, said = ended[verb]
+        assert code == 0, verb
+        assert every_verb.PRINTED[verb] in said
+    (manifest,) = installed.glob("results/runs/face_direction/td3/**/manifest.json")
     # It is not the checkout, whose revision would be recorded.
     assert json.loads(manifest.read_text())["provenance"]["git_revision"] is None
 

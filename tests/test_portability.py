@@ -10,8 +10,11 @@ import subprocess
 import sys
 
 import pytest
+from typer.main import get_command
 
-from tests.command_line import SHORT, train
+from jbench.cli import app
+from tests import every_verb
+from tests.command_line import SHORT
 
 # Imported by every Python process that finds it. Its episodes are short.
 WITHOUT_LINUX = f"""
@@ -59,48 +62,26 @@ def answer(*arguments, **where):
     return done.stdout
 
 
-VERBS = (
-    (["collect", "--steps", str(2 * SHORT)], "Dataset random/s00-"),
-    (["datasets"], "1 datasets"),
-    (
-        [*train("td3", "none"), "--seeds", "0", "--steps", str(2 * SHORT)],
-        "face_direction/td3/full/s00-",
-    ),
-    (["runs"], "face_direction/td3/full/s00-"),
-    (["query", "SELECT count(*) AS episodes FROM episodes"], "2"),
-    (["export"], "Exported random/s00-"),
-    (["report", "--window", "2", "--format", "png"], "Wrote "),
-    (["verify"], "all of them intact"),
-)
-
-# One process types them all: seconds of imports are spent once.
-TYPED = """
-import contextlib, io, json, sys
-from jbench.cli import main
-ended = []
-for arguments in json.loads(sys.argv[1]):
-    with contextlib.redirect_stdout(io.StringIO()) as said:
-        code = main(arguments)
-    ended.append([code, said.getvalue()])
-print(json.dumps(ended))
-"""
-
-
 @pytest.fixture(scope="module")
 def without_linux(tmp_path_factory):
     """The exit code and the output of each verb."""
     place = tmp_path_factory.mktemp("elsewhere")
-    verbs = json.dumps([[*verb, "--results", str(place / "results")] for verb, _ in VERBS])
-    ended = json.loads(answer("-c", TYPED, verbs, customized=WITHOUT_LINUX, place=place))
-    return dict(zip((verb[0] for verb, _ in VERBS), ended, strict=True))
+    typed = (every_verb.TYPED, every_verb.typed(place))
+    ended = json.loads(answer("-c", *typed, customized=WITHOUT_LINUX, place=place))
+    return dict(zip(every_verb.PRINTED, ended, strict=True))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("verb", "prints"), VERBS)
-def test_verbs_work_without_what_linux_alone_has(verb, prints, without_linux):
-    code, said = without_linux[verb[0]]
+@pytest.mark.parametrize("verb", every_verb.PRINTED)
+def test_verbs_work_without_what_linux_alone_has(verb, without_linux):
+    code, said = without_linux[verb]
     assert code == 0
-    assert prints in said
+    assert every_verb.PRINTED[verb] in said
+
+
+def test_no_verb_is_forgotten():
+    shown = {name for name, verb in get_command(app).commands.items() if not verb.hidden}
+    assert {*every_verb.PRINTED, *every_verb.ELSEWHERE} == shown
 
 
 HELD = """

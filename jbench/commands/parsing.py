@@ -1,5 +1,6 @@
 """Parsing of option values: names, counts, seeds, settings and results directories."""
 
+import contextlib
 import difflib
 import json
 import re
@@ -159,7 +160,7 @@ def augmented(number: int | None) -> int | None:
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
-    """Returns the values by name of assignments such as `tau=0.005` or `hidden_layers=[64,64]`.
+    """Returns the values by name of assignments such as `tau=0.005` or `hidden_layers=64,64`.
 
     Raises:
         RequestError: if an assignment is not of the form NAME=VALUE, or a name is repeated.
@@ -171,11 +172,16 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
             raise RequestError(
                 f"--set {assignment}: type each setting once, as NAME=VALUE, like --set tau=0.005."
             )
-        try:
-            overrides[name] = json.loads(text)
-        except json.JSONDecodeError:
-            overrides[name] = text
+        overrides[name] = _setting(text)
     return overrides
+
+
+def _setting(text: str) -> Any:
+    """Returns a value that is typed as JSON, as a list without brackets, or as plain text."""
+    for written in (text, f"[{text}]") if "," in text else (text,):
+        with contextlib.suppress(json.JSONDecodeError):
+            return json.loads(written)
+    return text
 
 
 def all_cores(number: int) -> int:

@@ -252,9 +252,11 @@ def _choice(text: str, settings: Sequence[Run]) -> Choice:
     for part in text.split(","):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not (name and equals):
+            named = _names_of(part.strip(), settings)
+            example = f"{named[0]}={part.strip()}" if named else "engine=sb3 engine=batched"
             raise RequestError(
                 f"--compare {text}: there is no such directory; type two results directories, or "
-                "settings such as engine=sb3 engine=batched."
+                f"settings such as {example}."
             )
         existing = {value_text(value) for run in settings for value in _values(run, name)}
         if not existing:
@@ -266,6 +268,18 @@ def _choice(text: str, settings: Sequence[Run]) -> Choice:
         typed.append((name, value))
     return lambda run: all(
         any(_equal(value, value_text(one)) for one in _values(run, name)) for name, value in typed
+    )
+
+
+def _names_of(value: str, settings: Sequence[Run]) -> list[str]:
+    """Returns the names of the settings that have a value in some run, in alphabetical order."""
+    return sorted(
+        {
+            path[-1]
+            for run in settings
+            for path, one in flatten(run).items()
+            if value_text(one) == value
+        }
     )
 
 

@@ -66,6 +66,7 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
     except ValidationError as error:
         first = error.errors()[0]
         message = first["msg"].removeprefix("Value error, ").rstrip(".")
+        message = message.replace("Input should", "it should")
         name = ".".join(str(part) for part in first["loc"])
         field = kind.model_fields.get(name)
         # A title is the name that users know the field by.

@@ -208,6 +208,13 @@ def test_overrides_replace_single_settings():
     assert settings.model_dump() == {**PUBLISHED["td3"], **changed}
 
 
+def test_a_list_needs_no_brackets():
+    assert parse_overrides(["hidden_layers=64,32", "action_noise=a,b"]) == {
+        "hidden_layers": [64, 32],
+        "action_noise": "a,b",
+    }
+
+
 @pytest.mark.parametrize(
     ("assignment", "says"),
     [

@@ -79,6 +79,9 @@ from tests.command_line import jbench, succeed
         (("fly",), "No such command 'fly'"),
         (("collect", "--stepz", "1"), "No such option: --stepz"),
         (("collect", "--seed", "x"), "Invalid value for '--seed'"),
+        (("query",), "Missing argument 'sql'; jbench query --help lists the options and shows an"),
+        (("trian",), r"Did you mean 'train'\? jbench --help lists the commands\."),
+        (("train", "--set", "tau=abc"), "tau of ddpg can't be 'abc': it should be a valid number."),
     ],
 )
 def test_a_wrong_request_gets_one_sentence_and_exit_code_2(arguments, says, tmp_path, capsys):

@@ -69,6 +69,21 @@ class TestForest:
         assert means(panels[2]) == {"SAC": (600, [(600, 600)])}
 
 
+class TestLearningCurvesOfTheOverview:
+    def test_the_title_says_that_encoded_observations_are_elsewhere(self, fabric):
+        ran(fabric, [800, 810])
+        assert document(fabric).overview[0].title.startswith("Learning curves: ")
+        ran(fabric, [500, 510], representation="dae12")
+        title = document(fabric).overview[0].title
+        assert title.startswith("Learning curves on the full observation: ")
+
+    def test_the_title_names_no_observation_if_one_is_encoded(self, fabric):
+        ran(fabric, [800, 810])
+        ran(fabric, [500, 510], representation="dae12")
+        ran(fabric, [500, 510], algo="sac", representation="dae12")
+        assert document(fabric).overview[0].title.startswith("Learning curves: ")
+
+
 class TestHeadline:
     def test_it_says_who_solves_what_by_when(self, fabric):
         ran(fabric, [950 + seed for seed in range(6)], algo="sac")

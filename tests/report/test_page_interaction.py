@@ -133,6 +133,14 @@ class TestFilters:
         assert rows(page) == ["SAC"]
         expect(page.page.locator(".filters summary")).to_have_text("Filter (1 hidden)")
 
+    def test_the_legend_names_only_what_is_left(self, opened, written):
+        page = opened(written)
+        legend = page.page.locator("#tagged .legend")
+        choose(page, "TD3")
+        assert legend.inner_text().split() == ["SAC", "median"]
+        page.page.locator(".filters label", has_text="TD3").locator("input").click()
+        assert legend.inner_text().split() == ["SAC", "TD3", "median"]
+
     def test_it_fits_on_a_phone(self, opened, written):
         page = opened(written, viewport=PHONE)
         page.page.locator(".filters summary").click()
@@ -209,6 +217,17 @@ class TestFirstScreen:
         box = page.page.locator("#tagged .drawing").bounding_box()
         assert box["y"] + box["height"] <= 800
         assert page.page.locator(".inventory div").all_inner_texts() == ["3\nruns", "1\ntask"]
+
+    def test_numbers_in_parentheses_are_fainter_than_the_words(self, opened, tmp_path):
+        headline = "12 numbers (dae12) lower the return (-332 [-491, -214]; 6 seeds)."
+        (tmp_path / "index.html").write_text(render_document(made.document(headline=headline)))
+        asides = opened(tmp_path / "index.html").page.locator(".headline span")
+        assert asides.all_inner_texts() == ["(-332 [-491, -214]; 6 seeds)"]
+        soft, plain = (
+            one.evaluate("(one) => getComputedStyle(one).color")
+            for one in (asides, asides.locator(".."))
+        )
+        assert soft != plain
 
     def test_a_phone_stacks_the_panels(self, opened, written):
         page = opened(written, viewport=PHONE)

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from jbench.names import FULL
 from jbench.report.analysis import reduction, scores
 from jbench.report.data.cells import Cell, LearnedCurve, file_name
 from jbench.report.data.published import PublishedCurve
@@ -40,7 +41,15 @@ def of_tasks(
     figure = learning_curves.grid_figure(*options, each_seed=request.each_seed)
     name = "figure9" if kind is TRAINING else "evaluations"
     data = aggregate[aggregate["returns"] == kind.name]
-    yield FigureItem(name, f"Learning curves: {kind.plural}", figure, data)
+    where = " on the full observation" if _encoded_are_elsewhere(one_robot) else ""
+    yield FigureItem(name, f"Learning curves{where}: {kind.plural}", figure, data)
+
+
+def _encoded_are_elsewhere(learned: Sequence[LearnedCurve]) -> bool:
+    """Returns whether the figure of all tasks shows the full observation, and others are left."""
+    tasks = {cell.task for cell, _ in learned}
+    shown = [cell for task in tasks for cell, _ in learning_curves.shown_in_grid(learned, task)]
+    return len(shown) < len(learned) and all(cell.representation == FULL for cell in shown)
 
 
 def of_uncertainty(

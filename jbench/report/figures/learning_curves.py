@@ -52,7 +52,7 @@ def grid_figure(
     tasks = present if len(present) == 1 else in_order({*present, *TASKS}, TASKS)
     colors = algorithm_colors([cell.algo for cell, _ in learned])
     panels = [
-        _task_panel(task, _shown_in_grid(learned, task), published, colors, kind, each_seed)
+        _task_panel(task, shown_in_grid(learned, task), published, colors, kind, each_seed)
         for task in tasks
     ]
     notes = [
@@ -116,7 +116,8 @@ def algorithm_colors(algorithms: Sequence[str]) -> dict[str, str]:
     return ALGORITHM_COLORS | further
 
 
-def _shown_in_grid(learned: Sequence[LearnedCurve], task: str) -> list[LearnedCurve]:
+def shown_in_grid(learned: Sequence[LearnedCurve], task: str) -> list[LearnedCurve]:
+    """Returns the curves of a task that `grid_figure` draws."""
     ours = [item for item in learned if item.cell.task == task]
     full = {(c.source, c.algo) for c, _ in ours if c.representation == FULL}
     return [

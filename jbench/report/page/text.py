@@ -22,6 +22,11 @@ def html(text: object) -> str:
     return escape(plain(text), quote=True)
 
 
+def with_asides(sentence: str) -> str:
+    """Returns a sentence as HTML in which parentheses of several words are marked as asides."""
+    return re.sub(r"(\([^() ]+ [^()]*\))", r"<span>\1</span>", html(sentence))
+
+
 def json_block(value: Any) -> str:
     """Returns a value as JSON for a script element of data."""
     # With "<" escaped, nothing can end the element; "&" has no special meaning in it.

@@ -10,7 +10,7 @@ from jbench.report.document import Document, Section
 from jbench.report.figures.layout import SCREEN, Sheet
 from jbench.report.page import colors, items, runs, tables
 from jbench.report.page.items import Parts
-from jbench.report.page.text import html, json_block
+from jbench.report.page.text import html, json_block, with_asides
 
 _PROVENANCE = "Command, versions and machine of each run."
 _ABOUT = (
@@ -114,7 +114,7 @@ def _overview(document: Document, parts: Parts) -> Iterator[str]:
     """Yields the first screen: the answer, its figures, and numbers on what was run."""
     yield '<section id="to-summary" class="summary">\n<h2 class="unseen">Summary</h2>'
     if document.headline:
-        yield f'<p class="headline">{html(document.headline)}</p>'
+        yield f'<p class="headline">{with_asides(document.headline)}</p>'
     if document.overview:
         wide = any(len(one.figure.panels) > 1 for one in document.overview)
         yield f'<div class="overview{" stacked" if wide else ""}">'

@@ -11,6 +11,11 @@ function showFigure(figure) {
     const gone = series.length > 0 && series.every((one) => isUnwanted(one.dataset));
     panel.classList.toggle("gone", gone);
   });
+  figure.querySelectorAll(".legend > li[data-entry]").forEach((item) => {
+    const series = [...figure.querySelectorAll(`[data-of~="${item.dataset.entry}"]`)];
+    const gone = series.length > 0 && series.every((one) => isUnwanted(one.dataset));
+    item.classList.toggle("gone", gone);
+  });
   figure.querySelectorAll(".legend button").forEach((button) => {
     button.setAttribute("aria-pressed", String(!isMuted(figure, button.textContent)));
   });

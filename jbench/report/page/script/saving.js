@@ -24,7 +24,7 @@ function pictureOf(figure) {
     right += width;
     bottom = Math.max(bottom, height);
   });
-  figure.querySelectorAll(".legend > li").forEach((item) => {
+  figure.querySelectorAll(".legend > li:not(.gone)").forEach((item) => {
     if (isMuted(figure, item.textContent)) return;
     const swatch = item.querySelector("svg").cloneNode(true);
     setAll(swatch, { x: 8, y: bottom + 2, width: 26, height: 10 });

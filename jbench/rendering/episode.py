@@ -167,9 +167,7 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
     Distances are horizontal. Numbers are padded with figure spaces to a fixed width.
     """
     physical = features.denormalize(task, np.asarray(observation, np.float64))
-    names = features.TASK_SPECS[task].features
-    ends = np.cumsum([features.FEATURE_SIZES[name] for name in names])
-    by_name = dict(zip(names, np.split(physical, ends[:-1]), strict=True))
+    by_name = features.split(task, physical)
     if task == "move_from_origin":
         return f"{_centimetres(by_name['position'])} from the origin"
     if task == "move_in_direction":

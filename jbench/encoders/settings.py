@@ -51,7 +51,6 @@ def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> En
     """Returns the settings of an encoder, with every option of its kind.
 
     Args:
-        kind: name of its kind.
         options: those that are not at their defaults.
         values: the other fields of `EncoderSettings`.
 

@@ -29,6 +29,8 @@ SAMPLE_EPISODES = 128
 _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
 _STATES = EPISODE_STEPS + 1  # per episode: one before each action, and the last
 
+_MAX_PAIRS = 65536  # in a block
+
 _Arrays = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 """States, actions and rewards of some episodes."""
 
@@ -73,6 +75,11 @@ class Shard(NamedTuple):
             actions=self.actions.view(-1)[steps], rewards=self.rewards.view(-1)[steps]
         )
 
+    def blocks(self, ahead: int, with_actions: bool = False) -> Iterator[Batch]:
+        """Yields all pairs of states `ahead` steps apart, up to 65,536 at a time."""
+        for indices in torch.arange(self.pairs(ahead), device=self.states.device).split(_MAX_PAIRS):
+            yield self.take(indices, ahead, with_actions)
+
     def to(self, device: torch.device) -> "Shard":
         """Returns a copy on a device."""
         return Shard(*(part.to(device) for part in self))
@@ -82,7 +89,6 @@ class States:
     """A dataset as one task sees it, scaled to [-1, 1], with episodes held out.
 
     Attributes:
-        dataset: source of the states.
         task: the states are observations of this task.
         seed: of the choice of held-out episodes.
         size: number of features.

@@ -13,8 +13,6 @@ class Listed(NamedTuple):
     """A finished or unfinished dataset.
 
     Attributes:
-        record: of the dataset.
-        settings: of the dataset.
         steps: committed control steps.
         bytes: on disk.
     """

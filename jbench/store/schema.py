@@ -185,26 +185,31 @@ POLICY_STATES = pa.schema(
 )
 """States of an evaluated policy; too large to be a table of `jbench query`."""
 
+STATE_COLUMNS = {
+    "position": (
+        *("position_x", "position_y", "position_z"),
+        *("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"),
+    ),
+    "velocity": (
+        *("velocity_x", "velocity_y", "velocity_z"),
+        *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
+    ),
+    "motor_position": ("motor_position",),
+    "motor_velocity": ("motor_velocity",),
+    "torso_velocity": ("torso_velocity_x", "torso_velocity_y", "torso_velocity_z"),
+}
+"""Columns of the fields of `jbench.tasks.features.State`, in SI units."""
+
 STEPS = pa.schema(
     [
         field("episode", pa.int32()),
         field("step", pa.int16()),
-        *(
-            field(name, pa.float32())
-            for name in (
-                *("position_x", "position_y", "position_z"),
-                *("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"),
-                *("velocity_x", "velocity_y", "velocity_z"),
-                *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
-                *("motor_position", "motor_velocity"),
-                *("torso_velocity_x", "torso_velocity_y", "torso_velocity_z"),
-                "action",
-            )
-        ),
+        *(field(name, pa.float32()) for names in STATE_COLUMNS.values() for name in names),
+        field("action", pa.float32()),
     ]
 )
-"""States of a dataset in SI units, as in `jbench.tasks.features.State`: `step` 0 to 1000, and the
-action taken in the state, null in an episode's last. Too large to be a table of `jbench query`.
+"""States of a dataset: `step` 0 to 1000, and the action taken in the state, null in an episode's
+last. Too large to be a table of `jbench query`.
 """
 
 DATASET_EPISODES = pa.schema(

@@ -58,7 +58,6 @@ def run_batch(
         until: control step at the end of an episode, where training stops and the runs remain
             unfinished; None to finish them.
         progress: called after each training episode.
-        notice: called for each resumed run.
 
     Returns:
         The error of each failed run by id; a failure does not stop the others.

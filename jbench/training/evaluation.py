@@ -62,7 +62,6 @@ def evaluate_policy(
     """Runs the episodes of an evaluation of one policy side by side, on the run's first robot.
 
     Args:
-        settings: settings of the run.
         seed: of the run's evaluations.
         number: of the evaluation; each has its own generator.
         act: returns actions (n, 1) for observations (n, dim(O)) of the task.

@@ -26,8 +26,6 @@ def seconds_per_step(
 
     Args:
         runs: runs that share a process; their settings differ only in their seeds.
-        encoder: encoder of the observations.
-        device: device of the batched engine.
 
     Raises:
         WorkError: if neither the algorithm nor the engine is jbench's own.

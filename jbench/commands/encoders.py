@@ -171,9 +171,7 @@ def _train(
                 output.say(f"The encoder {settings.id} was interrupted; it {how}.")
             label, epochs = f"{settings.representation} {name}", settings.options.get("epochs", 1)
             with output.progress(label, epochs, "epochs") as progress:
-                records.append(
-                    train_encoder(settings, states, database, progress.update, device=train_on)
-                )
+                records.append(train_encoder(settings, states, database, progress, device=train_on))
     display.show_encoders(records, output)
     first = planned[tasks[0]][0]
     output.say(f"Next: jbench train --task {first.task} --encoder {first.kind}:{first.latents}")

@@ -122,7 +122,7 @@ def _dataset(
     source = find_dataset(parsing.results_to_write(results), dataset)
     root = out or results / "minari"
     with output.progress(f"export {task}", source.episodes, "episodes") as progress:
-        done = export_minari(source, task, root, progress.update)
+        done = export_minari(source, task, root, progress)
     output.say(
         f"Exported {source.id} with the observations of {task}: {source.episodes:,} episodes, "
         f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "

@@ -16,6 +16,7 @@ from jbench.commands.options import (
     PolicyOption,
     PolicyTaskOption,
     ReadResultsOption,
+    ThreadsOption,
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError
@@ -37,7 +38,7 @@ def evaluate(
         typer.Option(help="Yaw of the target in degrees (default: drawn by the task)."),
     ] = None,
     augment: AugmentOption = None,
-    threads: Annotated[int, typer.Option(help="Number of threads (0: one per core).")] = 0,
+    threads: ThreadsOption = 0,
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
@@ -73,7 +74,7 @@ def evaluate(
     _say_other_robot(output, database, policy, augment)
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
-        record = run_episodes(settings, database, parsing.all_cores(threads), progress.update)
+        record = run_episodes(settings, database, parsing.all_cores(threads), progress)
     returns = record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"].to_numpy()
     summary = record.manifest.summary
     output.say(
@@ -121,9 +122,7 @@ def render(
     runner = find_policy(database, policy, task, seed)
     _say_other_robot(output, database, policy, augment)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
-        done = render_to_file(
-            runner, scene, out, name=policy, steps=steps, progress=progress.update
-        )
+        done = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
     output.say(f"{done.path}: {done.seconds:.1f} s, return {done.episode_return:.0f}")
     output.document({"path": str(done.path), "episode_return": done.episode_return})
 

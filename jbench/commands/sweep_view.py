@@ -26,11 +26,8 @@ def show_matrix(
     """Prints how many seeds of each cell are finished, and what is left.
 
     Args:
-        title: title of the table.
-        statuses: status of each cell.
         jobs: number of processes that run at a time.
         times: whether to print the estimated time left.
-        output: where to print.
     """
     settings = [_settings(each.cell) for each in statuses]
     varied = [name for name in settings[0] if len({each[name] for each in settings}) > 1]

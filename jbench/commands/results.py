@@ -84,12 +84,12 @@ def query(
 
     The tables are runs, episodes, evaluations, encoders and others; see docs/database.md.
     """
-    from jbench.store.query import ask, to_csv, to_json
+    from jbench.store.query import query_results, to_csv, to_json
 
     if as_csv and json:
         raise RequestError("--csv and --json exclude each other; type one of them.")
     output = Output(json)
-    answer, problems = ask(parsing.existing_results(results), sql)
+    answer, problems = query_results(parsing.existing_results(results), sql)
     if json:
         output.raw(f"{to_json(answer)}\n")
     elif as_csv:

@@ -34,7 +34,7 @@ def row_of(record: Record) -> Row:
     """Returns the row of a record.
 
     Raises:
-        WorkError: if its manifest says what no column can hold; a stranger's may say anything.
+        WorkError: if a value of its manifest does not fit into its column.
     """
     table, describe, _ = KINDS[record.kind]
     try:

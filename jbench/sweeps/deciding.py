@@ -165,7 +165,7 @@ def _key(cell: Cell) -> str:
 
 
 def outcomes(
-    asked: Sequence[Comparison], numbers: Numbers, results: Results, max_seeds: int
+    chosen: Sequence[Comparison], numbers: Numbers, results: Results, max_seeds: int
 ) -> list[Outcome]:
     """Returns the outcome of each comparison with the finished seeds.
 
@@ -173,15 +173,15 @@ def outcomes(
     all of them together, although they share cells.
 
     Args:
-        asked: all comparisons that share the error rate.
+        chosen: all comparisons that share the error rate.
         max_seeds: maximum number of seeds per cell, a multiple of the block size.
     """
-    return [_outcome(one, numbers, results, max_seeds, rate_of_each(asked)) for one in asked]
+    return [_outcome(one, numbers, results, max_seeds, rate_of_each(chosen)) for one in chosen]
 
 
-def rate_of_each(asked: Sequence[Comparison]) -> float:
+def rate_of_each(chosen: Sequence[Comparison]) -> float:
     """Returns the error rate of each comparison."""
-    return sequential.ERROR_RATE / len(asked)
+    return sequential.ERROR_RATE / len(chosen)
 
 
 def _outcome(
@@ -217,7 +217,7 @@ def next_cells(outcomes: Sequence[Outcome], tried: Mapping[str, RunSettings]) ->
 
 
 def looks(
-    asked: Sequence[Comparison],
+    chosen: Sequence[Comparison],
     results: Results,
     max_seeds: int,
     train: Callable[[Sequence[Cell]], object] | None,
@@ -230,7 +230,7 @@ def looks(
     """
     numbers, tried = Numbers(results), dict[str, RunSettings]()
     while True:
-        found = outcomes(asked, numbers, results, max_seeds)
+        found = outcomes(chosen, numbers, results, max_seeds)
         needed = next_cells(found, tried)
         yield Look(found, needed, tried)
         if not needed or train is None:

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from jbench.agents.batched.engine import WORLD, SeedState, under
+from jbench.agents.batched.engine import WORLD, Engine, SeedState, under
 from jbench.agents.batched.environments import Cell, Environments, Models
 from jbench.agents.batched.streams import Streams
 from jbench.agents.divergence import Divergence, divergent_loss
@@ -26,7 +26,7 @@ from jbench.store import schema
 
 
 class PluginEngine(Closing):
-    """Trains one agent of another package, with the interface of the batched engine.
+    """Trains one agent of another package, with the interface of the batched `Engine`.
 
     Attributes:
         control_steps: over all environments.
@@ -198,6 +198,10 @@ class PluginEngine(Closing):
 
     def _record_divergence(self, what: str) -> None:
         self.diverged.setdefault(0, Divergence(None, self.control_steps, what))
+
+
+Trainer = Engine | PluginEngine
+"""What trains the agents of a batch of runs."""
 
 
 def _generators() -> dict[str, Any]:

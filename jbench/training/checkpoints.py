@@ -20,7 +20,7 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import SeedState
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.trainer import Trainer
+from jbench.agents.plugin_engine import Trainer
 from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record

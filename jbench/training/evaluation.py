@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.environments import Cell
-from jbench.agents.trainer import Trainer
+from jbench.agents.plugin_engine import Trainer
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout

@@ -76,13 +76,7 @@ def described(statuses: Sequence[CellStatus]) -> list[dict[str, Any]]:
             "settings": each.cell.settings,
             "steps": each.cell.runs[0].steps,
             "runs": [run.id for run in each.cell.runs],
-            "finished": each.finished,
-            "partial": each.partial,
-            "failed": each.failed,
-            "missing": each.missing,
-            "steps_left": each.steps_left,
-            "seconds_left": each.seconds_left,
-            "estimate": each.estimate,
+            **{name: value for name, value in each._asdict().items() if name != "cell"},
         }
         for each in statuses
     ]

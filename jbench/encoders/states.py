@@ -92,6 +92,7 @@ class States:
         task: the states are observations of this task.
         seed: of the choice of held-out episodes.
         size: number of features.
+        device: of the states.
         scaling: of all observations; available after `read`, like the following ones.
         learned: moments of the scaled training states.
         held_out: moments of the scaled held-out states.
@@ -124,13 +125,8 @@ class States:
         self.size = TASK_SPECS[task].observation_size
         self._learned, self._held_out = split_episodes(dataset.episodes, seed)
         self._memory = memory
-        self._device = torch.device("cpu")
+        self.device = torch.device("cpu")
         self._read = False
-
-    @property
-    def device(self) -> torch.device:
-        """Device of the states."""
-        return self._device
 
     @property
     def in_memory(self) -> bool:
@@ -146,8 +142,8 @@ class States:
         if not self._read:
             self._read_all()
             self._read = True
-        if device != self._device:
-            self._device = device
+        if device != self.device:
+            self.device = device
             self.sample = self.sample.to(device)
             if self.in_memory:
                 self._whole = self._whole.to(device)
@@ -240,4 +236,4 @@ class States:
 
     def _shard(self, gathered: list[_Arrays]) -> Shard:
         parts = zip(*gathered, strict=True)
-        return Shard(*(torch.from_numpy(np.concatenate(p)) for p in parts)).to(self._device)
+        return Shard(*(torch.from_numpy(np.concatenate(p)) for p in parts)).to(self.device)

@@ -44,7 +44,7 @@ def row_of(record: Record) -> Row:
     except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise WorkError(
-            f"The {record.kind} {record.id} has settings that can't be ({reason}); delete "
+            f"The {record.kind} {record.id} has invalid settings ({reason}); delete "
             f"{record.path} to make it again."
         ) from None
     return row

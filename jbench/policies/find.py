@@ -77,7 +77,7 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
         return ImportedPolicy(name, task)
     if "/" not in name:
         raise RequestError(f"Unknown policy {name!r}; choose {KINDS}.")
-    run, agent = find_agent(results, name)
+    run, agent = find_trained_agent(results, name)
     if agent.task != task:
         raise RequestError(
             f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
@@ -85,7 +85,7 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
     return _Stateless(agent.act)
 
 
-def find_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
+def find_trained_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
     """Returns the id of a run and its trained agent.
 
     Args:

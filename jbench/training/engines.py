@@ -17,7 +17,7 @@ from jbench.settings.run import RunSettings
 from jbench.training.evaluation import robot_model
 
 
-def engine_of(
+def make_trainer(
     settings: RunSettings,
     seeds: Sequence[int],
     encoder: Encoder | Sequence[Encoder | None] | None,

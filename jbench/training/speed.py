@@ -11,7 +11,7 @@ from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
-from jbench.training.engines import algorithm_of, engine_of
+from jbench.training.engines import algorithm_of, make_trainer
 from jbench.training.environment import make_env
 
 _STEPS, _UPDATES = 300, 20
@@ -58,7 +58,7 @@ def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device:
         measured = settings.model_copy(
             update={"hyperparameters": {**settings.hyperparameters, **changes}}
         )
-    with engine_of(measured, list(range(seeds)), encoder, device) as engine:
+    with make_trainer(measured, list(range(seeds)), encoder, device) as engine:
         for _ in engine.learn(first):
             pass
         before, began = engine.control_steps, time.perf_counter()

@@ -7,7 +7,7 @@ import typer
 
 from jbench import names
 from jbench.commands import parsing
-from jbench.commands.options import RESULTS, JsonOption, ResultsOption, complete
+from jbench.commands.options import RESULTS, DatasetOption, JsonOption, ResultsOption, complete
 from jbench.commands.output import Output
 from jbench.errors import RequestError
 from jbench.seeds import parse_numbers
@@ -26,7 +26,6 @@ LatentsOption = Annotated[
         "kind)."
     ),
 ]
-DatasetOption = Annotated[str | None, typer.Option(help="Id of the dataset (default: the newest).")]
 NoiseOption = Annotated[
     float | None,
     typer.Option(help="Standard deviation of the noise on scaled features (default: 0.1)."),

@@ -10,6 +10,7 @@ from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
+    DatasetOption,
     JsonOption,
     ReadResultsOption,
     complete,
@@ -32,9 +33,7 @@ def export(
             metavar="[RUN]", help="Id of a run, to export its policy (default: export a dataset)."
         ),
     ] = None,
-    dataset: Annotated[
-        str | None, typer.Option(help="Id of the dataset (default: the newest).")
-    ] = None,
+    dataset: DatasetOption = None,
     task: Annotated[
         str | None,
         typer.Option(

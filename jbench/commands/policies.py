@@ -24,6 +24,8 @@ from jbench.errors import RequestError
 if TYPE_CHECKING:
     from jbench.store import Results
 
+PoseSeedOption = Annotated[int, typer.Option(help="Random seed of the pose and the target.")]
+
 
 def evaluate(
     policy: PolicyOption = "heuristic",
@@ -92,7 +94,7 @@ def render(
     policy: PolicyOption = "heuristic",
     task: PolicyTaskOption = None,
     camera: CameraOption = "tracking",
-    seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
+    seed: PoseSeedOption = 0,
     steps: Annotated[
         int, typer.Option(help="Number of control steps of 0.01 s, 1 to 1000.")
     ] = 1000,
@@ -130,7 +132,7 @@ def render(
 def view(
     policy: PolicyOption = "heuristic",
     task: PolicyTaskOption = None,
-    seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
+    seed: PoseSeedOption = 0,
     augment: AugmentOption = None,
     results: ReadResultsOption = RESULTS,
 ) -> None:

@@ -12,6 +12,7 @@ from jbench.store.encoder_schema import (
 )
 
 _RUN = field("run", pa.string())
+_CELL = tuple(field(name, pa.string()) for name in ("task", "algo", "representation"))
 _WALL_TIME = field("wall_time", pa.float64(), "s since the run began")
 _PROCESSOR_TIME = field("processor_time", pa.float64(), "s of processor time since the run began")
 _RETURN = field("episode_return", pa.float64(), "sum of rewards")
@@ -90,9 +91,7 @@ RUN_TABLES = {**EPISODE_TABLES, "paths": PATHS}
 RUNS = pa.schema(
     [
         _RUN,
-        field("task", pa.string()),
-        field("algo", pa.string()),
-        field("representation", pa.string()),
+        *_CELL,
         field("encoder", pa.string()),
         field("seed", pa.int64()),
         field("steps", pa.int64(), "control steps asked for"),
@@ -229,9 +228,7 @@ _IMPORT = field("import", pa.string())
 IMPORTS = pa.schema(
     [
         _IMPORT,
-        field("task", pa.string()),
-        field("algo", pa.string()),
-        field("representation", pa.string()),
+        *_CELL,
         field("seed", pa.int64()),
         field("format", pa.string()),
         field("returns", pa.string(), "training or evaluation"),
@@ -263,9 +260,7 @@ A point is a training episode, an evaluation, or a value of a TensorBoard tag or
 PUBLISHED = pa.schema(
     [
         field("figure", pa.string()),
-        field("task", pa.string()),
-        field("algo", pa.string()),
-        field("representation", pa.string()),
+        *_CELL,
         field("training_steps", pa.float64(), "control steps, centre of the window"),
         field("quantile", pa.int64(), "percent"),
         _RETURN,

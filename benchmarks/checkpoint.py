@@ -26,7 +26,7 @@ from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results, files
 from jbench.training.checkpoints import save
-from jbench.training.engines import engine_of
+from jbench.training.engines import make_trainer
 from jbench.training.log import RunLog
 
 SEEDS = 5
@@ -77,7 +77,7 @@ def cost(algo: str, rounds: int) -> None:
     shares, times = [], []
     with (
         tempfile.TemporaryDirectory() as folder,
-        engine_of(runs[0], range(SEEDS), None, "cpu") as engine,
+        make_trainer(runs[0], range(SEEDS), None, "cpu") as engine,
     ):
         begun = [begin(Path(folder), run) for run in runs]
         if isinstance(engine, OffPolicyEngine):
@@ -112,7 +112,7 @@ def volume(algo: str) -> None:
     """Prints what the checkpoints of a million control steps write, with one per episode."""
     run = settings_of(algo, 0)
     written = Written()
-    with tempfile.TemporaryDirectory() as folder, engine_of(run, [0], None, "cpu") as engine:
+    with tempfile.TemporaryDirectory() as folder, make_trainer(run, [0], None, "cpu") as engine:
         record, log = begin(Path(folder), run)
         most, random = 0, np.random.default_rng(0)
         for number in range(1, MILLION // EPISODE_STEPS + 1):

@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 from jbench.names import EPISODE_STEPS, PHYSICS_STEPS, TASKS
 from jbench.tasks import features, heuristics, model, resets, rewards
+from jbench.tasks.control_laws import Law
 from jbench.tasks.robots import load_model
 
 Array = NDArray[np.float64]
@@ -97,7 +98,7 @@ class Robots:
 
 
 def returns(
-    policy: heuristics.Heuristic, seeds: Sequence[int], steps: int = EPISODE_STEPS, coarse: int = 1
+    policy: Law, seeds: Sequence[int], steps: int = EPISODE_STEPS, coarse: int = 1
 ) -> Array:
     """Returns the (robots,) returns of one episode for each seed, per 1000 steps."""
     robots = Robots(policy.task, seeds, coarse)
@@ -110,16 +111,16 @@ def returns(
     return total * (EPISODE_STEPS / steps)
 
 
-def constants(policy: heuristics.Heuristic) -> dict[str, float]:
+def constants(policy: Law) -> dict[str, float]:
     """Returns the tunable constants of a policy by name."""
     fields = dataclasses.fields(policy)  # type: ignore[arg-type]
     return {field.name: float(getattr(policy, field.name)) for field in fields}
 
 
-def with_constants(task: str, values: dict[str, Any]) -> heuristics.Heuristic:
+def with_constants(task: str, values: dict[str, Any]) -> Law:
     """Returns a task's policy with other constants, floats or one for each robot."""
     law: Any = type(heuristics.heuristic(task))
-    policy: heuristics.Heuristic = law(**values)
+    policy: Law = law(**values)
     return policy
 
 

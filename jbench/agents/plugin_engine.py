@@ -1,7 +1,7 @@
 """The training loop of an agent of another package, for one seed, and its complete state."""
 
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from jbench.agents.batched.engine import SeedState
+from jbench.agents.batched.engine import WORLD, Engine, SeedState, under
 from jbench.agents.batched.environments import Cell, Environments, Models
 from jbench.agents.batched.streams import Streams
 from jbench.agents.divergence import Divergence, divergent_loss
@@ -24,16 +24,12 @@ from jbench.policies.network import Network
 from jbench.settings.base import Settings
 from jbench.store import schema
 
-_WORLD = "environments/"
-
 
 class PluginEngine(Closing):
-    """Trains one agent of another package, with the interface of the batched engine.
+    """Trains one agent of another package, with the interface of the batched `Engine`.
 
     Attributes:
-        environments: the robots.
         control_steps: over all environments.
-        updates: unknown.
         diverged: what diverged, at index 0.
         is_resumable: whether the agent has `state` and `restore`.
     """
@@ -157,17 +153,13 @@ class PluginEngine(Closing):
             "agent": pack(self._agent.state(), tensors),
         }
         world = self.environments.state(0)
-        tensors |= {_WORLD + name: torch.from_numpy(value) for name, value in world.items()}
+        tensors |= {WORLD + name: torch.from_numpy(value) for name, value in world.items()}
         return SeedState(tensors, scalars)
 
     def restore(self, states: Sequence[SeedState]) -> None:
         """Restores what `state` returned; on a CPU, training continues with the same bits."""
         ((tensors, scalars),) = states
-        world = {
-            name.removeprefix(_WORLD): tensor.numpy()
-            for name, tensor in tensors.items()
-            if name.startswith(_WORLD)
-        }
+        world = {name: tensor.numpy() for name, tensor in under(WORLD, tensors).items()}
         self.environments.restore(0, world, scalars["episodes"], scalars["episode_steps"])
         self._streams.restore(scalars["streams"])
         self.control_steps = scalars["control_steps"]
@@ -208,6 +200,10 @@ class PluginEngine(Closing):
         self.diverged.setdefault(0, Divergence(None, self.control_steps, what))
 
 
+Trainer = Engine | PluginEngine
+"""What trains the agents of a batch of runs."""
+
+
 def _generators() -> dict[str, Any]:
     """Returns the states of the global random generators."""
     legacy = np.random.get_state(legacy=False)  # noqa: NPY002
@@ -215,10 +211,6 @@ def _generators() -> dict[str, Any]:
 
 
 def _restore_generators(states: Mapping[str, Any]) -> None:
-    setters: dict[str, Callable[[Any], None]] = {
-        "torch": torch.set_rng_state,
-        "numpy": np.random.set_state,
-        "python": random.setstate,
-    }
-    for name, setter in setters.items():
-        setter(states[name])
+    torch.set_rng_state(states["torch"])
+    np.random.set_state(states["numpy"])  # noqa: NPY002
+    random.setstate(states["python"])

@@ -15,6 +15,7 @@ from stable_baselines3.common.noise import (
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
+from jbench.agents.sb3_policy import actor_of
 from jbench.policies.saved import Policy
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings
 
@@ -90,18 +91,12 @@ def losses(agent: BaseAlgorithm) -> dict[str, float]:
 
 def policy(agent: BaseAlgorithm) -> Policy:
     """Returns a copy of the agent's deterministic policy."""
-    if isinstance(agent, TD3):
-        modules, squash = list(agent.actor.mu), "tanh"
-    elif isinstance(agent, SAC):
-        modules, squash = [*agent.actor.latent_pi, agent.actor.mu], "tanh"
-    else:
-        net: Any = agent.policy
-        modules, squash = [*net.mlp_extractor.policy_net, net.action_net], "clip"
+    modules = actor_of(agent.policy).modules()
     linear = [module for module in modules if isinstance(module, nn.Linear)]
     return Policy(
         weights=[layer.weight.detach().numpy().copy() for layer in linear],
         biases=[layer.bias.detach().numpy().copy() for layer in linear],
-        squash=squash,
+        squash="clip" if isinstance(agent, PPO) else "tanh",
     )
 
 

@@ -98,7 +98,6 @@ def build(name: str, settings: Mapping[str, Any], env: VecEnv, seed: int) -> Bas
         settings: arguments as JSON values. A list is passed as a tuple, and the name of a module
             of torch.nn as the class, such as "ReLU" for activation_fn in policy_kwargs.
             action_noise is the standard deviation of normal noise.
-        env: environments.
         seed: in [0, 2^32).
     """
     arguments: dict[str, Any] = {

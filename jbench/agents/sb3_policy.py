@@ -21,12 +21,16 @@ def network_of_model(model: Any, inputs: int) -> Network:
     owner = policy.actor if hasattr(policy, "actor") else policy
     if not isinstance(getattr(owner, "features_extractor", None), FlattenExtractor):
         raise UnsupportedPolicyError("its features extractor is not FlattenExtractor")
-    network = network_of(_actor(policy), inputs)
+    network = network_of(actor_of(policy), inputs)
     return Network([*_normalization_layers(model), *network.layers])
 
 
-def _actor(policy: Any) -> nn.Module:
-    """Returns the layers from an observation to the deterministic action."""
+def actor_of(policy: Any) -> nn.Module:
+    """Returns the layers of a model's policy from an observation to the deterministic action.
+
+    Raises:
+        UnsupportedPolicyError: if the kind of the policy is not known.
+    """
     actor: Any = getattr(policy, "actor", None)
     if hasattr(actor, "latent_pi"):  # SAC, TQC
         return nn.Sequential(actor.latent_pi, actor.mu, nn.Tanh())

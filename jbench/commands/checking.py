@@ -54,7 +54,7 @@ def reproduce(
         episodes = repeating.default_episodes(record)
     total = max(episodes, 1) * names.EPISODE_STEPS
     with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
-        done = repeating.reproduce(database, record, episodes, progress.update)
+        done = repeating.reproduce(database, record, episodes, progress)
     _say(done, record, output)
     output.document(_document(done))
     if not done.equal:
@@ -87,7 +87,7 @@ def reevaluate_all(database: "Results", output: Output) -> list["Reevaluation"]:
                 reason = f"{outcome.reason} Since then, {sentence_of(changed)}."
                 outcome = outcome._replace(reason=reason)
             outcomes.append(outcome)
-            progress.update(done)
+            progress(done)
     for outcome in outcomes:
         if outcome.verdict != "equal":
             output.say(f"run {outcome.run}\n  {outcome.verdict}: {outcome.reason}")

@@ -11,6 +11,7 @@ from jbench.commands.options import (
     JsonOption,
     ReadResultsOption,
     ResultsOption,
+    ThreadsOption,
 )
 from jbench.commands.output import Output
 from jbench.errors import WorkError
@@ -24,7 +25,7 @@ def collect(
         str, typer.Option(help="Number of control steps, a multiple of 1000.")
     ] = "5e6",
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
-    threads: Annotated[int, typer.Option(help="Number of threads (0: one per core).")] = 0,
+    threads: ThreadsOption = 0,
     augment: AugmentOption = None,
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
@@ -47,7 +48,7 @@ def collect(
     if before is not None and before.status == "finished":
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
     with output.progress("collect", settings.steps, "control steps") as progress:
-        record = collect_dataset(settings, database, parsing.all_cores(threads), progress.update)
+        record = collect_dataset(settings, database, parsing.all_cores(threads), progress)
     size = sum(entry.bytes for entry in record.manifest.files)
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {size / 1e6:.1f} MB, in "

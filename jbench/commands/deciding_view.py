@@ -18,12 +18,12 @@ _VERDICTS = {
 }
 
 
-def introduction(asked: Sequence[Comparison], max_seeds: int) -> str:
+def introduction(chosen: Sequence[Comparison], max_seeds: int) -> str:
     """Returns the sentence printed before the first look: the comparisons and the error rate."""
     return (
         f"Final returns are compared after each {sequential.BLOCK} seeds, up to {max_seeds}. Of "
-        f"all {len(asked)} decisions together one or more are wrong with a probability of at most "
-        f"{sequential.ERROR_RATE:.0%}: {rate_of_each(asked):.2%} for each comparison."
+        f"all {len(chosen)} decisions together one or more are wrong with a probability of at most "
+        f"{sequential.ERROR_RATE:.0%}: {rate_of_each(chosen):.2%} for each comparison."
     )
 
 

@@ -7,7 +7,7 @@ import typer
 
 from jbench import names
 from jbench.commands import parsing
-from jbench.commands.options import RESULTS, JsonOption, ResultsOption, complete
+from jbench.commands.options import RESULTS, DatasetOption, JsonOption, ResultsOption, complete
 from jbench.commands.output import Output
 from jbench.errors import RequestError
 from jbench.seeds import parse_numbers
@@ -26,7 +26,6 @@ LatentsOption = Annotated[
         "kind)."
     ),
 ]
-DatasetOption = Annotated[str | None, typer.Option(help="Id of the dataset (default: the newest).")]
 NoiseOption = Annotated[
     float | None,
     typer.Option(help="Standard deviation of the noise on scaled features (default: 0.1)."),
@@ -171,9 +170,7 @@ def _train(
                 output.say(f"The encoder {settings.id} was interrupted; it {how}.")
             label, epochs = f"{settings.representation} {name}", settings.options.get("epochs", 1)
             with output.progress(label, epochs, "epochs") as progress:
-                records.append(
-                    train_encoder(settings, states, database, progress.update, device=train_on)
-                )
+                records.append(train_encoder(settings, states, database, progress, device=train_on))
     display.show_encoders(records, output)
     first = planned[tasks[0]][0]
     output.say(f"Next: jbench train --task {first.task} --encoder {first.kind}:{first.latents}")

@@ -10,6 +10,7 @@ from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
+    DatasetOption,
     JsonOption,
     ReadResultsOption,
     complete,
@@ -32,9 +33,7 @@ def export(
             metavar="[RUN]", help="Id of a run, to export its policy (default: export a dataset)."
         ),
     ] = None,
-    dataset: Annotated[
-        str | None, typer.Option(help="Id of the dataset (default: the newest).")
-    ] = None,
+    dataset: DatasetOption = None,
     task: Annotated[
         str | None,
         typer.Option(
@@ -89,11 +88,11 @@ def export(
 def _policy(run: str, in_si_units: bool, out: Path | None, results: Path, output: Output) -> None:
     if importlib.util.find_spec("onnx") is None:
         raise RequestError("--format onnx needs the package onnx; type pip install 'jbench[onnx]'.")
-    from jbench.policies.find import find_agent
+    from jbench.policies.find import find_trained_agent
     from jbench.policies.onnx_export import export_onnx
 
     database, name = database_and_policy(results, run)
-    id, agent = find_agent(database, name)
+    id, agent = find_trained_agent(database, name)
     done = export_onnx(agent, id, out or database.path / "onnx" / f"{id}.onnx", in_si_units)
     what = "features in SI units" if in_si_units else "the observation of the environment"
     output.say(
@@ -122,7 +121,7 @@ def _dataset(
     source = find_dataset(parsing.results_to_write(results), dataset)
     root = out or results / "minari"
     with output.progress(f"export {task}", source.episodes, "episodes") as progress:
-        done = export_minari(source, task, root, progress.update)
+        done = export_minari(source, task, root, progress)
     output.say(
         f"Exported {source.id} with the observations of {task}: {source.episodes:,} episodes, "
         f"{done.bytes / 1e6:.1f} MB, in {done.path}. With MINARI_DATASETS_PATH={root}, Minari "

@@ -9,6 +9,7 @@ from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
+    CsvOption,
     JsonOption,
     OneAlgorithmOption,
     OneTaskOption,
@@ -41,7 +42,7 @@ def leaderboard(
     markdown: Annotated[
         bool, typer.Option("--markdown", help="Print Markdown to standard output.")
     ] = False,
-    as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV to standard output.")] = False,
+    as_csv: CsvOption = False,
     json: JsonOption = False,
 ) -> None:
     """Rank algorithms and representations on each task.

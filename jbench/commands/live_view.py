@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -33,7 +33,6 @@ class TrainingView(Watcher):
         """Prints to an output.
 
         Args:
-            output: where to print.
             published: medians to show beside the returns (default: the paper's).
         """
         self._output, self._live = output, sys.stderr.isatty()
@@ -55,11 +54,11 @@ class TrainingView(Watcher):
         """Prints a warning."""
         self._output.warn(sentence)
 
-    @contextmanager
-    def progress(self, label: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
+    def progress(
+        self, label: str, total: int, unit: str
+    ) -> AbstractContextManager[Callable[[int], None]]:
         """Shows the progress of a dataset or an encoder."""
-        with self._output.progress(label, total, unit) as progress:
-            yield progress.update
+        return self._output.progress(label, total, unit)
 
     def forecast(self, statuses: Sequence[CellStatus], jobs: int) -> None:
         """Prints the estimated time left."""
@@ -122,12 +121,7 @@ class TrainingView(Watcher):
             self._gained += batch.gained
             self._batches.remove(batch)
             if not self._live:
-                name, steps, _, _, returns, _ = batch.cells()
-                parts = [
-                    f"{steps} control steps",
-                    *([f"last returns {returns}"] if returns else []),
-                ]
-                print(f"{name}: {', '.join(parts)}; {self._summary()}", file=sys.stderr, flush=True)
+                print(f"{_line(batch, ended=True)}; {self._summary()}", file=sys.stderr, flush=True)
 
     def __rich__(self) -> Table:
         """Returns the table of the processes."""
@@ -159,14 +153,19 @@ class TrainingView(Watcher):
             return
         self._printed = now
         for batch in self._batches:
-            name, steps, rate, _, returns, left = batch.cells()
-            parts = [f"{steps} control steps"]
-            if rate:
-                parts += [f"{rate} steps/s", f"{left} left"]
-            if returns:
-                parts.append(f"last returns {returns}")
-            print(f"{name}: {', '.join(parts)}", file=sys.stderr)
+            print(_line(batch), file=sys.stderr)
         print(self._summary(), file=sys.stderr, flush=True)
+
+
+def _line(batch: Batch, *, ended: bool = False) -> str:
+    """Returns the row of a process as plain text; without its speed if it has ended."""
+    name, steps, rate, _, returns, left = batch.cells()
+    parts = [f"{steps} control steps"]
+    if rate and not ended:
+        parts += [f"{rate} steps/s", f"{left} left"]
+    if returns:
+        parts.append(f"last returns {returns}")
+    return f"{name}: {', '.join(parts)}"
 
 
 @cache

@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, ClassVar
 
@@ -86,27 +86,20 @@ class Output:
             print(text, end="", flush=True)
 
     @contextmanager
-    def progress(self, what: str, total: int, unit: str) -> Iterator["Progress"]:
-        """Shows progress on standard error inside the `with` block."""
+    def progress(self, what: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
+        """Shows progress on standard error inside the `with` block.
+
+        Yields:
+            A function that shows how much of the total is done.
+        """
         if sys.stderr.isatty():
-            with _bar(what, total) as progress:
-                yield progress
+            with _bar(what, total) as update:
+                yield update
         else:
-            yield _Lines(what, total, unit)
+            yield _Lines(what, total, unit).update
 
 
-class Progress:
-    """Progress of a piece of work."""
-
-    def update(self, done: int, note: str = "") -> None:
-        """Shows how much of the total is done, and a note."""
-        raise NotImplementedError
-
-    def begin(self, done: int) -> None:
-        """Measures the speed from here on; `done` was done before."""
-
-
-class _Lines(Progress):
+class _Lines:
     """A plain line every few seconds."""
 
     def __init__(self, what: str, total: int, unit: str) -> None:
@@ -114,10 +107,7 @@ class _Lines(Progress):
         self._first: tuple[float, int] | None = None
         self._printed, self._ended = time.monotonic(), False
 
-    def begin(self, done: int) -> None:
-        self._first = (time.monotonic(), done)
-
-    def update(self, done: int, note: str = "") -> None:
+    def update(self, done: int) -> None:
         now = time.monotonic()
         if self._first is None:
             self._first = (now, done)
@@ -131,11 +121,11 @@ class _Lines(Progress):
         if rate > 0 and done < self._total:
             speed = f"{rate:,.0f}" if rate >= 10 else f"{rate:.2g}"
             parts += [f"{speed}/s", f"{duration((self._total - done) / rate)} left"]
-        print(f"{self._what}: {', '.join([*parts, *filter(None, [note])])}", file=sys.stderr)
+        print(f"{self._what}: {', '.join(parts)}", file=sys.stderr)
 
 
 @contextmanager
-def _bar(what: str, total: int) -> Iterator[Progress]:
+def _bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
     """A progress bar on a terminal."""
     from rich import progress as rich
 
@@ -144,7 +134,6 @@ def _bar(what: str, total: int) -> Iterator[Progress]:
         rich.BarColumn(bar_width=16),
         rich.TextColumn("{task.completed:,.0f}/{task.total:,.0f}"),
         rich.TimeRemainingColumn(compact=True, elapsed_when_finished=True),
-        rich.TextColumn("{task.fields[note]}", markup=False),
     )
     from rich.console import Console
 
@@ -155,13 +144,8 @@ def _bar(what: str, total: int) -> Iterator[Progress]:
         # Lines printed meanwhile appear above the bar, unless stdout is a pipe.
         redirect_stdout=sys.stdout.isatty(),
     ) as bars:
-        task = bars.add_task(what, total=total, note="")
-
-        class _Bar(Progress):
-            def update(self, done: int, note: str = "") -> None:
-                bars.update(task, completed=done, note=note)
-
-        yield _Bar()
+        task = bars.add_task(what, total=total)
+        yield lambda done: bars.update(task, completed=done)
 
 
 def duration(seconds: float) -> str:

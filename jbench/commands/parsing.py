@@ -27,8 +27,6 @@ def known_or_held(
 
     Args:
         setting: `task`, `algo` or `representation`.
-        value: value of the setting.
-        known: values that jbench knows.
         databases: results whose runs may have other values.
 
     Raises:

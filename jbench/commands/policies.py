@@ -16,12 +16,15 @@ from jbench.commands.options import (
     PolicyOption,
     PolicyTaskOption,
     ReadResultsOption,
+    ThreadsOption,
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError
 
 if TYPE_CHECKING:
     from jbench.store import Results
+
+PoseSeedOption = Annotated[int, typer.Option(help="Random seed of the pose and the target.")]
 
 
 def evaluate(
@@ -37,7 +40,7 @@ def evaluate(
         typer.Option(help="Yaw of the target in degrees (default: drawn by the task)."),
     ] = None,
     augment: AugmentOption = None,
-    threads: Annotated[int, typer.Option(help="Number of threads (0: one per core).")] = 0,
+    threads: ThreadsOption = 0,
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
@@ -73,7 +76,7 @@ def evaluate(
     _say_other_robot(output, database, policy, augment)
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
-        record = run_episodes(settings, database, parsing.all_cores(threads), progress.update)
+        record = run_episodes(settings, database, parsing.all_cores(threads), progress)
     returns = record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"].to_numpy()
     summary = record.manifest.summary
     output.say(
@@ -91,7 +94,7 @@ def render(
     policy: PolicyOption = "heuristic",
     task: PolicyTaskOption = None,
     camera: CameraOption = "tracking",
-    seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
+    seed: PoseSeedOption = 0,
     steps: Annotated[
         int, typer.Option(help="Number of control steps of 0.01 s, 1 to 1000.")
     ] = 1000,
@@ -121,9 +124,7 @@ def render(
     runner = find_policy(database, policy, task, seed)
     _say_other_robot(output, database, policy, augment)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
-        done = render_to_file(
-            runner, scene, out, name=policy, steps=steps, progress=progress.update
-        )
+        done = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
     output.say(f"{done.path}: {done.seconds:.1f} s, return {done.episode_return:.0f}")
     output.document({"path": str(done.path), "episode_return": done.episode_return})
 
@@ -131,7 +132,7 @@ def render(
 def view(
     policy: PolicyOption = "heuristic",
     task: PolicyTaskOption = None,
-    seed: Annotated[int, typer.Option(help="Random seed of the pose and the target.")] = 0,
+    seed: PoseSeedOption = 0,
     augment: AugmentOption = None,
     results: ReadResultsOption = RESULTS,
 ) -> None:

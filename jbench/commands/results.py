@@ -11,6 +11,7 @@ import typer
 from jbench.commands import checking, parsing
 from jbench.commands.options import (
     RESULTS,
+    CsvOption,
     JsonOption,
     OneAlgorithmOption,
     OneRepresentationOption,
@@ -20,8 +21,10 @@ from jbench.commands.options import (
     ResultsOption,
     SomeSeedsOption,
 )
-from jbench.commands.output import Output, Progress, duration, short
+from jbench.commands.output import Output, duration, short
 from jbench.errors import RequestError, WorkError
+
+FilesOption = Annotated[int, typer.Option(help="Number of files read at a time (0: one per core).")]
 
 
 def runs(
@@ -73,7 +76,7 @@ def query(
     sql: Annotated[
         str, typer.Argument(help="A SELECT statement over the tables; see docs/database.md.")
     ],
-    as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV to standard output.")] = False,
+    as_csv: CsvOption = False,
     results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
@@ -81,12 +84,12 @@ def query(
 
     The tables are runs, episodes, evaluations, encoders and others; see docs/database.md.
     """
-    from jbench.store.query import ask, to_csv, to_json
+    from jbench.store.query import query_results, to_csv, to_json
 
     if as_csv and json:
         raise RequestError("--csv and --json exclude each other; type one of them.")
     output = Output(json)
-    answer, problems = ask(parsing.existing_results(results), sql)
+    answer, problems = query_results(parsing.existing_results(results), sql)
     if json:
         output.raw(f"{to_json(answer)}\n")
     elif as_csv:
@@ -99,9 +102,7 @@ def query(
 
 
 def verify(
-    threads: Annotated[
-        int, typer.Option(help="Number of files read at a time (0: one per core).")
-    ] = 0,
+    threads: FilesOption = 0,
     reevaluate: Annotated[
         bool,
         typer.Option(
@@ -161,9 +162,7 @@ def repair(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what would be set aside, and change nothing.")
     ] = False,
-    threads: Annotated[
-        int, typer.Option(help="Number of files read at a time (0: one per core).")
-    ] = 0,
+    threads: FilesOption = 0,
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
@@ -227,13 +226,13 @@ def merge(
 def _progress(output: Output, what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
     """Yields a callback for (done, total); the bar appears when the total is known."""
     with ExitStack() as stack:
-        shown: list[Progress] = []
+        shown: list[Callable[[int], None]] = []
 
         def update(done: int, total: int) -> None:
             if not shown and total:
                 shown.append(stack.enter_context(output.progress(what, total, unit)))
-            for progress in shown:
-                progress.update(done)
+            for show in shown:
+                show(done)
 
         yield update
 

@@ -197,11 +197,11 @@ def _decide(
     from jbench.sweeps.deciding import comparisons, looks
     from jbench.training.status import failures_among
 
-    asked = comparisons(cells, claims)
+    chosen = comparisons(cells, claims)
     if max_seeds < BLOCK or max_seeds % BLOCK:
         raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
-    output.say(introduction(asked, max_seeds))
-    for look in looks(asked, results, max_seeds, train):
+    output.say(introduction(chosen, max_seeds))
+    for look in looks(chosen, results, max_seeds, train):
         show_look(look, output)
     needed = [run.id for run in all_runs(look.needed)]
     if needed:

@@ -26,11 +26,8 @@ def show_matrix(
     """Prints how many seeds of each cell are finished, and what is left.
 
     Args:
-        title: title of the table.
-        statuses: status of each cell.
         jobs: number of processes that run at a time.
         times: whether to print the estimated time left.
-        output: where to print.
     """
     settings = [_settings(each.cell) for each in statuses]
     varied = [name for name in settings[0] if len({each[name] for each in settings}) > 1]
@@ -79,13 +76,7 @@ def described(statuses: Sequence[CellStatus]) -> list[dict[str, Any]]:
             "settings": each.cell.settings,
             "steps": each.cell.runs[0].steps,
             "runs": [run.id for run in each.cell.runs],
-            "finished": each.finished,
-            "partial": each.partial,
-            "failed": each.failed,
-            "missing": each.missing,
-            "steps_left": each.steps_left,
-            "seconds_left": each.seconds_left,
-            "estimate": each.estimate,
+            **{name: value for name, value in each._asdict().items() if name != "cell"},
         }
         for each in statuses
     ]

@@ -35,7 +35,6 @@ def collect(
     the dataset does not depend on threads or interruptions.
 
     Args:
-        threads: number of simulation threads.
         progress: called with the number of completed control steps.
 
     Raises:

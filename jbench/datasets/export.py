@@ -31,8 +31,6 @@ class Exported(NamedTuple):
     """An exported dataset.
 
     Attributes:
-        path: its directory.
-        id: in Minari.
         bytes: on disk.
     """
 

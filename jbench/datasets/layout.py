@@ -7,39 +7,14 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from jbench.store.schema import DATASET_EPISODES, STEPS
+from jbench.store.schema import DATASET_EPISODES, STATE_COLUMNS, STEPS
 from jbench.tasks.features import TARGET_HEIGHT, State, Target
-
-# Columns of the fields of `State`, in SI units.
-_STATE_COLUMNS: dict[str, tuple[str, ...]] = {
-    "position": (
-        "position_x",
-        "position_y",
-        "position_z",
-        "quaternion_w",
-        "quaternion_x",
-        "quaternion_y",
-        "quaternion_z",
-    ),
-    "velocity": (
-        "velocity_x",
-        "velocity_y",
-        "velocity_z",
-        "angular_velocity_x",
-        "angular_velocity_y",
-        "angular_velocity_z",
-    ),
-    "motor_position": ("motor_position",),
-    "motor_velocity": ("motor_velocity",),
-    "torso_velocity": ("torso_velocity_x", "torso_velocity_y", "torso_velocity_z"),
-}
 
 
 def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) -> pa.Table:
     """Returns the rows of consecutive episodes.
 
     Args:
-        first_episode: number of the first episode.
         state: with leading axes (episodes, steps + 1).
         actions: (episodes, steps).
     """
@@ -48,7 +23,7 @@ def steps_table(first_episode: int, state: State, actions: NDArray[np.float32]) 
         "episode": np.repeat(np.arange(first_episode, first_episode + episodes), steps + 1),
         "step": np.tile(np.arange(steps + 1), episodes),
     }
-    for part, names in _STATE_COLUMNS.items():
+    for part, names in STATE_COLUMNS.items():
         values = getattr(state, part).astype(np.float32).reshape(-1, len(names))
         columns |= {name: values[:, i] for i, name in enumerate(names)}
     padded = np.concatenate([actions, np.zeros((episodes, 1), np.float32)], axis=1)
@@ -99,7 +74,7 @@ def state_of(rows: pa.Table, episode_steps: int) -> State:
         part: np.stack([rows[name].to_numpy() for name in names], -1).reshape(
             -1, episode_steps + 1, len(names)
         )
-        for part, names in _STATE_COLUMNS.items()
+        for part, names in STATE_COLUMNS.items()
     }
     for scalar in ("motor_position", "motor_velocity"):
         parts[scalar] = parts[scalar][..., 0]

@@ -13,8 +13,6 @@ class Listed(NamedTuple):
     """A finished or unfinished dataset.
 
     Attributes:
-        record: of the dataset.
-        settings: of the dataset.
         steps: committed control steps.
         bytes: on disk.
     """
@@ -34,7 +32,7 @@ def list_datasets(results: Results) -> tuple[list[Listed], list[str]]:
             settings = DatasetSettings.model_validate(record.settings)
         except ValidationError as error:
             problems.append(
-                f"The dataset {record.id} has settings that can't be "
+                f"The dataset {record.id} has invalid settings "
                 f"({error.errors()[0]['msg']}); delete {record.path} to make it again."
             )
             continue

@@ -33,9 +33,7 @@ class Dataset:
     """A collected dataset.
 
     Attributes:
-        record: of the dataset.
         id: such as random/s00-1f9a2c4e.
-        episodes: number of episodes.
         parts: the episodes of each file; `blocks(task, parts=[i])` reads part i.
     """
 

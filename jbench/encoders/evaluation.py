@@ -26,7 +26,6 @@ from jbench.tasks.robots import load_model
 _EPISODES = 10  # of the heuristic
 _THREADS = 2
 _SEED = 20200419  # not used by `jbench evaluate` or for tuning the heuristics
-_MAX_ROWS = 65536  # rows per block
 
 _BASELINES: dict[str, ClosedForm] = {"pca": PrincipalComponents(), "random": RandomProjection()}
 
@@ -94,15 +93,12 @@ def reconstruction_errors(
     count = 0
     for shard in shards:
         ahead = kind.steps_ahead if kind.decodes_later else 0
-        for indices in torch.arange(shard.pairs(ahead), device=shard.states.device).split(
-            _MAX_ROWS
-        ):
-            batch = shard.take(indices, ahead)
+        for batch in shard.blocks(ahead):
             target = batch.later.double()
             error = kind.decode(weights, kind.encode(weights, batch.now)) - batch.later
             summed = (error.double().square(), target, target.square())
             sums = sums + torch.stack([values.sum(0) for values in summed]).cpu().numpy()
-            count += len(indices)
+            count += len(batch.now)
     mse, mean, square = sums / count
     return mse, np.maximum(square - mean**2, 0)
 

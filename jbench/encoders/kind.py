@@ -128,6 +128,20 @@ def glorot(outputs: int, inputs: int, random: torch.Generator) -> Tensor:
     return torch.empty(outputs, inputs).uniform_(-limit, limit, generator=random)
 
 
+def layers(shapes: Mapping[str, tuple[int, int]], random: torch.Generator) -> dict[str, Tensor]:
+    """Returns layers by name for given (outputs, inputs): Glorot weights, zero biases."""
+    weights = {}
+    for name, (outputs, inputs) in shapes.items():
+        weights[f"{name}.weight"] = glorot(outputs, inputs, random)
+        weights[f"{name}.bias"] = torch.zeros(outputs)
+    return weights
+
+
+def affine(weights: Weights, name: str, values: Any) -> Any:
+    """Applies the affine part of a named layer to (..., inputs)."""
+    return values @ weights[f"{name}.weight"].T + weights[f"{name}.bias"]
+
+
 def standard_normal(shape: Sequence[int], random: torch.Generator, like: Tensor) -> Tensor:
     """Returns standard normal numbers drawn on the CPU, on the device of `like`."""
     return torch.empty(shape, dtype=like.dtype).normal_(generator=random).to(like.device)

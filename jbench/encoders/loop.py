@@ -35,7 +35,6 @@ class Learner:
     Attributes:
         weights: by name, as views of one flat tensor that Adam updates.
         random: generator of all random numbers, on the CPU.
-        device: of the weights.
     """
 
     def __init__(

@@ -66,6 +66,19 @@ class Moments(NamedTuple):
         return np.diag(self.covariance).copy()
 
 
+def linear_decoder(
+    directions: FloatArray, covariance: FloatArray, min_variance: float
+) -> FloatArray:
+    """Returns the (latents, size) matrix that best reconstructs rows from directions @ row.
+
+    Variances smaller than `min_variance`, relative to the largest, count as 0.
+    """
+    cross_covariance = directions @ covariance
+    inverse = np.linalg.pinv(cross_covariance @ directions.T, rcond=min_variance, hermitian=True)
+    decoder: FloatArray = inverse @ cross_covariance
+    return decoder
+
+
 def affine_errors(matrix: FloatArray, shift: FloatArray, moments: Moments) -> FloatArray:
     """Returns the (size,) mean squared errors of reconstructing rows as matrix @ row + shift.
 

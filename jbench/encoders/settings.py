@@ -12,7 +12,7 @@ from jbench.tasks.features import TASK_SPECS
 
 
 class EncoderSettings(Settings):
-    """What an encoder is made of; the id is made from it."""
+    """Settings that identify an encoder."""
 
     kind: str = "dae"
     task: str = "face_direction"
@@ -51,12 +51,11 @@ def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> En
     """Returns the settings of an encoder, with every option of its kind.
 
     Args:
-        kind: name of its kind.
         options: those that are not at their defaults.
         values: the other fields of `EncoderSettings`.
 
     Raises:
-        RequestError: if there is no such kind or option, or a value can't be.
+        RequestError: if there is no such kind or option, or a value is invalid.
     """
     full = make_kind(kind, options).model_dump(mode="json")
     return validated(EncoderSettings, "the encoder", kind=kind, options=full, **values)

@@ -29,6 +29,8 @@ SAMPLE_EPISODES = 128
 _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
 _STATES = EPISODE_STEPS + 1  # per episode: one before each action, and the last
 
+_MAX_PAIRS = 65536  # in a block
+
 _Arrays = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 """States, actions and rewards of some episodes."""
 
@@ -73,6 +75,11 @@ class Shard(NamedTuple):
             actions=self.actions.view(-1)[steps], rewards=self.rewards.view(-1)[steps]
         )
 
+    def blocks(self, ahead: int, with_actions: bool = False) -> Iterator[Batch]:
+        """Yields all pairs of states `ahead` steps apart, up to 65,536 at a time."""
+        for indices in torch.arange(self.pairs(ahead), device=self.states.device).split(_MAX_PAIRS):
+            yield self.take(indices, ahead, with_actions)
+
     def to(self, device: torch.device) -> "Shard":
         """Returns a copy on a device."""
         return Shard(*(part.to(device) for part in self))
@@ -82,10 +89,10 @@ class States:
     """A dataset as one task sees it, scaled to [-1, 1], with episodes held out.
 
     Attributes:
-        dataset: source of the states.
         task: the states are observations of this task.
         seed: of the choice of held-out episodes.
         size: number of features.
+        device: of the states.
         scaling: of all observations; available after `read`, like the following ones.
         learned: moments of the scaled training states.
         held_out: moments of the scaled held-out states.
@@ -118,13 +125,8 @@ class States:
         self.size = TASK_SPECS[task].observation_size
         self._learned, self._held_out = split_episodes(dataset.episodes, seed)
         self._memory = memory
-        self._device = torch.device("cpu")
+        self.device = torch.device("cpu")
         self._read = False
-
-    @property
-    def device(self) -> torch.device:
-        """Device of the states."""
-        return self._device
 
     @property
     def in_memory(self) -> bool:
@@ -140,8 +142,8 @@ class States:
         if not self._read:
             self._read_all()
             self._read = True
-        if device != self._device:
-            self._device = device
+        if device != self.device:
+            self.device = device
             self.sample = self.sample.to(device)
             if self.in_memory:
                 self._whole = self._whole.to(device)
@@ -234,4 +236,4 @@ class States:
 
     def _shard(self, gathered: list[_Arrays]) -> Shard:
         parts = zip(*gathered, strict=True)
-        return Shard(*(torch.from_numpy(np.concatenate(p)) for p in parts)).to(self._device)
+        return Shard(*(torch.from_numpy(np.concatenate(p)) for p in parts)).to(self.device)

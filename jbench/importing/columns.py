@@ -1,8 +1,5 @@
 """CSV files with columns of any name, and those that the charts of W&B export."""
 
-from collections.abc import Sequence
-
-import numpy as np
 import pandas as pd
 
 from jbench.errors import RequestError
@@ -100,13 +97,11 @@ def _metrics(table: pd.DataFrame) -> dict[str, dict[str, str]]:
 
 def _points(rows: pd.DataFrame, steps: str, returns: str, file: ImportedFile) -> pd.DataFrame:
     """Returns the points of a learning curve; see `Series.points`."""
-    lines: Sequence[int] = list(rows.index)
     points = pd.DataFrame(
         {
-            "control_steps": numbers(list(rows[steps]), steps, file, lines),
-            "episode_return": numbers(list(rows[returns]), returns, file, lines),
-        },
-        dtype=np.float64,
+            "control_steps": numbers(rows, steps, file),
+            "episode_return": numbers(rows, returns, file),
+        }
     )
-    check_points(points, file, lambda row: f"line {lines[row]}")
+    check_points(points, file, lambda row: f"line {rows.index[row]}")
     return points

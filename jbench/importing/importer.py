@@ -39,7 +39,6 @@ class Imported(NamedTuple):
 
     Attributes:
         id: of its record.
-        seed: number of the seed.
         points: number of points; evaluations of several episodes count once.
         control_steps: control steps of the last point.
         is_new: False if the same files were imported before.
@@ -64,11 +63,6 @@ def import_curves(
     results: Results, paths: Sequence[Path], request: ImportRequest
 ) -> list[Imported]:
     """Imports learning curves; nothing is written unless all files can be read.
-
-    Args:
-        results: where they are written.
-        paths: the files.
-        request: what they are.
 
     Returns:
         The curve of each seed.

@@ -31,22 +31,21 @@ def read(file: ImportedFile, request: ImportRequest) -> list[Series]:
     table = read_table(file, skip=1)
     for name in "rlt":
         check_columns(table, file, "--from", name)
-    lines = list(table.index)
-    values = {name: numbers(list(table[name]), name, file, lines) for name in "rlt"}
+    returns, lengths, times = (numbers(table, name, file) for name in "rlt")
     points = pd.DataFrame(
         {
-            "episode_return": values["r"],
-            "length": values["l"],
-            "control_steps": values["l"].cumsum(),
-            "wall_time": values["t"] + head["t_start"],
+            "episode_return": returns,
+            "length": lengths,
+            "control_steps": lengths.cumsum(),
+            "wall_time": times + head["t_start"],
         }
     )
-    check_points(points, file, lambda row: f"line {lines[row]}")
+    check_points(points, file, lambda row: f"line {table.index[row]}")
     back = np.flatnonzero(np.diff(points["wall_time"]) < 0)
     if len(back):
         raise RequestError(
-            f"{file.path}, line {lines[back[0] + 1]}: the time t goes back, so a second training "
-            "was appended; split the file."
+            f"{file.path}, line {table.index[back[0] + 1]}: the time t goes back, so a second "
+            "training was appended; split the file."
         )
     return [Series(file, request.seed_in(str(file.path), "the path"), "training", points, {})]
 

@@ -31,8 +31,6 @@ class ImportRequest:
     """What to import.
 
     Attributes:
-        format: format of the files.
-        task: task of the curves.
         algo: label of the algorithm.
         seed_from: regular expression that finds the seed in the path of a file, or in the name of a
             run of W&B: its first group, or the whole match.
@@ -124,13 +122,7 @@ def seed_of(text: str, where: str) -> int:
 
 @dataclass(frozen=True)
 class ImportedFile:
-    """A file to import, read at once.
-
-    Attributes:
-        path: as typed.
-        content: its bytes.
-        sha256: of the content.
-    """
+    """A file to import, read at once."""
 
     path: Path
     content: bytes

@@ -1,10 +1,11 @@
 """A learning curve that was read, and the checks of its points."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from jbench.errors import RequestError
 from jbench.importing.request import ImportedFile
@@ -18,8 +19,6 @@ class Series(NamedTuple):
     """The learning curve of a seed, or a part of it, in one file.
 
     Attributes:
-        file: the file.
-        seed: number of the seed.
         returns: kind of return.
         points: control_steps and episode_return, and if known episode, length and wall_time, a row
             per point; of several episodes in one evaluation with the column point.
@@ -33,26 +32,23 @@ class Series(NamedTuple):
     columns: Mapping[str, str]
 
 
-def numbers(
-    texts: Sequence[str], name: str, file: ImportedFile, lines: Sequence[int]
-) -> "pd.Series[float]":
+def numbers(table: pd.DataFrame, name: str, file: ImportedFile) -> NDArray[np.float64]:
     """Returns a column of texts as finite numbers.
 
     Args:
-        texts: (rows,) fields of a CSV file.
+        table: from `read_table`.
         name: name of the column.
         file: for error messages.
-        lines: (rows,) line of each row.
 
     Raises:
         RequestError: if one is not a finite number.
     """
-    values = pd.to_numeric(pd.Series(texts, dtype=object), errors="coerce").astype(np.float64)
+    values = pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64)
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
+        line, text = table.index[bad[0]], table[name].iloc[bad[0]]
         raise RequestError(
-            f"{file.path}, line {lines[bad[0]]}: {name} is {texts[bad[0]][:40]!r}, which is not a "
-            "finite number."
+            f"{file.path}, line {line}: {name} is {text[:40]!r}, which is not a finite number."
         )
     return values
 

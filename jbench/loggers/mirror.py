@@ -20,9 +20,6 @@ def mirrored(
     ends only the copying.
 
     Args:
-        results: where the runs are written.
-        runs: their ids.
-        logger: what they are copied to.
         warn: called with a sentence if a run can't be read or the logger fails.
     """
     done = threading.Event()

@@ -30,7 +30,6 @@ def evaluate(
     are deterministic.
 
     Args:
-        settings: settings of the evaluation.
         results: where it is written; contains the runs.
         threads: number of robots stepped in parallel.
         progress: called with the number of control steps done, over all episodes.

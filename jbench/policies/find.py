@@ -10,6 +10,7 @@ from jbench.names import REFERENCE
 from jbench.policies.imported import ImportedPolicy, is_imported_policy
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.run import read_run
+from jbench.simulation import Act
 from jbench.store import Record, Results
 from jbench.store.shipped import shipped
 from jbench.tasks.heuristics import heuristic
@@ -33,45 +34,17 @@ class ActingPolicy(Protocol):
         """Returns actions (robots, 1) in [-1, 1] for observations (robots, dim(O))."""
 
 
-class _Random:
-    """Uniform actions, as in the random-policy dataset."""
+class _Stateless:
+    """A policy that keeps nothing from one control step to the next."""
 
-    def __init__(self, seed: int) -> None:
-        self._random = np.random.default_rng(np.random.SeedSequence(seed))
-
-    def reset(self, robots: int) -> None:
-        pass
-
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        return self._random.uniform(-1, 1, (len(observations), 1))
-
-
-class _Constant:
-    """A constant motor command."""
-
-    def __init__(self, command: float) -> None:
-        self._command = command
+    def __init__(self, act: Act) -> None:
+        self._act = act
 
     def reset(self, robots: int) -> None:
         pass
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]:
-        return np.full((len(observations), 1), self._command)
-
-
-class _Trained:
-    """The agent of a finished run."""
-
-    def __init__(self, results: Results, run: str, task: str) -> None:
-        agent = load_agent(results, run)
-        if agent.task != task:
-            raise RequestError(
-                f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
-            )
-        self.act = agent.act
-
-    def reset(self, robots: int) -> None:
-        pass
+        return self._act(observations)
 
 
 def find_policy(results: Results, name: str, task: str, seed: int = 0) -> ActingPolicy:
@@ -88,8 +61,9 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
     """
     if name == "heuristic":
         return heuristic(task)
-    if name == "random":
-        return _Random(seed)
+    if name == "random":  # as in the random-policy dataset
+        random = np.random.default_rng(np.random.SeedSequence(seed))
+        return _Stateless(lambda observations: random.uniform(-1, 1, (len(observations), 1)))
     kind, colon, text = name.partition(":")
     if kind == "constant" and colon:
         try:
@@ -98,15 +72,20 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
             command = np.nan
         if not -1 <= command <= 1:
             raise RequestError(f"--policy {name}: a constant command lies in [-1, 1].")
-        return _Constant(command)
+        return _Stateless(lambda observations: np.full((len(observations), 1), command))
     if is_imported_policy(name):
         return ImportedPolicy(name, task)
     if "/" not in name:
         raise RequestError(f"Unknown policy {name!r}; choose {KINDS}.")
-    return _Trained(*_locate(results, name), task)
+    run, agent = find_trained_agent(results, name)
+    if agent.task != task:
+        raise RequestError(
+            f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
+        )
+    return _Stateless(agent.act)
 
 
-def find_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
+def find_trained_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
     """Returns the id of a run and its trained agent.
 
     Args:

@@ -35,8 +35,6 @@ class Exported(NamedTuple):
     """A model that was written.
 
     Attributes:
-        path: of the file.
-        bytes: its size.
         difference: largest absolute difference from the policy's actions.
     """
 
@@ -53,7 +51,6 @@ def export_onnx(agent: TrainedAgent, run: str, path: Path, in_si_units: bool = T
     the inputs and the output; see `metadata`.
 
     Args:
-        agent: the trained agent.
         run: id of its run, for the metadata.
         path: of the file, which is replaced if it exists.
         in_si_units: whether the input is the features in SI units; otherwise it is the observation

@@ -86,17 +86,6 @@ class Policy:
         return policy
 
 
-def read_policy(weights: bytes, description: bytes) -> Policy | Network:
-    """Reads a policy of a run: of our algorithms, or of a recorded training loop.
-
-    Raises:
-        ValueError: if the files are invalid.
-    """
-    if b'"network"' in description:
-        return Network.from_files(weights, description)
-    return Policy.from_files(weights, description)
-
-
 def policy_files(policy: Policy | Network | None) -> dict[str, bytes]:
     """Returns a policy as files by name; none for None."""
     if policy is None:
@@ -142,8 +131,11 @@ def load_agent(results: Results, run: str) -> TrainedAgent:
         raise RequestError(f"The run {run} is {record.status}: it has no trained policy yet.")
     if not has_policy(record):
         raise RequestError(f"The run {run} in {results.path} was saved without its policy.")
+    description = record.read_file(DESCRIPTION)
+    # Policies of recorded training loops and of other packages are networks.
+    kind = Network if b'"network"' in description else Policy
     try:
-        policy = read_policy(record.read_file(WEIGHTS), record.read_file(DESCRIPTION))
+        policy = kind.from_files(record.read_file(WEIGHTS), description)
     except ValueError as error:
         raise WorkError(f"The policy of {run} can't be read ({error}).") from None
     encoder = record.settings["encoder"]

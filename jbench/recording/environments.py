@@ -1,22 +1,11 @@
 """Environments that report their control steps and episodes to the recorder."""
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
-import numpy as np
 
-
-class Listener(Protocol):
-    """What an environment reports to."""
-
-    def on_action(self, action: Any) -> None:
-        """Called before each control step."""
-
-    def on_step(self) -> None:
-        """Called after each control step."""
-
-    def on_episode(self, episode_return: float, length: int) -> None:
-        """Called after the last control step of an episode."""
+if TYPE_CHECKING:
+    from jbench.recording.recorder import Recording
 
 
 class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -26,11 +15,11 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
     the wrappers around this environment make of them.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any], seed: int, listener: Listener) -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], seed: int, recording: "Recording") -> None:
         """Wraps an environment whose `info` has the statistics of a finished episode."""
         super().__init__(env)
         self._seed: int | None = seed
-        self._listener = listener
+        self._recording = recording
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -42,16 +31,11 @@ class RecordedEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Steps the environment."""
-        self._listener.on_action(action)
+        self._recording.on_action(action)
         observation, reward, terminated, truncated, info = self.env.step(action)
-        self._listener.on_step()
+        self._recording.on_step()
         # Removed, since a RecordEpisodeStatistics of the caller's own would refuse the key.
         episode = info.pop("episode", None)
         if episode is not None:
-            self._listener.on_episode(float(episode["r"]), int(episode["l"]))
+            self._recording.on_episode(float(episode["r"]), int(episode["l"]))
         return observation, reward, terminated, truncated, info
-
-
-def is_finite(action: Any) -> bool:
-    """Returns whether all numbers of an action are finite."""
-    return bool(np.isfinite(np.asarray(action, np.float64)).all())

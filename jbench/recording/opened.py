@@ -57,7 +57,7 @@ class OpenedResults:
         Raises:
             RequestError: if it is not one SELECT, or DuckDB reports an error.
         """
-        answer = query.ask(self._results, sql)
+        answer = query.query_results(self._results, sql)
         _warn(answer.problems)
         return answer.rows
 

@@ -19,7 +19,7 @@ from jbench.names import TimeLimit
 from jbench.policies.acting import Actor, acting
 from jbench.policies.copied import UnsupportedPolicyError, network_of
 from jbench.policies.network import Network
-from jbench.recording.environments import RecordedEnvironment, is_finite
+from jbench.recording.environments import RecordedEnvironment
 from jbench.recording.request import external_settings, made_with
 from jbench.recording.writer import RunWriter
 from jbench.settings.external import ExternalSettings
@@ -246,7 +246,7 @@ class Recording:
     def on_action(self, action: Any) -> None:
         """Called by the environments before a control step; see `env`."""
         writer = self._running()
-        if not is_finite(action):
+        if not np.isfinite(np.asarray(action, np.float64)).all():
             raise DivergedError(Divergence(None, writer.control_steps, "actions"))
 
     def on_step(self) -> None:

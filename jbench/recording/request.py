@@ -19,7 +19,6 @@ from jbench.settings.external import ExternalSettings
 from jbench.store import Results, files
 from jbench.training.request import representation_of
 
-_SEED = ("seed",)
 _STEPS = ("steps", "total_timesteps", "total_steps", "timesteps", "n_timesteps")
 
 
@@ -64,23 +63,18 @@ def plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> d
 
     Args:
         values: by name; "seed", "total_timesteps" and the like must agree with the run.
-        seed: of the run.
-        steps: of the run.
 
     Raises:
         RequestError: if a value is not a JSON value, or the seed or the steps do not agree.
     """
-    plain = {}
-    for name, value in values.items():
-        plain[name] = _plain(value, f"hyperparameters[{name!r}]")
-        for names, own, field in ((_SEED, seed, "seed"), (_STEPS, steps, "steps")):
-            if name not in names:
-                continue
-            if plain.pop(name) != own:
-                raise RequestError(
-                    f"hyperparameters[{name!r}] is {value!r}, but {field}={own}: type the same "
-                    "number in both, or leave it out of the hyperparameters."
-                )
+    plain = {name: _plain(value, f"hyperparameters[{name!r}]") for name, value in values.items()}
+    given = {"seed": ("seed", seed), **dict.fromkeys(_STEPS, ("steps", steps))}
+    for name, (field, number) in given.items():
+        if plain.pop(name, number) != number:
+            raise RequestError(
+                f"hyperparameters[{name!r}] is {values[name]!r}, but {field}={number}: type the "
+                "same number in both, or leave it out of the hyperparameters."
+            )
     return plain
 
 

@@ -125,9 +125,7 @@ def video_steps(
     rounded: in real time, 30 frames a second become 33.3.
 
     Args:
-        frames_per_second: desired frame rate.
         speed: 1 for real time, 0.5 for half speed.
-        steps: control steps to show.
 
     Raises:
         RequestError: if speed, frame rate or steps are out of range.
@@ -167,28 +165,27 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
     Distances are horizontal. Numbers are padded with figure spaces to a fixed width.
     """
     physical = features.denormalize(task, np.asarray(observation, np.float64))
-    names = features.TASK_SPECS[task].features
-    ends = np.cumsum([features.FEATURE_SIZES[name] for name in names])
-    by_name = dict(zip(names, np.split(physical, ends[:-1]), strict=True))
+    by_name = features.split(task, physical)
     if task == "move_from_origin":
         return f"{_centimetres(by_name['position'])} from the origin"
     if task == "move_in_direction":
         speed = 100 * by_name["speed_in_target_frame"][0]
-        return f"{_padded(f'{speed:.1f}', 5)} cm/s as the target points"
+        return f"{padded(f'{speed:.1f}', 5)} cm/s as the target points"
     words = []
     if "target_in_jitterbug_frame" in by_name:
         words.append(f"target {_centimetres(by_name['target_in_jitterbug_frame'])} away")
     if "angle_to_target" in by_name:
         angle = math.degrees(by_name["angle_to_target"][0])
         side = "left" if angle > 0 else "right"
-        words.append(f"turn {_padded(f'{abs(angle):.0f}', 3)}° {side}")
+        words.append(f"turn {padded(f'{abs(angle):.0f}', 3)}° {side}")
     return ", ".join(words)
 
 
 def _centimetres(vector: NDArray[np.float64]) -> str:
     """Returns the horizontal length of a vector (3 or more,) in metres."""
-    return f"{_padded(f'{100 * math.hypot(vector[0], vector[1]):.1f}', 4)} cm"
+    return f"{padded(f'{100 * math.hypot(vector[0], vector[1]):.1f}', 4)} cm"
 
 
-def _padded(number: str, width: int) -> str:
+def padded(number: str, width: int) -> str:
+    """Returns a number with figure spaces before it, which are as wide as digits."""
     return number.rjust(width, "\N{FIGURE SPACE}")

@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from jbench.rendering.episode import Frame, Picture
+from jbench.rendering.episode import Frame, Picture, padded
 
 SCALE = "1 check = 1 cm"
 
@@ -36,9 +36,8 @@ def strip_picture(frame: Frame) -> Picture:
 
 def times(frame: Frame) -> str:
     """Returns time and return so far with a fixed width."""
-    time, so_far = f"{frame.time:.2f}", f"{frame.episode_return:.1f}"
-    pad = "\N{FIGURE SPACE}"
-    return f"{time.rjust(5, pad)} s   return {so_far.rjust(6, pad)}"
+    time, so_far = padded(f"{frame.time:.2f}", 5), padded(f"{frame.episode_return:.1f}", 6)
+    return f"{time} s   return {so_far}"
 
 
 def write(

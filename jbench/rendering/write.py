@@ -45,10 +45,9 @@ class Rendered:
     """A written file.
 
     Attributes:
-        path: of the file.
         pictures: number of images.
-        seconds: length of the last_frame part of the episode.
-        episode_return: at the end of that part.
+        seconds: simulated time from the start of the episode to the last image.
+        episode_return: at the last image.
     """
 
     path: Path
@@ -102,7 +101,6 @@ def render_to_file(
 
     Args:
         path: of the file; its suffix determines the format.
-        name: of the policy, for the text.
         frames_per_second: of a video or an animation.
         speed: of a video or an animation: 1 for real time, 0.5 for half speed.
         moments: number of images in a strip.

@@ -51,9 +51,8 @@ def alike(run: Run, free: Collection[str]) -> str:
     """
     names, flat = set(free), flatten(run)
     if "algo" in names and run.algo not in SETTINGS:
-        flat["engine",] = RunSettings.model_fields[
-            "engine"
-        ].default  # it follows from the algorithm
+        # It follows from the algorithm.
+        flat["engine",] = RunSettings.model_fields["engine"].default
     kept = {
         ".".join(path): value
         for path, value in flat.items()
@@ -95,9 +94,8 @@ def flatten(settings: Run | Mapping[str, Any]) -> Flat:
     values = _sorted(settings.values)
     ours = settings.engine != EXTERNAL and settings.algo in SETTINGS
     if ours and isinstance(values.get("hyperparameters"), dict):
-        values["hyperparameters"] = (
-            SETTINGS[str(settings.algo)].omitted() | values["hyperparameters"]
-        )
+        omitted = SETTINGS[str(settings.algo)].omitted()
+        values["hyperparameters"] = omitted | values["hyperparameters"]
     return _flat(RunSettings.omitted() | values, ())
 
 

@@ -54,9 +54,7 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
     """Returns a settings object.
 
     Args:
-        kind: class of the settings.
         whose: name of their owner in error messages, such as "the run".
-        values: values by name.
 
     Raises:
         RequestError: if a value is invalid; the message names the setting.
@@ -81,7 +79,6 @@ def settings_with(
     """Returns a settings object with values by name, instead of its defaults.
 
     Args:
-        kind: class of the settings.
         name: of their owner in error messages.
         values: those that differ from the defaults.
         what: what a field is called in error messages.

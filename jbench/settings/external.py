@@ -13,7 +13,7 @@ EXTERNAL: Literal["external"] = "external"
 
 
 class ExternalSettings(LabelledSettings):
-    """What identifies a run that `jbench.record` writes.
+    """Settings that identify a run that `jbench.record` writes.
 
     jbench knows neither the algorithm nor its hyperparameters: both are recorded as given.
     """

@@ -8,7 +8,7 @@ from jbench.settings.labelled import LabelledSettings
 
 
 class ImportSettings(LabelledSettings):
-    """What identifies an import: the content of its files and how they were read."""
+    """Settings that identify an import: the content of its files and how they were read."""
 
     format: ImportFormat
     returns: ReturnsName

@@ -39,7 +39,6 @@ class Robots(Closing):
 
         Args:
             model: of all robots, or one per robot; they may differ in numbers, not in structure.
-            count: number of robots.
             threads: number of threads, including the caller's.
 
         Raises:

@@ -40,8 +40,6 @@ def rollout(task: str, robots: Robots, starts: Starts, act: Act) -> Iterator[Tra
 
     Args:
         robots: as many as `starts` has episodes; they are reset.
-        starts: initial states.
-        act: the policy.
     """
 
     def observe(state: State) -> NDArray[np.float32]:

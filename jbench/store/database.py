@@ -105,10 +105,11 @@ class Results:
 
     def clean(self, kind: Kind, id: str) -> None:
         """Removes uncommitted files of a record, unless a process is writing it."""
-        with contextlib.suppress(WorkError):
+        with contextlib.suppress(OSError, RequestError, WorkError):
             record = self.find(kind, id)
-            if record is not None:
-                record.clean_if_free()
+            if record is not None and record.uncommitted():
+                with self.locked(kind, id):
+                    pass  # it has removed them
 
     def scan(self, kind: Kind, beginning: str = "") -> tuple[list[Record], list[str]]:
         """Returns the records of a kind, oldest first, and an error for each unreadable one.

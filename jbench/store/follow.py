@@ -28,7 +28,6 @@ class Change(NamedTuple):
 
     Attributes:
         run: the run as `jbench runs` lists it.
-        record: its record.
         is_new: whether the run is seen for the first time or has started over. Rows of it that
             were yielded before are then void.
         status_changed: whether its status is another one than before, or it is new.

@@ -35,7 +35,6 @@ def hold(directory: Path, whose: str) -> Iterator[None]:
     """Holds the exclusive lock of a directory during the block.
 
     Args:
-        directory: of the lock file.
         whose: the locked record, for the error.
 
     Raises:
@@ -93,7 +92,6 @@ def _refuses(directory: Path, access: int, kind: LockFlags) -> bool:
     """Returns whether a lock of a directory can't be acquired.
 
     Args:
-        directory: of the lock file.
         access: mode in which to open the file; some file systems require write access.
         kind: exclusive or shared.
     """

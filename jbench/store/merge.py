@@ -31,7 +31,6 @@ class Merged(NamedTuple):
 
     Attributes:
         record: kind and id; or the path of a source that can't be read.
-        outcome: see `Outcome`.
         reason: why it was refused, as a sentence; otherwise empty.
     """
 

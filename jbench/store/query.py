@@ -91,7 +91,7 @@ def published() -> pa.Table:
     return pa.Table.from_pandas(rows, schema.PUBLISHED, preserve_index=False, nthreads=1)
 
 
-def ask(results: Results, sql: str) -> Answer:
+def query_results(results: Results, sql: str) -> Answer:
     """Runs one SELECT over the results.
 
     Raises:

@@ -13,7 +13,7 @@ from typing import Any
 import pyarrow as pa
 from pydantic import ValidationError
 
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError
 from jbench.store import files, locks, parquet
 from jbench.store.manifest import MANIFEST, FileEntry, Manifest
 from jbench.store.provenance import differences, provenance
@@ -61,7 +61,6 @@ class Record(RecordReader):
         """Adds rows to tables and replaces checkpoints in one atomic commit.
 
         Args:
-            tables: rows by table.
             checkpoints: content by role, a file name such as `checkpoint.safetensors`; the state
                 needed to resume after these rows. It replaces the previous file of the role.
                 `read_file` finds it by its role; `finish` removes it.
@@ -141,15 +140,7 @@ class Record(RecordReader):
     def clean(self) -> None:
         """Removes uncommitted files; call it while holding the lock. Errors are ignored."""
         with contextlib.suppress(OSError):
-            files.remove(self._unlisted())
-
-    def clean_if_free(self) -> None:
-        """Removes uncommitted files, unless a process is writing the record."""
-        with contextlib.suppress(OSError, WorkError, RequestError):
-            if self._unlisted():
-                with self.lock():
-                    self.load()
-                    self.clean()
+            files.remove(self.uncommitted())
 
     def fail(self, error: str, details: Mapping[str, Any] | None = None) -> None:
         """Marks the work as failed and keeps its data.
@@ -171,7 +162,12 @@ class Record(RecordReader):
         with locks.hold(self.path, f"the {self.kind} {self.id}"):
             yield
 
-    def _unlisted(self) -> list[Path]:
+    def uncommitted(self) -> list[Path]:
+        """Returns the files that an interrupted writer left uncommitted.
+
+        Raises:
+            OSError: if the directory can't be listed.
+        """
         return files.unlisted(self.path, {MANIFEST, *(e.name for e in self.manifest.files)})
 
     def _join(self, table: str) -> FileEntry:

@@ -79,7 +79,6 @@ class RecordReader:
         """Returns all committed rows of a table, checked against the manifest.
 
         Args:
-            table: name of the table.
             schema: its columns, or some of them; others are not read.
 
         Raises:

@@ -114,7 +114,7 @@ def _repair_folder(results: Results, kind: Kind, id: str, quarantine: Quarantine
 def _locked(path: Path, whose: str, dry_run: bool) -> contextlib.AbstractContextManager[None]:
     """Holds the lock of a directory if it has one; directories without one have no writer."""
     if dry_run and locks.is_held(path):
-        raise WorkError(f"Another process is writing {whose}; wait for it or stop it.")
+        raise locks.HeldError(whose)
     if dry_run or not os.path.lexists(path / locks.LOCK):
         return contextlib.nullcontext()
     return locks.hold(path, whose)

@@ -16,7 +16,7 @@ Row = dict[str, Any]
 """Values by column."""
 
 
-class Tables(NamedTuple):
+class KindTables(NamedTuple):
     """The tables of a kind of records.
 
     Attributes:
@@ -34,7 +34,7 @@ def row_of(record: Record) -> Row:
     """Returns the row of a record.
 
     Raises:
-        WorkError: if its manifest says what no column can hold; a stranger's may say anything.
+        WorkError: if a value of its manifest does not fit into its column.
     """
     table, describe, _ = KINDS[record.kind]
     try:
@@ -44,7 +44,7 @@ def row_of(record: Record) -> Row:
     except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise WorkError(
-            f"The {record.kind} {record.id} has settings that can't be ({reason}); delete "
+            f"The {record.kind} {record.id} has invalid settings ({reason}); delete "
             f"{record.path} to make it again."
         ) from None
     return row
@@ -134,9 +134,9 @@ def _common_row(record: Record) -> Row:
     }
 
 
-KINDS: dict[Kind, Tables] = {
-    "run": Tables("runs", _run_row, schema.RUN_TABLES),
-    "encoder": Tables(
+KINDS: dict[Kind, KindTables] = {
+    "run": KindTables("runs", _run_row, schema.RUN_TABLES),
+    "encoder": KindTables(
         "encoders",
         _encoder_row,
         {
@@ -146,10 +146,10 @@ KINDS: dict[Kind, Tables] = {
             "encoder_predictions": encoder_schema.ENCODER_PREDICTIONS,
         },
     ),
-    "evaluation": Tables(
+    "evaluation": KindTables(
         "policy_evaluations", _evaluation_row, {"policy_episodes": schema.POLICY_EPISODES}
     ),
-    "dataset": Tables("datasets", _dataset_row, {}),
-    "import": Tables("imports", _import_row, {"import_points": schema.IMPORT_POINTS}),
+    "dataset": KindTables("datasets", _dataset_row, {}),
+    "import": KindTables("imports", _import_row, {"import_points": schema.IMPORT_POINTS}),
 }
 """The tables of each kind of records."""

@@ -12,6 +12,7 @@ from jbench.store.encoder_schema import (
 )
 
 _RUN = field("run", pa.string())
+_CELL = tuple(field(name, pa.string()) for name in ("task", "algo", "representation"))
 _WALL_TIME = field("wall_time", pa.float64(), "s since the run began")
 _PROCESSOR_TIME = field("processor_time", pa.float64(), "s of processor time since the run began")
 _RETURN = field("episode_return", pa.float64(), "sum of rewards")
@@ -90,9 +91,7 @@ RUN_TABLES = {**EPISODE_TABLES, "paths": PATHS}
 RUNS = pa.schema(
     [
         _RUN,
-        field("task", pa.string()),
-        field("algo", pa.string()),
-        field("representation", pa.string()),
+        *_CELL,
         field("encoder", pa.string()),
         field("seed", pa.int64()),
         field("steps", pa.int64(), "control steps asked for"),
@@ -185,26 +184,31 @@ POLICY_STATES = pa.schema(
 )
 """States of an evaluated policy; too large to be a table of `jbench query`."""
 
+STATE_COLUMNS = {
+    "position": (
+        *("position_x", "position_y", "position_z"),
+        *("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"),
+    ),
+    "velocity": (
+        *("velocity_x", "velocity_y", "velocity_z"),
+        *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
+    ),
+    "motor_position": ("motor_position",),
+    "motor_velocity": ("motor_velocity",),
+    "torso_velocity": ("torso_velocity_x", "torso_velocity_y", "torso_velocity_z"),
+}
+"""Columns of the fields of `jbench.tasks.features.State`, in SI units."""
+
 STEPS = pa.schema(
     [
         field("episode", pa.int32()),
         field("step", pa.int16()),
-        *(
-            field(name, pa.float32())
-            for name in (
-                *("position_x", "position_y", "position_z"),
-                *("quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"),
-                *("velocity_x", "velocity_y", "velocity_z"),
-                *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
-                *("motor_position", "motor_velocity"),
-                *("torso_velocity_x", "torso_velocity_y", "torso_velocity_z"),
-                "action",
-            )
-        ),
+        *(field(name, pa.float32()) for names in STATE_COLUMNS.values() for name in names),
+        field("action", pa.float32()),
     ]
 )
-"""States of a dataset in SI units, as in `jbench.tasks.features.State`: `step` 0 to 1000, and the
-action taken in the state, null in an episode's last. Too large to be a table of `jbench query`.
+"""States of a dataset: `step` 0 to 1000, and the action taken in the state, null in an episode's
+last. Too large to be a table of `jbench query`.
 """
 
 DATASET_EPISODES = pa.schema(
@@ -224,9 +228,7 @@ _IMPORT = field("import", pa.string())
 IMPORTS = pa.schema(
     [
         _IMPORT,
-        field("task", pa.string()),
-        field("algo", pa.string()),
-        field("representation", pa.string()),
+        *_CELL,
         field("seed", pa.int64()),
         field("format", pa.string()),
         field("returns", pa.string(), "training or evaluation"),
@@ -258,9 +260,7 @@ A point is a training episode, an evaluation, or a value of a TensorBoard tag or
 PUBLISHED = pa.schema(
     [
         field("figure", pa.string()),
-        field("task", pa.string()),
-        field("algo", pa.string()),
-        field("representation", pa.string()),
+        *_CELL,
         field("training_steps", pa.float64(), "control steps, centre of the window"),
         field("quantile", pa.int64(), "percent"),
         _RETURN,

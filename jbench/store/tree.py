@@ -12,7 +12,6 @@ class Folder(NamedTuple):
     """A folder below a results directory.
 
     Attributes:
-        path: of the folder.
         names: of its files and symlinks; the manifest's name is included even if it is a folder.
         problem: why it can't be read, or None.
     """

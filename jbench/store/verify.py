@@ -41,9 +41,7 @@ class Finding(NamedTuple):
 
     Attributes:
         severity: see `Severity`.
-        kind: of the record.
         id: of the record, or the path at which a record would be.
-        path: of the file or folder.
         problem: clause to follow the path in a sentence.
     """
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from jbench.cores import cores
+from jbench.encoders.loop import one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.settings.alike import COST, SEED, alike
 from jbench.settings.run import RunSettings, read_run
@@ -18,7 +19,6 @@ class CellStatus(NamedTuple):
     """Status of a cell.
 
     Attributes:
-        cell: the cell.
         finished, partial, failed, missing: number of seeds.
         steps_left: remaining control steps of all runs.
         seconds_left: s on this machine; None if unknown.
@@ -42,10 +42,8 @@ def cell_statuses(
     """Returns the status of each cell, with the estimated time left on this machine.
 
     Args:
-        cells: cells of a matrix.
         results: contain its runs; similar finished runs are used for the estimate.
         jobs: number of processes at a time.
-        device: device of the batched engine.
         quick: whether to measure algorithms without finished runs, which takes seconds.
     """
     measured = _Measured(results)
@@ -130,18 +128,13 @@ def _core_seconds_per_step(record: Record) -> float | None:
 
 def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None:
     """Returns the seconds per control step of temporary agents; None if they can't be made."""
-    import torch
-
     from jbench.training.speed import seconds_per_step
 
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    # On a GPU the seeds are trained as one stack; with other cells in it they take less time. The
+    # encoder's cost is negligible.
+    together = runs[:1] if device == "cpu" else runs
     try:
-        # On a GPU the seeds are trained as one stack; with other cells in it they take less time.
-        # The encoder's cost is negligible.
-        together = runs[:1] if device == "cpu" else runs
-        return seconds_per_step(together, None, device) / len(together)
+        with one_thread():
+            return seconds_per_step(together, None, device) / len(together)
     except (RequestError, WorkError, RuntimeError):
         return None
-    finally:
-        torch.set_num_threads(before)

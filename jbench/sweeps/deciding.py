@@ -51,7 +51,6 @@ class Outcome(NamedTuple):
     """Outcome of a comparison with the finished seeds.
 
     Attributes:
-        comparison: the comparison.
         decision: decision at the deciding look, or at the last one.
         needed: unfinished runs up to the next look; empty if it is decided or has all seeds.
     """
@@ -65,7 +64,6 @@ class Look(NamedTuple):
     """One look (interim analysis) at all comparisons.
 
     Attributes:
-        outcomes: outcome of each comparison.
         needed: cells with the runs that undecided comparisons need next.
         tried: runs that were trained before this look, by id, finished or not.
     """
@@ -131,7 +129,6 @@ def comparisons(cells: Sequence[Cell], claims: Collection[str] = ()) -> list[Com
     """Returns the comparisons of each reduced representation with each baseline, in order.
 
     Args:
-        cells: cells of a matrix.
         claims: representations such as `dae12`, or pairs such as `dae12/full`; empty for all.
 
     Raises:
@@ -168,7 +165,7 @@ def _key(cell: Cell) -> str:
 
 
 def outcomes(
-    asked: Sequence[Comparison], numbers: Numbers, results: Results, max_seeds: int
+    chosen: Sequence[Comparison], numbers: Numbers, results: Results, max_seeds: int
 ) -> list[Outcome]:
     """Returns the outcome of each comparison with the finished seeds.
 
@@ -176,17 +173,15 @@ def outcomes(
     all of them together, although they share cells.
 
     Args:
-        asked: all comparisons that share the error rate.
-        numbers: final returns of the seeds.
-        results: results that contain the runs.
+        chosen: all comparisons that share the error rate.
         max_seeds: maximum number of seeds per cell, a multiple of the block size.
     """
-    return [_outcome(one, numbers, results, max_seeds, rate_of_each(asked)) for one in asked]
+    return [_outcome(one, numbers, results, max_seeds, rate_of_each(chosen)) for one in chosen]
 
 
-def rate_of_each(asked: Sequence[Comparison]) -> float:
+def rate_of_each(chosen: Sequence[Comparison]) -> float:
     """Returns the error rate of each comparison."""
-    return sequential.ERROR_RATE / len(asked)
+    return sequential.ERROR_RATE / len(chosen)
 
 
 def _outcome(
@@ -222,7 +217,7 @@ def next_cells(outcomes: Sequence[Outcome], tried: Mapping[str, RunSettings]) ->
 
 
 def looks(
-    asked: Sequence[Comparison],
+    chosen: Sequence[Comparison],
     results: Results,
     max_seeds: int,
     train: Callable[[Sequence[Cell]], object] | None,
@@ -230,14 +225,12 @@ def looks(
     """Adds seeds in blocks until all comparisons are decided or have all seeds; yields each look.
 
     Args:
-        asked: comparisons of a matrix.
-        results: results that contain the runs.
         max_seeds: maximum number of seeds per cell, a multiple of the block size.
         train: trains the runs of cells (`jbench.sweeps.scheduler.sweep`); None to look once.
     """
     numbers, tried = Numbers(results), dict[str, RunSettings]()
     while True:
-        found = outcomes(asked, numbers, results, max_seeds)
+        found = outcomes(chosen, numbers, results, max_seeds)
         needed = next_cells(found, tried)
         yield Look(found, needed, tried)
         if not needed or train is None:

@@ -179,7 +179,7 @@ def worker_request(
         "device": device,
         "checkpoint_every": checkpoint_every,
         "command": sys.argv,
-        "runs": [run.model_dump(mode="json") for run in runs],
+        "runs": [run.values for run in runs],
     }
     return json.dumps(request)
 

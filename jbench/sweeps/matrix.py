@@ -165,7 +165,6 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
     """Returns the cells of the parts of a matrix in the order of the file, grouped by task.
 
     Args:
-        parts: parts of the matrix.
         results: results that contain the encoders given by id.
 
     Raises:

@@ -59,9 +59,7 @@ def prepare(
     Args:
         cells: cells that contain the runs, and maybe others.
         runs: runs that will be trained.
-        results: where datasets and encoders are written.
         device: see `jbench.devices.find_device`.
-        watcher: receives the progress.
 
     Returns:
         A sentence for each run whose encoder can't be made, by run id.

@@ -57,7 +57,6 @@ def sweep(
         cells: cells of a matrix, or a single one.
         results: where datasets, encoders and runs are written.
         make_executor: called if there are runs to train; None for `Local`, a process per core.
-        watcher: receives the events.
         device: device for training encoders, see `jbench.devices.find_device`.
         retry_failed: whether to retry runs that failed before.
         wait: whether to wait for runs that another process is training, and to resume them if

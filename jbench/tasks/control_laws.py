@@ -46,9 +46,7 @@ class Motion(NamedTuple):
 def read_motion(task: str, observation: NDArray[np.floating]) -> Motion:
     """Returns the motion of the robots in their own frames, observed from above."""
     physical = features.denormalize(task, np.asarray(observation, dtype=np.float64))
-    ends = np.cumsum([features.FEATURE_SIZES[n] for n in features.TASK_SPECS[task].features])
-    parts = np.split(physical, ends[:-1], axis=-1)
-    observed = dict(zip(features.TASK_SPECS[task].features, parts, strict=True))
+    observed = features.split(task, physical)
     position, velocity = observed["position"], observed["velocity"]
     mass, mass_rate = observed["motor_position"][..., 0], observed["motor_velocity"][..., 0]
     torso = features.center_of_mass_velocity(position, velocity, np.array(_TORSO_OFFSET))

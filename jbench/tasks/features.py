@@ -101,6 +101,11 @@ class TaskSpec:
         return sum(FEATURE_SIZES[name] for name in self.features)
 
     @property
+    def rewards_position(self) -> bool:
+        """Whether the reward depends on the robot's position."""
+        return not {"near", "away"}.isdisjoint(self.rewards)
+
+    @property
     def target_numbers(self) -> tuple[str, ...]:
         """The numbers of a target that are random, in order: x and y (m), and yaw (rad)."""
         return ("x", "y") * self.draws_position + ("yaw",) * self.draws_yaw
@@ -168,7 +173,7 @@ def center_of_mass_velocity(position: Array, velocity: Array, offset: Array) -> 
     wx, wy, wz = (velocity[..., 3 + i] for i in range(3))
     xp = array_namespace(position, velocity, offset)
     rotational = xp.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=-1)
-    return velocity[..., :3] + _rotate(rotation_matrix(position[..., 3:7]), rotational)
+    return velocity[..., :3] + rotate(rotation_matrix(position[..., 3:7]), rotational)
 
 
 def heading(state: State) -> Array:
@@ -194,7 +199,7 @@ def target_in_jitterbug_frame(state: State, target: Target) -> Array:
     """Returns the (..., 3) position of the target in the torso's frame (m)."""
     xp = array_namespace(state.position)
     to_target = target.position - state.position[..., :3]
-    return _rotate(xp.matrix_transpose(rotation_matrix(state.position[..., 3:7])), to_target)
+    return rotate(xp.matrix_transpose(rotation_matrix(state.position[..., 3:7])), to_target)
 
 
 def speed_in_target_frame(state: State, target: Target) -> Array:
@@ -237,6 +242,15 @@ def flatten(task: str, values: Mapping[str, Array]) -> Array:
     return normalize(task, xp.concat(list(values.values()), axis=-1))
 
 
+def split(task: str, flat: Array) -> dict[str, Array]:
+    """Returns the features of a task by name, each (..., size), of a flat (..., dim(O)) array."""
+    by_name, first = {}, 0
+    for name in TASK_SPECS[task].features:
+        by_name[name] = flat[..., first : first + FEATURE_SIZES[name]]
+        first += FEATURE_SIZES[name]
+    return by_name
+
+
 def normalize(task: str, physical: Array) -> Array:
     """Maps (..., dim(O)) features in SI units to the [-1, 1] of an observation."""
     low, high = _feature_range(task, physical)
@@ -270,6 +284,6 @@ def _feature_range(task: str, like: Array) -> tuple[Array, Array]:
 _range_cache: dict[tuple[Any, ...], tuple[Array, Array]] = {}
 
 
-def _rotate(matrix: Array, vector: Array) -> Array:
+def rotate(matrix: Array, vector: Array) -> Array:
     """Returns the (..., 3) products of (..., 3, 3) matrices with (..., 3) vectors."""
     return (matrix @ vector[..., None])[..., 0]

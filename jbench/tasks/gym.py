@@ -26,6 +26,10 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     The action is the motor's command, clipped to [-1, 1]. Episodes never terminate;
     `gymnasium.make` truncates them at 1000 steps. `jbench.tasks.outcome.Outcome` lists what `info`
     contains; at reset, its reward terms are those of the initial state.
+
+    Attributes:
+        model: the robot and its target.
+        data: the state of `model`.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - declared as in Gymnasium
@@ -71,31 +75,21 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
         self._picture: dict[str, Any] = {"camera_name": camera, "width": width, "height": height}
         self._renderer: Any = None
-        self._model = load_model(augment, vary_masses=vary_masses)
+        self.model = load_model(augment, vary_masses=vary_masses)
         # Pixels outside the offscreen buffer would be black.
-        buffer = self._model.vis.global_
+        buffer = self.model.vis.global_
         buffer.offwidth, buffer.offheight = (
             max(buffer.offwidth, width),
             max(buffer.offheight, height),
         )
-        self._data = mujoco.MjData(self._model)
-        self._torso_offset = model.torso_offset(self._model)
+        self.data = mujoco.MjData(self.model)
+        self._torso_offset = model.torso_offset(self.model)
         self._target = resets.draw_target(task, np.random.default_rng(0))
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The robot and its target."""
-        return self._model
-
-    @property
-    def data(self) -> mujoco.MjData:
-        """The state of `model`."""
-        return self._data
 
     @property
     def state(self) -> State:
         """The state of the robot, without leading axes."""
-        return model.state_of(self._data.qpos, self._data.qvel, self._torso_offset)
+        return model.state_of(self.data.qpos, self.data.qvel, self._torso_offset)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -112,7 +106,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         chosen = resets.option_target(self.task, options)
         super().reset(seed=seed)
-        model.place(self._data, resets.draw_quaternion(self.np_random))
+        model.place(self.data, resets.draw_quaternion(self.np_random))
         drawn = resets.draw_target(self.task, self.np_random)
         self._target = drawn if chosen is None else chosen
         self.show_target(self._target)
@@ -124,8 +118,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Applies the action (1,) for one control step of 0.01 s."""
-        self._data.ctrl[:] = np.clip(action, -1, 1)
-        mujoco.mj_step(self._model, self._data, nstep=PHYSICS_STEPS)
+        self.data.ctrl[:] = np.clip(action, -1, 1)
+        mujoco.mj_step(self.model, self.data, nstep=PHYSICS_STEPS)
         observation, reward, info = self._outcome()
         self._render_human()
         return observation, reward, False, False, info
@@ -133,8 +127,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def show_target(self, target: Target) -> None:
         """Moves the target that is drawn, which has no influence on the robot."""
         half = target.yaw / 2
-        self._model.body("target").pos = target.position
-        self._model.body("target").quat = [np.cos(half), 0, 0, np.sin(half)]
+        self.model.body("target").pos = target.position
+        self.model.body("target").quat = [np.cos(half), 0, 0, np.sin(half)]
 
     def render(self) -> Any:
         """Returns an image (height, width, 3) in mode "rgb_array"; otherwise None.
@@ -152,9 +146,9 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
                 choose_backend()
             from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
-            self._renderer = MujocoRenderer(self._model, self._data, **self._picture)
+            self._renderer = MujocoRenderer(self.model, self.data, **self._picture)
         # Positions of bodies and cameras are those before the last physics step.
-        mujoco.mj_forward(self._model, self._data)
+        mujoco.mj_forward(self.model, self.data)
         # Another environment may have made its own context current.
         self._renderer._get_viewer(self.render_mode).make_context_current()
         picture = self._renderer.render(self.render_mode)

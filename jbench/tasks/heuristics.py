@@ -3,29 +3,15 @@
 They drive and turn by the laws of `control_laws.py`, which defines their units, too.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jbench.tasks.control_laws import Array, Driver, Motion, Turner
-
-
-class Heuristic(Protocol):
-    """A hand-written policy for a batch of robots."""
-
-    task: ClassVar[str]
-
-    def reset(self, robots: int) -> None:
-        """Resets the internal state for this many robots."""
-
-    def act(self, observation: NDArray[np.floating]) -> Array:
-        """Returns actions (robots, 1) in [-1, 1] for observations (robots, dim(O))."""
+from jbench.tasks.control_laws import Array, Driver, Law, Motion, Turner
 
 
-def heuristic(task: str) -> Heuristic:
+def heuristic(task: str) -> Law:
     """Returns the hand-written policy of a task with its tuned constants.
 
     Raises:
@@ -192,7 +178,7 @@ class MoveToPose(Turner, MoveToPosition):
         return angle * (self.steer + self.steer_phase_gain * np.cos(motion.mass - bearing))
 
 
-HEURISTICS: dict[str, Callable[[], Heuristic]] = {
+HEURISTICS: dict[str, type[Law]] = {
     law.task: law
     for law in (MoveFromOrigin, FaceDirection, MoveInDirection, MoveToPosition, MoveToPose)
 }

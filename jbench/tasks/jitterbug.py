@@ -161,13 +161,8 @@ class Jitterbug(base.Task):
     def get_observation(self, physics: Physics) -> OrderedDict[str, np.ndarray]:
         """Returns the task's features, each mapped from its range to [-1, 1], by name."""
         observation = features.observation(self._task, physics.robot_state(), physics.target())
-        names = features.TASK_SPECS[self._task].features
-        sizes = [features.FEATURE_SIZES[name] for name in names]
-        return OrderedDict(zip(names, np.split(observation, np.cumsum(sizes)[:-1]), strict=True))
+        return OrderedDict(features.split(self._task, observation))
 
     def get_reward(self, physics: Physics) -> float:
-        """Returns the task's reward, in [0, 1].
-
-        The formulas are in `features.py`, shared with the batched simulation and the datasets.
-        """
+        """Returns the task's reward, in [0, 1]."""
         return float(rewards.reward(self._task, physics.robot_state(), physics.target()))

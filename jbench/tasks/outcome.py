@@ -39,7 +39,7 @@ def outcome(task: str, state: State, target: Target) -> Outcome:
     info = {}
     if features.TASK_SPECS[task].target_numbers:
         info["target"] = target_numbers(task, target)
-    if {"near", "away"} & set(features.TASK_SPECS[task].rewards):
+    if features.TASK_SPECS[task].rewards_position:
         info["distance"] = features.distance_to_target(state, target)
     angle = None
     if "angle_to_target" in values:

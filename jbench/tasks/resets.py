@@ -1,11 +1,8 @@
-"""Initial states of episodes: random poses of the robot and random targets.
-
-Generators are numpy's `Generator` or the `RandomState` that dm_control uses.
-"""
+"""Initial states of episodes: random poses of the robot and random targets."""
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +11,11 @@ from jbench.errors import RequestError
 from jbench.names import one_of
 from jbench.tasks.features import TARGET_HEIGHT, TASK_SPECS, Array, Target
 
+Random = np.random.Generator | np.random.RandomState
+"""A random generator; dm_control uses `RandomState`."""
+
 _MAX_TILT = 0.025  # x and y components of the rotation axis, whose z component is 1
 _TARGET_RADIUS = (0.05, 0.2)  # m
-
-
-class Random(Protocol):
-    """Protocol of numpy's `Generator` and `RandomState`."""
-
-    def uniform(self, low: float, high: float) -> float:
-        """Returns one number drawn uniformly from [low, high)."""
 
 
 class Starts(NamedTuple):

@@ -1,6 +1,6 @@
 """A run of a batch: its record, its rows and the checkpoint from which it resumes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from jbench.encoders import Encoder
@@ -57,19 +57,15 @@ def begin(
         except WorkError as error:  # rows are damaged
             log, refused = None, [str(error).partition(";")[0] + "."]
         if checkpoint is not None and log is not None:
-            where = {"control_steps": checkpoint.position.control_steps}
-            changed = record.resume(where, made_on)
-            sentences = [*refused, *_changes(changed)]
-            notice(run, checkpoint.position.control_steps, " ".join(sentences))
+            steps = checkpoint.position.control_steps
+            changed = record.resume({"control_steps": steps}, made_on)
+            if changed:
+                refused.append(
+                    f"Since it began, {sentence_of(changed)}: results may differ from those of an "
+                    "uninterrupted run."
+                )
+            notice(run, steps, " ".join(refused))
             return Member(run, encoder, record, log, checkpoint)
         notice(run, 0, " ".join([*refused, *restart_reason(run)]))
-    record = results.create("run", run.id, run.model_dump(mode="json"), made_on)
+    record = results.create("run", run.id, run.values, made_on)
     return Member(run, encoder, record, RunLog(record))
-
-
-def _changes(changed: Mapping[str, Sequence[object]]) -> list[str]:
-    """Returns a sentence if versions, processor or device have changed since the run began."""
-    if not changed:
-        return []
-    changes = sentence_of(changed)
-    return [f"Since it began, {changes}: results may differ from those of an uninterrupted run."]

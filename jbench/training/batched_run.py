@@ -22,7 +22,7 @@ from jbench.store import Results
 from jbench.store.provenance import device_provenance
 from jbench.training.batch_member import Member, Notice, begin
 from jbench.training.checkpoints import read_replay, save
-from jbench.training.engines import engine_of
+from jbench.training.engines import make_trainer
 from jbench.training.evaluation import Evaluator, seeds_of
 from jbench.training.log import CommitTimer, Position, ProcessorClock
 
@@ -58,7 +58,6 @@ def run_batch(
         until: control step at the end of an episode, where training stops and the runs remain
             unfinished; None to finish them.
         progress: called after each training episode.
-        notice: called for each resumed run.
 
     Returns:
         The error of each failed run by id; a failure does not stop the others.
@@ -118,7 +117,7 @@ class _Batch:
             *(seeds_of(m.settings.seed) for m in members), strict=True
         )
         encoders, tasks = [m.encoder for m in members], [m.settings.task for m in members]
-        self._engine = engine_of(settings, agent_seeds, encoders, device, tasks)
+        self._engine = make_trainer(settings, agent_seeds, encoders, device, tasks)
         self._evaluator = Evaluator(settings, evaluation_seeds)
         if members[0].checkpoint is not None:
             self._restore(members[0].checkpoint.position)

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import SeedState
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.trainer import Trainer
+from jbench.agents.plugin_engine import Trainer
 from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record
@@ -87,8 +87,6 @@ def save(
     """Commits the pending rows of a run and a checkpoint atomically.
 
     Args:
-        record: record of the run.
-        log: log of the run.
         engine: engine that trains the run, between two control steps.
         index: index of the run in the engine.
         only: whether to drop all existing checkpoints.
@@ -199,7 +197,6 @@ def _next_piece(pieces: Sequence[_Piece], oldest: int, row: int) -> tuple[_Piece
     """Returns the piece to write, and the existing pieces that are merged into it.
 
     Args:
-        pieces: existing pieces.
         oldest: number of the oldest row in the buffer.
         row: number of the row after the last one.
     """

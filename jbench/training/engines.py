@@ -7,8 +7,7 @@ import mujoco
 from jbench.agents.algorithms import find_agent, find_rule
 from jbench.agents.batched.make import make_engine
 from jbench.agents.plugin import is_resumable
-from jbench.agents.plugin_engine import PluginEngine
-from jbench.agents.trainer import Trainer
+from jbench.agents.plugin_engine import PluginEngine, Trainer
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
@@ -18,7 +17,7 @@ from jbench.settings.run import RunSettings
 from jbench.training.evaluation import robot_model
 
 
-def engine_of(
+def make_trainer(
     settings: RunSettings,
     seeds: Sequence[int],
     encoder: Encoder | Sequence[Encoder | None] | None,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.environments import Cell
-from jbench.agents.trainer import Trainer
+from jbench.agents.plugin_engine import Trainer
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout
@@ -62,7 +62,6 @@ def evaluate_policy(
     """Runs the episodes of an evaluation of one policy side by side, on the run's first robot.
 
     Args:
-        settings: settings of the run.
         seed: of the run's evaluations.
         number: of the evaluation; each has its own generator.
         act: returns actions (n, 1) for observations (n, dim(O)) of the task.

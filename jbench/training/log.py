@@ -51,7 +51,6 @@ class RunLog:
         """Starts the run's clock.
 
         Args:
-            record: record of the run.
             position: where the run resumes; None for the beginning. The next commit drops rows
                 that were committed after it.
         """

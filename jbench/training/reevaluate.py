@@ -15,7 +15,7 @@ from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
 from jbench.store import Record, Results, schema
-from jbench.training.engines import engine_of
+from jbench.training.engines import make_trainer
 from jbench.training.evaluation import Evaluator, evaluate_policy, seeds_of
 from jbench.training.log import POLICY_EVALUATION
 
@@ -165,7 +165,7 @@ def _returns(
     if settings.engine == "sb3":
         return _of_sb3(settings, agent, evaluation_seed, last)
     device = device_for(record.manifest.provenance)
-    with engine_of(settings, [agent_seed], agent.encoder, device) as engine:
+    with make_trainer(settings, [agent_seed], agent.encoder, device) as engine:
         assert isinstance(engine, Engine)
         engine.load_policy(0, agent.policy, last.control_steps)
         evaluator = Evaluator(settings, [evaluation_seed])

@@ -110,18 +110,10 @@ def find_run(results: Results, name: str) -> tuple[Results, Record]:
     """
     if name.startswith(SHIPPED):
         results = Results(shipped())
-    id = name.removeprefix(SHIPPED).rstrip("/")
-    exact = results.find("run", id)
-    if exact is not None:
-        return results, exact
-    records = results.scan("run", id)[0]
-    if len(records) == 1:
-        return results, records[0]
-    if not records:
+    record = results.find("run", results.complete_id("run", name.removeprefix(SHIPPED)))
+    if record is None:
         raise RequestError(f"There is no run {name} in {results.path}; jbench runs lists them.")
-    ids = [record.id for record in records]
-    more = "" if len(ids) <= 5 else f" and {len(ids) - 5} more"
-    raise RequestError(f"{name} is not unique; type one of {', '.join(ids[:5])}{more}.")
+    return results, record
 
 
 def default_episodes(record: Record) -> int:
@@ -145,7 +137,6 @@ def reproduce(
 
     Args:
         results: results directory of the run; contains its encoder.
-        record: the run.
         episodes: number of training episodes; 0 for none. Parallel environments end theirs
             together, so that it may be a few more.
         progress: called with the control steps trained so far.

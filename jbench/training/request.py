@@ -132,7 +132,6 @@ def training_device(engine: Engine | None, wanted: str, precision: Precision = "
     Args:
         engine: training engine; None for those of the algorithms.
         wanted: see `jbench.devices.find_device`.
-        precision: precision of the engine's matrix products.
 
     Raises:
         RequestError: if the device is unavailable, or does not support the engine or precision.

@@ -40,7 +40,6 @@ def run(
     A finished run is returned unchanged; any other run starts over.
 
     Args:
-        settings: settings of the run.
         results: where the run is written; contains its encoder.
         progress: called after each training episode with the control steps so far and its return.
         until: control step at the end of an episode, where training stops and the run remains
@@ -53,12 +52,8 @@ def run(
     with results.locked("run", settings.id) as existing:
         if existing is not None and existing.status == "finished":
             return existing
-        record = results.create(
-            "run",
-            settings.id,
-            settings.model_dump(mode="json"),
-            {"device": "cpu", **code_of(settings.algo)},
-        )
+        made_on = {"device": "cpu", **code_of(settings.algo)}
+        record = results.create("run", settings.id, settings.values, made_on)
         try:
             _train(settings, record, load_encoder_of(settings, results), progress, until)
         except DivergedError as error:
@@ -192,7 +187,6 @@ class Evaluator(EvaluationSchedule):
         """Returns return and length of each episode, and the path in the first of them.
 
         Args:
-            act: the policy.
             control_steps: control steps of training so far; they determine the robot.
         """
         robot = self._settings.robot_at(control_steps)

@@ -11,7 +11,7 @@ from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
-from jbench.training.engines import algorithm_of, engine_of
+from jbench.training.engines import algorithm_of, make_trainer
 from jbench.training.environment import make_env
 
 _STEPS, _UPDATES = 300, 20
@@ -26,8 +26,6 @@ def seconds_per_step(
 
     Args:
         runs: runs that share a process; their settings differ only in their seeds.
-        encoder: encoder of the observations.
-        device: device of the batched engine.
 
     Raises:
         WorkError: if neither the algorithm nor the engine is jbench's own.
@@ -41,9 +39,7 @@ def seconds_per_step(
     if settings.engine == "batched":
         learning = _batched(settings, len(runs), encoder, device)
     else:
-        from jbench.training import sb3_speed  # stable-baselines3 takes a second to import
-
-        learning = sb3_speed.seconds_per_step(settings, encoder)
+        learning = _on_sb3(settings, encoder)
     return learning + share * _stepping(settings, encoder)
 
 
@@ -62,7 +58,7 @@ def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device:
         measured = settings.model_copy(
             update={"hyperparameters": {**settings.hyperparameters, **changes}}
         )
-    with engine_of(measured, list(range(seeds)), encoder, device) as engine:
+    with make_trainer(measured, list(range(seeds)), encoder, device) as engine:
         for _ in engine.learn(first):
             pass
         before, began = engine.control_steps, time.perf_counter()
@@ -77,6 +73,38 @@ def _short_schedule(settings: OffPolicySettings, environments: int) -> dict[str,
     max_parts = max(1, updates // _UPDATES)
     parts = max(n for n in range(1, max_parts + 1) if steps % n == updates % n == 0)
     return {"train_freq": steps // parts * environments, "gradient_steps": updates // parts}
+
+
+def _on_sb3(settings: RunSettings, encoder: Encoder | None) -> float:
+    """Returns the seconds per control step of one run on stable-baselines3."""
+    # They take a second to import.
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from jbench.agents import sb3
+
+    values = settings.hyperparameters
+    env = DummyVecEnv([lambda: make_env(settings, encoder)] * settings.environments)
+    if settings.algo == "ppo":
+        rollout = values["n_steps"] * settings.environments
+        agent = sb3.build(settings.algo, settings.algorithm, env, seed=0)
+        began = time.perf_counter()
+        agent.learn(rollout)
+        return float((time.perf_counter() - began) / rollout)
+    changes = {"buffer_size": max(_STEPS, values["batch_size"]), "learning_starts": 10 * _STEPS}
+    probe_settings = settings.algorithm.model_copy(update=changes)
+    agent = sb3.build(settings.algo, probe_settings, env, seed=0)
+    assert isinstance(agent, OffPolicyAlgorithm)
+    began = time.perf_counter()
+    agent.learn(_STEPS)
+    stepping = (time.perf_counter() - began) / _STEPS
+    times = []
+    for _ in range(_UPDATES):
+        began = time.perf_counter()
+        # Two updates at a time, because TD3 updates its actor in every other one.
+        agent.train(gradient_steps=2, batch_size=values["batch_size"])
+        times.append((time.perf_counter() - began) / 2)
+    return float(stepping + values["gradient_steps"] / values["train_freq"] * np.median(times))
 
 
 def _stepping(settings: RunSettings, encoder: Encoder | None) -> float:

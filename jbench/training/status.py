@@ -89,7 +89,7 @@ def is_being_trained(run: RunSettings, results: Results) -> bool:
 def record_failure(run: RunSettings, results: Results, reason: str) -> None:
     """Marks a run as failed, unless it has failed or finished, or a process is training it."""
     with contextlib.suppress(RequestError, WorkError), results.locked("run", run.id) as existing:
-        record = existing or results.create("run", run.id, run.model_dump(mode="json"))
+        record = existing or results.create("run", run.id, run.values)
         if record.status == "unfinished":
             record.fail(reason)
 

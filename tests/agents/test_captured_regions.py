@@ -13,9 +13,10 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from jbench.agents.batched import engine, off_policy, on_policy
+from jbench.agents.batched import engine, off_policy
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.on_policy import Epochs
+from jbench.agents.batched.ppo import PPO
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.rollout import Rollout
 from jbench.agents.batched.rule import make_rule
@@ -100,7 +101,7 @@ def regions_of(
     if algo == "ppo":
         epochs = Epochs(settings, group, streams, Rollout(SEEDS, 8, 16, SIZE))
         found = {"update": kernels_in(epochs._update_once, settings.batch_size, tensors)}
-        methods = [(engine.act, 1), (on_policy._explore, 2), (on_policy._value, 1)]
+        methods = [(engine.act, 1), (PPO.explore, 2), (PPO.value, 1)]
     else:
         replay = ReplayBuffer(SEEDS, 1, 100, SIZE, flush_every=1, device=GPU)
         updates = Updates(settings, group, streams, replay, limit or "bootstrap")

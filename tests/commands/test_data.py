@@ -107,7 +107,7 @@ def test_without_any_dataset_it_is_said_how_to_collect_one(tmp_path, capsys):
     [
         ({"schema_version": 0}, "manifest.json is of schema version 0, and this jbench reads from"),
         ({"schema_version": 99}, "manifest.json is of schema version 99, and this jbench reads up"),
-        ({"settings": {"steps": "many"}}, "has settings that can't be (Input should be a valid"),
+        ({"settings": {"steps": "many"}}, "has invalid settings (Input should be a valid"),
         ({"kind": "poem"}, "is not a manifest that can be read"),
     ],
 )

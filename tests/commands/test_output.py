@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from jbench.store import Results
-from jbench.store.query import ask
+from jbench.store.query import query_results
 
 LONG = "SELECT * FROM published"
 FORMATS = ((), *(pytest.param((name,), marks=pytest.mark.slow) for name in ("--csv", "--json")))
@@ -55,7 +55,7 @@ def test_ctrl_c_ends_a_query_like_everything_else(tmp_path):
     try:
         interrupt.start()
         with pytest.raises(KeyboardInterrupt):
-            ask(Results(tmp_path), sql)
+            query_results(Results(tmp_path), sql)
     finally:
         interrupt.join()
         signal.signal(signal.SIGINT, before)

@@ -100,7 +100,7 @@ def test_observations_and_rewards_equal_the_environment(task, dataset, steps):
     # The episode with most to compare in its rewards.
     episode = np.argmax(np.ptp(expected[2][:, :COMPARED], axis=1))
     env = JitterbugEnv(task)
-    env._data, targets = drawn(env._model, episode)
+    env.data, targets = drawn(env.model, episode)
     env._target = targets[task]
     observations, rewards = [env._outcome()[0]], []
     actions = steps["action"][episode, :COMPARED]

@@ -44,7 +44,7 @@ def test_a_heuristic_gets_what_it_gets_in_the_environment(tmp_path):
     for episode, kept in enumerate(returns_of(record)):
         env.reset()
         quaternion, env._target = beginning(task, 5, episode)
-        env._data.qpos[3:7] = quaternion
+        env.data.qpos[3:7] = quaternion
         policy.reset(1)
         (observation, *_), total = env._outcome(), 0.0
         for _ in range(EPISODE):

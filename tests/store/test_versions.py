@@ -42,7 +42,9 @@ def test_episodes_are_as_they_were(old):
 
 
 def test_column_that_has_another_name_now_is_found_under_it(old):
-    answer = query.ask(old, "SELECT epoch, train_loss, test_mse FROM encoder_epochs ORDER BY 1")
+    answer = query.query_results(
+        old, "SELECT epoch, train_loss, test_mse FROM encoder_epochs ORDER BY 1"
+    )
     assert answer.problems == []
     # As the old version wrote it: train_mse 1 and 1/2, test_mse half of it.
     assert answer.rows.to_numpy().tolist() == [[1, 1.0, 0.5], [2, 0.5, 0.25]]

@@ -32,7 +32,7 @@ def final_positions(env, steps=50):
     env.reset(seed=0)
     for action in np.random.default_rng(0).uniform(-1, 1, (steps, 1)):
         env.step(action.astype(np.float32))
-    return env.unwrapped._data.qpos.copy()
+    return env.unwrapped.data.qpos.copy()
 
 
 @pytest.mark.parametrize(

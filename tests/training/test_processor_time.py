@@ -45,7 +45,7 @@ def test_seeds_share_the_time_of_their_process_evenly(seeds, tmp_path):
             [2 * share, 4 * share, 5 * share],
         ]
         assert record.manifest.summary["processor_time"] == 6 * share
-    answer = query.ask(Results(tmp_path), "SELECT DISTINCT processor_time FROM runs")
+    answer = query.query_results(Results(tmp_path), "SELECT DISTINCT processor_time FROM runs")
     assert answer.rows["processor_time"].tolist() == [6 * share]
 
 

@@ -208,7 +208,7 @@ def test_runs_are_found_by_their_beginning(trained):
     run = settings()
     assert find_run(trained, run.id)[1].id == run.id
     assert find_run(trained, "face_direction/ddpg/full/s01")[1].id == settings(seed=1).id
-    with pytest.raises(RequestError, match="is not unique; type one of face_direction/ddpg/full/"):
+    with pytest.raises(RequestError, match="Several runs begin with face_direction/ddpg: face_dir"):
         find_run(trained, "face_direction/ddpg")
     with pytest.raises(RequestError, match="There is no run face_direction/td3 in"):
         find_run(trained, "face_direction/td3")

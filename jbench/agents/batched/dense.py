@@ -24,7 +24,6 @@ class DenseLayers:
 
         Args:
             name: of the scratch memory.
-            inputs: number of inputs.
             layers: each takes the inputs and the units of all layers before it.
         """
         self._view, self._name, self._layers = view, name, layers

@@ -18,7 +18,9 @@ from jbench.closing import Closing
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy
 
-_AGENT, _WORLD, _LOOP = "agent/", "environments/", "loop/"
+_AGENT, _LOOP = "agent/", "loop/"
+WORLD = "environments/"
+"""Prefix of the tensors of the robots in a state."""
 
 
 class SeedState(NamedTuple):
@@ -128,7 +130,6 @@ class Engine(Closing):
         """Sets the deterministic policy of one seed, for `act`.
 
         Args:
-            seed: index of the seed.
             policy: from `policy`, of the same settings.
             control_steps: after which it was copied.
 
@@ -157,7 +158,7 @@ class Engine(Closing):
         """
         tensors = {_AGENT + name: value for name, value in self._team.state(seed).items()}
         world = self.environments.state(seed)
-        tensors |= {_WORLD + name: torch.from_numpy(value) for name, value in world.items()}
+        tensors |= {WORLD + name: torch.from_numpy(value) for name, value in world.items()}
         tensors |= {_LOOP + name: tensor for name, tensor in self._loop_state(seed).items()}
         scalars = {
             "control_steps": self.control_steps,
@@ -185,12 +186,12 @@ class Engine(Closing):
                 "All seeds of an engine must have made the same number of control steps."
             )
         for seed, (tensors, scalars) in enumerate(states):
-            self._team.restore(seed, _under(_AGENT, tensors))
-            world = {name: tensor.numpy() for name, tensor in _under(_WORLD, tensors).items()}
+            self._team.restore(seed, under(_AGENT, tensors))
+            world = {name: tensor.numpy() for name, tensor in under(WORLD, tensors).items()}
             steps = scalars["episodes"], scalars["episode_steps"]
             self.environments.restore(seed, world, *steps)
             self._streams[seed].restore(scalars["streams"])
-            self._restore_loop(seed, _under(_LOOP, tensors))
+            self._restore_loop(seed, under(_LOOP, tensors))
         self.control_steps, self.updates = first["control_steps"], first["updates"]
         self._collected = first["collected"]
 
@@ -246,7 +247,7 @@ class Engine(Closing):
         """Restores what `_loop_state` returned."""
 
 
-def _under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+def under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
     """Returns the tensors whose names start with a prefix, with the prefix removed."""
     return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
 

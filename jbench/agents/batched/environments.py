@@ -28,7 +28,6 @@ class Cell(NamedTuple):
     """Consecutive seeds with the same task and encoder.
 
     Attributes:
-        task: name of the task.
         generators: per seed and environment, of initial poses and targets.
         encoder: of the observations; None for the full observation.
     """
@@ -83,8 +82,6 @@ class Environments(Closing):
         observations: (seeds, environments, size) current inputs of the agents, float32.
         episodes: completed episodes of each robot.
         steps: control steps made in the current episode.
-        episode_steps: control steps in an episode.
-        threads: number of simulation threads.
     """
 
     def __init__(
@@ -169,8 +166,6 @@ class Environments(Closing):
         """Restores the simulation of one seed exactly.
 
         Args:
-            seed: index of the seed.
-            state: from `state`.
             episodes: completed episodes, the same for all seeds.
             steps: control steps made in the current episode, the same for all seeds.
         """

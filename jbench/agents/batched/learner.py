@@ -67,10 +67,7 @@ class Learner:
         raise NotImplementedError
 
     def policy_network(self) -> tuple[Network, str]:
-        """Returns the network of the deterministic policy, and "tanh" or "clip".
-
-        The latter is the function that bounds the first output.
-        """
+        """Returns the network of the deterministic policy, and what bounds it: "tanh" or "clip"."""
         raise NotImplementedError
 
     def policy(self) -> Policy | SavedNetwork:
@@ -88,14 +85,7 @@ class Learner:
         )
 
     def input_weights(self, inputs: slice) -> dict[str, list[slice]]:
-        """Returns where the saved tensors have the weights of some observed numbers.
-
-        Args:
-            inputs: consecutive observed numbers.
-
-        Returns:
-            By name of parameters and their moments.
-        """
+        """Returns where the saved tensors have the weights of some observed numbers, by name."""
         return {
             name: weights
             for network, weights in self._input_weights(inputs).items()

@@ -106,7 +106,6 @@ class Network:
         """Returns the outputs (..., batch, sizes[-1]) for inputs (..., batch, sizes[0]).
 
         Args:
-            inputs: (..., batch, sizes[0]).
             exact: use full precision even if `low_precision` is set; `backward` can't follow.
         """
         layers = self._exact if exact else self._layers
@@ -183,11 +182,7 @@ class _Memory(NamedTuple):
 
 
 class Layer:
-    """An affine layer and its gradients by parameters and inputs.
-
-    Attributes:
-        units: number of units.
-    """
+    """An affine layer and its gradients by parameters and inputs."""
 
     def __init__(self, affine: Affine, gradient: Affine) -> None:
         stacked = affine.weight.ndim == 3

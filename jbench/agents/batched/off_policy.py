@@ -23,11 +23,7 @@ from jbench.settings.algorithms import OffPolicySettings
 
 
 class OffPolicyEngine(Engine):
-    """Agents that learn from one replay buffer each.
-
-    Attributes:
-        replay: transitions of all seeds.
-    """
+    """Agents that learn from one replay buffer each."""
 
     def __init__(
         self,
@@ -73,7 +69,6 @@ class OffPolicyEngine(Engine):
         """Returns a seed's replay rows (environments, rows, own size + 2), without `replay.row`.
 
         Args:
-            seed: index of the seed.
             first: number of the first row; expired rows are left out.
         """
         rows = self.replay.rows_since(seed, first)
@@ -83,7 +78,6 @@ class OffPolicyEngine(Engine):
         """Restores the replay rows of a seed; `restore` of all seeds must follow.
 
         Args:
-            seed: index of the seed.
             rows: as from `replay_rows`, up to row number `row` - 1.
             row: the saved `replay.row`, the same for all seeds.
         """

@@ -53,7 +53,7 @@ class OnPolicyEngine(Engine):
         shape = observations.shape
         draws = [each.actions.standard_normal((shape[1], 1)) for each in self._streams]
         noise = torch.from_numpy(np.stack(draws))
-        self._outputs = self._team.run(_explore, observations, noise)
+        self._outputs = self._team.run(PPO.explore, observations, noise)
         actions: NDArray[np.floating] = self._outputs[..., 0].numpy()
         return actions
 
@@ -62,13 +62,13 @@ class OnPolicyEngine(Engine):
         ended = step.episode_returns is not None
         if ended and self._bootstrap:
             # The episode was truncated: its last state's value stands for the missing rewards.
-            values = self._team.run(_value, step.observations)[..., 0]
+            values = self._team.run(PPO.value, step.observations)[..., 0]
             rewards += self._settings.gamma * values
         self._rollout.add(observations, self._outputs, rewards, ended)
 
     def _learn(self) -> None:
         settings = self._settings
-        last_values = self._team.run(_value, self.environments.observations)[..., 0]
+        last_values = self._team.run(PPO.value, self.environments.observations)[..., 0]
         self._rollout.estimate(last_values, settings.gamma, settings.gae_lambda)
         for epochs in self._epochs:
             if self._still_learning(epochs.seeds):
@@ -91,11 +91,7 @@ class OnPolicyEngine(Engine):
 
 
 class Epochs:
-    """The updates of one group of seeds after each rollout: shuffled minibatches.
-
-    Attributes:
-        seeds: indices of the seeds.
-    """
+    """The updates of one group of seeds after each rollout: shuffled minibatches."""
 
     def __init__(
         self,
@@ -155,11 +151,3 @@ class Epochs:
 def minibatch_of(rows: Tensor) -> Minibatch:
     """Returns a minibatch from rows (..., N, size + 6) of a `Rollout`."""
     return Minibatch(rows[..., :-6], *rows[..., -6:-1].split(1, dim=-1))
-
-
-def _explore(agent: PPO, observations: Tensor, noise: Tensor) -> Tensor:
-    return agent.explore(observations, noise)
-
-
-def _value(agent: PPO, observations: Tensor) -> Tensor:
-    return agent.value(observations)

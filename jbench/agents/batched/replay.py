@@ -143,7 +143,6 @@ class ReplayBuffer:
         """Restores the rows before number `row`; call `begin` afterwards.
 
         Args:
-            seed: index of the seed.
             rows: (environments, rows, size + 2) up to row number `row` - 1.
             row: number of the row of the current observation, the same for all seeds.
         """

@@ -53,8 +53,6 @@ class Rollout:
 
         Args:
             last_values: (seeds, environments) values of the observations after the last step.
-            gamma: discount.
-            lam: the method's lambda.
         """
         values, rewards = self.rows[..., -4], self.rows[..., -1]
         advantage, next_value = torch.zeros_like(last_values), last_values

@@ -22,12 +22,7 @@ Method = Callable[Concatenate[_Learner, ...], Tensor]
 
 
 class Group(NamedTuple, Generic[_Learner]):
-    """Seeds that are updated together.
-
-    Attributes:
-        learner: of these seeds.
-        seeds: their indices.
-    """
+    """Seeds that are updated together."""
 
     learner: _Learner
     seeds: range
@@ -62,7 +57,6 @@ class Team(Generic[_Learner]):
         """Makes the learners; all parameters are zeros.
 
         Args:
-            learner: class of the learners.
             sizes: number of inputs of the policy of each seed.
             stacked: whether to compute all seeds in one stack or one after another.
             low_precision: whether to multiply hidden layers in bfloat16.

@@ -27,9 +27,6 @@ class Updates:
     Random numbers for all updates of a learning phase are drawn on the CPU at once. The updates
     then read theirs from the same buffers, so that a GPU can replay them as a CUDA graph: several
     updates of a stack, or one update of a single seed.
-
-    Attributes:
-        seeds: indices of the seeds.
     """
 
     def __init__(
@@ -78,11 +75,7 @@ class Updates:
         self._samples: list[tuple[Tensor, Tensor]] = []
 
     def pretrain(self, control_steps: int) -> None:
-        """Makes the updates that precede the first update of the agents.
-
-        Args:
-            control_steps: made by each seed.
-        """
+        """Makes the updates that precede the first update of the agents."""
         remaining = self._learner.pretraining(control_steps)
         while remaining:
             count = min(remaining, _MAX_SAMPLED)
@@ -97,7 +90,6 @@ class Updates:
 
         Args:
             first: number of the first update since the start of training, counted from 1.
-            count: number of updates.
         """
         self._delayed = [self._learner.is_delayed_update(first + i, i) for i in range(count)]
         self._samples = self._sample(count)
@@ -163,7 +155,6 @@ class Updates:
         """Stacks the samples (count, ...) of each seed and moves them to the device.
 
         Args:
-            per_seed: samples of each seed.
             offset: whether they are indices into a seed's own buffer.
         """
         if not self._learner.view.batch_shape:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from jbench.encoders.batch import Batch
-from jbench.encoders.kind import Learned, Weights, glorot, tanh, tanh_
+from jbench.encoders.kind import Learned, Weights, affine, layers, tanh, tanh_
 from jbench.tasks.features import Array
 
 
@@ -19,20 +19,15 @@ class Autoencoder(Learned):
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
         """Returns Glorot weights and zero biases."""
-        return {
-            "encoder.weight": glorot(latents, size, random),
-            "encoder.bias": torch.zeros(latents),
-            "decoder.weight": glorot(size, latents, random),
-            "decoder.bias": torch.zeros(size),
-        }
+        return layers({"encoder": (latents, size), "decoder": (size, latents)}, random)
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns the latents, in (-1, 1)."""
-        return tanh(scaled @ weights["encoder.weight"].T + weights["encoder.bias"])
+        return tanh(affine(weights, "encoder", scaled))
 
     def decode(self, weights: Weights, latents: Array) -> Array:
         """Returns the reconstruction, in (-1, 1)."""
-        return tanh(latents @ weights["decoder.weight"].T + weights["decoder.bias"])
+        return tanh(affine(weights, "decoder", latents))
 
     def loss(self, weights: Weights, batch: Batch) -> Tensor:
         """Returns the mean squared error per feature."""

@@ -11,9 +11,8 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.batch import Batch
-from jbench.encoders.kind import Weights
+from jbench.encoders.kind import Weights, affine
 from jbench.encoders.kinds.predictive import Predictive
-from jbench.encoders.kinds.vae import affine
 from jbench.names import EPISODE_STEPS
 
 

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from jbench.encoders.kind import Fitted, Weights
-from jbench.encoders.moments import FloatArray, Moments
+from jbench.encoders.moments import FloatArray, Moments, linear_decoder
 from jbench.names import EPISODE_STEPS
 from jbench.tasks.features import Array
 
 if TYPE_CHECKING:
     from jbench.encoders.states import States
 
-_MAX_ROWS = 65536  # rows per block
 _MIN_VARIANCE = 1e-9  # relative to the largest variance; smaller ones count as 0
 
 
@@ -38,24 +37,17 @@ class DynamicModes(Fitted):
         """Returns the directions, the linear decoder, and all singular values."""
         moments = Moments.none(2 * states.size + self.horizon)
         for shard in states.learn():
-            for indices in torch.arange(shard.pairs(self.horizon)).split(_MAX_ROWS):
-                batch = shard.take(indices.to(states.device), self.horizon, with_actions=True)
+            for batch in shard.blocks(self.horizon, with_actions=True):
                 assert batch.actions is not None
                 rows = torch.cat([batch.now, batch.later, batch.actions], 1).double()
                 moments = moments.merged(Moments.of(rows.cpu().numpy()))
         directions, correlations = canonical_directions(moments.covariance, states.size)
         directions = directions[:latents]
         present = moments.covariance[: states.size, : states.size]
-        cross_covariance = directions @ present
-        mean = moments.mean[: states.size]
-        decoder = (
-            np.linalg.pinv(cross_covariance @ directions.T, rcond=_MIN_VARIANCE, hermitian=True)
-            @ cross_covariance
-        )
         return {
             "directions": directions,
-            "mean": mean,
-            "back": decoder,
+            "mean": moments.mean[: states.size],
+            "back": linear_decoder(directions, present, _MIN_VARIANCE),
             "singular_values": correlations,
         }
 

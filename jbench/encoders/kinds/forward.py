@@ -15,9 +15,8 @@ import torch
 from torch import Tensor
 
 from jbench.encoders.batch import Batch
-from jbench.encoders.kind import Weights
+from jbench.encoders.kind import Weights, affine
 from jbench.encoders.kinds.predictive import Predictive
-from jbench.encoders.kinds.vae import affine
 from jbench.encoders.moments import Moments
 from jbench.tasks.features import FEATURE_SIZES, RANGES, TASK_SPECS
 
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from jbench.encoders.states import States
 
 _MIN_SD = 1e-9  # changes of smaller standard deviation count as constant
-_MAX_ROWS = 65536  # rows per block
 
 
 class ForwardModel(Predictive):
@@ -40,8 +38,7 @@ class ForwardModel(Predictive):
         periods = angle_periods(states)
         change_moments, reward_moments = Moments.none(states.size), Moments.none(1)
         for shard in states.learn():
-            for indices in torch.arange(shard.pairs(self.horizon)).split(_MAX_ROWS):
-                batch = shard.take(indices.to(states.device), self.horizon, with_actions=True)
+            for batch in shard.blocks(self.horizon, with_actions=True):
                 changes = changes_of(batch, periods.to(states.device))
                 change_moments = change_moments.merged(Moments.of(changes.cpu().numpy()))
                 assert batch.rewards is not None
@@ -74,7 +71,6 @@ def changes_of(batch: Batch, periods: Tensor) -> Tensor:
     """Returns the (rows, size) changes of the scaled features; angles change the shorter way.
 
     Args:
-        batch: pairs of states.
         periods: (size,) from `angle_periods`.
     """
     change = batch.later - batch.now

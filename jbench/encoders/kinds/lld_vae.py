@@ -12,12 +12,10 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.batch import Batch
-from jbench.encoders.kind import Weights, tanh
+from jbench.encoders.kind import Weights, affine, layers, tanh
 from jbench.encoders.kinds.vae import (
     VariationalAutoencoder,
-    affine,
     kl_to_standard_normal,
-    layers,
     sample_latents,
 )
 

@@ -36,7 +36,6 @@ from jbench.encoders.moments import FloatArray
 from jbench.encoders.scaling import Scaling
 from jbench.tasks import model
 from jbench.tasks.features import (
-    FEATURE_SIZES,
     TARGET_HEIGHT,
     TASK_SPECS,
     Array,
@@ -46,7 +45,9 @@ from jbench.tasks.features import (
     denormalize,
     features,
     heading,
+    rotate,
     rotation_matrix,
+    split,
 )
 from jbench.tasks.robots import load_model
 
@@ -106,7 +107,7 @@ class PlanarReduction(Fitted):
 def planar_size(task: str) -> int:
     """Returns the number of latents of a task."""
     angle = "angle_to_target" in TASK_SPECS[task].features
-    return _ROBOT_SIZE + 2 * _depends_on_position(task) + angle
+    return _ROBOT_SIZE + 2 * TASK_SPECS[task].rewards_position + angle
 
 
 def planar_weights(
@@ -140,7 +141,7 @@ def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArra
 def to_planar(task: str, physical: Array) -> Array:
     """Returns unscaled latents (..., planar_size) for features (..., dim(O)) in SI units."""
     xp = array_namespace(physical)
-    by_name = _split(task, physical)
+    by_name = split(task, physical)
     w, x, y, z = (by_name["position"][..., 3 + i] for i in range(4))
     # The heading is undefined upside down: it is set to 0.
     has_heading = w * w + z * z > _UPSIDE_DOWN
@@ -159,7 +160,7 @@ def to_planar(task: str, physical: Array) -> Array:
     ]
     if "target_in_jitterbug_frame" in by_name:
         numbers += _tilted(length, a, b, by_name["target_in_jitterbug_frame"])[:2]
-    elif _depends_on_position(task):
+    elif TASK_SPECS[task].rewards_position:
         to_origin = -by_name["position"][..., :2]
         numbers += _rotated_in_plane(cosine, sine, to_origin[..., 0], to_origin[..., 1])
     if "angle_to_target" in by_name:
@@ -170,10 +171,9 @@ def to_planar(task: str, physical: Array) -> Array:
 def from_planar(task: str, planar: Array, center_of_mass: Array) -> Array:
     """Returns features (..., dim(O)) in SI units of a robot with these planar numbers.
 
-    Its heading is 0. It is at the origin, or the origin where `move_from_origin` asks for it.
+    Its heading is 0, and it is at the origin; in `move_from_origin` it is where they say.
 
     Args:
-        task: one of `TASK_SPECS`.
         planar: (..., planar_size) as `to_planar` returns them.
         center_of_mass: (3,) of the torso in its own frame (m).
     """
@@ -182,7 +182,7 @@ def from_planar(task: str, planar: Array, center_of_mass: Array) -> Array:
     zero = xp.zeros_like(height)
     rest = planar[..., _ROBOT_SIZE:]
     target = [zero, zero]
-    if _depends_on_position(task):
+    if TASK_SPECS[task].rewards_position:
         target = [rest[..., 0], rest[..., 1]]
     place = [zero, zero]
     if not TASK_SPECS[task].draws_position:
@@ -190,7 +190,7 @@ def from_planar(task: str, planar: Array, center_of_mass: Array) -> Array:
     upright = xp.sqrt(xp.clip(1 - a * a - b * b, 0.0, 1.0))
     position = xp.stack([*place, height, upright, a, b, zero], axis=-1)
     back = xp.matrix_transpose(rotation_matrix(position[..., 3:]))
-    velocity = xp.concat([planar[..., 3:6], _rotated(back, planar[..., 6:9])], axis=-1)
+    velocity = xp.concat([planar[..., 3:6], rotate(back, planar[..., 6:9])], axis=-1)
     state = State(
         position=position,
         velocity=velocity,
@@ -205,11 +205,6 @@ def from_planar(task: str, planar: Array, center_of_mass: Array) -> Array:
     return xp.concat(list(features(task, state, goal).values()), axis=-1)
 
 
-def _depends_on_position(task: str) -> bool:
-    """Returns whether a task's reward depends on the robot's position."""
-    return bool({"near", "away"} & set(TASK_SPECS[task].rewards))
-
-
 def _task(weights: Weights) -> str:
     """Returns the task in the names of the weights."""
     for task in TASK_SPECS:
@@ -218,23 +213,9 @@ def _task(weights: Weights) -> str:
     raise KeyError("no weights of a task")
 
 
-def _split(task: str, physical: Array) -> dict[str, Array]:
-    """Returns the features of a task by name, each (..., size)."""
-    by_name, first = {}, 0
-    for name in TASK_SPECS[task].features:
-        by_name[name] = physical[..., first : first + FEATURE_SIZES[name]]
-        first += FEATURE_SIZES[name]
-    return by_name
-
-
 def _rotated_in_plane(cosine: Array, sine: Array, x: Array, y: Array) -> list[Array]:
     """Returns the components of a horizontal vector rotated by an angle."""
     return [cosine * x - sine * y, sine * x + cosine * y]
-
-
-def _rotated(matrix: Array, vector: Array) -> Array:
-    """Returns the (..., 3) products of (..., 3, 3) matrices with (..., 3) vectors."""
-    return (matrix @ vector[..., None])[..., 0]
 
 
 def _tilted(c: Array, a: Array, b: Array, vector: Array) -> list[Array]:

@@ -13,8 +13,7 @@ from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.batch import Batch
-from jbench.encoders.kind import Learned, Weights, tanh
-from jbench.encoders.kinds.vae import affine, layers
+from jbench.encoders.kind import Learned, Weights, affine, layers, tanh
 from jbench.names import EPISODE_STEPS
 from jbench.tasks.features import Array
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.encoders.kind import ClosedForm, Weights
-from jbench.encoders.moments import Moments
+from jbench.encoders.moments import Moments, linear_decoder
 from jbench.tasks.features import Array
 
 
@@ -23,12 +23,8 @@ class RandomProjection(ClosedForm):
         rotation, triangle = np.linalg.qr(normal)
         # The first rows of one matrix, so that larger projections contain smaller ones.
         projection = (rotation * np.sign(np.diag(triangle))).T[:latents]
-        cross_covariance = projection @ moments.covariance
         # Constant features can leave directions without variance.
-        decoder = (
-            np.linalg.pinv(cross_covariance @ projection.T, rcond=1e-12, hermitian=True)
-            @ cross_covariance
-        )
+        decoder = linear_decoder(projection, moments.covariance, 1e-12)
         return {
             "projection": projection,
             "back": decoder,

@@ -4,14 +4,12 @@ Encoder and decoder have one hidden tanh layer each. A state's latent is Gaussia
 covariance, and a state is Gaussian around the decoded latent.
 """
 
-from typing import Any
-
 import torch
 from pydantic import Field
 from torch import Tensor
 
 from jbench.encoders.batch import Batch
-from jbench.encoders.kind import Learned, Weights, glorot, standard_normal, tanh
+from jbench.encoders.kind import Learned, Weights, affine, layers, standard_normal, tanh
 from jbench.tasks.features import Array
 
 
@@ -75,17 +73,3 @@ def sample_latents(mean: Tensor, log_variance: Tensor, batch: Batch) -> Tensor:
 def kl_to_standard_normal(mean: Tensor, log_variance: Tensor) -> Tensor:
     """Returns the (rows,) KL divergence of a diagonal Gaussian from the standard one (nats)."""
     return (mean.square() + log_variance.exp() - 1 - log_variance).sum(1) / 2
-
-
-def affine(weights: Weights, name: str, values: Any) -> Any:
-    """Applies the affine part of a named layer to (..., inputs)."""
-    return values @ weights[f"{name}.weight"].T + weights[f"{name}.bias"]
-
-
-def layers(shapes: dict[str, tuple[int, int]], random: torch.Generator) -> dict[str, Tensor]:
-    """Returns layers by name for given (outputs, inputs): Glorot weights, zero biases."""
-    weights = {}
-    for name, (outputs, inputs) in shapes.items():
-        weights[f"{name}.weight"] = glorot(outputs, inputs, random)
-        weights[f"{name}.bias"] = torch.zeros(outputs)
-    return weights

@@ -22,7 +22,7 @@ def filled(results):
 
 
 def rows(results, sql):
-    answer = query.ask(results, sql)
+    answer = query.query_results(results, sql)
     assert answer.problems == []
     return answer.rows.to_numpy().tolist()
 
@@ -58,7 +58,7 @@ def test_file_of_a_table_that_is_not_asked_for_is_not_read(filled):
     damaged = filled.find("run", "a")
     truncate(damaged.path / listed(damaged)[0])
     assert rows(filled, "SELECT run FROM runs ORDER BY run") == [["a"], ["b"]]
-    answer = query.ask(
+    answer = query.query_results(
         filled, "SELECT run, count(*) FROM episodes JOIN runs USING (run) GROUP BY 1"
     )
     assert answer.rows.to_numpy().tolist() == [["b", 1]]
@@ -80,7 +80,7 @@ def test_ids_are_texts_in_whatever_way_they_are_read(filled):
 def test_wrong_query_says_which_tables_there_are(filled):
     for sql in ("FROM nothing", "SELECT nothing FROM runs"):
         with pytest.raises(RequestError, match=r"nothing.*\(tables: datasets, encoder_epochs, "):
-            query.ask(filled, sql)
+            query.query_results(filled, sql)
 
 
 WRITING = """
@@ -118,13 +118,13 @@ def test_no_file_can_be_read_not_even_one_of_the_results(filled, source):
     run = filled.find("run", "a")
     for path in ("/etc/passwd", run.path / listed(run)[0]):
         with pytest.raises(RequestError, match=r"disabled by configuration|does not exist"):
-            query.ask(filled, f"FROM {source.format(path)}")
+            query.query_results(filled, f"FROM {source.format(path)}")
 
 
 @pytest.mark.parametrize("source", NETWORK)
 def test_no_network_can_be_reached(filled, source):
     with pytest.raises(RequestError, match=r"disabled|Missing Extension|does not exist"):
-        query.ask(filled, f"FROM {source}")
+        query.query_results(filled, f"FROM {source}")
 
 
 def test_what_does_not_fit_into_the_memory_is_not_put_into_files(filled):
@@ -138,7 +138,7 @@ def test_processes_that_end_right_after_a_query_end_well(filled):
         "import sys\n"
         "from pathlib import Path\n"
         "from jbench.store import Results, query\n"
-        "print(len(query.ask(Results(Path(sys.argv[1])), 'FROM episodes').rows))\n"
+        "print(len(query.query_results(Results(Path(sys.argv[1])), 'FROM episodes').rows))\n"
     )
     command = [sys.executable, "-c", script, os.fspath(filled.path)]
     for _ in range(2):

@@ -9,14 +9,14 @@ distribution.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jbench.remembered import remembered
+from jbench.report.analysis import resampling
 from jbench.report.data.curves import FloatArray
 
 Strata = Sequence[FloatArray]
@@ -33,7 +33,14 @@ DECIDING_SEEDS = 6
 """Minimum number of seeds for a verdict. With fewer, not even the range of all seeds contains the
 population median with 95% (1 - 2^(1 - n): 75% for three seeds, 94% for five, 97% for six)."""
 
-_NUMBERS_AT_A_TIME = 1 << 21  # resampled scores that fit into a processor's cache, about
+
+class Sample(list[FloatArray]):
+    """Strata that several statistics sort only once."""
+
+    @cached_property
+    def ordered(self) -> FloatArray:
+        """Scores of all tasks in ascending order; numpy's median is slower than a sort."""
+        return np.sort(_pooled(self), axis=-1)
 
 
 class Estimate(NamedTuple):
@@ -145,15 +152,16 @@ def bootstrap(
         seed: random seed.
     """
     parts = []
-    for chosen in _draws(groups, resamples, seed):
+    sizes = tuple(tuple(len(seeds) for seeds in strata) for strata in groups)
+    for draws in resampling.draws(sizes, resamples, seed):
         drawn = [
-            [seeds[index] for seeds, index in zip(*pair, strict=True)]
-            for pair in zip(groups, chosen, strict=True)
+            Sample(seeds[index] for seeds, index in zip(*pair, strict=True))
+            for pair in zip(groups, draws.chosen, strict=True)
         ]
         parts.append(
             [
                 # Comparing all pairs of seeds in each resample would take most of the time.
-                _improvements(groups, chosen)
+                _improvements(groups, draws.counts)
                 if statistic is probability_of_improvement
                 else statistic(*drawn)
                 for statistic in statistics
@@ -220,8 +228,8 @@ def _pooled(strata: Strata) -> FloatArray:
 
 
 def _ordered(strata: Strata) -> FloatArray:
-    """Returns the scores of all tasks in ascending order; numpy's median is slower than this."""
-    return np.sort(_pooled(strata), axis=-1)
+    """Returns the scores of all tasks in ascending order."""
+    return (strata if isinstance(strata, Sample) else Sample(strata)).ordered
 
 
 def _range(strata: Strata, low: float, high: float) -> FloatArray:
@@ -252,43 +260,16 @@ def _won(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray((ours > theirs) + 0.5 * (ours == theirs))
 
 
-def _improvements(
-    groups: Sequence[Strata], chosen: Sequence[Sequence[NDArray[np.int64]]]
-) -> FloatArray:
+def _improvements(groups: Sequence[Strata], counts: Sequence[Sequence[FloatArray]]) -> FloatArray:
     """Returns `probability_of_improvement` of each resample, from how often it has each seed.
 
     Args:
         groups: the two groups.
-        chosen: (resamples, seeds) indices of the seeds, for each stratum of each group.
+        counts: see `resampling.Draws.counts`.
     """
     shares = []
-    for x, y, *indices in zip(*groups, *chosen, strict=True):
-        ours, theirs = (
-            _counts(index, len(seeds)) for index, seeds in zip(indices, (x, y), strict=True)
-        )
+    for x, y, ours, theirs in zip(*groups, *counts, strict=True):
         # Sums of halves have no rounding errors.
-        won = np.sum((ours @ _won(x, y)) * theirs, axis=-1)
+        won = np.einsum("ij,ij->i", ours @ _won(x, y), theirs)
         shares.append(won / (len(x) * len(y)))
     return _mean_over_tasks(shares)
-
-
-def _counts(index: NDArray[np.int64], seeds: int) -> FloatArray:
-    """Returns how often each seed occurs in each resample, (resamples, seeds)."""
-    rows = np.arange(len(index))[:, None] * seeds
-    counts = np.bincount((rows + index).ravel(), minlength=len(index) * seeds)
-    return counts.reshape(len(index), seeds).astype(np.float64)
-
-
-def _draws(
-    groups: Sequence[Strata], resamples: int, seed: int
-) -> Iterator[list[list[NDArray[np.int64]]]]:
-    """Yields the indices (resamples, seeds) of resampled seeds for each stratum of each group."""
-    random = np.random.default_rng(np.random.SeedSequence(seed))
-    width = sum(len(seeds) for strata in groups for seeds in strata)
-    at_a_time = max(1, _NUMBERS_AT_A_TIME // width)
-    for first in range(0, resamples, at_a_time):
-        count = min(at_a_time, resamples - first)
-        yield [
-            [random.integers(len(seeds), size=(count, len(seeds))) for seeds in strata]
-            for strata in groups
-        ]

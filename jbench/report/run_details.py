@@ -1,7 +1,7 @@
 """Runs of a report one by one: their settings, learning curves and paths."""
 
-import json
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,7 @@ from jbench.report.data.variants import value_text
 from jbench.report.document import RunCurve, RunDetail
 from jbench.report.views import View
 from jbench.settings.alike import flatten
-from jbench.settings.run import Run, RunSettings, read_run
+from jbench.settings.run import RunSettings, parse_run
 
 
 def details(
@@ -39,7 +39,7 @@ def details(
     found = []
     for row in runs.to_dict("records"):
         source, id = row.get("source", OURS), str(row["run"])
-        settings = _texts(read_run(json.loads(row["settings"])))
+        settings = _texts(row["settings"])
         found.append(
             RunDetail(
                 name=f"{source}: {id}" if "source" in row else id,
@@ -55,8 +55,10 @@ def details(
     return found
 
 
-def _texts(run: Run) -> dict[str, str]:
+@lru_cache(maxsize=10_000)
+def _texts(settings: str) -> Mapping[str, str]:
     """Returns the text of each setting by its name, in the order of the fields of `RunSettings`."""
+    run = parse_run(settings)
     order = {name: i for i, name in enumerate(RunSettings.model_fields)}
     ordered = sorted(flatten(run).items(), key=lambda item: (order.get(item[0][0], 99), item[0]))
     return {

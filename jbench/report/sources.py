@@ -1,6 +1,5 @@
 """Sources of a report: the results, imports, the shipped runs, or two sides of a comparison."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,7 +19,7 @@ from jbench.report.data.paths import COLUMNS, RunPath, run_paths
 from jbench.report.data.variants import value_text
 from jbench.report.request import Request
 from jbench.settings.alike import flatten
-from jbench.settings.run import Run, read_run
+from jbench.settings.run import Run, parse_run
 from jbench.store import Results, query
 
 Choice = Callable[[Run], bool]
@@ -153,7 +152,7 @@ def side(text: str, results: Results, request: Request) -> Source:
         source = _source(tables, problems, request, text)
     else:
         tables, problems = query.load(results, _RUNS, **_READ)
-        settings = [read_run(json.loads(one)) for one in tables["runs"]["settings"].to_pylist()]
+        settings = [parse_run(one) for one in tables["runs"]["settings"].to_pylist()]
         choice = _choice(text, settings)
         source = _source(tables, problems, request, text, choice)
     if not source.cells:
@@ -194,7 +193,7 @@ def _source(
 ) -> Source:
     runs, unusable = usable_runs(tables["runs"])
     if choice is not None:
-        runs = runs[np.array([choice(read_run(json.loads(one))) for one in runs["settings"]], bool)]
+        runs = runs[np.array([choice(parse_run(one)) for one in runs["settings"]], bool)]
     runs, early = _begun_since(runs, request)
     runs = _filter(runs, request.task, request.algo, strict=strict) if len(runs) else runs
     points = tables.pop("episodes"), tables.pop("evaluations")

@@ -1,6 +1,8 @@
 """The settings of a run: one agent, one task, one seed."""
 
+import json
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, Self
 
 from pydantic import (
@@ -246,6 +248,12 @@ class Unreadable(BaseModel):
 
 Run = RunSettings | ExternalSettings | Unreadable
 """Settings of any run in the database."""
+
+
+@lru_cache(maxsize=10_000)
+def parse_run(text: str) -> Run:
+    """Returns the settings of a run from the column `settings` of the table `runs`."""
+    return read_run(json.loads(text))
 
 
 def read_run(values: Mapping[str, Any]) -> Run:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jbench.report.analysis import resampling
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.power import seeds_to_decide
 from jbench.report.data.curves import steps_to_threshold
@@ -87,6 +88,19 @@ def test_improvements_of_resamples_are_those_of_their_seeds_bit_for_bit():
     fast, slow = st.bootstrap([st.probability_of_improvement, of_pairs], ours, theirs)
     assert np.array_equal(fast, slow)
     assert len(np.unique(fast)) > 50
+
+
+def test_statistics_of_shared_resamples_are_those_of_each_alone_bit_for_bit(monkeypatch):
+    scores = np.random.default_rng(1).uniform(0, 1000, 9)
+    several = [st.median, st.interquartile_mean, st.ten_to_ninety, st.standard_deviation]
+    alone = [st.estimate(one, [scores]) for one in several]
+    resampling._drawn_once.cache_clear()
+    assert st.estimates(several, [scores]) == alone
+    assert st.estimates(several, [scores + 1]) != alone
+    assert resampling._drawn_once.cache_info().misses == 1
+    # Many seeds are resampled in parts, which are not kept.
+    monkeypatch.setattr(resampling, "_NUMBERS_AT_A_TIME", 9 * 4_000)
+    assert st.estimates(several, [scores]) == alone
 
 
 def test_a_vectorised_statistic_is_the_one_of_each_resample():

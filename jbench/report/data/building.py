@@ -1,6 +1,5 @@
 """Builds cells from rows of the database, with notes on unusual runs."""
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -15,7 +14,7 @@ from jbench.report.data.curves import BAND_SEEDS, FloatArray, IntArray
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.report.data.variants import variant_labels, variant_words
-from jbench.settings.run import Run, read_run
+from jbench.settings.run import parse_run
 
 _KEY = ["task", "algo", "representation", "variant"]
 
@@ -63,6 +62,7 @@ def build_cells(
             len(trained.get(run, evaluated.get(run, _NOTHING)).returns) for run in runs["run"]
         ],
         divergence=pd.Series([divergence_of(t) for t in runs["diverged"]], runs.index, object),
+        typed=pd.Series([parse_run(text) for text in runs["settings"]], runs.index, object),
     )
     idle = (runs["recorded"] == 0) & runs["divergence"].isna()
     notes = [
@@ -72,7 +72,7 @@ def build_cells(
     runs = runs[~idle]
     cells = []
     for _, group in runs.groupby(_KEY[:3]):
-        settings = dict(zip(group["variant"], _settings(group), strict=True))
+        settings = dict(zip(group["variant"], group["typed"], strict=True))
         words = variant_words(settings)
         for variant, label in variant_labels(settings).items():
             seeds = _Seeds(group[group["variant"] == variant])
@@ -103,7 +103,7 @@ class _Seeds:
 
     def diverged_too_early(self) -> bool:
         """Returns whether evaluations were planned for all runs, but all diverged."""
-        planned = [run.evaluate_episodes for run in _settings(self.chosen)]
+        planned = [run.evaluate_episodes for run in self.chosen["typed"]]
         return bool(self.chosen["divergence"].notna().all()) and all(planned)
 
 
@@ -131,7 +131,7 @@ def _build_cell(
         runs = seeds.runs[seeds.runs["seed"].isin(chosen["seed"])]
         notes += _notes(runs, chosen, divergences)
     notes += _notes_on_points(chosen, counted.control_steps, absent, kind)
-    first, settings = chosen.iloc[0], _settings(chosen)[0]
+    first, settings = chosen.iloc[0], chosen["typed"].iloc[0]
     robots = 0 if settings.augment is None else settings.robots
     episodes = max(planned // EPISODE_STEPS, len(points))
     return Cell(
@@ -184,10 +184,6 @@ def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -
     if diverged.any() and not diverged.all():
         steps[diverged] = np.maximum(steps[diverged], steps[~diverged].max())
     return np.asarray(steps, np.int64)
-
-
-def _settings(runs: pd.DataFrame) -> list[Run]:
-    return [read_run(json.loads(text)) for text in runs["settings"]]
 
 
 def _notes(
@@ -245,15 +241,25 @@ def _notes_on_points(
 
 
 def _training_points(episodes: pa.Table) -> dict[str, Recorded]:
-    """Returns the training episodes of each run in order."""
-    names, codes = coded(episodes["run"])
+    """Returns the training episodes of each run in order; runs without episodes are left out."""
+    # Most batches are those of a run, which are not copied.
+    of_runs: dict[str, list[pa.RecordBatch]] = {}
+    for batch in episodes.to_batches():
+        names, codes = coded(pa.chunked_array([batch["run"]]))
+        for code in np.unique(codes):
+            rows = batch if len(names) == 1 else batch.filter(pa.array(codes == code))
+            of_runs.setdefault(names[code], []).append(rows)
+    return {run: _in_order(pa.Table.from_batches(parts)) for run, parts in of_runs.items()}
+
+
+def _in_order(episodes: pa.Table) -> Recorded:
+    """Returns the training episodes of a run in order."""
     number = episodes["episode"].to_numpy()
     columns = [numbers(episodes, name) for name in _POINT]
-    run_ends, falls = np.diff(codes) > 0, np.diff(number) < 0
-    if (np.diff(codes) < 0).any() or (falls & ~run_ends).any():  # most are in order
-        order = np.lexsort((number, codes))
-        codes, columns = codes[order], [column[order] for column in columns]
-    return _by_run(names, codes, columns)
+    if (np.diff(number) < 0).any():  # most are in order
+        order = np.argsort(number, kind="stable")
+        columns = [column[order] for column in columns]
+    return Recorded(*columns)
 
 
 def _evaluation_points(evaluations: pa.Table) -> dict[str, Recorded]:

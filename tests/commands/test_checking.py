@@ -101,7 +101,7 @@ def test_reproduce_names_what_differs(altered, capsys):
     ("arguments", "sentence"),
     [
         (["face_direction/ddpg/full/s07"], "There is no run face_direction/ddpg/full/s07 in"),
-        (["face_direction/ddpg"], "is not unique; type one of face_direction/ddpg/full/s00-"),
+        (["face_direction/ddpg"], ": face_direction/ddpg/full/s00-"),
         ([RUNS[0].id, "--episodes", "-1"], "--episodes -1: type 0 or more."),
         ([RUNS[2].id, "--episodes", "0"], "was saved without its policy: type --episodes 1"),
     ],

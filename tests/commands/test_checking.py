@@ -101,7 +101,7 @@ def test_reproduce_names_what_differs(altered, capsys):
     ("arguments", "sentence"),
     [
         (["face_direction/ddpg/full/s07"], "There is no run face_direction/ddpg/full/s07 in"),
-        (["face_direction/ddpg"], "is not unique; type one of face_direction/ddpg/full/s00-"),
+        (["face_direction/ddpg"], ": face_direction/ddpg/full/s00-"),
         ([RUNS[0].id, "--episodes", "-1"], "--episodes -1: type 0 or more."),
         ([RUNS[2].id, "--episodes", "0"], "was saved without its policy: type --episodes 1"),
     ],
@@ -114,7 +114,7 @@ def test_reproduce_refuses(altered, arguments, sentence, capsys):
 def test_a_shipped_run_needs_no_results(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", "reference/face_direction/sac/full/s00"]) == 2
-    assert "is not unique; type one of face_direction/sac/full/s00-" in capsys.readouterr().err
+    assert ": face_direction/sac/full/s00-" in capsys.readouterr().err
     assert main(["reproduce", RUNS[0].id]) == 2
     assert "results does not exist; name a directory" in capsys.readouterr().err
 

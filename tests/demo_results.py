@@ -69,7 +69,7 @@ def _add_encoder(results):
 
 
 def _add_run(results, representation, seed, training, evaluation):
-    changes = {"hidden_layers": [128, 128], "batch_size": 128}
+    changes = {"hidden_layers": [128, 128], "batch_size": 64}
     changes |= {"learning_rate": 1e-3, "learning_starts": 5000}
     settings = RunSettings(
         task=TASK,

@@ -16,7 +16,7 @@ from jbench.commands.output import Output
 # in minutes.
 _AGENTS = (
     "train --algo td3 --seeds 0-1 --steps 30000 --set hidden_layers=[128,128] "
-    "--set batch_size=128 --set learning_rate=1e-3 --set learning_starts=5000 --evaluate-episodes 5"
+    "--set batch_size=64 --set learning_rate=1e-3 --set learning_starts=5000 --evaluate-episodes 5"
 )
 
 COMMANDS = (

@@ -9,7 +9,7 @@ from jbench.report import agreement, formatting
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.analysis.statistics import DECIDING_SEEDS
-from jbench.report.data.cells import SOLVED, Cell
+from jbench.report.data.cells import OURS, SOLVED, Cell
 from jbench.report.formatting import counted, display_name
 from jbench.report.request import Request
 from jbench.report.tables import reduction_items, values
@@ -49,7 +49,7 @@ def sentences(
 
 
 def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
-    """Returns a sentence on the number of runs and their cells."""
+    """Returns a sentence on the number of runs and their cells, those of the results first."""
     cells = cells_of(views)
     count = sum(len(cell.seeds) for cell in cells)
     diverged = int(runs["diverged"].notna().sum())
@@ -58,9 +58,10 @@ def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
     names = ("unfinished", "failed", "diverged")
     other = [f"{statuses[name]} {name}" for name in names if statuses[name]]
     tasks = len({cell.task for cell in cells})
+    named = sorted(cells, key=lambda cell: cell.source != OURS)[:_MAX_NAMED]
     return (
         f"{counted(count, 'run')} in {counted(len(cells), 'cell')} on {counted(tasks, 'task')}: "
-        + "; ".join(_described(cell) for cell in cells[:_MAX_NAMED])
+        + "; ".join(_described(cell) for cell in named)
         + (f"; and {len(cells) - _MAX_NAMED} more" if len(cells) > _MAX_NAMED else "")
         + (f". Of all runs, {' and '.join(other)}." if other else ".")
     )

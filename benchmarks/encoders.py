@@ -28,10 +28,11 @@ import torch
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, TensorDataset
 
+from jbench.cores import one_thread
 from jbench.datasets import layout
 from jbench.devices import find_device
 from jbench.encoders.kind import Learned
-from jbench.encoders.loop import Learner, one_thread
+from jbench.encoders.loop import Learner
 from jbench.encoders.registry import make_kind
 from jbench.encoders.states import Shard
 from jbench.store import Results, schema

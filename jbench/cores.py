@@ -1,7 +1,9 @@
-"""The cores that this process may use."""
+"""The cores that this process may use, and torch's threads."""
 
 import math
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -10,6 +12,22 @@ def cores() -> int:
     if not hasattr(os, "sched_getaffinity"):
         return os.cpu_count() or 1
     return min([len(os.sched_getaffinity(0)), *_quotas()])
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limits torch to one thread, for steps that are too small for more.
+
+    Their numbers then do not depend on the number of cores.
+    """
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def _quotas(

@@ -40,7 +40,7 @@ def reproduce(
 
     The parts are its last evaluation and its first training episodes.
     """
-    one_thread()
+    limit_threads()
     from jbench.policies.find import SHIPPED
     from jbench.training import reproduce as repeating
 
@@ -61,7 +61,7 @@ def reproduce(
         raise WorkError(_not_equal(done))
 
 
-def one_thread() -> None:
+def limit_threads() -> None:
     """Limits the libraries to one thread, as in training; call it before they are imported."""
     os.environ.update(names.ONE_THREAD)
 

@@ -117,7 +117,7 @@ def verify(
     Files that no manifest lists are reported as well.
     """
     if reevaluate:
-        checking.one_thread()
+        checking.limit_threads()
     from jbench.store.verify import verify as check
 
     output, database = Output(json), parsing.existing_results(results)

@@ -8,7 +8,6 @@ saved with the weights and Adam's state, so a resumed training ends with the sam
 
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from typing import TypeVar
 
 import safetensors
@@ -121,20 +120,6 @@ class Learner:
             for indices in order.split(_PREPARED * kind.batch):
                 batch = shard.take(indices, ahead, kind.uses_actions)
                 yield kind.prepare(batch, self.latents, self.random)
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Limits torch to one thread, since these steps are too small for more.
-
-    The weights then do not depend on the number of cores.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _parts(flat: Tensor, like: Mapping[str, Tensor]) -> dict[str, Tensor]:

@@ -12,10 +12,11 @@ import safetensors.numpy
 import torch
 from numpy.typing import NDArray
 
+from jbench.cores import one_thread
 from jbench.encoders.batch import Batch
 from jbench.encoders.evaluation import Errors, evaluate_encoder
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
-from jbench.encoders.loop import Learner, one_thread
+from jbench.encoders.loop import Learner
 from jbench.encoders.predictions import Probe, probe
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS

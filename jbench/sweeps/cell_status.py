@@ -4,8 +4,7 @@ import statistics
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from jbench.cores import cores
-from jbench.encoders.loop import one_thread
+from jbench.cores import cores, one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.settings.alike import COST, SEED, alike
 from jbench.settings.run import RunSettings, read_run

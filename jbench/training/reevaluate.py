@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.agents.batched.engine import Engine
-from jbench.cores import cores
+from jbench.cores import cores, one_thread
 from jbench.devices import find_device
-from jbench.encoders.loop import one_thread
 from jbench.errors import RequestError
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.external import ExternalSettings

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from jbench.cores import one_thread
 from jbench.encoders import load_encoder
-from jbench.encoders.loop import one_thread
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.policies.find import SHIPPED

@@ -1,11 +1,11 @@
 """Runs of a report one by one: their settings, learning curves and paths."""
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 
+from jbench.remembered import remembered
 from jbench.report.data.cells import OURS, page_tags
 from jbench.report.data.paths import RunPath
 from jbench.report.data.variants import value_text
@@ -55,7 +55,7 @@ def details(
     return found
 
 
-@lru_cache(maxsize=10_000)
+@remembered
 def _texts(settings: str) -> Mapping[str, str]:
     """Returns the text of each setting by its name, in the order of the fields of `RunSettings`."""
     run = parse_run(settings)

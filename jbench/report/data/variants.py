@@ -13,8 +13,6 @@ from jbench.settings.run import Run, RunSettings
 _HYPERPARAMETERS = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
-
-
 _BASE = "settings"  # the option of `jbench train` that selects all hyperparameters
 
 _WORDS = {
@@ -87,7 +85,7 @@ def _labels(
 def _with_base(flat: Flat) -> Flat:
     """Returns settings of a run with its hyperparameters as changes of one base.
 
-    The base is `published`; the other ones only stand for hyperparameters that equal all of theirs.
+    The base is `published`, unless all hyperparameters equal those of another one.
     """
     algo = flat.get(("algo",))
     if algo not in SETTINGS or not any(path[0] == _HYPERPARAMETERS for path in flat):
@@ -95,8 +93,8 @@ def _with_base(flat: Flat) -> Flat:
     bases = _bases(algo)
     own = {path: value for path, value in flat.items() if path[0] == _HYPERPARAMETERS}
     base = next((name for name, values in bases.items() if values == own), "published")
-    rest = bases["published"] if base != "published" else own
-    return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in own} | rest
+    changes = own if base == "published" else bases["published"]
+    return {(_BASE,): base} | {p: v for p, v in flat.items() if p not in own} | changes
 
 
 @cache

@@ -23,6 +23,9 @@ SMALL = 8.0
 _TINY = 5.5  # points; font size in narrow cells
 _CHARACTERS = 16  # characters of the small size per inch
 
+COLUMN_NAME, ROW_NAME = (20, 3), (48, 3)
+"""Maximum characters in a line, and lines, of names below and beside a panel."""
+
 Measure = Callable[[str], float]
 """Returns the width of a text of the small size, in inches."""
 
@@ -128,7 +131,8 @@ def lay_out(
     shared = (sheet.paper or named) and len(
         {(p.y.limits, p.y.log, p.y.label) for p in figure.panels}
     ) == 1
-    name_size = min(48, int((width - _LEAST * columns) * _CHARACTERS)), int(sheet.row / _LABEL_LINE)
+    beside = int((width - _LEAST * columns) * _CHARACTERS)
+    name_size = min(ROW_NAME[0], beside), int(sheet.row / _LABEL_LINE)
     left = max(_left_of(panel.y, name_size, measure) for panel in figure.panels)
     gap = 0.27 if shared else max(_TICKS, left - _LEFT + _TICKS) + 0.06
     panel_width = (width - left - (columns - 1) * gap - 2 * MARGIN - 0.06) / columns
@@ -170,7 +174,7 @@ def _left_of(axis: Axis, size: tuple[int, int], measure: Measure) -> float:
 
 
 def shortened(name: str, characters: int, lines: int) -> str:
-    """Returns a name in at most so many lines, cut short with "…" if it needs more."""
+    """Returns a name wrapped into lines, truncated with "…" if it needs more of them."""
     return "\n".join(wrap(name, characters, max_lines=lines, placeholder=" …"))
 
 

@@ -21,7 +21,6 @@ _MEDIUM = 9.0  # points
 _PICTURE_CELLS = 1000  # larger heat maps are rasterized: each cell would be a path of 200 bytes
 _INTERVAL_ALPHA = 0.18
 _NARROW = 1.6  # inches; panels with fewer numbers on their axis
-_COLUMN_NAME, _ROW_NAME = (20, 3), (48, 3)  # sizes of names of heat maps, see `shortened`
 _ARROW = {"arrowstyle": "->", "color": "#d00000", "linewidth": 1.6}
 
 
@@ -133,8 +132,9 @@ def _style_panel(
     narrow = place is not None and place.box.width < _NARROW
     x_label = panel.x.label if place is None else place.x_label
     y_label = panel.y.label if place is None or place.first else ""
-    _style_axis(axes, "x", panel.x, x_label, _COLUMN_NAME, narrow=narrow)
-    _style_axis(axes, "y", panel.y, y_label, _ROW_NAME if place is None else place.name_size)
+    name_size = layout.ROW_NAME if place is None else place.name_size
+    _style_axis(axes, "x", panel.x, x_label, layout.COLUMN_NAME, narrow=narrow)
+    _style_axis(axes, "y", panel.y, y_label, name_size)
     if shared and place is not None and not place.first:
         axes.tick_params(labelleft=False)
     if panel.heat_map is None:

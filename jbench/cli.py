@@ -141,14 +141,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _discard_unwritten()
 
 
+_OPTIONS_ELSEWHERE = {
+    **dict.fromkeys(("--total-timesteps", "--timesteps", "--n-timesteps"), "--steps"),
+    **dict.fromkeys(("--env", "--env-id", "--environment-id"), "--task"),
+    **dict.fromkeys(("--n-envs", "--num-envs"), "--environments"),
+    **dict.fromkeys(("--algorithm", "--agent"), "--algo"),
+    **dict.fromkeys(("--logdir", "--output", "--out-dir"), "--results"),
+}
+"""Options of similar tools, and what they are called here."""
+
+
 def _refusal(error: typer.TyperException) -> str:
     """Returns what is wrong with the arguments, and the help that lists the right ones."""
     context = getattr(error, "ctx", None)
+    message = error.format_message()
     if context is None or context.parent is None:
         help_ = "jbench --help lists the commands."
     else:
         help_ = f"{context.command_path} --help lists the options and shows an example."
-    message = error.format_message()
+        options = {option for each in context.command.params for option in each.opts}
+        here = _OPTIONS_ELSEWHERE.get(getattr(error, "option_name", ""))
+        if here in options:
+            message = f"{message.split(' (')[0]} (here it is called {here})"
     return f"{message} {help_}" if message.endswith("?") else f"{message.rstrip('.')}; {help_}"
 
 

@@ -11,6 +11,7 @@ from jbench.commands import parsing
 from jbench.commands.options import RESULTS, JsonOption, ReadResultsOption
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
+from jbench.wording import counted
 
 if TYPE_CHECKING:
     from jbench.store import Record, Results
@@ -107,7 +108,8 @@ def _say(done: "Reproduction", record: "Record", output: Output) -> None:
     elif evaluation.verdict == "equal":
         output.say(
             f"  evaluation: equal. The kept policy has the recorded return in each of "
-            f"{len(evaluation.recorded)} episodes (control step {evaluation.control_steps:,})."
+            f"{counted(len(evaluation.recorded), 'episode')} "
+            f"(control step {evaluation.control_steps:,})."
         )
     else:
         output.say(f"  evaluation: {evaluation.verdict}. {evaluation.reason}")

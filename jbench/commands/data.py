@@ -15,6 +15,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output
 from jbench.errors import WorkError
+from jbench.wording import are, counted
 
 if TYPE_CHECKING:
     from jbench.datasets.listing import Listed
@@ -67,7 +68,9 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
     if listed or problems:
         header = ("dataset", "status", "control steps", "of", "robot", "MB", "last written (UTC)")
         output.table(
-            f"{len(listed)} datasets in {results}", header, [_row(each) for each in listed]
+            f"{counted(len(listed), 'dataset')} in {results}",
+            header,
+            [_row(each) for each in listed],
         )
     else:
         output.say(f"No datasets in {results}; jbench collect --steps 100000 makes a small one.")
@@ -81,7 +84,8 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
     for problem in problems:
         output.warn(problem)
     if problems:
-        raise WorkError(f"{len(problems)} datasets can't be read and are left out; see above.")
+        count = f"{counted(len(problems), 'dataset')} {are(len(problems))}"
+        raise WorkError(f"{count} unreadable and left out; see above.")
 
 
 def _row(listed: "Listed") -> tuple[str, ...]:

@@ -47,7 +47,7 @@ RateOption = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", help="Set an option of the kind, as NAME=VALUE; repeatable."),
+    typer.Option("--set", metavar="NAME=VALUE", help="Set an option of the kind; repeatable."),
 ]
 SeedOption = Annotated[
     int, typer.Option(help="Random seed of weights, minibatches, noise and the held-out split.")

@@ -19,6 +19,7 @@ from jbench.settings.run import RunSettings
 from jbench.sweeps.cell_status import CellStatus, seconds_left
 from jbench.sweeps.executors import Message
 from jbench.sweeps.watcher import Watcher
+from jbench.wording import counted
 
 if TYPE_CHECKING:
     from jbench.report.data.published import PublishedCurve
@@ -73,8 +74,9 @@ class TrainingView(Watcher):
         fewer = ", or ".join(hint for hint, applies in hints.items() if applies)
         less = f" For less: {fewer}." if fewer and seconds > 600 else ""
         self._output.say(
-            f"{len(runs)} runs with {steps:,} control steps left at about {steps / seconds:,.0f} "
-            f"steps/s, evaluations included, {jobs} processes at a time: about "
+            f"{counted(len(runs), 'run')} with {steps:,} control steps left at about "
+            f"{steps / seconds:,.0f} steps/s, evaluations included, "
+            f"{counted(jobs, 'process', 'processes')} at a time: about "
             f"{duration(seconds)}.{less}"
         )
 
@@ -137,7 +139,7 @@ class TrainingView(Watcher):
         return table
 
     def _summary(self) -> str:
-        parts = [f"{len(self._ended)} of {self._runs} runs ended"]
+        parts = [f"{len(self._ended)} of {counted(self._runs, 'run')} ended"]
         done = sum(self._done.values())
         gained = self._gained + sum(batch.gained for batch in self._batches)
         if gained and done < self._total:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any, ClassVar
 
 from jbench.errors import WorkError
+from jbench.wording import are, counted
 
 _PLAIN_EVERY = 10.0  # s between plain lines of progress, where there is no terminal
 
@@ -72,7 +73,8 @@ class Output:
         for problem in problems:
             self.warn(problem)
         if problems:
-            raise WorkError(f"{len(problems)} records are damaged and left out; see above.")
+            count = f"{counted(len(problems), 'record')} {are(len(problems))}"
+            raise WorkError(f"{count} damaged and left out; see above.")
 
     def document(self, content: dict[str, Any]) -> None:
         """Prints the JSON document if `--json` was given."""

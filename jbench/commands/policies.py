@@ -20,6 +20,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError
+from jbench.wording import counted
 
 if TYPE_CHECKING:
     from jbench.store import Results
@@ -82,7 +83,8 @@ def evaluate(
     output.say(
         f"{task}, {policy}: median return {summary['median']:.0f} "
         f"[10th {summary['q10']:.0f}, 90th {summary['q90']:.0f}], mean {returns.mean():.0f}, "
-        f"worst {returns.min():.0f}, over {len(returns)} episodes; saved in {record.path}"
+        f"worst {returns.min():.0f}, over {counted(len(returns), 'episode')}; "
+        f"saved in {record.path}"
     )
     output.document(display.described(record))
 

@@ -23,6 +23,7 @@ from jbench.commands.options import (
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.opengl import has_display
+from jbench.wording import are, counted
 
 if TYPE_CHECKING:
     from jbench.report.report import Report
@@ -81,6 +82,7 @@ def report(
         list[str] | None,
         typer.Option(
             "--format",
+            metavar="FORMAT",
             help=f"Format of the figures: {', '.join(names.FIGURE_FORMATS)}; repeatable (default: "
             "png, svg).",
             autocompletion=complete(*names.FIGURE_FORMATS),
@@ -162,9 +164,10 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
     for problem in written.problems:
         output.warn(problem)
     if written.problems:
+        damaged = len(written.problems)
         raise WorkError(
-            f"{len(written.problems)} records are damaged and left out; see above. `jbench verify` "
-            "lists the damage, `jbench repair` sets it aside."
+            f"{counted(damaged, 'record')} {are(damaged)} damaged and left out; see above. "
+            "`jbench verify` lists the damage, `jbench repair` sets it aside."
         )
 
 

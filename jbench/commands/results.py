@@ -23,6 +23,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output, duration, short
 from jbench.errors import RequestError, WorkError
+from jbench.wording import are, counted
 
 FilesOption = Annotated[int, typer.Option(help="Number of files read at a time (0: one per core).")]
 
@@ -67,14 +68,14 @@ def runs(
         for row, line in zip(rows, lines, strict=True):
             row.append("" if line.last_return is None else f"{line.last_return:.0f}")
     output = Output(json)
-    output.table(f"{len(lines):,} {what}s", header, rows)
+    output.table(counted(len(lines), what), header, rows)
     output.document({f"{what}s": [line._asdict() for line in lines], "problems": problems})
     output.warn_of_damage(problems)
 
 
 def query(
     sql: Annotated[
-        str, typer.Argument(help="A SELECT statement over the tables; see docs/database.md.")
+        str, typer.Argument(help="A SELECT statement, SHOW TABLES, or DESCRIBE and a table.")
     ],
     as_csv: CsvOption = False,
     results: ReadResultsOption = RESULTS,
@@ -82,7 +83,7 @@ def query(
 ) -> None:
     """Query the results with SQL.
 
-    The tables are runs, episodes, evaluations, encoders and others; see docs/database.md.
+    SHOW TABLES lists the tables, and DESCRIBE runs the columns of the table runs.
     """
     from jbench.store.query import query_results, to_csv, to_json
 
@@ -97,7 +98,7 @@ def query(
     else:
         cells = answer.astype(object).where(answer.notna(), None).to_numpy()
         rows = [[short(cell) for cell in row] for row in cells]
-        output.table(f"{len(answer):,} rows", list(answer.columns), rows)
+        output.table(counted(len(answer), "row"), list(answer.columns), rows)
     output.warn_of_damage(problems)
 
 
@@ -219,7 +220,10 @@ def merge(
     output.say(f"Merged into {results}: {outcomes}.")
     output.document({"records": [one._asdict() for one in merged]})
     if refused:
-        raise WorkError(f"{len(refused)} records were refused; the others are merged. See above.")
+        raise WorkError(
+            f"{counted(len(refused), 'record')} {are(len(refused))} refused, see above; the others "
+            "are merged."
+        )
 
 
 @contextmanager

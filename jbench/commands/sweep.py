@@ -21,6 +21,7 @@ from jbench.commands.options import (
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.seeds import parse_seeds
+from jbench.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -162,7 +163,7 @@ def sweep(
     runs = list(all_runs(cells))
     failures = {} if dry_run else train(cells)
     statuses = cell_statuses(cells, database, at_a_time, train_on, quick=dry_run)
-    show_matrix(f"{matrix}: {len(runs)} runs", statuses, at_a_time, dry_run, output)
+    show_matrix(f"{matrix}: {counted(len(runs), 'run')}", statuses, at_a_time, dry_run, output)
     missing = show_missing(cells, database, output)
     failures |= failures_among(runs, database)
     output.document(
@@ -177,7 +178,9 @@ def sweep(
     if dry_run:
         return
     if failures:
-        raise WorkError(f"{len(failures)} of {len(runs)} runs failed; --retry-failed retries them.")
+        raise WorkError(
+            f"{len(failures)} of {counted(len(runs), 'run')} failed; --retry-failed tries again."
+        )
     output.say("Next: jbench report")
 
 
@@ -205,7 +208,9 @@ def _decide(
         show_look(look, output)
     needed = [run.id for run in all_runs(look.needed)]
     if needed:
-        output.say(f"Needed next: {len(needed)} runs in {len(look.needed)} cells.")
+        output.say(
+            f"Needed next: {counted(len(needed), 'run')} in {counted(len(look.needed), 'cell')}."
+        )
     failures = failures_among((run for one in look.outcomes for run in one.needed), results)
     output.document(
         {
@@ -216,7 +221,7 @@ def _decide(
         }
     )
     if failures and train is not None:
-        raise WorkError(f"{len(failures)} runs failed; --retry-failed retries them.")
+        raise WorkError(f"{counted(len(failures), 'run')} failed; --retry-failed tries again.")
     if train is not None:
         output.say("Next: jbench report")
 

@@ -8,15 +8,16 @@ from jbench.store import Results
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.cell_status import CellStatus, seconds_left
 from jbench.sweeps.prepare import missing_datasets, missing_encoders
+from jbench.wording import counted
 
 
 def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> list[str]:
     """Prints the datasets and encoders that are made first; returns their ids."""
     datasets, encoders = missing_datasets(cells, results), missing_encoders(cells, results)
     for dataset in datasets:
-        output.say(f"Made first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
+        output.say(f"Collected first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
     if encoders:
-        output.say(f"Made first: the encoders {', '.join(encoder.id for encoder in encoders)}.")
+        output.say(f"Trained first: the encoders {', '.join(encoder.id for encoder in encoders)}.")
     return [*(dataset.id for dataset in datasets), *(encoder.id for encoder in encoders)]
 
 
@@ -48,7 +49,7 @@ def show_matrix(
     output.table(title, header, rows)
     if times and any(each.steps_left for each in statuses):
         output.say(
-            f"Time left with {jobs} processes at a time: "
+            f"Time left with {counted(jobs, 'process', 'processes')} at a time: "
             f"{_time(seconds_left(statuses, jobs))}, the failed runs included."
         )
 

@@ -19,6 +19,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output, duration
 from jbench.errors import RequestError, WorkError
+from jbench.wording import are, counted
 
 if TYPE_CHECKING:
     from jbench.store.follow import Change, Row
@@ -72,7 +73,9 @@ def tail(
     except KeyboardInterrupt:
         return
     if problems:
-        raise WorkError(f"{problems} runs are damaged and left out; see above.")
+        raise WorkError(
+            f"{counted(problems, 'run')} {are(problems)} damaged and left out; see above."
+        )
 
 
 def _last(rows: list["Row"], episodes: int) -> list["Row"]:
@@ -104,7 +107,7 @@ def _text_lines(change: "Change") -> Iterator[str]:
             yield (
                 f"{run}: evaluation {rows[0]['evaluation']} after {rows[0]['control_steps']:,} "
                 f"control steps, mean return {_mean([row['episode_return'] for row in rows])} of "
-                f"{len(rows)} episodes"
+                + counted(len(rows), "episode")
             )
     if change.status_changed and change.run.status != "unfinished":
         yield f"{run}: {change.run.status}"

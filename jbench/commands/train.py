@@ -18,8 +18,9 @@ from jbench.commands.options import (
     complete,
 )
 from jbench.commands.output import Output
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError
 from jbench.seeds import parse_seeds
+from jbench.wording import counted
 
 
 def train(
@@ -54,7 +55,7 @@ def train(
     ] = "published",
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Set a hyperparameter, as NAME=VALUE; repeatable."),
+        typer.Option("--set", metavar="NAME=VALUE", help="Set a hyperparameter; repeatable."),
     ] = None,
     time_limit: Annotated[
         str,
@@ -121,6 +122,8 @@ def train(
     from jbench.training.request import request_runs, training_device
     from jbench.training.status import failures_among
 
+    if task == "all" or "," in task:
+        raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
     output, database = Output(json), parsing.results_to_write(results)
     chosen_engine = None if engine is None else names.known("engine", engine, names.ENGINES)
     chosen_precision = names.known("precision", precision, names.PRECISIONS)
@@ -161,4 +164,6 @@ def train(
     output.say("Next: jbench report")
     output.document({"runs": [run.id for run in runs], "failures": failures})
     if failures:
-        raise WorkError(f"{len(failures)} of {len(runs)} runs failed; --retry-failed retries them.")
+        raise WorkError(
+            f"{len(failures)} of {counted(len(runs), 'run')} failed; --retry-failed tries again."
+        )

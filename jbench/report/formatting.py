@@ -38,11 +38,6 @@ def steps(value: float) -> str:
     return f"{rounded:g}"
 
 
-def counted(count: int, noun: str) -> str:
-    """Formats a number of things: `1 seed`, `1,200 seeds`."""
-    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
-
-
 def span(numbers: Sequence[float], form: Form) -> str:
     """Formats the smallest and the largest number: `300k–1M`, or `300k` if both read the same."""
     return "\N{EN DASH}".join(dict.fromkeys((form(min(numbers)), form(max(numbers)))))

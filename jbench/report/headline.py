@@ -14,6 +14,7 @@ from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.formatting import display_name
 from jbench.report.tables import reduction_items, values
 from jbench.report.views import View, cells_of
+from jbench.wording import counted
 
 _MAX_PARTS = 5
 
@@ -56,9 +57,9 @@ def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
         return []
     steps = sum(int(cell.steps.sum()) for cell in cells)
     texts = [
-        formatting.counted(sum(len(cell.seeds) for cell in cells), "run"),
-        formatting.counted(len(cells), "setting"),
-        formatting.counted(len({cell.task for cell in cells}), "task"),
+        counted(sum(len(cell.seeds) for cell in cells), "run"),
+        counted(len(cells), "setting"),
+        counted(len({cell.task for cell in cells}), "task"),
         f"{formatting.steps(steps)} control steps",
     ]
     return [(number, noun) for number, _, noun in (text.partition(" ") for text in texts)]

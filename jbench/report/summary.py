@@ -10,10 +10,11 @@ from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.cells import OURS, SOLVED, Cell
-from jbench.report.formatting import counted, display_name
+from jbench.report.formatting import display_name
 from jbench.report.request import Request
 from jbench.report.tables import reduction_items, values
 from jbench.report.views import View, cells_of
+from jbench.wording import counted
 
 _MAX_NAMED = 12
 

@@ -8,6 +8,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks
+from jbench.wording import are, counted
 
 State = Literal["finished", "partial", "failed", "missing"]
 
@@ -46,15 +47,16 @@ class Plan(NamedTuple):
         finished, partial, failed = (self.ids(s) for s in ("finished", "partial", "failed"))
         if finished:
             rest = "" if self.to_do(retry_failed) or failed else "; nothing to do"
-            count = f"{len(finished)} of {len(self.runs)} runs"
-            yield f"{count} are already finished and skipped{rest}."
+            count = f"{len(finished)} of {counted(len(self.runs), 'run')}"
+            yield f"{count} {are(len(finished))} already finished and skipped{rest}."
         if partial:
-            yield f"{len(partial)} runs were interrupted, or another process is training them."
+            count = f"{counted(len(partial), 'run')} {are(len(partial))}"
+            yield f"{count} unfinished: interrupted, or another process is training."
         for id in failed:
             yield f"The run {id} failed before: {self.statuses[id].error}"
         if failed:
-            how = "they are retried" if retry_failed else "--retry-failed retries them"
-            yield f"{len(failed)} runs failed before; {how}."
+            how = "trying again" if retry_failed else "--retry-failed tries again"
+            yield f"{counted(len(failed), 'run')} failed before; {how}."
 
 
 def run_status(run: RunSettings, results: Results) -> RunStatus:

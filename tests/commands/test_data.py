@@ -120,7 +120,7 @@ def test_what_can_not_be_read_is_named_and_the_others_are_listed(results, change
     (problem,) = listed["problems"]
     assert said in problem
     assert f"Warning: {problem}" in printed.err
-    assert "Error: 1 datasets can't be read and are left out; see above." in printed.err
+    assert "Error: 1 dataset is unreadable and left out; see above." in printed.err
 
 
 def test_export_takes_the_newest_plain_one_or_the_one_asked_for(results, tmp_path, capsys):

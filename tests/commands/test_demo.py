@@ -17,7 +17,7 @@ def test_each_command_is_shown_run_and_recorded(tmp_path, monkeypatch, capsys):
     assert main(["demo", "--results", str(place)]) == 0
     said = capsys.readouterr().out
     assert f"\n$ jbench collect --steps 1000 --results {place}\n" in said
-    assert f"1 datasets in {place}" in said
+    assert f"1 dataset in {place}" in said
     assert f"The report: {place / 'report' / 'index.html'}" in said
     (record,) = Results(place).scan("dataset")[0]
     typed = ["jbench", "collect", "--steps", "1000", "--results", str(place)]

@@ -116,7 +116,7 @@ def test_the_same_commands_again_change_nothing_and_say_so(pipeline):
 def test_only_missing_seeds_are_trained(pipeline):
     done = succeed(*train("ppo", "none"), "--seeds", "0-2", results=pipeline)
     assert "2 of 3 runs are already finished and skipped." in done.stdout
-    assert "1 runs with 200 control steps left at about" in done.stdout
+    assert "1 run with 200 control steps left at about" in done.stdout
     runs = load(Results(pipeline)).tables["runs"].to_pandas()
     chosen = runs[(runs["algo"] == "ppo") & (runs["representation"] == "full")]
     assert sorted(chosen["seed"]) == [0, 1, 2]

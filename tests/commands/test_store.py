@@ -95,7 +95,7 @@ def test_runs_that_can_not_be_read_are_named_and_the_others_listed(results, type
     assert code == 1
     assert "2 runs" in out
     assert err.startswith(f"Warning: {run.path}/manifest.json is not a manifest")
-    assert err.endswith("Error: 1 records are damaged and left out; see above.\n")
+    assert err.endswith("Error: 1 record is damaged and left out; see above.\n")
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,7 @@ def test_results_are_merged_and_what_differs_is_named(tmp_path, results, typed):
     assert code == 1
     assert "6 same, 1 refused" in out
     assert "episode_return of episodes, in rows 0 to 0" in err
-    assert err.endswith("Error: 1 records were refused; the others are merged. See above.\n")
+    assert err.endswith("Error: 1 record is refused, see above; the others are merged.\n")
     code, out, _ = typed("merge", str(results.path), "--json", results=mine)
     assert {one["outcome"] for one in json.loads(out)["records"]} == {"same"}
     code, _, err = typed("merge", str(tmp_path), results=mine)

@@ -106,14 +106,14 @@ def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, resu
     done = sweep(matrix, results)
     assert done.returncode == 1
     assert f"Warning: the run {encoded.id} failed: " in done.stderr
-    assert "1 of 2 runs failed; --retry-failed retries them." in done.stderr
+    assert "1 of 2 runs failed; --retry-failed tries again." in done.stderr
     assert states([encoded, full], results) == ["failed", "finished"]
     assert "is damaged" in Results(results).find("run", encoded.id).manifest.summary["error"]
 
     weights.write_bytes(whole)
     done = sweep(matrix, results, "--json")
     assert done.returncode == 1
-    assert "1 runs failed before; --retry-failed retries them." in done.stderr
+    assert "1 run failed before; --retry-failed tries again." in done.stderr
     assert list(json.loads(done.stdout)["failures"]) == [encoded.id]
     assert states([encoded], results) == ["failed"]
     assert sweep(matrix, results, "--retry-failed").returncode == 0

@@ -87,7 +87,7 @@ def test_a_damaged_run_is_reported_and_the_others_are_printed(results, capsys):
     assert "sac" in printed.out
     assert damaged.id not in printed.out
     assert damaged.id in printed.err
-    assert "1 runs are damaged" in printed.err
+    assert "1 run is damaged" in printed.err
 
 
 @pytest.mark.parametrize(

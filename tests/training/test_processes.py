@@ -106,11 +106,11 @@ def test_failed_runs_are_retried_only_when_asked(tmp_path, capsys, monkeypatch):
     said = capsys.readouterr()
     assert asked[1:] == [[interrupted, new]]
     assert f"The run {failed.id} failed before: out of luck\n" in said.out
-    assert said.err == "Error: 1 of 4 runs failed; --retry-failed retries them.\n"
+    assert said.err == "Error: 1 of 4 runs failed; --retry-failed tries again.\n"
     # It still is failed, as nothing was trained here.
     assert main([*arguments, "--retry-failed"]) == 1
     assert asked[2:] == [[interrupted, failed, new]]
-    assert "1 runs failed before; they are retried." in capsys.readouterr().out
+    assert "1 run failed before; trying again." in capsys.readouterr().out
 
 
 def test_train_and_sweep_write_checkpoints_equally_often():

@@ -8,13 +8,13 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS
-from jbench.report import formatting
 from jbench.report.data.cells import OURS, Cell, paper_order
 from jbench.report.data.curves import BAND_SEEDS, FloatArray, IntArray
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.report.data.variants import variant_labels, variant_words
 from jbench.settings.run import parse_run
+from jbench.wording import counted
 
 _KEY = ["task", "algo", "representation", "variant"]
 
@@ -192,7 +192,7 @@ def _notes(
     """Returns notes on unusual runs of a cell; `runs` contains the unused ones as well."""
     notes = []
     if len(chosen) < BAND_SEEDS:
-        seeds = formatting.counted(len(chosen), "seed")
+        seeds = counted(len(chosen), "seed")
         notes.append(f"only {seeds}: no band is drawn, and quantiles across seeds say little")
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
     left_out = runs.drop(chosen.index)

@@ -19,7 +19,7 @@ from jbench.report.figure import (
     Shade,
     Style,
 )
-from jbench.report.formatting import counted
+from jbench.wording import counted
 
 SOLVED_STYLE = Style("#8a8a8a", width=0.8)
 SOLVED_LINE = ReferenceLine(SOLVED, SOLVED_STYLE)

@@ -17,6 +17,7 @@ from jbench.report.figure import Axis, Band, Figure, Panel, ReferenceLine, Serie
 from jbench.report.figures.curve_series import KEY_COLOR, SOLVED_KEY, SOLVED_STYLE
 from jbench.report.figures.learning_curves import algorithm_colors
 from jbench.report.tables import values
+from jbench.wording import counted
 
 ALL_TASKS = "all tasks"
 _MAX_ROWS = 40
@@ -156,7 +157,7 @@ def _together(
         one = st.estimate(st.interquartile_mean, strata)
         cell = next(iter(mine.values()))
         tags = page_tags(cell.algo, cell.representation, cell.source)
-        runs = f"{sum(map(len, strata))} runs on {len(tasks)} tasks"
+        runs = f"{counted(sum(map(len, strata)), 'run')} on {counted(len(tasks), 'task')}"
         series.append(_mean(one, float(row), colors[cell.algo], tags, runs))
     return series
 

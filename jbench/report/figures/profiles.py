@@ -31,8 +31,8 @@ from jbench.report.figures.curve_series import (
     details_text,
 )
 from jbench.report.figures.learning_curves import algorithm_colors
-from jbench.report.formatting import counted
 from jbench.report.tables.values import trained
+from jbench.wording import counted
 
 THRESHOLDS: FloatArray = np.linspace(0, 1000, 201)
 """Episode returns at which a profile is drawn."""

@@ -9,7 +9,8 @@ from jbench.report.analysis.scores import Statistic, scores_of
 from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import OURS, Cell
 from jbench.report.document import Value
-from jbench.report.formatting import counted, display_name, span, steps, whole
+from jbench.report.formatting import display_name, span, steps, whole
+from jbench.wording import counted
 
 
 def estimate(one: Estimate | None, form: Callable[[float], str] = whole) -> Value | None:

@@ -5,7 +5,7 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 DEMO := demo-results
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test test-slow lint docs smoke install clean
+.PHONY: demo test test-slow lint docs smoke lowest install clean
 
 install: $(VENV)/.installed
 
@@ -46,6 +46,14 @@ smoke:
 	$(PIP) install $(TORCH)
 	$(PIP) install . hypothesis pytest setuptools
 	$(BIN)/python -m pytest tests/test_distribution.py -m "slow or not slow"
+
+# The tests with the lowest versions that pyproject.toml permits.
+lowest:
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install $(TORCH)
+	$(PIP) install uv
+	$(BIN)/uv pip install --python $(BIN)/python --resolution lowest-direct --editable '.[test]'
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 clean:
 	rm -rf $(VENV) $(DEMO)

@@ -63,6 +63,7 @@ class JitterbugVectorEnv(
         Raises:
             ValueError: if an argument is wrong.
         """
+        self.closed = True  # gymnasium < 1.4 closes what is deleted, also if it was never made
         modes = self.metadata["render_modes"]
         if settings.get("render_mode") not in (None, *modes):
             raise RequestError(
@@ -92,7 +93,7 @@ class JitterbugVectorEnv(
         )
         self._targets = Target(np.zeros((num_envs, 3)), np.zeros(num_envs))
         self._elapsed = np.zeros(num_envs, np.int64)
-        self._started = False
+        self._started = self.closed = False
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -87,7 +87,7 @@ def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.Da
     for name in _FRACTIONS:
         rows[name] = 1 - rows[f"{name}_explained"]
     predictions = tables["encoder_predictions"].to_pandas()
-    r2 = predictions.pivot_table(values="r2", index="encoder", columns="target")
+    r2 = predictions.pivot_table(values="r2", index="encoder", columns="target", observed=True)
     rows = rows.merge(r2.reindex(columns=list(_PREDICTED)), on="encoder", how="left")
     rows["effective_rank"] = rows["effective_rank"].astype(float)
     table = (

@@ -147,8 +147,12 @@ _OPTIONS_ELSEWHERE = {
     **dict.fromkeys(("--n-envs", "--num-envs"), "--environments"),
     **dict.fromkeys(("--algorithm", "--agent"), "--algo"),
     **dict.fromkeys(("--logdir", "--output", "--out-dir"), "--results"),
+    **dict.fromkeys(("--eval-freq", "--eval-every"), "--evaluate-every"),
+    **dict.fromkeys(("--eval-episodes", "--n-eval-episodes"), "--evaluate-episodes"),
+    **{"--cuda": "--device", "--track": "--log", "--lr": "--set learning_rate=VALUE"},
+    **{"--net-arch": "--set hidden_layers=VALUE", "--n-steps": "--set n_steps=VALUE"},
 }
-"""Options of similar tools, and what they are called here."""
+"""Options of similar tools, and what to type here."""
 
 
 def _refusal(error: typer.TyperException) -> str:
@@ -160,10 +164,21 @@ def _refusal(error: typer.TyperException) -> str:
     else:
         help_ = f"{context.command_path} --help lists the options and shows an example."
         options = {option for each in context.command.params for option in each.opts}
-        here = _OPTIONS_ELSEWHERE.get(getattr(error, "option_name", ""))
-        if here in options:
-            message = f"{message.split(' (')[0]} (here it is called {here})"
+        here = _option_here(getattr(error, "option_name", ""))
+        if here.partition(" ")[0] in options:
+            message = f"{message.split(' (')[0]}; type {here} instead"
     return f"{message} {help_}" if message.endswith("?") else f"{message.rstrip('.')}; {help_}"
+
+
+def _option_here(elsewhere: str) -> str:
+    """Returns the option for one of another tool or a hyperparameter; empty if there is none."""
+    if elsewhere in _OPTIONS_ELSEWHERE:
+        return _OPTIONS_ELSEWHERE[elsewhere]
+    from jbench.settings.algorithms import SETTINGS
+
+    name = elsewhere.removeprefix("--").replace("-", "_")
+    known = any(name in settings.model_fields for settings in SETTINGS.values())
+    return f"--set {name}=VALUE" if known else ""
 
 
 def _failed(sentence: str, exit_code: int, as_json: bool) -> int:

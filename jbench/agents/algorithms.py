@@ -81,10 +81,18 @@ def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
             "required"
             if field.is_required()
             else to_jsonable_python(field.get_default(call_default_factory=True)),
-            field.description or "",
+            _meaning(kind, name),
         )
         for name, field in kind.model_fields.items()
     }
+
+
+def _meaning(kind: type[Settings], name: str) -> str:
+    """Returns the description of a setting; a subclass adds the source of its own default."""
+    classes = [each for each in reversed(kind.__mro__) if issubclass(each, Settings)]
+    fields = [each.model_fields[name] for each in classes if name in each.model_fields]
+    parts = [part for field in fields for part in (field.description or "").split("; ")]
+    return "; ".join(dict.fromkeys(filter(None, parts)))
 
 
 def engine_of(algo: str, wanted: Engine | None = None) -> Engine:

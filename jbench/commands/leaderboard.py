@@ -13,6 +13,7 @@ from jbench.commands.options import (
     JsonOption,
     OneAlgorithmOption,
     OneTaskOption,
+    ReadResultsOption,
     complete,
 )
 from jbench.commands.output import Output
@@ -26,7 +27,7 @@ def leaderboard(
     directories: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Results directories, of which reference is the shipped one (default: results)."
+            help="Results directories, of which reference is the shipped one (default: --results)."
         ),
     ] = None,
     task: OneTaskOption = None,
@@ -43,6 +44,7 @@ def leaderboard(
         bool, typer.Option("--markdown", help="Print Markdown to standard output.")
     ] = False,
     as_csv: CsvOption = False,
+    results: ReadResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
     """Rank algorithms and representations on each task.
@@ -55,7 +57,7 @@ def leaderboard(
     from jbench.report.data.returns import KINDS
     from jbench.report.request import Request
 
-    databases = {str(path): parsing.existing_results(path) for path in directories or [RESULTS]}
+    databases = {str(path): parsing.existing_results(path) for path in directories or [results]}
     read = list(databases.values())
     request = Request(
         task=task and parsing.known_or_held("task", task, names.TASKS, read),

@@ -103,7 +103,10 @@ def existing_results(path: Path) -> "Results":
     """
     results = results_at(path)
     if not results.path.exists():
-        raise RequestError(f"{path} does not exist; name a directory with --results.")
+        raise RequestError(
+            f"{path} does not exist; name another directory, such as {REFERENCE} (the results "
+            "shipped with jbench), or type jbench demo to make results."
+        )
     return results
 
 

@@ -73,6 +73,9 @@ def runs(
     output.warn_of_damage(problems)
 
 
+_SHOWN, _LONGEST = 100, 80  # rows of a query, and characters of a cell, in a table for people
+
+
 def query(
     sql: Annotated[
         str, typer.Argument(help="A SELECT statement, SHOW TABLES, or DESCRIBE and a table.")
@@ -96,10 +99,17 @@ def query(
     elif as_csv:
         output.raw(to_csv(answer))
     else:
-        cells = answer.astype(object).where(answer.notna(), None).to_numpy()
-        rows = [[short(cell) for cell in row] for row in cells]
-        output.table(counted(len(answer), "row"), list(answer.columns), rows)
+        first = answer.head(_SHOWN)
+        cells = first.astype(object).where(first.notna(), None).to_numpy()
+        rows = [[_cut(short(cell)) for cell in row] for row in cells]
+        less = f", the first {_SHOWN} shown; --csv prints all" if len(answer) > _SHOWN else ""
+        output.table(counted(len(answer), "row") + less, list(answer.columns), rows)
     output.warn_of_damage(problems)
+
+
+def _cut(text: str) -> str:
+    """Cuts a long text, such as the JSON of settings, so that its row stays one of a table."""
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
 
 
 def verify(

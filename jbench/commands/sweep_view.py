@@ -48,9 +48,10 @@ def show_matrix(
             row += [_time(each.seconds_left) if each.steps_left else "", each.estimate]
     output.table(title, header, rows)
     if times and any(each.steps_left for each in statuses):
+        failed = ", the failed runs included" if any(each.failed for each in statuses) else ""
         output.say(
             f"Time left with {counted(jobs, 'process', 'processes')} at a time: "
-            f"{_time(seconds_left(statuses, jobs))}, the failed runs included."
+            f"{_time(seconds_left(statuses, jobs))}{failed}."
         )
 
 

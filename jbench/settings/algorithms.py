@@ -59,6 +59,11 @@ class OffPolicySettings(AlgorithmSettings):
     noise_theta: float = Field(default=0.15, ge=0, description="Ornstein-Uhlenbeck; Table 1")
     noise_dt: float = Field(default=0.01, gt=0, description="s; stable-baselines 2")
 
+    @property
+    def first_update(self) -> int:
+        """Control steps before the first update, with one environment."""
+        return self.train_freq * (self.learning_starts // self.train_freq + 1)
+
 
 class DeterministicSettings(OffPolicySettings):
     """Settings of DDPG and TD3, whose policies are deterministic."""

@@ -142,7 +142,7 @@ def comparisons(cells: Sequence[Cell], claims: Collection[str] = ()) -> list[Com
         )
     names = list(dict.fromkeys(name for one in every for name in one.claims))
     for claim in claims:
-        known("claim", claim, names)
+        known("comparison", claim, names)
     return [one for one in every if not claims or {*one.claims} & {*claims}]
 
 

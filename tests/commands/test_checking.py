@@ -116,7 +116,7 @@ def test_a_shipped_run_needs_no_results(tmp_path, monkeypatch, capsys):
     assert main(["reproduce", "reference/face_direction/sac/full/s00"]) == 2
     assert ": face_direction/sac/full/s00-" in capsys.readouterr().err
     assert main(["reproduce", RUNS[0].id]) == 2
-    assert "results does not exist; name a directory" in capsys.readouterr().err
+    assert "results does not exist; name another directory" in capsys.readouterr().err
 
 
 def test_verify_repeats_the_evaluations(trained, altered, capsys):

@@ -118,7 +118,7 @@ def test_representations_are_compared_with_the_full_observation_of_the_same_sett
     ]
     assert deciding.rate_of_each(asked) == 0.025
     assert [one.name for one in deciding.comparisons(cells, ["random2/full"])] == [asked[1].name]
-    with pytest.raises(RequestError, match=r"Unknown claim 'pca4'; did you mean pca3\?"):
+    with pytest.raises(RequestError, match=r"Unknown comparison 'pca4'; did you mean pca3\?"):
         deciding.comparisons(cells, ["pca4"])
     with pytest.raises(RequestError, match="there is nothing to decide"):
         deciding.comparisons(cells[3:])
@@ -239,7 +239,7 @@ def test_seeds_are_added_until_the_maximum_and_typed_again_nothing_is_left(matri
         (("--until-decided", "--seeds", "0-3"), "type --max-seeds, not --seeds"),
         (("--until-decided", "--max-seeds", "7"), "--max-seeds 7: type a multiple of 5."),
         (("--until-decided", "--max-seeds", "0"), "--max-seeds 0: type a multiple of 5."),
-        (("--until-decided", "dae3"), "Unknown claim 'dae3'; did you mean dae12?"),
+        (("--until-decided", "dae3"), "Unknown comparison 'dae3'; did you mean dae12?"),
     ],
 )
 def test_a_wrong_request_gets_one_sentence(arguments, says, results, capsys):

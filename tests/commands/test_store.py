@@ -122,7 +122,7 @@ def test_wrong_request_gets_one_sentence(results, typed, arguments, says):
 @pytest.mark.parametrize("verb", ["verify", "repair"])
 def test_results_that_are_not_there_are_not_called_whole(tmp_path, typed, verb):
     code, _, err = typed(verb, results=Results(tmp_path / "missing"))
-    assert (code, "missing does not exist; name a directory with --results" in err) == (2, True)
+    assert (code, "missing does not exist; name another directory" in err) == (2, True)
     assert not (tmp_path / "missing").exists()
 
 

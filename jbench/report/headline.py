@@ -1,4 +1,4 @@
-"""The answer of a report in a sentence: who solves what, by when, and what reduction costs."""
+"""The answer of a report in sentences: what reduction costs, and who solves what, by when."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.formatting import display_name
 from jbench.report.tables import reduction_items, values
 from jbench.report.views import View, cells_of
-from jbench.wording import counted
+from jbench.wording import are, counted
 
 _MAX_PARTS = 5
 
@@ -38,16 +38,16 @@ class _Answer(NamedTuple):
 
 
 def headline(view: View) -> str:
-    """Returns the answer according to one kind of return, as a sentence."""
+    """Returns the answer according to one kind of return, in sentences."""
     answers = [one for one in map(_answer, view.statistics) if one is not None]
-    shown = _without_encoded(answers)
     with_full = [one for one in view.reductions if one.baseline == FULL]
-    parts = [*_on_tasks(shown), *map(_on_reduction, with_full)]
+    parts = [*_on_reductions(with_full), *_on_tasks(_without_encoded(answers))]
     if not parts:
         return "There are no returns yet."
-    more = f"; and {len(parts) - _MAX_PARTS} more below" if len(parts) > _MAX_PARTS else ""
-    sentence = "; ".join(parts[:_MAX_PARTS]) + more
-    return f"{sentence[0].upper()}{sentence[1:]}."
+    shown = [f"{part[0].upper()}{part[1:]}." for part in parts[:_MAX_PARTS]]
+    left = len(parts) - _MAX_PARTS
+    more = [f"{left} more {are(left)} below."] if left > 0 else []
+    return " ".join(shown + more)
 
 
 def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
@@ -108,8 +108,8 @@ def _names(chosen: Sequence[_Answer], of_task: Sequence[_Answer]) -> Iterator[st
 
 
 def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) -> str:
-    one = len(names) == 1
     who, tasks = _listed(names), _listed(list(dict.fromkeys(a.cell.task for a in group)))
+    one, several = len(names) == 1, len(group) > 1
     medians = formatting.span([answer.median for answer in group], formatting.whole)
     reached = [answer.reached for answer in group if answer.reached != math.inf]
     when = (
@@ -117,42 +117,50 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
         if reached
         else ""
     )
+    if reached and len(reached) < len(group):
+        when += f" in {len(reached)} of {len(group)} cells"
     count = formatting.span([float(answer.seeds) for answer in group], formatting.whole)
-    seeds = f"{count} seed{'' if count == '1' else 's'}{' each' if len(group) > 1 else ''}"
+    seeds = f"{count} seed{'' if count == '1' else 's'}{' each' if several else ''}"
+    parts = [f"median return{'s' * several} {medians}", when, seeds]
+    details = f"({'; '.join(filter(None, parts))})"
+    solves, do = ("solves", "does") if one else ("solve", "do")
     if verdict == "undecided":
-        return (
-            f"{who} {'ends' if one else 'end'} {tasks} with a median return of {medians}"
-            + (f" ({when})" if when else "")
-            + f", which does not decide whether it is solved ({seeds})"
-        )
-    solves = "solves" if one else "solve"
-    unsolved = "does not solve" if one else "do not solve"
-    details = "; ".join(filter(None, [f"median return {medians}", when, seeds]))
-    return f"{who} {solves if verdict == 'supported' else unsolved} {tasks} ({details})"
+        return f"whether {who} {solves} {tasks} is undecided {details}"
+    return f"{who} {solves if verdict == 'supported' else f'{do} not solve'} {tasks} {details}"
 
 
-def _on_reduction(one: Reduction) -> str:
-    findings = {finding.claim: finding for finding in one.findings}
-    finding, of_speed = findings["a"], findings["c"]
-    effect, gain = (values.estimate(f.effect, formatting.signed) for f in (finding, of_speed))
-    interval = " with a 90% interval" if math.isfinite(finding.effect.low) else ""
-    cell, seeds = one.cell, f"{one.seeds[0]} and {one.seeds[1]} seeds"
-    numbers = numbers_seen(cell.representation, cell.task)
-    reduced = f"{numbers} numbers ({cell.representation}) instead of the full observation"
-    algo, task = display_name(cell.algo), cell.task
-    text = f" ({effect.text}{interval}; {seeds})" if effect else ""
-    outcome, speed = reduction_items.outcome(finding), reduction_items.outcome(of_speed)
-    if outcome == "undecided" and gain and speed != "undecided":
+def _on_reductions(found: Sequence[Reduction]) -> Iterator[str]:
+    """Yields a sentence for each task, representation and outcome, with its algorithms."""
+    groups: dict[tuple[str, str, str], list[str]] = {}
+    for one in found:
+        outcome, effects = _reduction_outcome(one)
+        algo = f"{display_name(one.cell.algo)}{effects}"
+        groups.setdefault((one.cell.task, one.cell.representation, outcome), []).append(algo)
+    for (task, representation, outcome), algos in groups.items():
+        numbers = numbers_seen(representation, task)
+        what = f"{numbers} numbers ({representation}) instead of the full observation"
+        yield outcome.format(task=task, what=what, who=_listed(algos))
+
+
+def _reduction_outcome(one: Reduction) -> tuple[str, str]:
+    """Returns the sentence for an outcome, with gaps to fill, and the effects that it rests on."""
+    of_final, of_speed = (next(f for f in one.findings if f.claim == claim) for claim in "ac")
+    final, gain = (values.estimate(f.effect, formatting.signed) for f in (of_final, of_speed))
+    interval = ", 90% interval" if math.isfinite(of_final.effect.low) else ""
+    seeds = f"{one.seeds[0]} and {one.seeds[1]} seeds"
+    effects = f" ({final.text}{interval}; {seeds})" if final else ""
+    outcome, speed = map(reduction_items.outcome, (of_final, of_speed))
+    if outcome == "undecided" and final and gain and speed != "undecided":
         return (
-            f"{reduced} make {algo} learn {task} {speed} ({gain.text} over the run with a 95% "
-            f"interval), but whether they change its final return is undecided{text}"
-        )
+            f"on {{task}}, with {{what}}, agents learn {speed}: {{who}}; whether their final "
+            "returns are similar is undecided"
+        ), f" ({gain.text} over the run, 95% interval; at the end {effects[2:]}"
     if outcome == "undecided":
-        return f"whether {reduced} change the return of {algo} on {task} is undecided{text}"
+        return "on {task}, whether {what} change the return of {who} is undecided", effects
     if outcome == "similar":
-        return f"{reduced} leave the return of {algo} on {task} similar{text}"
-    verb = "lower" if finding.effect.value < 0 else "raise"
-    return f"{reduced} {verb} the return of {algo} on {task}{text}"
+        return "on {task}, {what} leave the return of {who} similar", effects
+    verb = "lower" if of_final.effect.value < 0 else "raise"
+    return f"on {{task}}, {{what}} {verb} the return of {{who}}", effects
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -100,7 +100,7 @@ def document(data: ReportData) -> Document:
     compared = _present(map(table_items.comparisons, data.views))
     sections = (
         Section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data)),
-        Section("Does reduction help?", _answers(data.views), _reduction(data)),
+        _reduction(data),
         *(
             Section(
                 f"Final {view.kind.plural}", [_SEEDS] if view.leads else [], _returns(view, data)
@@ -192,19 +192,16 @@ def _returns(view: View, data: ReportData) -> list[Item]:
     ]
 
 
-def _answers(views: Sequence[View]) -> list[str]:
-    """Returns the answers on reduction, a sentence for each claim and kind of return."""
-    answers = [one for v in views for one in reduction_items.sentences(v.reductions, v.kind)]
-    return [_REDUCTION, *answers]
-
-
-def _reduction(data: ReportData) -> list[Item]:
+def _reduction(data: ReportData) -> Section:
+    answers, *others = (reduction_items.sentences(v.reductions, v.kind) for v in data.views)
     figures = [item for view in data.views for item in figure_items.of_reduction(view)]
     tables = (
         reduction_items.table(view.reductions, view.kind, view.file("reduction_tests"))
         for view in data.views
     )
-    return [*figures, *_present(tables)]
+    items = [*figures, *_present(tables)]
+    text = [_REDUCTION, *(one for sentences in others for one in sentences)]
+    return Section("Does reduction help?", text, items, answers)
 
 
 def _overview(data: ReportData) -> list[FigureItem]:

@@ -87,11 +87,13 @@ class Section:
         title: heading.
         text: paragraphs of plain text.
         items: figures and tables in order.
+        answers: sentences that are always shown, before the text.
     """
 
     title: str
     text: Sequence[str]
     items: Sequence[Item]
+    answers: Sequence[str] = ()
 
 
 class RunCurve(NamedTuple):

@@ -135,6 +135,7 @@ def _overview(document: Document, parts: Parts) -> Iterator[str]:
 
 def _section(id: str, section: Section, parts: Parts) -> Iterator[str]:
     yield f'<section id="{id}">\n<h2>{html(section.title)}</h2>'
+    yield _list(section.answers)
     yield items.caption(section.text, "What this section shows", shown=_SHORT)
     for one in section.items:
         yield from items.item(one, parts, section.title)

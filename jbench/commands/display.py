@@ -52,7 +52,7 @@ def show_encoders(records: Sequence[Record], output: Output) -> None:
     for record in records:
         _show_singular_values(record, output)
     _show_predictions(records, output)
-    header = ("encoder", "error", "explained", "PCA's", "random's", "heuristic's data", "PCA's")
+    header = ("encoder", "error", "explained", "PCA", "random", "heuristic's data", "PCA")
     output.table("Variance explained on held-out episodes, and on the heuristic's", header, rows)
 
 
@@ -99,8 +99,8 @@ def _show_encoder(record: Record, output: Output) -> None:
             ],
         )
     output.table(
-        "Error of each feature (scaled): on held-out episodes, and on the heuristic's",
-        ("feature", "error", "PCA's", "variance", "explained", "heuristic's data", "PCA's"),
+        "Mean squared error of each scaled feature on held-out episodes, and on the heuristic's",
+        ("feature", "error", "PCA", "variance", "explained", "heuristic's data", "PCA"),
         [
             (
                 row["feature"],

@@ -68,7 +68,10 @@ def runs(
         for row, line in zip(rows, lines, strict=True):
             row.append("" if line.last_return is None else f"{line.last_return:.0f}")
     output = Output(json)
-    output.table(counted(len(lines), what), header, rows)
+    if lines:
+        output.table(counted(len(lines), what), header, rows)
+    else:
+        output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
     output.document({f"{what}s": [line._asdict() for line in lines], "problems": problems})
     output.warn_of_damage(problems)
 

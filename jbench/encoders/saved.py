@@ -122,10 +122,10 @@ def load_encoder(results: Results, id: str) -> tuple[Encoder, dict[str, Any]]:
     record = results.find("encoder", id)
     if record is None:
         ids = [record.id for record in results.scan("encoder")[0]]
+        there = f"there are {', '.join(ids)}" if ids else "there is none yet: run jbench train-dae"
         raise RequestError(
-            f"No encoder {id} in {results.path}; "
-            + (f"there are {', '.join(ids)}." if ids else "there is none yet: run jbench ")
-            + ("" if ids else "train-dae.")
+            f"No encoder {id} in {results.path}; {there}. A kind with a number of latents, such as "
+            "dae12, selects the newest one."
         )
     if record.status != "finished":
         raise RequestError(
@@ -225,8 +225,8 @@ def _check_size(kind: str, latents: int, task: str) -> None:
     if len(sizes) == 1:
         raise RequestError(f"{kind} of {task} has {sizes[0]} latents; type --encoder {kind}.")
     raise RequestError(
-        f"An encoder of {task} has {sizes[0]} to {sizes[-1]} latents, if it is of the kind {kind}; "
-        f"type --encoder with such a number, as 12 or {kind}:12, or none."
+        f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents; type --encoder "
+        f"{kind}{min(12, sizes[-1])}, for example."
     )
 
 

@@ -86,7 +86,7 @@ def _row_names(cells: Sequence[Cell]) -> list[str]:
             algorithms.index(c.algo),
             c.representation != FULL,
             c.representation,
-            c.has_words,
+            c.words != "",
         ),
     )
     return list(dict.fromkeys(cell.short_name for cell in ordered))

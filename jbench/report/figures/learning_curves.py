@@ -144,7 +144,7 @@ def _task_panel(
         # The variant without words, which has the defaults, is solid.
         same = sorted(
             (item for item in learned if item.cell.algo == algo),
-            key=lambda item: item.cell.has_words,
+            key=lambda item: item.cell.words != "",
         )
         for style, item in enumerate(same):
             look = curve_series.Look(colors[algo], style)
@@ -175,7 +175,7 @@ def _comparison_figure(
     ours = list(dict.fromkeys(item.cell.representation for item in learned))
     for representation in ours:
         same = [item for item in learned if item.cell.representation == representation]
-        for style, item in enumerate(sorted(same, key=lambda item: item.cell.has_words)):
+        for style, item in enumerate(sorted(same, key=lambda item: item.cell.words != "")):
             look = curve_series.Look(look_of(kind_of(representation))[0], style)
             series += curve_series.learned_series(
                 item, look, bands[::-1], representation, each_seed=each_seed

@@ -67,7 +67,7 @@ def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
     size, unit = next((s, name) for least, s, name in _UNITS if longest >= least)
     drawn: Counter[str] = Counter()
     series = []
-    for item, times, median in sorted(timed, key=lambda one: one[0].cell.has_words):
+    for item, times, median in sorted(timed, key=lambda one: one[0].cell.words != ""):
         algo = item.cell.algo
         shown = curve_series.thinned(len(times), _MAX_POINTS)
         style = Style(

@@ -168,7 +168,7 @@ class TestReport:
     def test_published_curves_stand_beside_training_only(self, both, published):
         for kind, dashed in ((EVALUATION, 0), (TRAINING, 2)):
             learned = both.learned(window=4, kind=kind)
-            figure = learning_curves.grid_figure(learned, published, "quantile-first", 4)
+            figure = learning_curves.grid_figure(learned, published, Request(window=4))
             panel = figure.panels[0]
             assert panel.y.label == kind.axis
             assert len([x for x in panel.series if x.style.dash == "--"]) == dashed

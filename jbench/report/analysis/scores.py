@@ -117,6 +117,15 @@ def compared_scores(*cells: Cell) -> list[Scores]:
     return [scores_of(cell, common) for cell in cells]
 
 
+def final_percentiles(cell: Cell) -> tuple[float, float, float]:
+    """Returns the 10th, 50th and 90th percentile of the final returns; NaN if there are none."""
+    final = scores_of(cell).final
+    if not len(final):
+        return np.nan, np.nan, np.nan
+    low, median, high = np.percentile(final, (10, 50, 90)).tolist()
+    return low, median, high
+
+
 def baseline_of(cell: Cell, cells: Sequence[Cell]) -> Cell | None:
     """Returns the cell with the full observation and otherwise the same settings, or None."""
     if cell.representation == FULL:

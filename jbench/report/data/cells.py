@@ -116,6 +116,17 @@ class Cell:
         return algo if self.representation == FULL else f"{algo} on {self.representation}"
 
     @property
+    def columns(self) -> dict[str, str]:
+        """The first columns of the numbers of a figure."""
+        return {
+            "task": self.task,
+            "source": self.source,
+            "algo": self.algo,
+            "representation": self.representation_label,
+            "returns": self.kind.name,
+        }
+
+    @property
     def tags(self) -> dict[str, str]:
         """What a page filters by."""
         return page_tags(self.algo, self.representation, self.source, self.task)

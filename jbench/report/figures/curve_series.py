@@ -1,7 +1,7 @@
 """Series of learning curves, ours and the paper's, and their key."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -40,15 +40,14 @@ _MAX_MARKED = 40
 KEY_COLOR = "#404040"
 """Color of lines in a key that represent curves of any color."""
 
+BAND = (10, 90)
+"""Percentiles of the band around a curve."""
+
+QUARTILES = (25, 75)
+"""Percentiles of a second, narrower band."""
+
 OURS_KEY, PUBLISHED_KEY = "ours: median", "published: median"
 _ONE_SEED_KEY = "published: one seed"
-
-
-class Look(NamedTuple):
-    """Color and line style of a curve."""
-
-    color: str
-    style: int
 
 
 def returns_axis(label: str) -> Axis:
@@ -67,7 +66,8 @@ def steps_axis(end: float) -> Axis:
 
 def learned_series(
     item: LearnedCurve,
-    look: Look,
+    color: str,
+    nth: int,
     bands: Sequence[tuple[int, int]],
     name: str,
     *,
@@ -77,7 +77,8 @@ def learned_series(
 
     Args:
         item: the curve.
-        look: color and style of the line.
+        color: color of the line.
+        nth: index of the line's style and marker.
         bands: percentiles of the bands, the widest first.
         name: beginning of the label.
         each_seed: whether every seed is drawn as well.
@@ -90,15 +91,15 @@ def learned_series(
     # Evaluations have few points, and the values between them are unknown.
     few = len(x) == 1 or (not item.cell.kind.smoothed and len(x) <= _MAX_MARKED)
     style = Style(
-        look.color,
-        LINE_STYLES[look.style % len(LINE_STYLES)],
+        color,
+        LINE_STYLES[nth % len(LINE_STYLES)],
         _WIDTH,
         # A single point would be invisible without a marker.
-        marker=_MARKERS[look.style // len(LINE_STYLES) % len(_MARKERS)] or ("o" if few else ""),
+        marker=_MARKERS[nth // len(LINE_STYLES) % len(_MARKERS)] or ("o" if few else ""),
         size=3 if few else 4,
         every=1 if few else max(1, len(x) // 10),
     )
-    thin = Style(look.color, width=0.5, alpha=0.45)
+    thin = Style(color, width=0.5, alpha=0.45)
     label = ", ".join(filter(None, (item.cell.prefix + name, item.cell.words)))
     of: dict[str, Any] = {"entries": (label, OURS_KEY), "tags": item.cell.tags}
     return [
@@ -210,8 +211,8 @@ def _detail(item: LearnedCurve) -> str:
     fewer = int(curve.seeds[-1])
     if fewer < len(cell.seeds):
         seeds += f", {fewer} at the end"
-    if cell.diverged.any():
-        seeds += f", {int(cell.diverged.sum())} diverged"
+    if cell.diverged_count:
+        seeds += f", {cell.diverged_count} diverged"
     if cell.kind.smoothed:
         seeds += f", window {curve.window}"
     return seeds

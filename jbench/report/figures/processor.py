@@ -127,7 +127,6 @@ def processor_time_frame(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
     parts = []
     for item in learned:
         times, median = timed_curve(item)
-        names = {name: getattr(item.cell, name) for name in ("task", "source", "algo")}
-        names |= {"representation": item.cell.representation_label, "returns": item.cell.kind.name}
-        parts.append(pd.DataFrame({**names, "processor_time": times, "median": median}))
+        columns = {**item.cell.columns, "processor_time": times, "median": median}
+        parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)

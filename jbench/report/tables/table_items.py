@@ -101,15 +101,15 @@ def _unranked(cells: Sequence[Cell]) -> str:
 
 def _divergence(cells: Sequence[Cell]) -> str:
     """Returns a sentence on how diverged seeds count, if there are any."""
-    if not any(cell.diverged.any() for cell in cells):
+    if not any(cell.diverged_count for cell in cells):
         return ""
     return " From its divergence on, a seed that diverged counts with return 0, the minimum."
 
 
 def _diverged(cell: Cell) -> Value | None:
-    if not cell.diverged.any():
+    count, seeds = cell.diverged_count, len(cell.seeds)
+    if not count:
         return None
-    count, seeds = int(cell.diverged.sum()), len(cell.seeds)
     return Value(f"{count} of {seeds}", count / seeds, numbers={"": count, "of": seeds})
 
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import pandas as pd
@@ -52,6 +52,7 @@ _REDUCTION = (
     "deviations (b) with its interval (90% for a, 95% for b and c), and the seeds of the "
     "representation and of the baseline."
 )
+_RECORDED = ("processor", "cores", "threads", "jbench", "python")
 _TESTS = [f"({letter}) {claim.text} {claim.test}" for letter, claim in CLAIMS.items()]
 
 
@@ -60,19 +61,17 @@ class ReportData:
     """Data of a report.
 
     Attributes:
-        request: the request.
         views: one per kind of return, the leading one first; at least one.
-        published: the paper's curves.
         aggregate: points of our curves; see `summaries.aggregate_curves`.
         table: a row per cell; see `summaries.summary_table`.
         findings: findings on the claims; None if they were not requested.
-        encoders: errors of encoders; see `encoders.encoder_table`.
-        behaviours: states of policies.
         by_hand: (episodes,) returns of the hand-written policy of each task.
         runs: rows of the table `runs`.
         paths: of robots in evaluations, by source and run.
         notes: sentences for the reader.
         problems: sentences on unreadable records.
+        encoders: errors of encoders; see `encoders.encoder_table`.
+        behaviours: states of policies.
     """
 
     request: Request
@@ -81,13 +80,13 @@ class ReportData:
     aggregate: pd.DataFrame
     table: pd.DataFrame
     findings: Sequence[Finding] | None
-    encoders: pd.DataFrame
-    behaviours: Sequence[Behaviour]
     by_hand: Mapping[str, FloatArray]
     runs: pd.DataFrame
     paths: Mapping[tuple[str, str], Sequence[RunPath]]
     notes: Sequence[str]
     problems: Sequence[str]
+    encoders: pd.DataFrame = field(default_factory=pd.DataFrame)
+    behaviours: Sequence[Behaviour] = ()
 
     @property
     def comparisons(self) -> list[Comparison]:
@@ -145,8 +144,7 @@ def provenance(runs: pd.DataFrame) -> pd.DataFrame:
     for row in runs.to_dict("records"):
         recorded = json.loads(row["provenance"])
         recorded = recorded if isinstance(recorded, dict) else {}
-        packages = recorded.get("packages")
-        command = recorded.get("command")
+        packages, command = recorded.get("packages"), recorded.get("command")
         rows.append(
             {
                 "run": row["run"],
@@ -154,13 +152,11 @@ def provenance(runs: pd.DataFrame) -> pd.DataFrame:
                 "status": row["status"],
                 "begun": row["created"],
                 "wall time (s)": row["wall_time"],
-                **{name: _text(recorded.get(name)) for name in ("processor", "cores", "threads")},
-                **{name: _text(recorded.get(name)) for name in ("jbench", "python")},
-                **(
-                    {str(name): _text(version) for name, version in packages.items()}
-                    if isinstance(packages, dict)
-                    else {}
-                ),
+                **{name: _text(recorded.get(name)) for name in _RECORDED},
+                **{
+                    str(name): _text(version)
+                    for name, version in (packages if isinstance(packages, dict) else {}).items()
+                },
                 "git revision": _text(recorded.get("git_revision")),
                 "command": " ".join(map(str, command))
                 if isinstance(command, list)
@@ -194,17 +190,13 @@ def _returns(view: View, data: ReportData) -> list[Item]:
 
 def _answers(views: Sequence[View]) -> list[str]:
     """Returns the answers on reduction, a sentence for each claim and kind of return."""
-    answers = [one for v in views for one in reduction_items.sentences(v.reductions, v.kind)]
-    return [_REDUCTION, *answers]
+    answers = (reduction_items.sentences(view.reductions) for view in views)
+    return [_REDUCTION, *(one for of_kind in answers for one in of_kind)]
 
 
 def _reduction(data: ReportData) -> list[Item]:
     figures = [item for view in data.views for item in figure_items.of_reduction(view)]
-    tables = (
-        reduction_items.table(view.reductions, view.kind, view.file("reduction_tests"))
-        for view in data.views
-    )
-    return [*figures, *_present(tables)]
+    return [*figures, *_present(map(reduction_items.table, data.views))]
 
 
 def _overview(data: ReportData) -> list[FigureItem]:
@@ -233,7 +225,7 @@ def _leaderboard(data: ReportData) -> list[Item]:
     if request.compare is not None:
         return []
     ranked = leaderboard.entries(view.statistics, data.by_hand, data.published, request.algo)
-    return [leaderboard.table(ranked, view.kind, "leaderboard")] if ranked else []
+    return [leaderboard.table(ranked, view.kind)] if ranked else []
 
 
 def _claims(data: ReportData) -> list[Item]:

@@ -231,6 +231,11 @@ class Figure:
         return [*found.items(), *self.key]
 
     @property
+    def entries(self) -> dict[str, int]:
+        """Number of each entry of the legend."""
+        return {label: i for i, (label, _) in enumerate(self.legend)}
+
+    @property
     def corners(self) -> int:
         """Number of points of all lines and of both sides of their bands."""
         series = (series for panel in self.panels for series in panel.series)

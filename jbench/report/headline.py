@@ -23,9 +23,7 @@ class _Answer(NamedTuple):
     """Whether a cell solves its task.
 
     Attributes:
-        cell: the cell.
         verdict: whether the median final return is `SOLVED` or more.
-        median: median final return.
         seeds: number of seeds with a final return.
         reached: median control steps to `SOLVED`; infinite if most seeds don't reach it.
     """

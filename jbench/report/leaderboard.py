@@ -108,7 +108,6 @@ def entries(
     Args:
         summaries: statistics of the agents, of one kind of return.
         by_hand: (episodes,) returns of the hand-written policy of each task.
-        published: the paper's curves.
         algo: only published curves of this algorithm; None for all.
     """
     agents = [entry for entry in map(_of_cell, summaries) if entry is not None]
@@ -123,7 +122,7 @@ def entries(
     return ranked
 
 
-def table(ranked: Sequence[Entry], kind: Returns, name: str) -> TableItem:
+def table(ranked: Sequence[Entry], kind: Returns) -> TableItem:
     """Returns the leaderboard as a table."""
     column = f"final {kind.name} return: median"
     rows = [
@@ -141,7 +140,7 @@ def table(ranked: Sequence[Entry], kind: Returns, name: str) -> TableItem:
     ]
     frame = pd.DataFrame(rows).astype({"rank": "Int64", "n": "Int64"})
     return TableItem(
-        name,
+        "leaderboard",
         f"Leaderboard by final {kind.name} return",
         f"{kind.final} Medians across seeds with their 95% intervals. Entries whose intervals "
         "cross that of the first entry of a rank share this rank. Entries without an interval or "

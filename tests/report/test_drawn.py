@@ -107,7 +107,7 @@ class TestProcessorTime:
         fabric.run(RETURNS, 0, algo="sac", seconds=1.0)
         report = write_report(fabric.results, out, Request(formats=("svg",)))
         assert "processor_time.svg" in {path.name for path in report.figures}
-        (note,) = [note for note in report.notes if "processor time" in note]
+        (note,) = [note for note in report.data.notes if "processor time" in note]
         assert re.match(r"Runs of face_direction td3 full have recorded no processor", note)
 
 

@@ -17,7 +17,7 @@ import pytest
 from jbench.report.document import FigureItem, Section, TableItem, Value
 from jbench.report.figure import Axis, Band, Figure, HeatMap, Panel, Series, Style
 from jbench.report.page import colors, downloads, render_document, tables, text, values, vector
-from jbench.report.page.budget import share_each
+from jbench.report.page.items import share_each
 from tests.report import page_documents as made
 
 # matplotlib says that its font has no control characters.

@@ -259,7 +259,6 @@ def _improvements(groups: Sequence[Strata], counts: Sequence[Sequence[FloatArray
     """Returns `probability_of_improvement` of each resample, from how often it has each seed.
 
     Args:
-        groups: the two groups.
         counts: see `resampling.Draws.counts`.
     """
     shares = []

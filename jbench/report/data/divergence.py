@@ -62,7 +62,6 @@ def count_divergence(
         points: (seeds, points) each.
         divergences: one per seed; None if it did not diverge.
         planned: planned control steps, to which all seeds are extended if all diverged.
-        kind: kind of return.
     """
     if not any(divergences):
         return points

@@ -70,7 +70,6 @@ def summary_table(
 
     Args:
         learned: the curves of both kinds of return.
-        published: the paper's curves.
         window: requested number of episodes in a moving average; notes name smaller ones.
     """
     rows: dict[tuple[str, ...], dict[str, Any]] = {}

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import IMPORTED, SOLVED, LearnedCurve, page_tags
 from jbench.report.data.curves import BAND_SEEDS, IntArray
 from jbench.report.data.published import PublishedCurve
@@ -26,7 +27,7 @@ SOLVED_LINE = ReferenceLine(SOLVED, SOLVED_STYLE)
 SOLVED_KEY = (f"solved ({SOLVED})", SOLVED_STYLE)
 
 # Dashed lines are for published curves, dotted ones for points that not all seeds have reached.
-LINE_STYLES: tuple[Dash, ...] = ("-", "-.", (0, (8, 1.5)), (0, (6, 1.5, 1, 1.5, 1, 1.5)))
+_LINE_STYLES: tuple[Dash, ...] = ("-", "-.", (0, (8, 1.5)), (0, (6, 1.5, 1, 1.5, 1, 1.5)))
 _MARKERS = ("", "o", "s", "^", "v")
 
 _EDGES: dict[bool, Dash] = {False: "-", True: (0, (4, 3))}
@@ -48,6 +49,18 @@ QUARTILES = (25, 75)
 
 OURS_KEY, PUBLISHED_KEY = "ours: median", "published: median"
 _ONE_SEED_KEY = "published: one seed"
+
+
+def line_style(nth: int) -> Dash:
+    """Returns the style of the n-th line of a color."""
+    return _LINE_STYLES[nth % len(_LINE_STYLES)]
+
+
+def interval_bars(one: Estimate, *, along_x: bool = False) -> list[Band]:
+    """Returns the interval of a single point as a bar, if it is known."""
+    if not np.isfinite(one.low):
+        return []
+    return [Band(np.array([one.low]), np.array([one.high]), bars=True, along_x=along_x)]
 
 
 def returns_axis(label: str) -> Axis:
@@ -76,8 +89,6 @@ def learned_series(
     """Returns a curve as a series, preceded by a thin one per seed if `each_seed` is set.
 
     Args:
-        item: the curve.
-        color: color of the line.
         nth: index of the line's style and marker.
         bands: percentiles of the bands, the widest first.
         name: beginning of the label.
@@ -92,10 +103,10 @@ def learned_series(
     few = len(x) == 1 or (not item.cell.kind.smoothed and len(x) <= _MAX_MARKED)
     style = Style(
         color,
-        LINE_STYLES[nth % len(LINE_STYLES)],
+        line_style(nth),
         _WIDTH,
         # A single point would be invisible without a marker.
-        marker=_MARKERS[nth // len(LINE_STYLES) % len(_MARKERS)] or ("o" if few else ""),
+        marker=_MARKERS[nth // len(_LINE_STYLES) % len(_MARKERS)] or ("o" if few else ""),
         size=3 if few else 4,
         every=1 if few else max(1, len(x) // 10),
     )
@@ -131,8 +142,6 @@ def published_series(
     The edges are dashed if single seeds are drawn, which are thin lines as well.
 
     Args:
-        curve: the curve.
-        color: color of the lines.
         band: percentiles of the band.
         entry: entry of the legend for the curve's color.
         labelled: whether the curve makes that entry, as none of ours does.
@@ -165,7 +174,6 @@ def curve_key(
     """Returns the key of the kinds of lines and bands that panels show.
 
     Args:
-        panels: the panels.
         bands: bands of our curves, the narrowest first; published curves have only that one.
         each_seed: whether single seeds are shown.
         whose: name of the curves that are not published.

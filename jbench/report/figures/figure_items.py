@@ -122,8 +122,7 @@ def of_time(view: View, runs: pd.DataFrame) -> Iterator[FigureItem]:
     figure = processor.processor_time_figure(one_robot, processors(runs))
     if figure is not None:
         data = processor.processor_time_frame(one_robot)
-        title = f"{view.kind.name.capitalize()} return against processor time"
-        yield FigureItem("processor_time", title, figure, data)
+        yield FigureItem("processor_time", figure.title, figure, data)
 
 
 def _on_one_robot(items: Sequence[LearnedCurve]) -> list[LearnedCurve]:
@@ -143,10 +142,8 @@ def of_encoders(table: pd.DataFrame) -> Iterator[FigureItem]:
 
 def of_behaviour(behaviours: Sequence[Behaviour]) -> Iterator[FigureItem]:
     """Yields the motor velocities and positions of policies."""
-    titles = {"figure4": "Motor velocities", "figure5": "Positions"}
     for name, figure in behaviour.figures(behaviours).items():
-        kind, _, task = name.partition("-")
-        yield FigureItem(name, f"{titles[kind]}: {task}", figure)
+        yield FigureItem(name, figure.title, figure)
 
 
 def processors(runs: pd.DataFrame) -> list[str]:

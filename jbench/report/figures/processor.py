@@ -72,7 +72,7 @@ def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
         shown = curve_series.thinned(len(times), _MAX_POINTS)
         style = Style(
             colors[algo],
-            curve_series.LINE_STYLES[drawn[algo] % len(curve_series.LINE_STYLES)],
+            curve_series.line_style(drawn[algo]),
             marker="o" if len(shown) == 1 or not kind.smoothed else "",
         )
         drawn[algo] += 1

@@ -1,6 +1,8 @@
 """Training on a sequence of augmented robots, compared with the authors' sequence."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -30,15 +32,11 @@ def sequence_curve(cell: Cell, order: Order) -> Curve:
         returns, control_steps = cell.returns[:, columns], cell.control_steps[:, columns]
         lengths = np.clip(cell.lengths - first, 0, returns.shape[1])
         parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
-    return Curve(
-        order=order,
-        window=parts[0].window,
-        control_steps=np.concatenate([part.control_steps for part in parts]),
-        seeds=np.concatenate([part.seeds for part in parts]),
-        quantiles=np.concatenate([part.quantiles for part in parts], axis=1),
-        each=np.concatenate([part.each for part in parts], axis=1),
-        widths=np.concatenate([part.widths for part in parts]),
-    )
+    names = ("control_steps", "seeds", "quantiles", "each", "widths")
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names
+    }
+    return replace(parts[0], **joined)
 
 
 def sequence_figures(

@@ -7,7 +7,6 @@ import pandas as pd
 from jbench.report.document import Document, FigureItem, Item, TableItem
 from jbench.report.figures.layout import Sheet
 from jbench.report.page import downloads, legends, tables, values, vector
-from jbench.report.page.budget import share_each
 from jbench.report.page.text import html, identifier, json_block, paragraphs
 
 _PAPER = (515, 570)  # points; maximum width and height of a figure on paper in portrait format
@@ -15,6 +14,21 @@ _PAPER_TURNED = (770, 425)  # points; the same in landscape format
 _BESIDE = 430  # points; maximum width of a figure with its caption beside it
 _SHORT = 220  # characters of a caption that is always shown
 _BESIDE_SHORT = 1200  # the same beside a figure
+
+
+def share_each(sizes: Sequence[int], total: int) -> int:
+    """Returns the maximum size of each item so that all together take at most `total`.
+
+    Small items take what they need, and the large ones share the rest equally.
+    """
+    left = total
+    ordered = sorted(sizes)
+    for i, size in enumerate(ordered):
+        share = left // (len(ordered) - i)
+        if size > share:
+            return max(1, share)
+        left -= size
+    return max([1, *sizes])
 
 
 class Parts:
@@ -58,8 +72,6 @@ def item(one: Item, parts: Parts, heading: str = "", *, leads: bool = False) -> 
     """Yields a figure or a table as HTML.
 
     Args:
-        one: the item.
-        parts: state of the page.
         heading: heading of its section, which is not repeated.
         leads: whether it is on the first screen, where captions are folded.
     """
@@ -99,12 +111,10 @@ def _figure(one: FigureItem, parts: Parts, heading: str, leads: bool) -> Iterato
         rule = f"#{id} .drawing svg[role]{{min-width:{0.8 * drawing.width:.0f}pt}}"
         parts.styles.append(f"@media screen and (max-width:48rem){{{rule}}}")
     panels = values.panels(one.figure, drawing.boxes, parts.points)
-    kinds = ["item"]
-    kinds += ["wide"] if _is_wide(drawing) else []
     beside = drawing.width <= _BESIDE and not leads
-    kinds += ["beside"] if beside else []
-    kinds += ["scrolls"] if scrolls else []
-    yield f'<figure id="{id}" class="{" ".join(kinds)}">\n{_heading(one.title, heading)}'
+    kinds = {"item": True, "wide": _is_wide(drawing), "beside": beside, "scrolls": scrolls}
+    names = " ".join(name for name, applies in kinds.items() if applies)
+    yield f'<figure id="{id}" class="{names}">\n{_heading(one.title, heading)}'
     yield f'<div class="plot">{legends.legend(one.figure, parts.colors)}'
     yield f'<div class="scroll drawing">{drawing.svg}</div></div>'
     if panels:

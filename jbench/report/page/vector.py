@@ -94,10 +94,8 @@ def element(
     Panels of lines are elements of their own, so that a narrow page can stack them.
 
     Args:
-        figure: the figure.
-        prefix: prefix of every id in the elements, unique in the page.
+        prefix: of every id in the elements, unique in the page.
         title: text for screen readers.
-        sheet: format of the figure.
         max_points: lines and areas of a figure with more points are rasterized.
     """
     picture = figure.corners > max_points
@@ -105,7 +103,7 @@ def element(
         parts = [_heat_maps(figure, prefix, sheet, picture=picture)]
     else:
         laid = layout.lay_out(figure, sheet, width_of, text=False, legend=False)
-        entries = _entries(figure)
+        entries = figure.entries
         parts = [
             _panel(panel, i, entries, laid, sheet, f"{prefix}{i}-", picture=picture)
             for i, panel in enumerate(figure.panels)
@@ -146,10 +144,8 @@ def _heat_maps(figure: Figure, prefix: str, sheet: Sheet, *, picture: bool) -> _
     """Returns a figure of heat maps."""
     drawn = draw(figure, sheet, text=False, legend=False, picture=picture)
     root, size = _parsed(drawn)
-    groups = [one for group in root for one in group if one.get("id", "").startswith("axes_")]
-    for number, (group, panel) in enumerate(zip(groups, figure.panels, strict=False)):
-        _number(group, number)
-        _tag(group, panel, _entries(figure))
+    for number, (axes, panel) in enumerate(zip(_axes(root), figure.panels, strict=False)):
+        _mark(axes, number, panel, figure.entries)
     colors: set[str] = set()
     # The hatch pattern of a heat map is among the definitions.
     svg.clean(root, prefix, colors, (KEPT, "h"), False)
@@ -173,11 +169,10 @@ def _panel(
     drawn = draw_alone(panel, number, laid, sheet, picture=picture)
     root, size = _parsed(drawn)
     # The axes of a second scale are inside those of their panel.
-    (group,) = (one for group in root for one in group if one.get("id", "").startswith("axes_"))
-    _number(group, number)
-    _tag(group, panel, entries)
+    (axes,) = _axes(root)
+    _mark(axes, number, panel, entries)
     inner = ElementTree.Element("svg")
-    inner.extend([group, *(one for one in root if one.tag.endswith("defs"))])
+    inner.extend([axes, *(one for one in root if one.tag.endswith("defs"))])
     colors: set[str] = set()
     svg.clean(inner, prefix, colors, (KEPT,), False)
     svg.drop_ids(inner)
@@ -221,23 +216,21 @@ def _svg(content: str, view: _View, title: str) -> str:
     )
 
 
-def _entries(figure: Figure) -> dict[str, int]:
-    """Returns the number of each entry of the legend."""
-    return {label: i for i, (label, _) in enumerate(figure.legend)}
+def _axes(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """Returns the elements of the axes in a drawing, the panels first."""
+    return [one for group in root for one in group if one.get("id", "").startswith("axes_")]
 
 
-def _number(group: ElementTree.Element, number: int) -> None:
-    """Marks a panel, and the ticks of its axes, which a page changes when it zooms."""
-    group.set("data-panel", str(number))
-    for one in group.iter():
-        name, is_tick, _ = one.get("id", "").partition("tick_")
+def _mark(axes: ElementTree.Element, number: int, panel: Panel, entries: Mapping[str, int]) -> None:
+    """Marks a panel for the script: its ticks, which change in a zoom, and its series.
+
+    Series have the numbers of their entries in the legend, and what the page filters by.
+    """
+    axes.set("data-panel", str(number))
+    for one in axes.iter():
+        tick, is_tick, _ = one.get("id", "").partition("tick_")
         if is_tick:
-            one.set("data-tick", name)
-
-
-def _tag(group: ElementTree.Element, panel: Panel, entries: Mapping[str, int]) -> None:
-    """Marks the elements of series: entries of the legend by number, and what pages filter by."""
-    for one in group.iter():
+            one.set("data-tick", tick)
         name, _, place = one.get("id", "").partition("-")
         if name == SERIES and place:
             series = panel.series[int(place.split("-")[1])]

@@ -45,8 +45,6 @@ def render_document(document: Document, *, sheet: Sheet = SCREEN, reloads: bool 
     become a script. It is readable without scripts.
 
     Args:
-        document: content of the page.
-        sheet: format of the figures.
         reloads: whether the page reloads itself twice a minute.
     """
     parts = Parts(document, sheet)

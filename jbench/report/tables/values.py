@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 
-from jbench.report.analysis.scores import Statistic, final_percentiles, scores_of
+from jbench.report.analysis.scores import Statistic, Summary, final_percentiles, scores_of
 from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import OURS, Cell
 from jbench.report.document import Value
@@ -11,9 +11,9 @@ from jbench.report.formatting import Form, display_name, span, steps, whole
 from jbench.wording import counted
 
 
-def estimate(one: Estimate | None, form: Form = whole) -> Value | None:
-    """Formats a number with its 95% interval, if it has one: `668 [640, 690]`."""
-    if one is None or math.isnan(one.value):
+def estimate(one: Estimate, form: Form = whole) -> Value | None:
+    """Formats a number with its interval, if it has one: `668 [640, 690]`."""
+    if math.isnan(one.value):
         return None
     ends = {"low": one.low, "high": one.high}
     known = {name: None if math.isnan(end) else end for name, end in ends.items()}
@@ -26,8 +26,11 @@ def estimate(one: Estimate | None, form: Form = whole) -> Value | None:
     return Value(text, one.value, numbers=numbers)
 
 
-def of_statistic(one: Statistic | None, form: Form = whole) -> Value | None:
-    """Formats a statistic with its interval."""
+def of_statistic(
+    summary: Summary, measure: str, statistic: str, form: Form = whole
+) -> Value | None:
+    """Formats a statistic of a cell with its interval; see `scores.Statistic`."""
+    one = summary.get(measure, statistic)
     return None if one is None else estimate(one.estimate, form)
 
 
@@ -86,6 +89,21 @@ def trained(cell: Cell) -> Value:
 def steps_between(low: int, high: int) -> Value:
     """Formats a range of control steps: `300k–1M`."""
     return Value(span((low, high), steps), high, numbers={"least": low, "most": high})
+
+
+def counts(seeds: tuple[int, int], other: str) -> Value:
+    """Formats the numbers of seeds of two compared cells: `10, 8`.
+
+    Args:
+        seeds: of this and of the other cell.
+        other: name of the other cell in a data file.
+    """
+    return Value(f"{seeds[0]}, {seeds[1]}", min(seeds), numbers={"this": seeds[0], other: seeds[1]})
+
+
+def at_step(control_steps: int) -> Value:
+    """Formats the control steps at which something is measured: `300k`."""
+    return Value(steps(control_steps), control_steps)
 
 
 def names(cells: Sequence[Cell], *, task: bool = True) -> list[dict[str, object]]:

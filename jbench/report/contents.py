@@ -71,7 +71,6 @@ class ReportData:
         notes: sentences for the reader.
         problems: sentences on unreadable records.
         encoders: errors of encoders; see `encoders.encoder_table`.
-        behaviours: states of policies.
     """
 
     request: Request
@@ -96,21 +95,20 @@ class ReportData:
 
 def document(data: ReportData) -> Document:
     """Returns the document of a report."""
-    compared = _present(map(table_items.comparisons, data.views))
     sections = (
-        Section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data)),
-        Section("Does reduction help?", _answers(data.views), _reduction(data)),
+        _section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data.findings)),
+        _section("Does reduction help?", _answers(data.views), _reduction(data)),
         *(
-            Section(
+            _section(
                 f"Final {view.kind.plural}", [_SEEDS] if view.leads else [], _returns(view, data)
             )
             for view in data.views
         ),
-        Section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(data)),
-        Section("Comparisons", [], compared),
-        Section("Leaderboard", [], _leaderboard(data)),
-        Section("Encoders", [], _encoders(data)),
-        Section("What policies do", [], list(figure_items.of_behaviour(data.behaviours))),
+        _section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(data)),
+        _section("Comparisons", [], map(table_items.comparisons, data.views)),
+        _section("Leaderboard", [], _leaderboard(data)),
+        _section("Encoders", [], _encoders(data)),
+        _section("What policies do", [], list(figure_items.of_behaviour(data.behaviours))),
     )
     sides, overview = data.request.compare, _overview(data)
     return Document(
@@ -127,6 +125,10 @@ def document(data: ReportData) -> Document:
         inventory=headline.inventory(data.views),
         runs=run_details.details(data.views, data.runs, data.paths),
     )
+
+
+def _section(title: str, text: Sequence[str], items: Iterable[Item | None]) -> Section:
+    return Section(title, text, [item for item in items if item is not None])
 
 
 def tables(document: Document) -> list[TableItem]:
@@ -170,33 +172,27 @@ def _text(value: Any) -> str:
     return "" if value is None else value if isinstance(value, str) else json.dumps(value)
 
 
-def _returns(view: View, data: ReportData) -> list[Item]:
+def _returns(view: View, data: ReportData) -> list[Item | None]:
     """Returns the tables of final returns of one kind, with figures for the leading kind."""
     if not view.learned:
         return []
-    figures = figure_items.of_returns(view) if view.leads else ()
     return [
         table_items.final_returns(view),
-        *figures,
-        *_present(
-            [
-                table_items.returns_of_cells(view, data.published),
-                table_items.spreads(view),
-                table_items.learning_speed(view),
-            ]
-        ),
+        *(figure_items.of_returns(view) if view.leads else ()),
+        table_items.returns_of_cells(view, data.published),
+        table_items.spreads(view),
+        table_items.learning_speed(view),
     ]
 
 
 def _answers(views: Sequence[View]) -> list[str]:
     """Returns the answers on reduction, a sentence for each claim and kind of return."""
-    answers = (reduction_items.sentences(view.reductions) for view in views)
-    return [_REDUCTION, *(one for of_kind in answers for one in of_kind)]
+    return [_REDUCTION, *(one for v in views for one in reduction_items.sentences(v.reductions))]
 
 
-def _reduction(data: ReportData) -> list[Item]:
+def _reduction(data: ReportData) -> list[Item | None]:
     figures = [item for view in data.views for item in figure_items.of_reduction(view)]
-    return [*figures, *_present(map(reduction_items.table, data.views))]
+    return [*figures, *map(reduction_items.table, data.views)]
 
 
 def _overview(data: ReportData) -> list[FigureItem]:
@@ -228,11 +224,10 @@ def _leaderboard(data: ReportData) -> list[Item]:
     return [leaderboard.table(ranked, view.kind)] if ranked else []
 
 
-def _claims(data: ReportData) -> list[Item]:
-    if data.findings is None:
+def _claims(findings: Sequence[Finding] | None) -> list[Item | None]:
+    if findings is None:
         return []
-    findings = data.findings
-    return _present([claim_items.verdicts(findings), claim_items.findings_table(findings)])
+    return [claim_items.verdicts(findings), claim_items.findings_table(findings)]
 
 
 def _encoders(data: ReportData) -> list[Item]:
@@ -240,7 +235,3 @@ def _encoders(data: ReportData) -> list[Item]:
         return []
     figures = figure_items.of_encoders(data.encoders)
     return [*figures, table_items.encoder_errors(data.encoders)]
-
-
-def _present(items: Iterable[TableItem | None]) -> list[Item]:
-    return [item for item in items if item is not None]

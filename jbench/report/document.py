@@ -106,7 +106,6 @@ class RunDetail:
         name: its id, after the name of its source if there are several.
         cell: key that is equal for runs that differ only in seed and steps.
         settings: text of each setting by its name, such as "hyperparameters.tau".
-        curves: its learning curves.
         tags: what the page filters by; see `figure.Series`.
         paths: of its robot in its first and its last evaluation, or fewer.
     """

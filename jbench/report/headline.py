@@ -1,4 +1,4 @@
-"""The answer of a report in a sentence: who solves what, by when, and what reduction costs."""
+"""The headline of a report: what is solved, after how many steps, and the effect of reduction."""
 
 import math
 from collections.abc import Iterator, Sequence

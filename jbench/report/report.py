@@ -47,7 +47,6 @@ class Report:
 
     Attributes:
         data: data of the report; its notes also name files that were kept.
-        document: content of the report.
         figures: files of the figures.
         files: all files written.
     """
@@ -62,9 +61,7 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     """Aggregates all runs over their seeds and writes tables, figures and a page.
 
     Args:
-        results: results with the runs.
         out: directory for the files; created if it does not exist.
-        request: contents of the report.
 
     Raises:
         RequestError: if there are no runs, none passes the filters, or `out` is not writable.
@@ -155,14 +152,15 @@ def _report_data(
     published = [*read_published(table), *read_sequences(table)]
     shown = views.views_of([s.cells for s in reported], published, request, compare)
     learned = [item for view in shown for item in view.learned]
-    notes = [*views.missing_evaluations(shown, request)]
-    notes += [note for source in reported for note in source.notes]
-    notes += [*more_notes, *processor.left_out(verified(shown[0].cells))]
-    notes += summaries.sentences(learned, published, request.window)
-    findings = None
-    if request.claims:
-        findings, untested = _findings(shown, published, reported[0], request)
-        notes += untested
+    findings, untested = _findings(shown, published, reported[0], request)
+    notes = [
+        *views.missing_evaluations(shown, request),
+        *(note for source in reported for note in source.notes),
+        *more_notes,
+        *processor.left_out(verified(shown[0].cells)),
+        *summaries.sentences(learned, published, request.window),
+        *untested,
+    ]
     return ReportData(
         request=request,
         views=shown,
@@ -190,8 +188,10 @@ def _findings(
     published: Sequence[PublishedCurve],
     own: Source,
     request: Request,
-) -> tuple[list[claims.Finding], list[str]]:
-    """Returns findings in the order of the claims, and notes on untested ones."""
+) -> tuple[list[claims.Finding] | None, list[str]]:
+    """Returns findings in the order of the claims, if requested, and notes on untested ones."""
+    if not request.claims:
+        return None, []
     by_hand, notes = heuristics.findings(own.tables, request.task)
     curves = [
         curve

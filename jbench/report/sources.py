@@ -65,7 +65,6 @@ def own(results: Results, request: Request, name: str = OURS, *, strict: bool = 
     """Returns the runs of the results that pass the filters of the request.
 
     Args:
-        results: results directory.
         request: its filters apply.
         name: of the source in its cells.
         strict: whether it is an error if no run passes the filters.

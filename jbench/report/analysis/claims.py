@@ -32,12 +32,7 @@ HARDER, EASIER = "move_in_direction", "face_direction"
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper.
-
-    Attributes:
-        text: the claim.
-        test: description of the test.
-    """
+    """A claim of the paper, and the description of its test."""
 
     text: str
     test: str

@@ -220,10 +220,8 @@ def _notes_on_points(
     """Returns notes on non-finite returns, and on evaluations at different steps.
 
     Args:
-        chosen: rows of the runs in the cell.
         present: (seeds, points) whether a seed has a point there.
         absent: (seeds,) number of points without a return.
-        kind: kind of return.
     """
     name = "returns" if kind is TRAINING else "evaluations"
     notes = [

@@ -188,7 +188,7 @@ def of_kind(cells: Iterable[Cell], kind: Returns) -> list[Cell]:
 
 
 def groups_same_but(cells: Iterable[Cell], name: str) -> list[list[Cell]]:
-    """Returns groups of cells of one source that differ only in a setting, and what it implies."""
+    """Returns groups of cells of one source that differ only in a setting; see `same_but`."""
     groups: dict[tuple[str, str], list[Cell]] = {}
     for cell in cells:
         groups.setdefault((cell.source, comparable(cell.settings, name)), []).append(cell)

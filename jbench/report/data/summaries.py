@@ -89,10 +89,8 @@ def published_beside(cell: Cell, published: Sequence[PublishedCurve]) -> tuple[f
     """Returns the paper's best median at the end of a cell of training returns, and its figure."""
     if cell.kind is not TRAINING:
         return None
-    names, steps = (
-        (cell.task, cell.algo, cell.representation),
-        _final(cell)["training_return_steps"],
-    )
+    names = cell.task, cell.algo, cell.representation
+    steps = _final(cell)["training_return_steps"]
     return best_median(published, *names, steps, sequence=cell.robots > 1)
 
 

@@ -95,7 +95,7 @@ def learned_series(
         each_seed: whether every seed is drawn as well.
     """
     curve = item.curve
-    shown = thinned(len(curve.control_steps), _MAX_POINTS, curve.window // 4)
+    shown = drawn_points(len(curve.control_steps), _MAX_POINTS, curve.window // 4)
     x, seeds = curve.control_steps[shown], curve.seeds[shown]
     enough = seeds >= BAND_SEEDS
     ends = ([np.where(enough, curve.quantile(p)[shown], np.nan) for p in band] for band in bands)
@@ -145,7 +145,6 @@ def published_series(
         band: percentiles of the band.
         entry: entry of the legend for the curve's color.
         labelled: whether the curve makes that entry, as none of ours does.
-        each_seed: whether single seeds are drawn.
     """
     x = curve.control_steps
     edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.4)
@@ -175,7 +174,6 @@ def curve_key(
 
     Args:
         bands: bands of our curves, the narrowest first; published curves have only that one.
-        each_seed: whether single seeds are shown.
         whose: name of the curves that are not published.
     """
     series = [one for panel in panels for one in panel.series]
@@ -226,7 +224,7 @@ def _detail(item: LearnedCurve) -> str:
     return seeds
 
 
-def thinned(points: int, enough: int, max_step: int | None = None) -> IntArray:
+def drawn_points(points: int, enough: int, max_step: int | None = None) -> IntArray:
     """Returns the indices of points to draw: every k-th and the last.
 
     Args:

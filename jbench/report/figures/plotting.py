@@ -44,7 +44,6 @@ def draw(
 
     Args:
         text: whether to draw title and notes; ignored for a paper, which has them in its caption.
-        legend: whether to draw the legend.
         picture: whether to rasterize lines and areas in SVG and PDF files.
     """
     text = text and not sheet.paper

@@ -69,7 +69,7 @@ def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
     series = []
     for item, times, median in sorted(timed, key=lambda one: one[0].cell.words != ""):
         algo = item.cell.algo
-        shown = curve_series.thinned(len(times), _MAX_POINTS)
+        shown = curve_series.drawn_points(len(times), _MAX_POINTS)
         style = Style(
             colors[algo],
             curve_series.line_style(drawn[algo]),

@@ -19,7 +19,7 @@ from jbench.report.figures.panels import SERIES
 from jbench.report.figures.plotting import KEPT, draw, draw_alone, to_svg, width_of
 from jbench.report.page import svg
 from jbench.report.page.text import html, plain
-from jbench.report.page.values import Box
+from jbench.report.page.tooltips import Box
 
 CORNERS = 250_000
 """Maximum points of the lines and areas of all figures in a page, each about 14 bytes."""
@@ -39,7 +39,6 @@ class Drawing(NamedTuple):
         colors: its colors, "#rrggbb", that differ on a dark page.
         widths: widths of the elements in points.
         height: height in points.
-        boxes: boxes of its panels.
     """
 
     svg: str
@@ -54,7 +53,7 @@ class Drawing(NamedTuple):
         return sum(self.widths)
 
 
-class _View(NamedTuple):
+class _Rectangle(NamedTuple):
     """The rectangle of a figure that an element shows: left, top, width and height in points."""
 
     left: float
@@ -72,10 +71,7 @@ class _Part(NamedTuple):
     """A part of a figure: one panel of lines, or all heat maps.
 
     Attributes:
-        content: SVG elements.
-        colors: see `Drawing`.
         size: width and height of the figure in points.
-        boxes: boxes of the part's panels.
         around: box of all that is drawn.
     """
 
@@ -111,25 +107,24 @@ def element(
     boxes = [box for part in parts for box in part.boxes]
     colors = set().union(*(part.colors for part in parts))
     if len(parts) == 1 or any(panel.y.names is not None for panel in figure.panels):
-        whole = _View(0, 0, *parts[0].size)
+        whole = _Rectangle(0, 0, *parts[0].size)
         element = _svg("".join(part.content for part in parts), whole, title)
         return Drawing(element, colors, [whole.width], whole.height, boxes)
-    views = _views(parts)
+    rectangles = _rectangles(parts)
     names = [f"{title}: {one.title}" if one.title else title for one in figure.panels]
-    elements = (
-        _svg(part.content, view, name) for part, view, name in zip(parts, views, names, strict=True)
-    )
-    widths = [view.width for view in views]
-    return Drawing("".join(elements), colors, widths, views[0].height, boxes)
+    shown = zip(parts, rectangles, names, strict=True)
+    elements = (_svg(part.content, rectangle, name) for part, rectangle, name in shown)
+    widths = [one.width for one in rectangles]
+    return Drawing("".join(elements), colors, widths, rectangles[0].height, boxes)
 
 
-def _views(parts: Sequence[_Part]) -> list[_View]:
+def _rectangles(parts: Sequence[_Part]) -> list[_Rectangle]:
     """Returns what to show of each panel: as wide as its texts, and as high as those of all."""
     pairs = [(part.around, box) for part in parts for box in part.boxes]
     above = max(box[1] - around[1] for around, box in pairs) + _AROUND
     below = max(around[3] - box[3] for around, box in pairs) + _AROUND
     return [
-        _View(
+        _Rectangle(
             around[0] - _AROUND,
             box[1] - above,
             around[2] - around[0] + 2 * _AROUND,
@@ -207,12 +202,12 @@ def _content(root: ElementTree.Element) -> str:
     return text.partition(">")[2].removesuffix("</svg>")
 
 
-def _svg(content: str, view: _View, title: str) -> str:
+def _svg(content: str, shown: _Rectangle, title: str) -> str:
     """Returns an element with this content."""
     inherited = " ".join(f'{name}="{value}"' for name, value in _INHERITED.items())
     return (
-        f'<svg role="img" aria-label="{html(title)}" width="{view.width:g}pt" '
-        f'height="{view.height:g}pt" viewBox="{view.box}" {inherited}>{content}</svg>'
+        f'<svg role="img" aria-label="{html(title)}" width="{shown.width:g}pt" '
+        f'height="{shown.height:g}pt" viewBox="{shown.box}" {inherited}>{content}</svg>'
     )
 
 

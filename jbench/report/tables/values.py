@@ -92,12 +92,7 @@ def steps_between(low: int, high: int) -> Value:
 
 
 def counts(seeds: tuple[int, int], other: str) -> Value:
-    """Formats the numbers of seeds of two compared cells: `10, 8`.
-
-    Args:
-        seeds: of this and of the other cell.
-        other: name of the other cell in a data file.
-    """
+    """Formats the numbers of seeds of two compared cells, `this` and `other`: `10, 8`."""
     return Value(f"{seeds[0]}, {seeds[1]}", min(seeds), numbers={"this": seeds[0], other: seeds[1]})
 
 

@@ -47,7 +47,7 @@ class Source:
         runs: rows of the table `runs`.
         notes: sentences on runs that are in no cell.
         problems: a sentence for each unreadable record.
-        tables: of encoders and policies; empty for other sources than the results.
+        tables: of encoders and policies; other sources than the results have none of them.
         name: of the source in its cells.
         paths: of the robots in evaluations, by run.
     """

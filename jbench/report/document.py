@@ -82,7 +82,9 @@ class Section:
     """A part of the report under a heading.
 
     Attributes:
+        title: heading.
         text: paragraphs of plain text.
+        items: figures and tables in order.
     """
 
     title: str

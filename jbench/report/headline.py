@@ -1,4 +1,4 @@
-"""The headline of a report: what is solved, after how many steps, and the effect of reduction."""
+"""The answer of a report in a sentence: who solves what, by when, and what reduction costs."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,9 @@ class _Answer(NamedTuple):
     """Whether a cell solves its task.
 
     Attributes:
+        cell: the cell.
         verdict: whether the median final return is `SOLVED` or more.
+        median: median final return.
         seeds: number of seeds with a final return.
         reached: median control steps to `SOLVED`; infinite if most seeds don't reach it.
     """

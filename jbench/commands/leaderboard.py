@@ -67,7 +67,7 @@ def leaderboard(
     ranked, problems = board.of_results(databases, request)
     output = Output(json)
     _show(
-        board.table(ranked, KINDS[request.returns], "leaderboard"),
+        board.table(ranked, KINDS[request.returns]),
         "md" if markdown else "csv" if as_csv else None,
         output,
     )

@@ -161,10 +161,11 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
     _show(written, output)
     if output.as_json:
         output.document(_document(written))
-    for problem in written.problems:
+    problems = written.data.problems
+    for problem in problems:
         output.warn(problem)
-    if written.problems:
-        damaged = len(written.problems)
+    if problems:
+        damaged = len(problems)
         raise WorkError(
             f"{counted(damaged, 'record')} {are(damaged)} damaged and left out; see above. "
             "`jbench verify` lists the damage, `jbench repair` sets it aside."
@@ -221,22 +222,27 @@ def _wait_or_refuse(error: RequestError, output: Output) -> None:
 def _show(written: "Report", output: Output) -> None:
     from jbench.commands import display
 
-    table = written.table.astype(object).where(written.table.notna(), None)
-    display.show_final_returns(table, output)
+    display.show_final_returns(_table(written), output)
     for item in _printed_tables(written):
         display.show_item(item, output)
-    for note in written.notes:
+    for note in written.data.notes:
         output.say(f"Note: {note}")
     page = next(path for path in written.files if path.name == "index.html")
     output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
+
+
+def _table(written: "Report") -> Any:
+    """Returns the table with a row per cell; None for missing values."""
+    table = written.data.table
+    return table.astype(object).where(table.notna(), None)
 
 
 def _printed_tables(written: "Report") -> list[Any]:
     """Returns the tables that are printed after the final returns."""
     from jbench.report import contents
 
-    prefixes = ["verdicts"] if written.findings is not None else []
-    if written.compares:
+    prefixes = ["verdicts"] if written.data.findings is not None else []
+    if written.data.request.compare is not None:
         prefixes.append("comparisons")
     tables = contents.tables(written.document)
     return [item for item in tables if item.name.partition("-")[0] in prefixes]
@@ -250,15 +256,14 @@ def _document(written: "Report") -> dict[str, Any]:
     from jbench.report.analysis.comparisons import comparisons_frame
     from jbench.store.query import to_json
 
-    table = written.table.astype(object).where(written.table.notna(), None)
-    findings = written.findings
+    findings = written.data.findings
     return {
-        "table": table.to_dict("records"),
-        "comparisons": json.loads(to_json(comparisons_frame(written.comparisons))),
+        "table": _table(written).to_dict("records"),
+        "comparisons": json.loads(to_json(comparisons_frame(written.data.comparisons))),
         **({} if findings is None else {"claims": json.loads(to_json(findings_frame(findings)))}),
         "files": [str(path) for path in written.files],
-        "notes": list(written.notes),
-        "problems": list(written.problems),
+        "notes": list(written.data.notes),
+        "problems": list(written.data.problems),
     }
 
 

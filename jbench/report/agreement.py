@@ -9,20 +9,22 @@ from jbench.report.data.cells import SOLVED
 from jbench.report.tables import values
 from jbench.report.views import View
 
-STATES = ("solved", "uncertain", "not solved")
-"""Whether the median's interval, only the median, or neither is at 900 or more."""
-
-_DESCRIPTIONS = {
+_MEANING = {
     "solved": "solved",
     "uncertain": f"the median is at {SOLVED} or more, but uncertain",
     "not solved": f"the median is below {SOLVED}",
 }
+"""States of a cell and what they mean."""
 
 
 def solved(summary: Summary) -> tuple[str, str]:
-    """Returns the state of a cell (one of `STATES`), and its median with its interval as text."""
+    """Returns the state of a cell, and its median with its interval as text.
+
+    The state is `solved`, `uncertain` or `not solved`: whether the median's interval, only the
+    median, or neither is at 900 or more.
+    """
     one = summary.get("final_return", "median")
-    value = values.of_statistic(one)
+    value = values.of_statistic(summary, "final_return", "median")
     if one is None or value is None:
         return "not solved", "no final return"
     text = f"{value.text}, {values.count_of(summary.cell, one.seeds)}"
@@ -42,7 +44,9 @@ def on_solved(views: Sequence[View]) -> list[str]:
             by_cell.setdefault(key, {})[view.kind.name] = solved(summary)
             names[key] = values.cell_name(summary.cell)
     differing = [
-        f"{names[key]} ({'; '.join(_of_kind(kind, *state) for kind, state in states.items())})"
+        f"{names[key]} ("
+        + "; ".join(f"{kind} {text}: {_MEANING[state]}" for kind, (state, text) in states.items())
+        + ")"
         for key, states in by_cell.items()
         if len({state for state, _ in states.values()}) > 1
     ]
@@ -52,10 +56,6 @@ def on_solved(views: Sequence[View]) -> list[str]:
         f"Evaluation and training returns disagree on whether {SOLVED} is reached: "
         f"{'; '.join(differing)}."
     ]
-
-
-def _of_kind(kind: str, state: str, text: str) -> str:
-    return f"{kind} {text}: {_DESCRIPTIONS[state]}"
 
 
 def on_claims(findings: Sequence[Finding]) -> list[str]:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import pandas as pd
@@ -52,6 +52,7 @@ _REDUCTION = (
     "deviations (b) with its interval (90% for a, 95% for b and c), and the seeds of the "
     "representation and of the baseline."
 )
+_RECORDED = ("processor", "cores", "threads", "jbench", "python")
 _TESTS = [f"({letter}) {claim.text} {claim.test}" for letter, claim in CLAIMS.items()]
 
 
@@ -60,19 +61,16 @@ class ReportData:
     """Data of a report.
 
     Attributes:
-        request: the request.
         views: one per kind of return, the leading one first; at least one.
-        published: the paper's curves.
         aggregate: points of our curves; see `summaries.aggregate_curves`.
         table: a row per cell; see `summaries.summary_table`.
         findings: findings on the claims; None if they were not requested.
-        encoders: errors of encoders; see `encoders.encoder_table`.
-        behaviours: states of policies.
         by_hand: (episodes,) returns of the hand-written policy of each task.
         runs: rows of the table `runs`.
         paths: of robots in evaluations, by source and run.
         notes: sentences for the reader.
         problems: sentences on unreadable records.
+        encoders: errors of encoders; see `encoders.encoder_table`.
     """
 
     request: Request
@@ -81,13 +79,13 @@ class ReportData:
     aggregate: pd.DataFrame
     table: pd.DataFrame
     findings: Sequence[Finding] | None
-    encoders: pd.DataFrame
-    behaviours: Sequence[Behaviour]
     by_hand: Mapping[str, FloatArray]
     runs: pd.DataFrame
     paths: Mapping[tuple[str, str], Sequence[RunPath]]
     notes: Sequence[str]
     problems: Sequence[str]
+    encoders: pd.DataFrame = field(default_factory=pd.DataFrame)
+    behaviours: Sequence[Behaviour] = ()
 
     @property
     def comparisons(self) -> list[Comparison]:
@@ -97,21 +95,20 @@ class ReportData:
 
 def document(data: ReportData) -> Document:
     """Returns the document of a report."""
-    compared = _present(map(table_items.comparisons, data.views))
     sections = (
-        Section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data)),
-        _reduction(data),
+        _section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data.findings)),
+        _reduction(data.views),
         *(
-            Section(
+            _section(
                 f"Final {view.kind.plural}", [_SEEDS] if view.leads else [], _returns(view, data)
             )
             for view in data.views
         ),
-        Section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(data)),
-        Section("Comparisons", [], compared),
-        Section("Leaderboard", [], _leaderboard(data)),
-        Section("Encoders", [], _encoders(data)),
-        Section("What policies do", [], list(figure_items.of_behaviour(data.behaviours))),
+        _section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(data)),
+        _section("Comparisons", [], map(table_items.comparisons, data.views)),
+        _section("Leaderboard", [], _leaderboard(data)),
+        _section("Encoders", [], _encoders(data)),
+        _section("What policies do", [], list(figure_items.of_behaviour(data.behaviours))),
     )
     sides, overview = data.request.compare, _overview(data)
     return Document(
@@ -130,6 +127,12 @@ def document(data: ReportData) -> Document:
     )
 
 
+def _section(
+    title: str, text: Sequence[str], items: Iterable[Item | None], answers: Sequence[str] = ()
+) -> Section:
+    return Section(title, text, [item for item in items if item is not None], answers)
+
+
 def tables(document: Document) -> list[TableItem]:
     """Returns all tables of a document."""
     return [item for item in document.items if isinstance(item, TableItem)]
@@ -145,8 +148,7 @@ def provenance(runs: pd.DataFrame) -> pd.DataFrame:
     for row in runs.to_dict("records"):
         recorded = json.loads(row["provenance"])
         recorded = recorded if isinstance(recorded, dict) else {}
-        packages = recorded.get("packages")
-        command = recorded.get("command")
+        packages, command = recorded.get("packages"), recorded.get("command")
         rows.append(
             {
                 "run": row["run"],
@@ -154,13 +156,11 @@ def provenance(runs: pd.DataFrame) -> pd.DataFrame:
                 "status": row["status"],
                 "begun": row["created"],
                 "wall time (s)": row["wall_time"],
-                **{name: _text(recorded.get(name)) for name in ("processor", "cores", "threads")},
-                **{name: _text(recorded.get(name)) for name in ("jbench", "python")},
-                **(
-                    {str(name): _text(version) for name, version in packages.items()}
-                    if isinstance(packages, dict)
-                    else {}
-                ),
+                **{name: _text(recorded.get(name)) for name in _RECORDED},
+                **{
+                    str(name): _text(version)
+                    for name, version in (packages if isinstance(packages, dict) else {}).items()
+                },
                 "git revision": _text(recorded.get("git_revision")),
                 "command": " ".join(map(str, command))
                 if isinstance(command, list)
@@ -174,34 +174,25 @@ def _text(value: Any) -> str:
     return "" if value is None else value if isinstance(value, str) else json.dumps(value)
 
 
-def _returns(view: View, data: ReportData) -> list[Item]:
+def _returns(view: View, data: ReportData) -> list[Item | None]:
     """Returns the tables of final returns of one kind, with figures for the leading kind."""
     if not view.learned:
         return []
-    figures = figure_items.of_returns(view) if view.leads else ()
     return [
         table_items.final_returns(view),
-        *figures,
-        *_present(
-            [
-                table_items.returns_of_cells(view, data.published),
-                table_items.spreads(view),
-                table_items.learning_speed(view),
-            ]
-        ),
+        *(figure_items.of_returns(view) if view.leads else ()),
+        table_items.returns_of_cells(view, data.published),
+        table_items.spreads(view),
+        table_items.learning_speed(view),
     ]
 
 
-def _reduction(data: ReportData) -> Section:
-    answers, *others = (reduction_items.sentences(v.reductions, v.kind) for v in data.views)
-    figures = [item for view in data.views for item in figure_items.of_reduction(view)]
-    tables = (
-        reduction_items.table(view.reductions, view.kind, view.file("reduction_tests"))
-        for view in data.views
-    )
-    items = [*figures, *_present(tables)]
+def _reduction(views: Sequence[View]) -> Section:
+    answers, *others = (reduction_items.sentences(view.reductions) for view in views)
+    figures = [item for view in views for item in figure_items.of_reduction(view)]
     text = [_REDUCTION, *(one for sentences in others for one in sentences)]
-    return Section("Does reduction help?", text, items, answers)
+    items = [*figures, *map(reduction_items.table, views)]
+    return _section("Does reduction help?", text, items, answers)
 
 
 def _overview(data: ReportData) -> list[FigureItem]:
@@ -230,14 +221,13 @@ def _leaderboard(data: ReportData) -> list[Item]:
     if request.compare is not None:
         return []
     ranked = leaderboard.entries(view.statistics, data.by_hand, data.published, request.algo)
-    return [leaderboard.table(ranked, view.kind, "leaderboard")] if ranked else []
+    return [leaderboard.table(ranked, view.kind)] if ranked else []
 
 
-def _claims(data: ReportData) -> list[Item]:
-    if data.findings is None:
+def _claims(findings: Sequence[Finding] | None) -> list[Item | None]:
+    if findings is None:
         return []
-    findings = data.findings
-    return _present([claim_items.verdicts(findings), claim_items.findings_table(findings)])
+    return [claim_items.verdicts(findings), claim_items.findings_table(findings)]
 
 
 def _encoders(data: ReportData) -> list[Item]:
@@ -245,7 +235,3 @@ def _encoders(data: ReportData) -> list[Item]:
         return []
     figures = figure_items.of_encoders(data.encoders)
     return [*figures, table_items.encoder_errors(data.encoders)]
-
-
-def _present(items: Iterable[TableItem | None]) -> list[Item]:
-    return [item for item in items if item is not None]

@@ -45,7 +45,6 @@ class FigureItem:
 
     Attributes:
         name: stem of its files, unique in the document, such as "figure9".
-        title: heading.
         figure: panels and notes, from which files and the page are made.
         data: numbers in the figure, to download; None if there are none.
     """
@@ -62,7 +61,6 @@ class TableItem:
 
     Attributes:
         name: stem of its files, unique in the document, such as "final_returns".
-        title: heading.
         caption: plain text that explains how to read the table.
         frame: a column's name is its heading; cells are texts, numbers, `Value` objects, or
             missing (None or NaN). The index is not shown.
@@ -112,7 +110,6 @@ class RunDetail:
         name: its id, after the name of its source if there are several.
         cell: key that is equal for runs that differ only in seed and steps.
         settings: text of each setting by its name, such as "hyperparameters.tau".
-        curves: its learning curves.
         tags: what the page filters by; see `figure.Series`.
         paths: of its robot in its first and its last evaluation, or fewer.
     """
@@ -130,11 +127,9 @@ class Document:
     """A whole report.
 
     Attributes:
-        title: heading of the page.
         summary: first sentences: runs, solved tasks, conclusions.
         problems: sentences on unreadable records.
         notes: sentences for the reader of the figures.
-        sections: sections in order.
         provenance: a row per run: id, versions, processor, time, command.
         command: command line that made the report.
         headline: the answer, in a sentence.

@@ -1,7 +1,7 @@
 """A figure as data: panels of series, reference lines and heat maps.
 
 The modules of figures turn cells and curves into these. `plotting.py` draws them with matplotlib
-for files, and `page/values.py` writes their values as JSON for the page.
+for files, and `page/tooltips.py` writes their values as JSON for the page.
 """
 
 from collections.abc import Mapping, Sequence
@@ -229,6 +229,11 @@ class Figure:
                 if line.label:
                     found.setdefault(line.label, line.style)
         return [*found.items(), *self.key]
+
+    @property
+    def entries(self) -> dict[str, int]:
+        """Number of each entry of the legend."""
+        return {label: i for i, (label, _) in enumerate(self.legend)}
 
     @property
     def corners(self) -> int:

@@ -11,7 +11,7 @@ from jbench.report import sources
 from jbench.report.analysis import heuristics, scores
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import Summary
-from jbench.report.data.cells import OURS, Cell, LearnedCurve, in_order, of_kind
+from jbench.report.data.cells import OURS, LearnedCurve, in_order, of_kind
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.published import PUBLISHED, PublishedCurve, read_published
 from jbench.report.data.returns import KINDS, Returns
@@ -32,7 +32,6 @@ class Entry:
 
     Attributes:
         source: `OURS` or another name of a results directory, `HAND_WRITTEN` or `PUBLISHED`.
-        task: task of the entry.
         algo: algorithm, or `heuristic` for the hand-written policy.
         observation: representation, and the name of the variant in legends.
         median: of the final returns of its seeds, with the 95% interval.
@@ -109,8 +108,7 @@ def entries(
     Args:
         summaries: statistics of the agents, of one kind of return.
         by_hand: (episodes,) returns of the hand-written policy of each task.
-        published: the paper's curves.
-        algo: only this algorithm; None for all.
+        algo: only published curves of this algorithm; None for all.
     """
     agents = [entry for entry in map(_of_cell, summaries) if entry is not None]
     policies = [_of_policy(task, returns) for task, returns in by_hand.items()]
@@ -124,7 +122,7 @@ def entries(
     return ranked
 
 
-def table(ranked: Sequence[Entry], kind: Returns, name: str) -> TableItem:
+def table(ranked: Sequence[Entry], kind: Returns) -> TableItem:
     """Returns the leaderboard as a table."""
     column = f"final {kind.name} return: median"
     rows = [
@@ -142,7 +140,7 @@ def table(ranked: Sequence[Entry], kind: Returns, name: str) -> TableItem:
     ]
     frame = pd.DataFrame(rows).astype({"rank": "Int64", "n": "Int64"})
     return TableItem(
-        name,
+        "leaderboard",
         f"Leaderboard by final {kind.name} return",
         f"{kind.final} Medians across seeds with their 95% intervals. Entries whose intervals "
         "cross that of the first entry of a rank share this rank. Entries without an interval or "
@@ -158,7 +156,10 @@ def documents(ranked: Sequence[Entry]) -> list[dict[str, object]]:
     """Returns the entries as JSON values; unknown numbers are None."""
     return [
         {
-            **{name: getattr(entry, name) for name in ("task", "rank", "source", "algo")},
+            "task": entry.task,
+            "rank": entry.rank,
+            "source": entry.source,
+            "algo": entry.algo,
             "observation": entry.observation,
             "median": entry.median.value,
             "low": _known(entry.median.low),
@@ -190,19 +191,8 @@ def _of_cell(summary: Summary) -> Entry | None:
     cell, median = summary.cell, summary.get("final_return", "median")
     if median is None or not median.seeds:
         return None
-    return Entry(
-        cell.source,
-        cell.task,
-        cell.algo,
-        cell.representation_words,
-        median.estimate,
-        median.seeds,
-        _steps(cell),
-    )
-
-
-def _steps(cell: Cell) -> tuple[int, int]:
-    return int(cell.steps.min()), int(cell.steps.max())
+    names = cell.source, cell.task, cell.algo, cell.representation_words
+    return Entry(*names, median.estimate, median.seeds, cell.trained)
 
 
 def _of_policy(task: str, returns: FloatArray) -> Entry:
@@ -221,15 +211,8 @@ def _of_paper(curves: Sequence[PublishedCurve]) -> list[Entry]:
             key = curve.task, curve.algo, curve.representation
             end = float(curve.control_steps[-1]), float(curve.quantiles[50][-1])
             best[key] = max(best.get(key, end), end)
-    unknown = float("nan")
     return [
-        Entry(
-            PUBLISHED,
-            *key,
-            st.Estimate(median, unknown, unknown, unknown),
-            0,
-            (round(end), round(end)),
-        )
+        Entry(PUBLISHED, *key, st.Estimate(median), 0, (round(end), round(end)))
         for key, (end, median) in best.items()
     ]
 

@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -46,37 +46,22 @@ class Report:
     """A written report.
 
     Attributes:
-        table: a row per cell, in the order of the paper; see `summaries.summary_table`.
-        aggregate: a row per point of each curve; see `summaries.aggregate_curves`.
-        findings: findings on the paper's claims; None if they were not requested.
-        comparisons: comparisons of cells with each other, for both kinds of return.
-        compares: whether two sides are compared.
-        document: content of the report.
+        data: data of the report; its notes also name files that were kept.
         figures: files of the figures.
         files: all files written.
-        problems: sentences on unreadable records; the others are reported.
-        notes: sentences for the reader of the curves.
     """
 
-    table: pd.DataFrame
-    aggregate: pd.DataFrame
-    findings: Sequence[claims.Finding] | None
-    comparisons: Sequence[comparisons.Comparison]
-    compares: bool
+    data: ReportData
     document: Document
     figures: list[Path]
     files: list[Path]
-    problems: Sequence[str]
-    notes: Sequence[str]
 
 
 def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Report:
     """Aggregates all runs over their seeds and writes tables, figures and a page.
 
     Args:
-        results: results with the runs.
         out: directory for the files; created if it does not exist.
-        request: contents of the report.
 
     Raises:
         RequestError: if there are no runs, none passes the filters, or `out` is not writable.
@@ -97,16 +82,10 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     figures = {f"{item.name}.{ending}" for item in drawn for ending in request.formats}
     paths, kept = output_directory.write(out, parallel.files_of(tasks, cores()))
     return Report(
-        table=data.table,
-        aggregate=data.aggregate,
-        findings=data.findings,
-        comparisons=data.comparisons,
-        compares=request.compare is not None,
+        data=replace(data, notes=[*data.notes, *kept]),
         document=document,
         figures=[path for path in paths if path.name in figures],
         files=paths,
-        problems=data.problems,
-        notes=[*data.notes, *kept],
     )
 
 
@@ -132,14 +111,15 @@ def gather(results: Results, request: Request) -> ReportData:
     drawable = bool(behaviours) or not encoder_table.empty or any(s.cells for s in reported[1:])
     selected = request.algo is None or any(source.cells for source in imported)
     if own.runs.empty and not (selected and drawable):
-        problems = [problem for source in (own, *imported) for problem in source.problems]
-        raise sources.nothing_to_report(results, problems)
+        unreadable = [problem for source in (own, *imported) for problem in source.problems]
+        raise sources.nothing_to_report(results, unreadable)
     if not own.cells and not drawable:
         raise sources.NothingYetError(
             f"No run has an episode yet; wait for them. {' '.join(own.notes)}"
         )
-    compare_within = views.compare_within
-    return _report_data(reported, compare_within, [], request, encoder_table, behaviours, unread)
+    data = _report_data(reported, views.compare_within, [], request)
+    problems = [*data.problems, *unread]
+    return replace(data, encoders=encoder_table, behaviours=behaviours, problems=problems)
 
 
 def _check_comparable(one: Source, other: Source, names: Collection[str]) -> list[str]:
@@ -165,23 +145,22 @@ def _report_data(
     compare: views.Compare,
     more_notes: Sequence[str],
     request: Request,
-    encoder_table: pd.DataFrame | None = None,
-    behaviours: Sequence[behaviour.Behaviour] = (),
-    unread: Sequence[str] = (),
 ) -> ReportData:
+    """Returns the data of a report without encoders and behaviours."""
     table = query.published()
     # Figures select from these by the number of the paper's figure.
     published = [*read_published(table), *read_sequences(table)]
     shown = views.views_of([s.cells for s in reported], published, request, compare)
     learned = [item for view in shown for item in view.learned]
-    notes = [*views.missing_evaluations(shown, request)]
-    notes += [note for source in reported for note in source.notes]
-    notes += [*more_notes, *processor.left_out(verified(shown[0].cells))]
-    notes += summaries.sentences(learned, published, request.window)
-    findings = None
-    if request.claims:
-        findings, untested = _findings(shown, published, reported[0], request)
-        notes += untested
+    findings, untested = _findings(shown, published, reported[0], request)
+    notes = [
+        *views.missing_evaluations(shown, request),
+        *(note for source in reported for note in source.notes),
+        *more_notes,
+        *processor.left_out(verified(shown[0].cells)),
+        *summaries.sentences(learned, published, request.window),
+        *untested,
+    ]
     return ReportData(
         request=request,
         views=shown,
@@ -189,13 +168,11 @@ def _report_data(
         aggregate=summaries.aggregate_curves(learned),
         table=summaries.summary_table(learned, published, request.window),
         findings=findings,
-        encoders=pd.DataFrame() if encoder_table is None else encoder_table,
-        behaviours=behaviours,
         by_hand=leaderboard.by_hand(reported, request.task),
         runs=_runs(reported),
         paths={(s.name, run): paths for s in reported for run, paths in s.paths.items()},
         notes=notes,
-        problems=[*(problem for source in reported for problem in source.problems), *unread],
+        problems=[problem for source in reported for problem in source.problems],
     )
 
 
@@ -211,8 +188,10 @@ def _findings(
     published: Sequence[PublishedCurve],
     own: Source,
     request: Request,
-) -> tuple[list[claims.Finding], list[str]]:
-    """Returns findings in the order of the claims, and notes on untested ones."""
+) -> tuple[list[claims.Finding] | None, list[str]]:
+    """Returns findings in the order of the claims, if requested, and notes on untested ones."""
+    if not request.claims:
+        return None, []
     by_hand, notes = heuristics.findings(own.tables, request.task)
     curves = [
         curve

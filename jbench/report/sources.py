@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import REFERENCE
-from jbench.report.data.building import build_cells, usable_runs
+from jbench.report.data.building import POINT, build_cells, usable_runs
 from jbench.report.data.cells import IMPORTED, OURS, Cell
 from jbench.report.data.imported import as_runs, with_spacing_note
 from jbench.report.data.paths import COLUMNS, RunPath, run_paths
@@ -22,21 +22,16 @@ from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
 from jbench.store import Results, query
 
-Choice = Callable[[Run], bool]
-"""Returns whether a run is selected, by its settings."""
-
 _RUNS = ("runs", "episodes", "evaluations", "paths")
 _MORE = (
     *("encoders", "encoder_errors", "encoder_predictions"),
     *("policy_evaluations", "policy_episodes"),
 )
-_POINT = ("control_steps", "episode_return", "processor_time")
 _COLUMNS = {
-    "episodes": ("run", "episode", *_POINT),
-    "evaluations": ("run", "evaluation", "episode", *_POINT),
+    "episodes": ("run", "episode", *POINT),
+    "evaluations": ("run", "evaluation", "episode", *POINT),
     "paths": COLUMNS,
 }
-_READ: dict[str, Any] = {"coded": True, "columns": _COLUMNS}
 
 
 class NothingYetError(RequestError):
@@ -52,8 +47,8 @@ class Source:
         runs: rows of the table `runs`.
         notes: sentences on runs that are in no cell.
         problems: a sentence for each unreadable record.
-        tables: tables of encoders and policies; empty for other sources than the results.
-        name: name of the source in its cells.
+        tables: of encoders and policies; other sources than the results have none of them.
+        name: of the source in its cells.
         paths: of the robots in evaluations, by run.
     """
 
@@ -70,12 +65,11 @@ def own(results: Results, request: Request, name: str = OURS, *, strict: bool = 
     """Returns the runs of the results that pass the filters of the request.
 
     Args:
-        results: results directory.
         request: its filters apply.
-        name: name of the source in its cells.
+        name: of the source in its cells.
         strict: whether it is an error if no run passes the filters.
     """
-    tables, problems = query.load(results, (*_RUNS, *_MORE), **_READ)
+    tables, problems = _load(results, _MORE)
     return _source(tables, problems, request, name, strict=strict)
 
 
@@ -96,11 +90,8 @@ def own_and_imported(results: Results, request: Request) -> list[Source]:
         NothingYetError: if no run or import passes the filters of the request.
     """
     imports = imported(results, request)
-    shown = bool(imports.cells)
-    ours = own(results, request, strict=not shown)
-    if shown or imports.problems:
-        return [ours, imports]
-    return [ours]
+    ours = own(results, request, strict=not imports.cells)
+    return [ours, imports] if imports.cells or imports.problems else [ours]
 
 
 def check_baseline(baseline: str, reported: Sequence[Source]) -> None:
@@ -126,10 +117,8 @@ def reference(request: Request, path: Path) -> Source:
     """Returns the runs shipped with jbench, which form separate cells."""
     if not path.is_dir():
         return Source([], pd.DataFrame(), [_NO_REFERENCE], [], {}, REFERENCE)
-    tables, problems = query.load(Results(path), _RUNS, **_READ)
-    source = _source(tables, problems, request, REFERENCE, strict=False)
-    notes = source.notes if source.cells else [*source.notes, _NO_REFERENCE]
-    return replace(source, notes=notes, tables={})
+    source = _source(*_load(Results(path)), request, REFERENCE, strict=False)
+    return source if source.cells else replace(source, notes=[*source.notes, _NO_REFERENCE])
 
 
 _NO_REFERENCE = "This version of jbench ships no reference runs for this report."
@@ -147,14 +136,14 @@ def side(text: str, results: Results, request: Request) -> Source:
     Raises:
         RequestError: if the text is neither, or selects no run.
     """
+    choice = None
     if Path(text).is_dir():
-        tables, problems = query.load(Results(Path(text)), _RUNS, **_READ)
-        source = _source(tables, problems, request, text)
+        tables, problems = _load(Results(Path(text)))
     else:
-        tables, problems = query.load(results, _RUNS, **_READ)
+        tables, problems = _load(results)
         settings = [parse_run(one) for one in tables["runs"]["settings"].to_pylist()]
         choice = _choice(text, settings)
-        source = _source(tables, problems, request, text, choice)
+    source = _source(tables, problems, request, text, choice)
     if not source.cells:
         reasons = " ".join(source.problems)
         raise NothingYetError(f"There is no run with an episode of {text}. {reasons}".strip())
@@ -182,20 +171,26 @@ def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError
     )
 
 
+def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:
+    """Reads the tables of runs and those of these names."""
+    return query.load(results, (*_RUNS, *more), coded=True, columns=_COLUMNS)
+
+
 def _source(
     tables: dict[str, pa.Table],
     problems: list[str],
     request: Request,
-    name: str = OURS,
-    choice: Choice | None = None,
+    name: str,
+    choice: Callable[[Run], bool] | None = None,
     *,
     strict: bool = True,
 ) -> Source:
+    """Returns the runs that pass the filters of the request and are chosen by their settings."""
     runs, unusable = usable_runs(tables["runs"])
     if choice is not None:
         runs = runs[np.array([choice(parse_run(one)) for one in runs["settings"]], bool)]
     runs, early = _begun_since(runs, request)
-    runs = _filter(runs, request.task, request.algo, strict=strict) if len(runs) else runs
+    runs = _filter(runs, request, strict=strict) if len(runs) else runs
     points = tables.pop("episodes"), tables.pop("evaluations")
     # Imported curves have no paths.
     paths = run_paths(tables.pop("paths"), points[1]) if "paths" in tables else {}
@@ -215,33 +210,28 @@ def _begun_since(runs: pd.DataFrame, request: Request) -> tuple[pd.DataFrame, li
     return runs[begun], notes
 
 
-def _filter(
-    runs: pd.DataFrame, task: str | None, algo: str | None, *, strict: bool
-) -> pd.DataFrame:
-    """Returns the runs of a task and an algorithm.
+def _filter(runs: pd.DataFrame, request: Request, *, strict: bool) -> pd.DataFrame:
+    """Returns the runs of the requested task and algorithm.
 
     Raises:
         NothingYetError: if there are none, and `strict` is set.
     """
+    wanted = {"task": request.task, "algo": request.algo}
+    wanted = {name: value for name, value in wanted.items() if value is not None}
     matches = pd.Series(True, index=runs.index)
-    for name, value in (("task", task), ("algo", algo)):
-        if value is not None:
-            matches &= runs[name] == value
+    for name, value in wanted.items():
+        matches &= runs[name] == value
     if strict and not matches.any():
         existing = "; ".join(
             f"{name} with {', '.join(sorted(set(group)))}"
             for name, group in runs.groupby("task")["algo"]
         )
-        asked = " and ".join(
-            f"{name} {value!r}"
-            for name, value in (("task", task), ("algo", algo))
-            if value is not None
-        )
+        asked = " and ".join(f"{name} {value!r}" for name, value in wanted.items())
         raise NothingYetError(f"There are no runs of {asked}; there are runs of {existing}.")
     return runs[matches]
 
 
-def _choice(text: str, settings: Sequence[Run]) -> Choice:
+def _choice(text: str, settings: Sequence[Run]) -> Callable[[Run], bool]:
     """Returns a function that selects runs by the typed settings.
 
     Raises:

@@ -28,7 +28,6 @@ def sentences(
     """Returns the sentences of the summary.
 
     Args:
-        request: the request.
         views: one per kind of return, the leading one first.
         findings: findings on the claims; None if they were not requested.
         runs: rows of the table `runs`.
@@ -38,9 +37,7 @@ def sentences(
     lines = [_what_was_run(views, runs), *map(_what_is_solved, views), *agreement.on_solved(views)]
     lead = views[0]
     if lead.reductions:
-        lines.append(
-            f"Does reduction help? {reduction_items.sentence('a', lead.reductions, lead.kind)}"
-        )
+        lines.append(f"Does reduction help? {reduction_items.sentence('a', lead.reductions)}")
     if request.compare:
         lines += [sentence for view in views for sentence in _how_they_compare(view.comparisons)]
     if findings is None:
@@ -75,15 +72,16 @@ def _described(cell: Cell) -> str:
 
 def _what_is_solved(view: View) -> str:
     """Returns a sentence on the cells that are solved according to one kind of return."""
-    states: dict[str, list[str]] = {name: [] for name in agreement.STATES}
+    states: dict[str, list[str]] = {}
     for summary in view.statistics:
         state, text = agreement.solved(summary)
-        states[state].append(f"{values.cell_name(summary.cell)} ({text})")
+        states.setdefault(state, []).append(f"{values.cell_name(summary.cell)} ({text})")
+    solved = "; ".join(states.get("solved", ["nothing"]))
     sentence = (
         f"Solved by the {view.kind.long}, with the whole 95% interval of the median at {SOLVED} or "
-        f"more, from at least {DECIDING_SEEDS} seeds: {'; '.join(states['solved']) or 'nothing'}."
+        f"more, from at least {DECIDING_SEEDS} seeds: {solved}."
     )
-    if states["uncertain"]:
+    if "uncertain" in states:
         cells = "; ".join(states["uncertain"])
         sentence += f" The median is at {SOLVED} or more, but uncertain: {cells}."
     return sentence

@@ -24,11 +24,9 @@ class View:
     """The part of a report on one kind of return.
 
     Attributes:
-        kind: kind of return.
         leads: whether figures and statistics show this kind first.
         learned: curves in the order of the paper.
         statistics: statistics of each cell, in the same order.
-        comparisons: comparisons of cells with each other.
         reductions: comparisons of each representation with the full and the scaled observation.
         groups: groups of cells that differ only in their representation.
         findings: findings on the claims (a) to (g); empty unless they were requested.
@@ -63,11 +61,6 @@ class View:
         """Cells of the curves."""
         return [item.cell for item in self.learned]
 
-    @property
-    def published_beside(self) -> bool:
-        """Whether the paper's curves are shown as well; they are training returns."""
-        return self.kind is TRAINING
-
     def file(self, name: str) -> str:
         """Returns a file name with the kind of return appended, except for the leading kind."""
         return name if self.leads else f"{name}-{self.kind.name}"
@@ -83,7 +76,6 @@ def views_of(
 
     Args:
         sources: cells of each source, of both kinds.
-        published: the paper's curves.
         request: determines the leading kind, the smoothing, and whether claims are tested.
         compare: compares the cells of one kind.
     """

@@ -58,7 +58,6 @@ def watch(
     The caller's work takes at most half of the time: after it, this waits as long as it took.
 
     Args:
-        results: results to watch.
         request: if it compares results directories, these are watched as well.
         interrupt: ends the watching.
         look_every: minimum seconds between two looks.

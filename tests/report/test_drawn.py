@@ -107,7 +107,7 @@ class TestProcessorTime:
         fabric.run(RETURNS, 0, algo="sac", seconds=1.0)
         report = write_report(fabric.results, out, Request(formats=("svg",)))
         assert "processor_time.svg" in {path.name for path in report.figures}
-        (note,) = [note for note in report.notes if "processor time" in note]
+        (note,) = [note for note in report.data.notes if "processor time" in note]
         assert re.match(r"Runs of face_direction td3 full have recorded no processor", note)
 
 
@@ -139,7 +139,7 @@ class TestEachSeed:
         for seed in range(3):
             fabric.run(RETURNS + 10 * seed, seed)
         plain, thin = (
-            grid_figure(fabric.learned(window=4), published, "quantile-first", 4, each_seed=each)
+            grid_figure(fabric.learned(window=4), published, Request(window=4, each_seed=each))
             for each in (False, True)
         )
         added = len(thin.panels[0].series) - len(plain.panels[0].series)
@@ -168,10 +168,10 @@ class TestSizesAndFormats:
         for algo, task in itertools.product(("td3", "ppo"), ("face_direction", "move_to_pose")):
             seeds(fabric, [500, 600, 700], task=task, algo=algo)
         seeds(fabric, [500, 600, 700], representation="dae12")
-        options = fabric.learned(), published, "quantile-first", 100
+        options = fabric.learned(), published, Request(each_seed=True)
         figures = [
-            grid_figure(*options, each_seed=True),
-            *comparison_figures(*options, each_seed=True).values(),
+            grid_figure(*options),
+            *comparison_figures(*options).values(),
             profiles.profiles_figure(cells(fabric)),
         ]
         for figure in figures:
@@ -222,7 +222,7 @@ class TestSizesAndFormats:
 
 def test_a_figure_is_drawn_with_and_without_the_text_around_its_panels(fabric, published):
     seeds(fabric, [500])
-    figure = grid_figure(fabric.learned(), published, "quantile-first", 100)
+    figure = grid_figure(fabric.learned(), published, Request())
     whole, bare = (plotting.draw(figure, text=text) for text in (True, False))
     assert [text.get_text().split()[0] for text in whole.texts] == ["Training", "Shown:"]
     assert bare.texts == []

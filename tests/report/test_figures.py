@@ -19,6 +19,7 @@ from jbench.report.figures.learning_curves import (
     comparison_figures,
     grid_figure,
 )
+from jbench.report.request import Request
 
 RETURNS = np.linspace(0, 800, 40)
 
@@ -26,14 +27,14 @@ RETURNS = np.linspace(0, 800, 40)
 @pytest.fixture
 def grid(fabric, published):
     return lambda order="quantile-first", window=4: grid_figure(
-        fabric.learned(order, window), published, order, window
+        fabric.learned(order, window), published, Request(order=order, window=window)
     )
 
 
 @pytest.fixture
 def comparisons(fabric, published):
     return lambda order="quantile-first", window=4: comparison_figures(
-        fabric.learned(order, window), published, order, window
+        fabric.learned(order, window), published, Request(order=order, window=window)
     )
 
 
@@ -360,6 +361,6 @@ class TestFiles:
             item._replace(cell=replace(item.cell, task=name, algo=name))
             for item in fabric.learned(order, window)
         ]
-        figure = grid_figure(learned, published, order, window)
+        figure = grid_figure(learned, published, Request(order=order, window=window))
         assert plotting.to_svg(plotting.draw(figure)).startswith(b"<?xml")
         assert panel(figure, name).labels == [name]

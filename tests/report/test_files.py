@@ -46,8 +46,8 @@ def test_all_files_are_written_and_named(fabric, out):
         "index.html",
         "report.json",
     }
-    assert report.problems == []
-    assert report.notes == [
+    assert report.data.problems == []
+    assert report.data.notes == [
         "No run has evaluations: the report leads with training returns, exploration included.",
         "No run has recorded processor time: return against processor time is not drawn.",
     ]
@@ -84,10 +84,10 @@ class TestAggregate:
             fabric.run(rng.uniform(0, 1000, 400 - 50 * seed), seed=seed)
         report = write_report(fabric.results, out, Request(window=10))
         parquet = pd.read_parquet(out / "aggregate.parquet")
-        pd.testing.assert_frame_equal(parquet, report.aggregate)
+        pd.testing.assert_frame_equal(parquet, report.data.aggregate)
         text = pd.read_csv(out / "aggregate.csv")
-        pd.testing.assert_frame_equal(text, report.aggregate, check_dtype=False, rtol=1e-12)
-        assert set(report.aggregate["seeds"]) == {1, 2, 3}
+        pd.testing.assert_frame_equal(text, report.data.aggregate, check_dtype=False, rtol=1e-12)
+        assert set(report.data.aggregate["seeds"]) == {1, 2, 3}
 
     def test_the_order_is_the_one_asked_for(self, fabric):
         turns = np.tile([0.0, 10.0], 4)
@@ -117,7 +117,7 @@ class TestTable:
     def test_a_row_of_numbers_beside_the_papers(self, fabric, out):
         for seed, end in enumerate((900.0, 950.0, 1000.0)):
             fabric.run(np.r_[np.zeros(4900), np.full(100, end)], seed=seed)
-        row = write_report(fabric.results, out).table.iloc[0]
+        row = write_report(fabric.results, out).data.table.iloc[0]
         assert row[KEY[:3]].tolist() == ["face_direction", "td3", "full"]
         assert (row["seeds"], row["episodes_min"], row["episodes_max"]) == (3, 5000, 5000)
         assert (row["steps_min"], row["steps_max"]) == (5_000_000, 5_000_000)
@@ -134,7 +134,7 @@ class TestTable:
     def test_the_paper_is_left_blank_where_it_does_not_reach(self, fabric, out):
         fabric.run(np.zeros(20))
         fabric.run(np.zeros(400), algo="sac", representation="dae12")
-        table = write_report(fabric.results, out).table
+        table = write_report(fabric.results, out).data.table
         assert table["published_median"].isna().all()
         assert table["published_figure"].isna().all()
         with (out / "table.csv").open() as file:
@@ -153,7 +153,7 @@ class TestTable:
         fabric.run(FLAT[:300], seed=1, status="failed")
         fabric.run(np.r_[FLAT[:399], math.nan], seed=2, status="unfinished")
         report = write_report(fabric.results, out, Request(window=10))
-        (row,) = report.table.to_dict("records")
+        (row,) = report.data.table.to_dict("records")
         assert (row["seeds"], row["episodes_min"], row["episodes_max"]) == (3, 300, 400)
         assert row["training_return_median"] == 500
         for part in (
@@ -164,7 +164,9 @@ class TestTable:
             "seed 2 has 1 returns that are not numbers",
         ):
             assert part in row["notes"]
-            assert any(part in note and "face_direction td3 full" in note for note in report.notes)
+            assert any(
+                part in note and "face_direction td3 full" in note for note in report.data.notes
+            )
         page = (out / "index.html").read_text()
         assert "seed 1 failed after 300 episodes" in page
 
@@ -179,11 +181,11 @@ class TestDamage:
         content[len(content) // 2] ^= 255
         file.write_bytes(content)
         report = write_report(fabric.results, out)
-        assert len(report.problems) == 1
-        assert file.name in report.problems[0]
-        assert damaged.id in report.problems[0]
-        assert report.table["seeds"].tolist() == [1]
-        assert html.escape(report.problems[0]) in (out / "index.html").read_text()
+        assert len(report.data.problems) == 1
+        assert file.name in report.data.problems[0]
+        assert damaged.id in report.data.problems[0]
+        assert report.data.table["seeds"].tolist() == [1]
+        assert html.escape(report.data.problems[0]) in (out / "index.html").read_text()
 
     def test_nothing_but_damaged_runs(self, fabric, out):
         damaged = fabric.run(FLAT)
@@ -212,7 +214,7 @@ class TestRequests:
             "figure5-move_in_direction",
         }
         assert "There are no runs yet" in (out / "index.html").read_text()
-        assert len(report.table) == 0
+        assert len(report.data.table) == 0
         with pytest.raises(RequestError, match="There are no runs"):
             write_report(fabric.results, out, Request(task="move_to_pose"))
 
@@ -288,9 +290,9 @@ def test_a_record_with_a_hostile_name_is_left_out_and_reported(fabric, out, sett
     content["settings"][setting] = HOSTILE
     manifest.write_text(json.dumps(content))
     report = write_report(fabric.results, out)
-    (problem,) = report.problems
+    (problem,) = report.data.problems
     assert str(manifest) in problem
-    assert list(report.table["seeds"]) == [1]
+    assert list(report.data.table["seeds"]) == [1]
     assert not any(b"alert(1)" in path.read_bytes() for path in report.files)
 
 

@@ -62,8 +62,8 @@ def imported(two_imported, tmp_path):
 def test_a_report_of_imports_alone_has_their_statistics(imported, tmp_path):
     request = Request(formats=("svg",))
     written = write_report(Results(imported), tmp_path / "report", request)
-    assert list(written.table["source"].unique()) == [IMPORTED]
-    table = written.table.set_index("algo")
+    assert list(written.data.table["source"].unique()) == [IMPORTED]
+    table = written.data.table.set_index("algo")
     for algo, returns in RETURNS.items():
         low, median, high = np.percentile(list(returns.values()), (10, 50, 90))
         columns = [f"training_return_{name}" for name in ("median", "q10", "q90")]
@@ -75,7 +75,7 @@ def test_a_report_of_imports_alone_has_their_statistics(imported, tmp_path):
     assert (medians["value"] <= medians["high"]).all()
     assert set(medians["seeds"]) == {6}
     # Every seed of fast is above every seed of slow.
-    (one,) = written.comparisons
+    (one,) = written.data.comparisons
     assert one.improvement.value == (0 if one.ours.algo == "slow" else 1)
     assert IMPORTED in (tmp_path / "report" / "index.html").read_text()
 

@@ -61,7 +61,7 @@ def test_published_curves_and_hand_written_policies_are_entries_of_their_own():
 
 def test_a_table_has_exact_numbers_and_marks_its_entries():
     first = dataclasses.replace(entry(960, 955, 970), rank=1)
-    item = leaderboard.table([first], EVALUATION, "leaderboard")
+    item = leaderboard.table([first], EVALUATION)
     (row,) = item.frame.to_dict("records")
     assert (row["rank"], row["entry"], row["algorithm"], row["n"]) == (1, "runs", "TD3", 6)
     value = row["final evaluation return: median"]

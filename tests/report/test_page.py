@@ -16,8 +16,8 @@ import pytest
 
 from jbench.report.document import FigureItem, Section, TableItem, Value
 from jbench.report.figure import Axis, Band, Figure, HeatMap, Panel, Series, Style
-from jbench.report.page import colors, downloads, render_document, tables, text, values, vector
-from jbench.report.page.budget import share_each
+from jbench.report.page import colors, downloads, render_document, tables, text, tooltips, vector
+from jbench.report.page.items import share_each
 from tests.report import page_documents as made
 
 # matplotlib says that its font has no control characters.
@@ -262,13 +262,13 @@ def values_of(*series, y=None):
     """Returns the panel of values of these series."""
     x = Axis("latents", (0, 10))
     figure = made.curves_figure(Panel("", x, y or Axis("error", (0, 10)), series))
-    (panel,) = values.panels(figure, [BOX])
+    (panel,) = tooltips.panels(figure, [BOX])
     return panel
 
 
 class TestValues:
     def test_lines_bands_and_axes(self):
-        (panel,) = values.panels(made.curves_figure(), [BOX])
+        (panel,) = tooltips.panels(made.curves_figure(), [BOX])
         assert panel["title"] == "face_direction"
         assert panel["box"] == [*BOX]
         assert panel["x"] == {
@@ -304,7 +304,7 @@ class TestValues:
 
     @pytest.mark.parametrize(("count", "most"), [(1, 400), (400, 400), (401, 400), (4901, 400)])
     def test_long_lines_are_thinned_evenly_and_keep_their_ends(self, count, most):
-        kept = values.thinned(np.arange(count), most)
+        kept = tooltips.thinned(np.arange(count), most)
         assert len(kept) <= most
         assert (kept[0], kept[-1]) == (0, count - 1)
         steps = np.diff(kept)
@@ -327,11 +327,11 @@ class TestValues:
     def test_many_lines_share_the_points_of_a_page(self):
         # Each figure has two labelled series.
         figures = [made.curves_figure()] * 100
-        assert values.points_each(figures[:1]) == 400
-        assert values.points_each(figures) == 300
+        assert tooltips.points_each(figures[:1]) == 400
+        assert tooltips.points_each(figures) == 300
 
     def test_a_heat_map_has_the_names_of_its_ticks(self):
-        (panel,) = values.panels(made.matrix_figure(), [BOX])
+        (panel,) = tooltips.panels(made.matrix_figure(), [BOX])
         assert panel["x"]["ticks"] == [[0, "DDPG"], [1, "TD3"]]
         assert panel["x"]["unit"] == 1
         assert panel["y"]["limits"] == [2.5, -0.5]
@@ -340,7 +340,7 @@ class TestValues:
         assert panel["grid"]["values"] == [[910, 12.5], [450, None], [0, 668.25]]
 
     def test_a_panel_without_data_has_no_values(self):
-        (panel,) = values.panels(made.log_figure(), [BOX, BOX])
+        (panel,) = tooltips.panels(made.log_figure(), [BOX, BOX])
         assert panel["x"]["label"] == "latents"
 
 

@@ -5,7 +5,6 @@ import pytest
 
 from jbench.names import kind_of
 from jbench.report.analysis import reduction
-from jbench.report.data.returns import TRAINING
 from jbench.report.figures.reduction_figure import reduction_figure
 from jbench.report.report import write_report
 from jbench.report.request import Request
@@ -57,7 +56,7 @@ def test_each_representation_is_compared_with_both_baselines(fabric):
 
 def test_the_sentence_names_each_outcome_with_interval_and_seeds(fabric):
     learn(fabric, {name: FINALS[name] for name in ("full", "scaled16", "planar12", "dae12")})
-    said = reduction_items.sentence("a", found_in(fabric), TRAINING)
+    said = reduction_items.sentence("a", found_in(fabric))
     assert said.startswith("(a) Final training return: against full, higher by more than 50: ")
     against_full, against_scaled = said.split("; against scaled, ")
     assert "face_direction TD3 planar12 (+200 [" in against_full

@@ -157,18 +157,18 @@ class TestReport:
         names = {path.name for path in report.files}
         assert {"evaluations.svg", "figure9.svg", "evaluations-face_direction-ddpg.svg"} <= names
         assert {"final_returns.csv", "final_returns-training.csv"} <= names
-        assert set(report.aggregate["returns"]) == {"evaluation", "training"}
-        ddpg = report.table[report.table["algo"] == "ddpg"]
+        assert set(report.data.aggregate["returns"]) == {"evaluation", "training"}
+        ddpg = report.data.table[report.data.table["algo"] == "ddpg"]
         assert ddpg["evaluation_return_median"].tolist() == [900, 800]
         assert ddpg["training_return_median"].tolist() == [500, 500]
-        (note,) = [note for note in report.notes if "Without evaluations" in note]
+        (note,) = [note for note in report.data.notes if "Without evaluations" in note]
         assert "face_direction sac full" in note
         assert "evaluation return of the deterministic policy" in (out / "index.html").read_text()
 
     def test_published_curves_stand_beside_training_only(self, both, published):
         for kind, dashed in ((EVALUATION, 0), (TRAINING, 2)):
             learned = both.learned(window=4, kind=kind)
-            figure = learning_curves.grid_figure(learned, published, "quantile-first", 4)
+            figure = learning_curves.grid_figure(learned, published, Request(window=4))
             panel = figure.panels[0]
             assert panel.y.label == kind.axis
             assert len([x for x in panel.series if x.style.dash == "--"]) == dashed

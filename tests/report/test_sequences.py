@@ -6,6 +6,7 @@ import pytest
 from jbench.report.data.published import read_sequences
 from jbench.report.figures.sequences import sequence_curve, sequence_figures
 from jbench.report.report import write_report
+from jbench.report.request import Request
 from jbench.store import query
 
 SAC = {"algo": "sac", "task": "move_in_direction", "augment": 0, "robots": 2}
@@ -43,7 +44,7 @@ def test_a_run_still_on_its_first_robot_keeps_the_planned_changes(fabric):
 def test_the_figure_holds_ours_theirs_and_the_changes(fabric, sequences):
     fabric.run(RETURNS, 0, **SAC)
     fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
-    ((key, figure),) = sequence_figures(fabric.learned(), sequences, "quantile-first").items()
+    ((key, figure),) = sequence_figures(fabric.learned(), sequences, Request()).items()
     assert key == ("move_in_direction", "sac")
     (panel,) = figure.panels
     assert len(panel.labels) == 2

@@ -116,10 +116,10 @@ class TestCompare:
         other.run(FLAT, 0, algo="sac")
         sides = str(tmp_path / "results"), str(tmp_path / "other")
         report = write_report(fabric.results, out, Request(compare=sides))
-        (one,) = report.comparisons
+        (one,) = report.data.comparisons
         assert one.difference.value == 200
-        assert set(report.table["source"]) == set(sides)
-        assert any("Only in" in note and "sac" in note for note in report.notes)
+        assert set(report.data.table["source"]) == set(sides)
+        assert any("Only in" in note and "sac" in note for note in report.data.notes)
         page = (out / "index.html").read_text()
         assert "the interquartile means differ by +200" in page
         assert "comparison-face_direction-td3.png" in {path.name for path in report.figures}

@@ -111,7 +111,6 @@ class TestWording:
         }
 
     def test_nothing_is_said_of_nothing(self):
-        assert values.estimate(None) is None
         assert values.estimate(Estimate(math.nan, math.nan, math.nan, math.nan)) is None
         assert values.reached(None) is None
 

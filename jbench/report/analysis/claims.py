@@ -32,70 +32,53 @@ HARDER, EASIER = "move_in_direction", "face_direction"
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper.
+    """A claim of the paper, and the description of its test."""
 
-    Attributes:
-        letter: letter of the claim in the report.
-        text: the claim.
-        test: description of the test.
-    """
-
-    letter: str
     text: str
     test: str
 
 
 CLAIMS = {
-    claim.letter: claim
-    for claim in (
-        Claim(
-            "a",
-            "With the reduced order the reward is similar.",
-            "The interquartile means of the final returns differ by less than 50: the 90% interval "
-            "of the difference lies within that margin (two one-sided tests at 5%).",
-        ),
-        Claim(
-            "b",
-            "With the reduced order the training varies less between seeds.",
-            "The standard deviation of the final return across seeds is smaller: the 95% interval "
-            "of its ratio, reduced to full, lies below 1.",
-        ),
-        Claim(
-            "c",
-            "With the reduced order learning is slightly faster.",
-            "The mean return over the whole run, the area under the learning curve, is larger: the "
-            "95% interval of the difference of interquartile means lies above 0.",
-        ),
-        Claim(
-            "d",
-            "The gain of the reduced order is larger for the harder task.",
-            "What (c) gains on move_in_direction less what it gains on face_direction: the 95% "
-            "interval lies above 0.",
-        ),
-        Claim(
-            "e",
-            "Off-policy algorithms reach higher medians than PPO.",
-            "The difference of the median final returns: the 95% interval lies above 0.",
-        ),
-        Claim(
-            "f",
-            "Off-policy algorithms vary more between seeds than PPO.",
-            "The standard deviation of the final return across seeds is larger: the 95% interval "
-            "of its ratio to PPO's lies above 1.",
-        ),
-        Claim(
-            "g",
-            "The task is solved.",
-            "The median final return across seeds is 900 or more: the 95% interval lies there.",
-        ),
-        Claim(
-            "h",
-            "The hand-written policy solves the task.",
-            "The median return of its episodes is 900 or more: the 95% interval lies there. The "
-            "policy is deterministic, so here episodes are the unit of replication.",
-        ),
-    )
+    "a": Claim(
+        "With the reduced order the reward is similar.",
+        "The interquartile means of the final returns differ by less than 50: the 90% interval "
+        "of the difference lies within that margin (two one-sided tests at 5%).",
+    ),
+    "b": Claim(
+        "With the reduced order the training varies less between seeds.",
+        "The standard deviation of the final return across seeds is smaller: the 95% interval "
+        "of its ratio, reduced to full, lies below 1.",
+    ),
+    "c": Claim(
+        "With the reduced order learning is slightly faster.",
+        "The mean return over the whole run, the area under the learning curve, is larger: the "
+        "95% interval of the difference of interquartile means lies above 0.",
+    ),
+    "d": Claim(
+        "The gain of the reduced order is larger for the harder task.",
+        "What (c) gains on move_in_direction less what it gains on face_direction: the 95% "
+        "interval lies above 0.",
+    ),
+    "e": Claim(
+        "Off-policy algorithms reach higher medians than PPO.",
+        "The difference of the median final returns: the 95% interval lies above 0.",
+    ),
+    "f": Claim(
+        "Off-policy algorithms vary more between seeds than PPO.",
+        "The standard deviation of the final return across seeds is larger: the 95% interval "
+        "of its ratio to PPO's lies above 1.",
+    ),
+    "g": Claim(
+        "The task is solved.",
+        "The median final return across seeds is 900 or more: the 95% interval lies there.",
+    ),
+    "h": Claim(
+        "The hand-written policy solves the task.",
+        "The median return of its episodes is 900 or more: the 95% interval lies there. The "
+        "policy is deterministic, so here episodes are the unit of replication.",
+    ),
 }
+"""Claims by their letters."""
 
 
 class SeedsNeeded(NamedTuple):
@@ -119,12 +102,9 @@ class Finding:
         compared: names of the cells.
         effect: the claim's statistic with the deciding interval.
         seeds: smallest number of seeds of the cells; for (h), number of episodes.
-        verdict: verdict of this comparison.
         seeds_needed: seeds that would decide it; None if it is decided or no number is known.
-        returns: kind of return.
-        control_steps: control steps at which cells are compared; None for (h).
+        control_steps: at which cells are compared; None for (h).
         source: `ours`, or the figure of the paper.
-        remark: remark on this comparison; may be empty.
     """
 
     claim: str

@@ -7,9 +7,8 @@ import numpy as np
 import pandas as pd
 
 from jbench.report.analysis import statistics as st
-from jbench.report.analysis.scores import baseline_of, common_steps, scores_of
-from jbench.report.data.cells import Cell
-from jbench.report.data.curves import FloatArray
+from jbench.report.analysis.scores import baseline_of, compared_scores, scores_of
+from jbench.report.data.cells import Cell, groups_same_but
 from jbench.report.data.variants import variant_labels
 from jbench.settings.alike import comparable
 
@@ -21,9 +20,7 @@ class Comparison:
     """Final returns of two cells, at the last control step that every seed of both has reached.
 
     Attributes:
-        ours: the first cell.
-        theirs: the second cell.
-        control_steps: control steps at which they are compared.
+        control_steps: at which they are compared.
         seeds: numbers of seeds of ours and of theirs with a final return.
         improvement: probability that a run of ours ends above one of theirs.
         difference: difference of the interquartile means, ours minus theirs.
@@ -41,27 +38,20 @@ class Comparison:
     @property
     def cut(self) -> int:
         """Number of control steps of the longest run that are not compared."""
-        longest = max(float(np.nanmax(c.control_steps)) for c in (self.ours, self.theirs))
-        return int(longest) - self.control_steps
+        return int(max(self.ours.longest, self.theirs.longest)) - self.control_steps
 
 
 def compare(ours: Cell, theirs: Cell) -> Comparison:
     """Compares two cells of the same kind of return."""
-    groups = _finals(ours, theirs)
+    one, other = compared_scores(ours, theirs)
     statistics = [
         st.probability_of_improvement,
         st.difference(st.interquartile_mean),
         st.difference(st.median),
     ]
-    estimates = st.estimates(statistics, *([group] for group in groups))
-    seeds = len(groups[0]), len(groups[1])
-    return Comparison(ours, theirs, common_steps(ours, theirs), seeds, *estimates)
-
-
-def _finals(ours: Cell, theirs: Cell) -> list[FloatArray]:
-    """Returns the final returns (seeds,) of both at the last step that all seeds have reached."""
-    common = common_steps(ours, theirs)
-    return [scores_of(cell, common).final for cell in (ours, theirs)]
+    estimates = st.estimates(statistics, [one.final], [other.final])
+    seeds = len(one.final), len(other.final)
+    return Comparison(ours, theirs, one.control_steps, seeds, *estimates)
 
 
 def within(cells: Sequence[Cell]) -> list[Comparison]:
@@ -94,7 +84,7 @@ def alone(cells: Sequence[Cell], found: Sequence[Comparison]) -> list[str]:
     left = _left(cells, found)
     if not left:
         return []
-    names = "; ".join(cell.name.removeprefix(cell.prefix) for cell in left[:_MAX_NAMED])
+    names = "; ".join(cell.name_in_source for cell in left[:_MAX_NAMED])
     more = f"; and {len(left) - _MAX_NAMED} more" if len(left) > _MAX_NAMED else ""
     return [f"Only in {left[0].source}: {names}{more}."]
 
@@ -138,11 +128,10 @@ def comparisons_frame(found: Sequence[Comparison]) -> pd.DataFrame:
 
 def _row(one: Comparison) -> dict[str, object]:
     row: dict[str, object] = {"returns": one.ours.kind.name, "task": one.ours.task}
-    names = {"source": "source", "algo": "algo", "representation": "representation"}
-    names |= {"variant": "variant", "settings": "label"}
+    names = ("source", "algo", "representation", "variant")
     for side, cell, seeds in zip("ab", (one.ours, one.theirs), one.seeds, strict=True):
-        row |= {f"{name}_{side}": getattr(cell, attribute) for name, attribute in names.items()}
-        row[f"seeds_{side}"] = seeds
+        row |= {f"{name}_{side}": getattr(cell, name) for name in names}
+        row |= {f"settings_{side}": cell.label, f"seeds_{side}": seeds}
     row["control_steps"] = one.control_steps
     estimates = {
         "probability_of_improvement": one.improvement,
@@ -173,13 +162,10 @@ def algorithm_pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
     If algorithms have variants, each is only paired with the first variant of the other algorithm,
     to limit the number of pairs.
     """
-    groups: dict[tuple[str, str], list[Cell]] = {}
-    for cell in cells:
-        groups.setdefault((cell.source, comparable(cell.settings, "algo")), []).append(cell)
-    for alike in groups.values():
-        firsts = {cell.algo: cell for cell in reversed(alike)}
-        for i, one in enumerate(alike):
-            for other in alike[i + 1 :]:
+    for group in groups_same_but(cells, "algo"):
+        firsts = {cell.algo: cell for cell in reversed(group)}
+        for i, one in enumerate(group):
+            for other in group[i + 1 :]:
                 first = one is firsts[one.algo] or other is firsts[other.algo]
                 if one.algo != other.algo and first:
                     yield one, other
@@ -193,8 +179,8 @@ def best_of(cells: Sequence[Cell]) -> Cell | None:
     """
     if len(cells) < 2:
         return None
-    medians = [_median(cell) for cell in cells]
-    best = cells[int(np.nanargmax(medians))] if np.isfinite(medians).any() else None
+    learned = [cell for cell in cells if len(scores_of(cell).final)]
+    best = max(learned, key=lambda cell: float(np.median(scores_of(cell).final)), default=None)
     if best is None:
         return None
     return best if all(_is_above(best, other) for other in cells if other is not best) else None
@@ -202,12 +188,7 @@ def best_of(cells: Sequence[Cell]) -> Cell | None:
 
 def _is_above(one: Cell, other: Cell) -> bool:
     """Returns whether the median final return of a cell is certainly above that of another."""
-    finals = _finals(one, other)
+    finals = [scores.final for scores in compared_scores(one, other)]
     if min(map(len, finals)) < st.DECIDING_SEEDS:
         return False
     return st.estimate(st.difference(st.median), *([final] for final in finals)).low > 0
-
-
-def _median(cell: Cell) -> float:
-    final = scores_of(cell).final
-    return float(np.median(final)) if len(final) else float("nan")

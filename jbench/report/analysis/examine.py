@@ -1,6 +1,6 @@
 """Tests the paper's claims on every pair of cells to which they apply."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,10 +21,10 @@ from jbench.report.analysis.claims import (
 )
 from jbench.report.analysis.comparisons import algorithm_pairs
 from jbench.report.analysis.power import seeds_to_decide
-from jbench.report.analysis.scores import Scores, common_steps, scores_of
+from jbench.report.analysis.scores import compared_scores
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.data.curves import FloatArray
-from jbench.report.data.returns import EVALUATION, Returns
+from jbench.report.data.returns import EVALUATION
 from jbench.report.formatting import steps
 
 
@@ -43,23 +43,34 @@ def examine(cells: Sequence[Cell]) -> list[Finding]:
 
 
 def _solved(cell: Cell) -> Finding:
-    scores = scores_of(cell, common_steps(cell))
-    finding = _above("g", scores.name, scores.final, SOLVED, cell.kind)
-    return replace(finding, control_steps=scores.control_steps, remark=_cut(cell))
-
-
-def _cut(*cells: Cell) -> str:
-    """Returns a remark if some seeds have fewer control steps than others; else an empty text."""
-    common = common_steps(*cells)
-    longest = max(float(np.nanmax(cell.control_steps)) for cell in cells)
-    if common == longest:
-        return ""
-    return f"at {steps(common)} of {steps(longest)} control steps, the last that every seed has"
+    (scores,) = compared_scores(cell)
+    return _solves("g", cell.name_in_source, scores.final, **_common(cell))
 
 
 def examine_heuristic(task: str, returns: FloatArray) -> Finding:
     """Returns the finding on claim (h) from returns (episodes,) of a task's hand-written policy."""
-    return _above("h", task, returns, SOLVED, EVALUATION)
+    return _solves("h", task, returns, returns=EVALUATION.name)
+
+
+def _solves(letter: str, compared: str, values: FloatArray, **more: Any) -> Finding:
+    effect = st.estimate(st.median, [values])
+    # A median of exactly 900 is 900 or more.
+    verdict = decide(effect, len(values), SOLVED - 1e-9)
+    return Finding(letter, compared, effect, len(values), *verdict, **more)
+
+
+def _common(*cells: Cell) -> dict[str, Any]:
+    """Returns the fields that all findings on the same cells share."""
+    common = int(min(cell.last_step for cell in cells))
+    return {"returns": cells[0].kind.name, "control_steps": common, "remark": _cut(*cells)}
+
+
+def _cut(*cells: Cell) -> str:
+    """Returns a remark if some seeds have fewer control steps than others; else an empty text."""
+    common, longest = min(cell.last_step for cell in cells), max(cell.longest for cell in cells)
+    if common == longest:
+        return ""
+    return f"at {steps(common)} of {steps(longest)} control steps, the last that every seed has"
 
 
 def decide(
@@ -68,7 +79,7 @@ def decide(
     """Returns the verdict on a claim that an effect is above a boundary, and the seeds needed.
 
     Args:
-        effect: the effect with its 95% interval.
+        effect: with its 95% interval.
         seeds: number of seeds per group.
         boundary: the claim holds above it.
         logarithmic: whether the effect is a ratio, for which distances are logarithmic.
@@ -112,18 +123,19 @@ def decide_similar(
 
 def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
     """Yields findings on (a) to (d): the reduced order against the full observation."""
-    pairs = list(_pairs(cells, _reduces))
-    for full, reduced in pairs:
+    pairs = [(reduced, full) for full in cells for reduced in cells if _reduces(reduced, full)]
+    for reduced, full in pairs:
         yield from reduction_findings(full, reduced)
-    for harder, easier in ((h, e) for h in pairs for e in pairs if _harder(h[0], e[0])):
-        scores = [*_compared(*harder)[::-1], *_compared(*easier)[::-1]]
+    for harder, easier in ((h, e) for h in pairs for e in pairs if _harder(h[1], e[1])):
+        scores = [*compared_scores(*harder), *compared_scores(*easier)]
         effect = st.estimate(_gain_of_gains, *([one.area] for one in scores))
         seeds = min(len(one.area) for one in scores)
-        compared = " ".join(filter(None, (harder[0].algo, harder[0].label)))
+        full = harder[1]
+        compared = " ".join(filter(None, (full.algo, full.label)))
         yield Finding(
             *("d", f"{compared}: {HARDER} against {EASIER}", effect, seeds),
             *decide(effect, seeds, 0),
-            returns=harder[0].kind.name,
+            returns=full.kind.name,
             control_steps=min(one.control_steps for one in scores),
             remark="; ".join(filter(None, (_cut(*harder), _cut(*easier)))),
         )
@@ -131,8 +143,8 @@ def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
 
 def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
     """Returns findings on (a), (b) and (c) from two cells that differ in their representation."""
-    theirs, ours = _compared(baseline, reduced)
-    compared = f"{ours.name} against {theirs.representation}"
+    ours, theirs = compared_scores(reduced, baseline)
+    compared = f"{reduced.name_in_source} against {baseline.representation}"
     seeds = min(len(theirs.final), len(ours.final))
     more = _common(baseline, reduced)
     iqm = st.difference(st.interquartile_mean)
@@ -154,8 +166,8 @@ def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
     for ppo, other in (pair if pair[0].algo == ON_POLICY else pair[::-1] for pair in both):
         if ppo.algo != ON_POLICY or other.algo not in OFF_POLICY:
             continue
-        theirs, ours = _compared(ppo, other)
-        compared = f"{ours.name} against {ON_POLICY}"
+        ours, theirs = compared_scores(other, ppo)
+        compared = f"{other.name_in_source} against {ON_POLICY}"
         seeds = min(len(theirs.final), len(ours.final))
         more = _common(ppo, other)
         final = [ours.final], [theirs.final]
@@ -166,13 +178,7 @@ def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
         yield Finding("f", compared, wider, seeds, *verdict, **more)
 
 
-def _pairs(
-    cells: Sequence[Cell], belong: Callable[[Cell, Cell], bool]
-) -> Iterator[tuple[Cell, Cell]]:
-    return ((one, other) for one in cells for other in cells if belong(one, other))
-
-
-def _reduces(full: Cell, reduced: Cell) -> bool:
+def _reduces(reduced: Cell, full: Cell) -> bool:
     same = (full.task, full.algo) == (reduced.task, reduced.algo)
     named = (full.representation, reduced.representation) == (FULL, REDUCED)
     return same and named and full.same_but(reduced, "representation")
@@ -181,29 +187,6 @@ def _reduces(full: Cell, reduced: Cell) -> bool:
 def _harder(one: Cell, other: Cell) -> bool:
     named = (one.task, other.task) == (HARDER, EASIER)
     return named and one.algo == other.algo and one.same_but(other, "task")
-
-
-def _common(one: Cell, other: Cell) -> dict[str, Any]:
-    """Returns the fields that all findings on two cells share."""
-    return {
-        "returns": one.kind.name,
-        "control_steps": common_steps(one, other),
-        "remark": _cut(one, other),
-    }
-
-
-def _compared(one: Cell, other: Cell) -> tuple[Scores, Scores]:
-    """Returns the scores of two cells at the last control step that every seed has reached."""
-    common = common_steps(one, other)
-    return scores_of(one, common), scores_of(other, common)
-
-
-def _above(
-    letter: str, compared: str, values: FloatArray, boundary: float, kind: Returns
-) -> Finding:
-    effect = st.estimate(st.median, [values])
-    verdict = decide(effect, len(values), boundary - 1e-9)
-    return Finding(letter, compared, effect, len(values), *verdict, kind.name)
 
 
 def _gain_of_gains(

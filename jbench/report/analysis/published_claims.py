@@ -50,35 +50,33 @@ def examine_published(curves: Sequence[PublishedCurve]) -> list[Finding]:
         *_of_figure_9([curve for curve in curves if curve.figure == "fig9"]),
         *_of_figures_7_and_8([curve for curve in curves if curve.figure in ("fig7", "fig8")]),
     ]
-    other = {c.task: float(c.quantiles[50][-1]) for c in curves if _is_paper_ddpg(c)}
-    return sorted((_with_other_baseline(f, curves, other) for f in findings), key=lambda f: f.claim)
+    ddpg = ("fig9", "ddpg", FULL)
+    ends = {
+        curve.task: float(curve.quantiles[50][-1])
+        for curve in curves
+        if (curve.figure, curve.algo, curve.representation) == ddpg
+    }
+    return sorted((_with_other_baseline(f, curves, ends) for f in findings), key=lambda f: f.claim)
 
 
 def _of_figure_9(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
+    more: dict[str, Any] = {"seeds": SEEDS, "source": "Figure 9"}
     for curve in curves:
         effect = _median(curve)
         verdict, _ = decide(effect, SEEDS, SOLVED - 1e-9)
-        yield _in_figure_9("g", _name(curve), effect, verdict, _BAND)
+        yield _finding("g", _name(curve), effect, _BAND, verdict, **more)
     for ppo in (curve for curve in curves if curve.algo == ON_POLICY):
         for other in (c for c in curves if c.task == ppo.task and c.algo in OFF_POLICY):
             ours, theirs = _median(other), _median(ppo)
             effect = st.Estimate(
-                ours.value - theirs.value, ours.low - theirs.high, ours.high - theirs.low, np.nan
+                ours.value - theirs.value, ours.low - theirs.high, ours.high - theirs.low
             )
             compared = f"{_name(other)} against {ON_POLICY}"
-            remark = f"{_BAND}; {_PRINTED_STEPS}"
             verdict, _ = decide(effect, SEEDS, 0)
-            yield _in_figure_9("e", compared, effect, verdict, remark)
+            yield _finding("e", compared, effect, f"{_BAND}; {_PRINTED_STEPS}", verdict, **more)
             remark = f"ratio of the 10-90 widths; {_NO_WIDTH}; {_PRINTED_STEPS}"
-            effect = _known(_ratio(ours.high - ours.low, theirs.high - theirs.low))
-            yield _in_figure_9("f", compared, effect, "undecided", remark)
-
-
-def _in_figure_9(
-    claim: str, compared: str, effect: st.Estimate, verdict: Verdict, remark: str
-) -> Finding:
-    which: dict[str, Any] = {"returns": TRAINING.name, "source": "Figure 9", "remark": remark}
-    return Finding(claim, compared, effect, SEEDS, verdict, None, **which)
+            effect = st.Estimate(_ratio(ours.high - ours.low, theirs.high - theirs.low))
+            yield _finding("f", compared, effect, remark, **more)
 
 
 def _of_figures_7_and_8(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
@@ -87,56 +85,54 @@ def _of_figures_7_and_8(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
         for reduced in (c for c in curves if _is_reduced(c, full)):
             remark = _ONE_SEED if full.seeds == 1 else _QUARTILES
             compared = f"{_name(reduced)} against {FULL}"
-            common: dict[str, Any] = {
-                "compared": compared,
-                "seeds": full.seeds,
-                "source": full.figure_name,
-            }
-            ends = reduced.quantiles[50][-1] - full.quantiles[50][-1]
-            yield _undecided("a", float(ends), remark, **common)
+            more: dict[str, Any] = {"seeds": full.seeds, "source": full.figure_name}
+            ends = st.Estimate(float(reduced.quantiles[50][-1] - full.quantiles[50][-1]))
+            yield _finding("a", compared, ends, remark, **more)
             if 25 in full.quantiles:
                 widths = (float(c.quantiles[75][-1] - c.quantiles[25][-1]) for c in (reduced, full))
                 remark_b = f"ratio of the quartile bands' widths; {_NO_WIDTH}"
-                yield _undecided("b", _ratio(*widths), remark_b, **common)
-            gains[full.task] = _over_training(reduced) - _over_training(full)
-            yield _undecided("c", gains[full.task], f"difference of medians; {remark}", **common)
+                yield _finding("b", compared, st.Estimate(_ratio(*widths)), remark_b, **more)
+            gain = gains[full.task] = _over_training(reduced) - _over_training(full)
+            remark_c = f"difference of medians; {remark}"
+            yield _finding("c", compared, st.Estimate(gain), remark_c, **more)
     if {EASIER, HARDER} <= gains.keys():
         remark = f"Figure 8's gain less Figure 7's; there, {_ONE_SEED}"
         compared = f"ddpg: {HARDER} against {EASIER}"
-        gain = gains[HARDER] - gains[EASIER]
-        yield _undecided("d", gain, remark, compared=compared, seeds=1, source="Figures 7 and 8")
+        gain_of_gains = st.Estimate(gains[HARDER] - gains[EASIER])
+        yield _finding("d", compared, gain_of_gains, remark, seeds=1, source="Figures 7 and 8")
 
 
 def _with_other_baseline(
     finding: Finding, curves: Sequence[PublishedCurve], ends: dict[str, float]
 ) -> Finding:
     """Adds to findings from Figure 8 what Figure 9 shows for the same task and algorithm."""
-    theirs = [c for c in curves if c.figure == "fig8" and c.representation == FULL]
     if finding.claim not in "ac" or finding.source != "Figure 8" or HARDER not in ends:
         return finding
+    own = next(c for c in curves if c.figure == "fig8" and c.representation == FULL)
     return replace(
         finding,
-        remark=f"{finding.remark}; Figure 8's own baseline ends at "
-        f"{theirs[0].quantiles[50][-1]:.0f}, Figure 9's of the same task and algorithm at "
-        f"{ends[HARDER]:.0f}",
+        remark=f"{finding.remark}; Figure 8's own baseline ends at {own.quantiles[50][-1]:.0f}, "
+        f"Figure 9's of the same task and algorithm at {ends[HARDER]:.0f}",
     )
 
 
-def _undecided(
-    claim: str, effect: float, remark: str, *, compared: str, seeds: int, source: str
+def _finding(
+    claim: str,
+    compared: str,
+    effect: st.Estimate,
+    remark: str,
+    verdict: Verdict = "undecided",
+    *,
+    seeds: int,
+    source: str,
 ) -> Finding:
     more: dict[str, Any] = {"returns": TRAINING.name, "source": source, "remark": remark}
-    return Finding(claim, compared, _known(effect), seeds, "undecided", None, **more)
+    return Finding(claim, compared, effect, seeds, verdict, None, **more)
 
 
 def _median(curve: PublishedCurve) -> st.Estimate:
     """Returns the last median with the 10-90 band as its interval."""
-    median, low, high = (float(curve.quantiles[percent][-1]) for percent in (50, 10, 90))
-    return st.Estimate(median, low, high, np.nan)
-
-
-def _known(value: float) -> st.Estimate:
-    return st.Estimate(value, np.nan, np.nan, np.nan)
+    return st.Estimate(*(float(curve.quantiles[percent][-1]) for percent in (50, 10, 90)))
 
 
 def _over_training(curve: PublishedCurve) -> float:
@@ -156,7 +152,3 @@ def _name(curve: PublishedCurve) -> str:
 def _is_reduced(curve: PublishedCurve, full: PublishedCurve) -> bool:
     same = (curve.figure, curve.task, curve.algo) == (full.figure, full.task, full.algo)
     return same and curve.representation == REDUCED
-
-
-def _is_paper_ddpg(curve: PublishedCurve) -> bool:
-    return (curve.figure, curve.algo, curve.representation) == ("fig9", "ddpg", FULL)

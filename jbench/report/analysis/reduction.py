@@ -15,10 +15,9 @@ from jbench.names import FULL, OFE, kind_of
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.examine import reduction_findings
-from jbench.report.analysis.scores import scores_of
-from jbench.report.data.cells import Cell
+from jbench.report.analysis.scores import compared_scores, scores_of
+from jbench.report.data.cells import Cell, groups_same_but
 from jbench.report.data.curves import FloatArray
-from jbench.settings.alike import comparable
 
 SCALED = "scaled"
 BASELINES = (FULL, SCALED)
@@ -29,7 +28,6 @@ class Reduction(NamedTuple):
     """Comparison of a representation with a baseline, with all other settings equal.
 
     Attributes:
-        cell: cell of the representation.
         baseline: `full` or `scaled`.
         findings: findings on the claims (a), (b) and (c).
         seeds: numbers of seeds of representation and baseline with a final return.
@@ -45,7 +43,6 @@ class Point(NamedTuple):
     """Final returns of a representation.
 
     Attributes:
-        cell: cell of the representation.
         numbers: size of the agents' input; None for the full observation.
         final: (seeds,) final returns.
         estimate: their interquartile mean with its 95% interval.
@@ -62,7 +59,7 @@ class Group(NamedTuple):
 
     Attributes:
         points: one per cell that has reached the control step.
-        control_steps: control steps at which they are compared.
+        control_steps: at which they are compared.
         short: cells whose seeds have not reached it.
     """
 
@@ -92,16 +89,15 @@ def numbers_seen(representation: str, task: str) -> int | None:
 def reductions(cells: Sequence[Cell]) -> list[Reduction]:
     """Returns the comparisons of each reduced representation with each available baseline."""
     found = []
-    for group in _alike(cells):
+    for group in _by_settings(cells):
         baselines = {kind_of(c.representation): c for c in reversed(group)}
         for cell in group:
             if kind_of(cell.representation) in BASELINES:
                 continue
             for name in (name for name in BASELINES if name in baselines):
+                ours, theirs = (len(s.final) for s in compared_scores(cell, baselines[name]))
                 findings = reduction_findings(baselines[name], cell)
-                steps = findings[0].control_steps
-                ours, theirs = (scores_of(one, steps).final for one in (cell, baselines[name]))
-                found.append(Reduction(cell, name, findings, (len(ours), len(theirs))))
+                found.append(Reduction(cell, name, findings, (ours, theirs)))
     return found
 
 
@@ -112,7 +108,7 @@ def groups(cells: Sequence[Cell]) -> list[Group]:
     frequent, the latest.
     """
     found = []
-    for group in _alike(cells):
+    for group in _by_settings(cells):
         ends = [int(cell.last_step) for cell in group]
         end = max(ends, key=lambda step: (ends.count(step), step))
         long = [cell for cell, last in zip(group, ends, strict=True) if last >= end]
@@ -129,13 +125,9 @@ def _point(cell: Cell, control_steps: int) -> Point:
     return Point(cell, numbers_seen(cell.representation, cell.task), final, estimate)
 
 
-def _alike(cells: Sequence[Cell]) -> list[list[Cell]]:
+def _by_settings(cells: Sequence[Cell]) -> list[list[Cell]]:
     """Returns groups of cells on the plain robot that differ only in their representation."""
-    found: dict[tuple[str, str], list[Cell]] = {}
-    for cell in (cell for cell in cells if not cell.robots):
-        key = cell.source, comparable(cell.settings, "representation")
-        found.setdefault(key, []).append(cell)
-    return list(found.values())
+    return groups_same_but((cell for cell in cells if not cell.robots), "representation")
 
 
 def frame(found: Sequence[Group]) -> pd.DataFrame:

@@ -38,13 +38,7 @@ def _counts(index: NDArray[np.int64]) -> FloatArray:
 
 
 def draws(sizes: Sizes, resamples: int, seed: int) -> Iterable[Draws]:
-    """Returns the resampled seeds in parts; groups of the same sizes share them, if they are few.
-
-    Args:
-        sizes: numbers of seeds.
-        resamples: number of resamples.
-        seed: random seed.
-    """
+    """Returns the resampled seeds in parts; groups of the same sizes share them, if few."""
     few = resamples * sum(map(sum, sizes)) <= _NUMBERS_AT_A_TIME
     return (_drawn_once if few else _drawn)(sizes, resamples, seed)
 

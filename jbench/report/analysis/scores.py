@@ -32,27 +32,14 @@ class Scores(NamedTuple):
     """Scores of a cell's seeds up to a control step.
 
     Attributes:
-        task: task of the runs.
-        algo: algorithm of the runs.
-        representation: `full`, or an encoder's kind and size.
-        label: settings that distinguish the variant; may be empty.
         final: (seeds,) final returns; see `returns.Returns.final`.
         area: (seeds,) mean return over the run.
         control_steps: maximum control steps of the scores.
     """
 
-    task: str
-    algo: str
-    representation: str
-    label: str
     final: FloatArray
     area: FloatArray
     control_steps: int
-
-    @property
-    def name(self) -> str:
-        """Name of the cell in tables."""
-        return " ".join(filter(None, (self.task, self.algo, self.representation, self.label)))
 
 
 class Statistic(NamedTuple):
@@ -84,8 +71,6 @@ class Summary:
     """All statistics of a cell.
 
     Attributes:
-        cell: the cell.
-        statistics: see `Statistic`.
         baseline: cell of the full observation for ratios, or None.
     """
 
@@ -114,7 +99,7 @@ def scores_of(cell: Cell, control_steps: int | None = None) -> Scores:
 def _scores(cell: Cell, control_steps: int | None) -> Scores:
     lengths = cell.lengths_up_to(control_steps)
     if control_steps is None:
-        control_steps = int(np.nanmax(cell.control_steps))
+        control_steps = int(cell.longest)
     within = np.arange(cell.returns.shape[1]) < lengths[:, None]
     returns = np.where(within, cell.returns, np.nan)
     final = final_returns(returns, cell.control_steps, lengths, cell.kind.final_points)[0]
@@ -123,8 +108,22 @@ def _scores(cell: Cell, control_steps: int | None) -> Scores:
         np.nansum(returns, axis=1), counts, np.full(len(returns), np.nan), where=counts > 0
     )
     known = np.isfinite(final) & np.isfinite(area)
-    names = cell.task, cell.algo, cell.representation, cell.label
-    return Scores(*names, final[known], area[known], control_steps)
+    return Scores(final[known], area[known], control_steps)
+
+
+def compared_scores(*cells: Cell) -> list[Scores]:
+    """Returns the scores of cells up to the last control step that each of their seeds reached."""
+    common = int(min(cell.last_step for cell in cells))
+    return [scores_of(cell, common) for cell in cells]
+
+
+def final_percentiles(cell: Cell) -> tuple[float, float, float]:
+    """Returns the 10th, 50th and 90th percentile of the final returns; NaN if there are none."""
+    final = scores_of(cell).final
+    if not len(final):
+        return np.nan, np.nan, np.nan
+    low, median, high = np.percentile(final, (10, 50, 90)).tolist()
+    return low, median, high
 
 
 def baseline_of(cell: Cell, cells: Sequence[Cell]) -> Cell | None:
@@ -141,11 +140,6 @@ def baseline_of(cell: Cell, cells: Sequence[Cell]) -> Cell | None:
         ),
         None,
     )
-
-
-def common_steps(*cells: Cell) -> int:
-    """Returns the last control step that every seed of these cells has reached."""
-    return int(min(cell.last_step for cell in cells))
 
 
 def summaries(
@@ -175,31 +169,32 @@ def statistics_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
     means after the runs' end.
     """
     rows = [
-        (
-            summary.cell.kind.name,
-            *(getattr(summary.cell, name) for name in _CELL),
-            one.measure,
-            one.statistic,
-            *one.estimate[:3],
-            UNCERTAINTY,
-            one.seeds,
-            one.reached,
-            one.threshold,
-            one.control_steps,
-            summary.baseline.variant
+        {
+            "returns": summary.cell.kind.name,
+            "source": summary.cell.source,
+            "task": summary.cell.task,
+            "algo": summary.cell.algo,
+            "representation": summary.cell.representation,
+            "variant": summary.cell.variant,
+            "settings": summary.cell.label,
+            "measure": one.measure,
+            "statistic": one.statistic,
+            "value": one.estimate.value,
+            "low": one.estimate.low,
+            "high": one.estimate.high,
+            "interval": UNCERTAINTY,
+            "seeds": one.seeds,
+            "reached": one.reached,
+            "threshold": one.threshold,
+            "control_steps": one.control_steps,
+            "compared_with": summary.baseline.variant
             if summary.baseline and one.statistic.endswith("_ratio")
             else None,
-        )
+        }
         for summary in summaries
         for one in summary.statistics
     ]
-    columns = ["returns", "source", "task", "algo", "representation", "variant", "settings"]
-    columns += ["measure", "statistic", "value", "low", "high", "interval", "seeds", "reached"]
-    frame = pd.DataFrame(rows, columns=[*columns, "threshold", "control_steps", "compared_with"])
-    return frame.astype({"reached": "Int64"})
-
-
-_CELL = ("source", "task", "algo", "representation", "variant", "label")
+    return pd.DataFrame(rows).astype({"reached": "Int64"})
 
 
 def _of_runs(item: LearnedCurve, half_best: float | None) -> Iterator[Statistic]:
@@ -224,15 +219,14 @@ def _of_runs(item: LearnedCurve, half_best: float | None) -> Iterator[Statistic]
 def _ratios(cell: Cell, baseline: Cell | None) -> Iterator[Statistic]:
     if baseline is None:
         return
-    common = common_steps(cell, baseline)
-    ours, theirs = scores_of(cell, common).final, scores_of(baseline, common).final
-    seeds = min(len(ours), len(theirs))
+    ours, theirs = compared_scores(cell, baseline)
+    seeds = min(len(ours.final), len(theirs.final))
     if seeds < 2:
         return
     ratios = {f"{name}_ratio": st.ratio(spread) for name, spread in SPREADS.items()}
-    estimates = st.estimates(list(ratios.values()), [ours], [theirs])
+    estimates = st.estimates(list(ratios.values()), [ours.final], [theirs.final])
     for name, estimate in zip(ratios, estimates, strict=True):
-        yield Statistic("final_return", name, estimate, seeds, None, None, common)
+        yield Statistic("final_return", name, estimate, seeds, None, None, ours.control_steps)
 
 
 def _of_seeds(

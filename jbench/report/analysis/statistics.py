@@ -54,9 +54,9 @@ class Estimate(NamedTuple):
     """
 
     value: float
-    low: float
-    high: float
-    standard_error: float
+    low: float = np.nan
+    high: float = np.nan
+    standard_error: float = np.nan
 
 
 def median(strata: Strata) -> FloatArray:
@@ -148,8 +148,6 @@ def bootstrap(
     Args:
         statistics: statistics that take as many groups.
         groups: groups to compare, each resampled independently within each of its strata.
-        resamples: number of resamples.
-        seed: random seed.
     """
     parts = []
     sizes = tuple(tuple(len(seeds) for seeds in strata) for strata in groups)
@@ -182,9 +180,6 @@ def estimate(
     Args:
         statistic: statistic that takes as many groups.
         groups: groups to compare, each with scores (seeds,) by task.
-        resamples: number of resamples.
-        confidence: confidence level of the interval.
-        seed: random seed.
     """
     return estimates([statistic], *groups, resamples=resamples, confidence=confidence, seed=seed)[0]
 
@@ -199,10 +194,10 @@ def estimates(
 ) -> list[Estimate]:
     """Returns several statistics with intervals from the same resamples; see `estimate`."""
     if min(seeds.shape[-1] for strata in groups for seeds in strata) == 0:
-        return [Estimate(np.nan, np.nan, np.nan, np.nan)] * len(statistics)
+        return [Estimate(np.nan)] * len(statistics)
     values = [float(statistic(*groups)) for statistic in statistics]
     if min(seeds.shape[-1] for strata in groups for seeds in strata) < MIN_SEEDS:
-        return [Estimate(value, np.nan, np.nan, np.nan) for value in values]
+        return [Estimate(value) for value in values]
     drawn = bootstrap(statistics, *groups, resamples=resamples, seed=seed)
     return [_with_interval(*pair, confidence) for pair in zip(values, drawn, strict=True)]
 
@@ -211,7 +206,7 @@ def _with_interval(value: float, drawn: FloatArray, confidence: float) -> Estima
     # Seeds that never reach a threshold have infinite scores, which can't be interpolated.
     drawn = drawn[~np.isnan(drawn)]
     if not len(drawn):
-        return Estimate(value, np.nan, np.nan, np.nan)
+        return Estimate(value)
     tail = (1 - confidence) / 2
     infinite = np.isinf(drawn).any()
     low, high = np.quantile(drawn, [tail, 1 - tail], method="higher" if infinite else "linear")
@@ -264,7 +259,6 @@ def _improvements(groups: Sequence[Strata], counts: Sequence[Sequence[FloatArray
     """Returns `probability_of_improvement` of each resample, from how often it has each seed.
 
     Args:
-        groups: the two groups.
         counts: see `resampling.Draws.counts`.
     """
     shares = []

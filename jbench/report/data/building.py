@@ -1,7 +1,6 @@
 """Builds cells from rows of the database, with notes on unusual runs."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -9,25 +8,18 @@ import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS
 from jbench.report.data.cells import OURS, Cell, paper_order
-from jbench.report.data.curves import BAND_SEEDS, FloatArray, IntArray
+from jbench.report.data.curves import BAND_SEEDS, BoolArray, FloatArray, IntArray, Points
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.report.data.variants import variant_labels, variant_words
 from jbench.settings.run import parse_run
 from jbench.wording import counted
 
+POINT = ("episode_return", "control_steps", "processor_time")
+"""Columns of the tables `episodes` and `evaluations` with the numbers of `Points`."""
+
 _KEY = ["task", "algo", "representation", "variant"]
-
-
-class Recorded(NamedTuple):
-    """Points of a run in order; each array is (points,)."""
-
-    returns: FloatArray
-    control_steps: FloatArray
-    processor_time: FloatArray
-
-
-_NOTHING = Recorded(*(np.empty(0) for _ in Recorded._fields))
+_NOTHING = Points(*(np.empty(0) for _ in Points._fields))
 
 
 def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
@@ -51,7 +43,7 @@ def build_cells(
     cell of evaluation returns, if any was evaluated.
 
     Args:
-        runs: rows of the table `runs`; see `usable_runs`.
+        runs: see `usable_runs`.
         episodes: the table `episodes`; may contain other runs.
         evaluations: the table `evaluations`; may contain other runs.
         source: source of the cells.
@@ -111,7 +103,7 @@ def _build_cell(
     seeds: _Seeds,
     names: tuple[str, str],
     kind: Returns,
-    recorded: Mapping[str, Recorded],
+    recorded: Mapping[str, Points],
     source: str,
 ) -> Cell:
     chosen, notes = seeds.chosen, []
@@ -124,16 +116,16 @@ def _build_cell(
     absent = (np.isnan(stacked.returns) & np.isfinite(stacked.control_steps)).sum(axis=1)
     planned = int(chosen["steps"].fillna(0).max())
     divergences = [one if isinstance(one, Divergence) else None for one in chosen["divergence"]]
-    counted = count_divergence(*stacked, divergences, planned, kind)
-    points = np.arange(counted.returns.shape[1])
-    lengths = np.max(np.where(np.isfinite(counted.control_steps), points + 1, 0), axis=1)
+    points = count_divergence(stacked, divergences, planned, kind)
+    present = np.isfinite(points.control_steps)
+    lengths = np.max(np.where(present, np.arange(present.shape[1]) + 1, 0), axis=1)
     if kind is TRAINING:
         runs = seeds.runs[seeds.runs["seed"].isin(chosen["seed"])]
         notes += _notes(runs, chosen, divergences)
-    notes += _notes_on_points(chosen, counted.control_steps, absent, kind)
+    notes += _notes_on_points(chosen, present, absent, kind)
     first, settings = chosen.iloc[0], chosen["typed"].iloc[0]
     robots = 0 if settings.augment is None else settings.robots
-    episodes = max(planned // EPISODE_STEPS, len(points))
+    episodes = max(planned // EPISODE_STEPS, present.shape[1])
     return Cell(
         kind=kind,
         task=str(first["task"]),
@@ -144,7 +136,7 @@ def _build_cell(
         words=names[1],
         seeds=chosen["seed"].to_numpy(np.int64),
         lengths=lengths.astype(np.int64),
-        steps=_steps(chosen, counted.control_steps, lengths),
+        steps=_steps(chosen, points.control_steps, lengths),
         diverged=np.array([one is not None for one in divergences]),
         notes=tuple(notes),
         robots=robots,
@@ -152,11 +144,11 @@ def _build_cell(
         settings=settings,
         source=source,
         runs=tuple(chosen["run"]),
-        **counted._asdict(),
+        **points._asdict(),
     )
 
 
-def _stacked(runs: Sequence[Recorded], kind: Returns) -> Recorded:
+def _stacked(runs: Sequence[Points], kind: Returns) -> Points:
     """Returns the points of runs stacked, (seeds, points) each, padded with NaN.
 
     Training episodes are aligned by their index, evaluations by the control steps before them.
@@ -167,7 +159,7 @@ def _stacked(runs: Sequence[Recorded], kind: Returns) -> Recorded:
         steps = np.unique(np.concatenate([run.control_steps for run in runs]))
         columns = [np.searchsorted(steps, run.control_steps) for run in runs]
     shape = (len(runs), max(int(column[-1]) + 1 if len(column) else 0 for column in columns))
-    stacked = Recorded(*(np.full(shape, np.nan) for _ in Recorded._fields))
+    stacked = Points(*(np.full(shape, np.nan) for _ in Points._fields))
     for row, (run, column) in enumerate(zip(runs, columns, strict=True)):
         for whole, part in zip(stacked, run, strict=True):
             whole[row, column] = part
@@ -223,9 +215,14 @@ def _notes(
 
 
 def _notes_on_points(
-    chosen: pd.DataFrame, control_steps: FloatArray, absent: IntArray, kind: Returns
+    chosen: pd.DataFrame, present: BoolArray, absent: IntArray, kind: Returns
 ) -> list[str]:
-    """Returns notes on non-finite returns, and on evaluations at different steps."""
+    """Returns notes on non-finite returns, and on evaluations at different steps.
+
+    Args:
+        present: (seeds, points) whether a seed has a point there.
+        absent: (seeds,) number of points without a return.
+    """
     name = "returns" if kind is TRAINING else "evaluations"
     notes = [
         f"seed {seed} has {count} {name} that are not numbers and are left out"
@@ -233,14 +230,13 @@ def _notes_on_points(
         if count
     ]
     # A gap after a run's last point is its end; a gap before it is a missing evaluation.
-    present = np.isfinite(control_steps)
     ended = ~np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]
     if kind is EVALUATION and not (present | ended).all():
         notes.append("seeds were evaluated after different numbers of control steps")
     return notes
 
 
-def _training_points(episodes: pa.Table) -> dict[str, Recorded]:
+def _training_points(episodes: pa.Table) -> dict[str, Points]:
     """Returns the training episodes of each run in order; runs without episodes are left out."""
     # Most batches are those of a run, which are not copied.
     of_runs: dict[str, list[pa.RecordBatch]] = {}
@@ -252,28 +248,27 @@ def _training_points(episodes: pa.Table) -> dict[str, Recorded]:
     return {run: _in_order(pa.Table.from_batches(parts)) for run, parts in of_runs.items()}
 
 
-def _in_order(episodes: pa.Table) -> Recorded:
+def _in_order(episodes: pa.Table) -> Points:
     """Returns the training episodes of a run in order."""
     number = episodes["episode"].to_numpy()
-    columns = [numbers(episodes, name) for name in _POINT]
+    columns = [numbers(episodes, name) for name in POINT]
     if (np.diff(number) < 0).any():  # most are in order
         order = np.argsort(number, kind="stable")
         columns = [column[order] for column in columns]
-    return Recorded(*columns)
+    return Points(*columns)
 
 
-def _evaluation_points(evaluations: pa.Table) -> dict[str, Recorded]:
+def _evaluation_points(evaluations: pa.Table) -> dict[str, Points]:
     """Returns the evaluations of each run in order, each the mean over its episodes."""
     names, codes = coded(evaluations["run"])
-    frame = pd.DataFrame({name: numbers(evaluations, name) for name in _POINT})
+    frame = pd.DataFrame({name: numbers(evaluations, name) for name in POINT})
     keys = [codes, evaluations["evaluation"].to_numpy()]
     how = {"episode_return": "mean", "control_steps": "max", "processor_time": "max"}
     means = frame.groupby(keys).agg(how)  # ignores NaN, and sorts by run and evaluation
-    columns = (means[name].to_numpy(np.float64) for name in _POINT)
-    return _by_run(names, means.index.get_level_values(0).to_numpy(), columns)
-
-
-_POINT = ("episode_return", "control_steps", "processor_time")
+    counts = np.bincount(means.index.get_level_values(0), minlength=len(names))
+    columns = (np.split(means[name].to_numpy(np.float64), np.cumsum(counts)[:-1]) for name in POINT)
+    found = zip(names, zip(*columns, strict=True), strict=False)
+    return {run: Points(*parts) for run, parts in found if len(parts[0])}
 
 
 def coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:
@@ -290,11 +285,3 @@ def numbers(table: pa.Table, name: str) -> FloatArray:
     values = np.asarray(table[name].to_numpy(), np.float64)
     finite = np.isfinite(values)
     return values if finite.all() else np.where(finite, values, np.nan)
-
-
-def _by_run(names: Sequence[str], codes: IntArray, columns: Any) -> dict[str, Recorded]:
-    """Splits sorted rows by run; runs without rows are left out."""
-    ends = np.cumsum(np.bincount(codes, minlength=len(names)))[:-1]
-    parts = zip(*(np.split(column, ends) for column in columns), strict=True)
-    split = dict(zip(names, (Recorded(*part) for part in parts), strict=False))
-    return {name: part for name, part in split.items() if len(part.returns)}

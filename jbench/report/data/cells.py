@@ -33,9 +33,6 @@ class Cell:
     minimum, at every point after its divergence, up to the end of the other seeds.
 
     Attributes:
-        kind: kind of return.
-        task: task of the runs.
-        algo: algorithm of the runs.
         representation: `full`, or an encoder's kind and size, such as `dae12`.
         variant: hash of the settings without seed and steps.
         label: settings that distinguish the variant from others; may be empty.
@@ -80,8 +77,12 @@ class Cell:
     @property
     def name(self) -> str:
         """Name of the cell in notes."""
-        named = self.task, self.algo, self.representation, self.label
-        return self.prefix + " ".join(filter(None, named))
+        return self.prefix + self.name_in_source
+
+    @property
+    def name_in_source(self) -> str:
+        """Name of the cell in notes on one source."""
+        return " ".join(filter(None, (self.task, self.algo, self.representation, self.label)))
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:
@@ -115,9 +116,15 @@ class Cell:
         return algo if self.representation == FULL else f"{algo} on {self.representation}"
 
     @property
-    def has_words(self) -> bool:
-        """Whether the variant has a name in legends, as it differs from the defaults."""
-        return self.words != ""
+    def columns(self) -> dict[str, str]:
+        """The first columns of the numbers of a figure."""
+        return {
+            "task": self.task,
+            "source": self.source,
+            "algo": self.algo,
+            "representation": self.representation_label,
+            "returns": self.kind.name,
+        }
 
     @property
     def tags(self) -> dict[str, str]:
@@ -129,6 +136,21 @@ class Cell:
         """The last control step that every seed has reached."""
         ends = self.control_steps[np.arange(len(self.lengths)), self.lengths - 1]
         return float(ends.min())
+
+    @property
+    def longest(self) -> float:
+        """The last control step that any seed has reached."""
+        return float(np.nanmax(self.control_steps))
+
+    @property
+    def trained(self) -> tuple[int, int]:
+        """Smallest and largest number of control steps of training of the seeds."""
+        return int(self.steps.min()), int(self.steps.max())
+
+    @property
+    def diverged_count(self) -> int:
+        """Number of seeds that diverged."""
+        return int(self.diverged.sum())
 
     def lengths_up_to(self, control_steps: float | None) -> IntArray:
         """Returns the number of points (seeds,) up to a control step; None: of all points."""
@@ -165,10 +187,22 @@ def of_kind(cells: Iterable[Cell], kind: Returns) -> list[Cell]:
     return [cell for cell in cells if cell.kind is kind]
 
 
+def groups_same_but(cells: Iterable[Cell], name: str) -> list[list[Cell]]:
+    """Returns groups of cells of one source that differ only in a setting; see `same_but`."""
+    groups: dict[tuple[str, str], list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault((cell.source, comparable(cell.settings, name)), []).append(cell)
+    return list(groups.values())
+
+
 def in_order(names: Iterable[str], known: tuple[str, ...]) -> list[str]:
     """Returns distinct names: the known ones in their order, then the others alphabetically."""
-    distinct = set(names)
-    return [name for name in known if name in distinct] + sorted(distinct - set(known))
+    return sorted(set(names), key=lambda name: _rank(name, known))
+
+
+def _rank(name: str, known: tuple[str, ...]) -> tuple[int, str]:
+    """Returns the sort key of a name in `in_order`."""
+    return (known.index(name), "") if name in known else (len(known), name)
 
 
 def file_name(*parts: str) -> str:
@@ -183,10 +217,8 @@ def paper_order(cell: Cell) -> tuple[Any, ...]:
     """Returns the sort key of a cell: task, algorithm and representation as in the paper."""
     # The sort is stable: variants stay in the order of their labels.
     return (
-        (TASKS.index(cell.task), "") if cell.task in TASKS else (len(TASKS), cell.task),
-        (ALGORITHMS.index(cell.algo), "")
-        if cell.algo in ALGORITHMS
-        else (len(ALGORITHMS), cell.algo),
+        _rank(cell.task, TASKS),
+        _rank(cell.algo, ALGORITHMS),
         cell.representation != FULL,
         cell.representation,
         cell.source,

@@ -1,6 +1,7 @@
 """Learning curves across seeds, in the two orders of the paper's figures."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,17 @@ BAND_SEEDS = 3
 """Minimum number of seeds for a band."""
 
 
+class Points(NamedTuple):
+    """Points of a run in order, (points,) each, or of several runs, (runs, points) each.
+
+    A point is a training episode or an evaluation; see `cells.Cell` for the meaning of NaN.
+    """
+
+    returns: FloatArray
+    control_steps: FloatArray
+    processor_time: FloatArray
+
+
 @dataclass(frozen=True)
 class Curve:
     """Quantiles of the return across seeds, one point per window.
@@ -31,7 +43,6 @@ class Curve:
     a run, windows are cut off, down to half of their width.
 
     Attributes:
-        order: order of quantiles and smoothing.
         window: episodes averaged in a point, except near the ends.
         control_steps: (points,) center of each window, over all environments.
         seeds: (points,) number of seeds that completed the window and have a return in it.
@@ -75,7 +86,7 @@ def learning_curve(
         returns: (seeds, episodes) returns; NaN after a run's end, and if missing.
         control_steps: (seeds, episodes) control steps at each episode's end; NaN after a run's end.
         lengths: (seeds,) number of episodes of each run.
-        order: see `jbench.names.ORDERS`.
+        order: of quantiles and smoothing; see `jbench.names.ORDERS`.
         window: episodes to average; fewer for short runs, see `fitting_window`.
     """
     window = fitting_window(lengths, window)
@@ -213,7 +224,7 @@ def final_returns(
 
     Args:
         returns: (seeds, points) returns, as for `learning_curve`.
-        control_steps: (seeds, points) control steps at each point.
+        control_steps: (seeds, points).
         lengths: (seeds,) number of points of each run.
         max_points: see `returns.Returns.final_points`.
 
@@ -244,7 +255,6 @@ def steps_to_threshold(
     Args:
         returns: (seeds, points) smoothed episode returns; NaN after a run's end.
         control_steps: (points,) or (seeds, points).
-        threshold: the return to reach.
     """
     reached = np.nan_to_num(returns, nan=-np.inf) >= threshold
     first = np.argmax(reached, axis=1)

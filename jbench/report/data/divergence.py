@@ -7,12 +7,12 @@ one that never does.
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from jbench.names import EPISODE_STEPS
-from jbench.report.data.curves import FloatArray
+from jbench.report.data.curves import FloatArray, Points
 from jbench.report.data.returns import TRAINING, Returns
 
 
@@ -53,39 +53,22 @@ def _is_count(value: Any) -> bool:
     return isinstance(value, int) and 0 <= value < 1 << 62
 
 
-class Counted(NamedTuple):
-    """Points of a cell's seeds, (seeds, points) each."""
-
-    returns: FloatArray
-    control_steps: FloatArray
-    processor_time: FloatArray
-
-
 def count_divergence(
-    returns: FloatArray,
-    control_steps: FloatArray,
-    processor_time: FloatArray,
-    divergences: Sequence[Divergence | None],
-    planned: int,
-    kind: Returns,
-) -> Counted:
+    points: Points, divergences: Sequence[Divergence | None], planned: int, kind: Returns
+) -> Points:
     """Returns the points of a cell, with diverged seeds extended to the end of the others.
 
     Args:
-        returns: (seeds, points), NaN if missing.
-        control_steps: (seeds, points), NaN after a run's end.
-        processor_time: (seeds, points), NaN if not recorded.
+        points: (seeds, points) each.
         divergences: one per seed; None if it did not diverge.
         planned: planned control steps, to which all seeds are extended if all diverged.
-        kind: kind of return.
     """
-    counted = Counted(returns, control_steps, processor_time)
+    if not any(divergences):
+        return points
     planned = max([planned, *(one.control_steps for one in divergences if one)])
     if all(divergences):
-        counted = Counted(*(_widened(a, control_steps, planned, kind) for a in counted))
-    if not any(divergences):
-        return counted
-    returns, control_steps, _ = counted
+        points = Points(*(_widened(a, points.control_steps, planned, kind) for a in points))
+    returns, control_steps, _ = points
     present = np.isfinite(control_steps)
     grid = np.max(np.where(present, control_steps, -np.inf), axis=0)
     empty = np.isinf(grid)
@@ -99,7 +82,7 @@ def count_divergence(
         control_steps[row, late] = grid[late]
         returns[row, late] = 0.0
         returns[row, present[row] & (control_steps[row] > divergence.control_steps)] = 0.0
-    return counted
+    return points
 
 
 def _widened(

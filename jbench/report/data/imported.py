@@ -93,13 +93,12 @@ def _runs(chosen: pd.DataFrame) -> pd.DataFrame:
     settings = [
         {name: str(row[name]) for name in _LABELS} for row in runs[_LABELS].to_dict("records")
     ]
-    seeds = [int(seed) for seed in runs["seed"]]
     return runs.assign(
         steps=runs["run"].map(steps),
         variant=[variant(labels) for labels in settings],
         settings=[
             json.dumps({**labels, "seed": seed})
-            for labels, seed in zip(settings, seeds, strict=True)
+            for labels, seed in zip(settings, runs["seed"].tolist(), strict=True)
         ],
         provenance=[_of_import(json.loads(text)) for text in runs["provenance"]],
     )

@@ -35,8 +35,6 @@ class PublishedCurve:
 
     Attributes:
         figure: figure of the paper (`fig7`, `fig8` or `fig9`), `augmented-sac`, or `IMPORTED`.
-        task: task of the runs.
-        algo: algorithm of the runs.
         representation: `full` or `dae12`.
         control_steps: (points,) center of the window, as printed.
         quantiles: (points,) episode returns by percent; always contains 50.
@@ -145,10 +143,6 @@ def best_median(
     """Returns the best published median at a control step, and the figure's id.
 
     Args:
-        curves: the paper's curves.
-        task: task of the curve.
-        algo: algorithm of the curve.
-        representation: `full` or `dae12`.
         control_steps: center of a window.
         sequence: whether to use the curve of several augmented robots, or of the plain robot.
     """

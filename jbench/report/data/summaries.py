@@ -1,7 +1,7 @@
 """Rows of all curves and cells, and notes on them."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -70,36 +70,28 @@ def summary_table(
 
     Args:
         learned: the curves of both kinds of return.
-        published: the paper's curves.
-        window: requested number of episodes in a moving average.
+        window: requested number of episodes in a moving average; notes name smaller ones.
     """
     rows: dict[tuple[str, ...], dict[str, Any]] = {}
     trained = {item.cell.key for item in learned if item.cell.kind is TRAINING}
     for item in learned:
-        row = rows.setdefault(item.cell.key, {})
+        row = rows.setdefault(item.cell.key, {"notes": []})
         row |= _final(item.cell)
-        notes = [
-            *([row["notes"]] if row.get("notes") else []),
-            *cell_notes(item, published, window),
-        ]
+        row["notes"] += cell_notes(item, published, window)
         if item.cell.kind is TRAINING or item.cell.key not in trained:
             row |= _table_row(item.cell, published)
-        row["notes"] = "; ".join(notes)
-    return pd.DataFrame(list(rows.values()), None, _COLUMNS)
+    return pd.DataFrame(
+        [{**row, "notes": "; ".join(row["notes"])} for row in rows.values()], None, _COLUMNS
+    )
 
 
 def published_beside(cell: Cell, published: Sequence[PublishedCurve]) -> tuple[float, str] | None:
     """Returns the paper's best median at the end of a cell of training returns, and its figure."""
     if cell.kind is not TRAINING:
         return None
-    return best_median(
-        published,
-        cell.task,
-        cell.algo,
-        cell.representation,
-        _final(cell)["training_return_steps"],
-        sequence=cell.robots > 1,
-    )
+    names = cell.task, cell.algo, cell.representation
+    steps = _final(cell)["training_return_steps"]
+    return best_median(published, *names, steps, sequence=cell.robots > 1)
 
 
 def _final(cell: Cell) -> dict[str, float]:
@@ -126,39 +118,37 @@ def cell_notes(item: LearnedCurve, published: Sequence[PublishedCurve], window: 
     if short:
         notes.append(f"{short} of {len(cell.seeds)} seeds have fewer episodes than the window")
     compared = {(theirs.task, theirs.algo, theirs.representation) for theirs in published}
-    if cell.algo == "ppo" and (cell.task, cell.algo, cell.representation) in compared:
+    if (cell.task, cell.algo, cell.representation) not in compared:
+        return notes
+    if cell.algo == "ppo":
         notes.append(
             "published steps are taken as printed, but are probably those of one of "
             f"{PPO_ENVIRONMENTS} environments"
         )
-    return notes + _robot_notes(cell, compared)
-
-
-def _robot_notes(cell: Cell, compared: Collection[tuple[str, str, str]]) -> list[str]:
-    """Returns notes on how a cell of augmented robots relates to published curves."""
-    if not cell.robots or (cell.task, cell.algo, cell.representation) not in compared:
-        return []
     if cell.robots == 1:
-        return ["trained on an augmented robot, but the published curves are of the plain one"]
-    return [
-        f"trained on {cell.robots} augmented robots in sequence: the published curve, if there is "
-        f"one, is of {SEQUENCE_ROBOTS} other robots, 1000000 control steps each"
-    ]
+        notes.append("trained on an augmented robot, but the published curves are of the plain one")
+    if cell.robots > 1:
+        notes.append(
+            f"trained on {cell.robots} augmented robots in sequence: the published curve, if there "
+            f"is one, is of {SEQUENCE_ROBOTS} other robots, 1000000 control steps each"
+        )
+    return notes
 
 
 def _table_row(cell: Cell, published: Sequence[PublishedCurve]) -> dict[str, Any]:
-    best = published_beside(cell, published)
+    median, figure = published_beside(cell, published) or (math.nan, None)
+    steps_min, steps_max = cell.trained
     return {
         **{name: getattr(cell, name) for name in _KEY},
         "settings": cell.label,
         "seeds": len(cell.seeds),
-        "diverged": int(cell.diverged.sum()),
-        "steps_min": int(cell.steps.min()),
-        "steps_max": int(cell.steps.max()),
+        "diverged": cell.diverged_count,
+        "steps_min": steps_min,
+        "steps_max": steps_max,
         "episodes_min": int(cell.lengths.min()),
         "episodes_max": int(cell.lengths.max()),
-        "published_median": best[0] if best else math.nan,
-        "published_figure": best[1] if best else None,
+        "published_median": median,
+        "published_figure": figure,
     }
 
 

@@ -30,10 +30,7 @@ class Behaviour(NamedTuple):
     """The states of one evaluated policy.
 
     Attributes:
-        task: task of the evaluation.
-        policy: name of the policy.
         median: median episode return.
-        episodes: number of episodes.
         target_yaw: fixed direction of the target (rad), or None.
         motor_velocity: (states,) rad/s.
         x: (states,) m, in world coordinates.

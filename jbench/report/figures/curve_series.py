@@ -1,10 +1,11 @@
 """Series of learning curves, ours and the paper's, and their key."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import IMPORTED, SOLVED, LearnedCurve, page_tags
 from jbench.report.data.curves import BAND_SEEDS, IntArray
 from jbench.report.data.published import PublishedCurve
@@ -26,7 +27,7 @@ SOLVED_LINE = ReferenceLine(SOLVED, SOLVED_STYLE)
 SOLVED_KEY = (f"solved ({SOLVED})", SOLVED_STYLE)
 
 # Dashed lines are for published curves, dotted ones for points that not all seeds have reached.
-LINE_STYLES: tuple[Dash, ...] = ("-", "-.", (0, (8, 1.5)), (0, (6, 1.5, 1, 1.5, 1, 1.5)))
+_LINE_STYLES: tuple[Dash, ...] = ("-", "-.", (0, (8, 1.5)), (0, (6, 1.5, 1, 1.5, 1, 1.5)))
 _MARKERS = ("", "o", "s", "^", "v")
 
 _EDGES: dict[bool, Dash] = {False: "-", True: (0, (4, 3))}
@@ -40,15 +41,26 @@ _MAX_MARKED = 40
 KEY_COLOR = "#404040"
 """Color of lines in a key that represent curves of any color."""
 
+BAND = (10, 90)
+"""Percentiles of the band around a curve."""
+
+QUARTILES = (25, 75)
+"""Percentiles of a second, narrower band."""
+
 OURS_KEY, PUBLISHED_KEY = "ours: median", "published: median"
 _ONE_SEED_KEY = "published: one seed"
 
 
-class Look(NamedTuple):
-    """Color and line style of a curve."""
+def line_style(nth: int) -> Dash:
+    """Returns the style of the n-th line of a color."""
+    return _LINE_STYLES[nth % len(_LINE_STYLES)]
 
-    color: str
-    style: int
+
+def interval_bars(one: Estimate, *, along_x: bool = False) -> list[Band]:
+    """Returns the interval of a single point as a bar, if it is known."""
+    if not np.isfinite(one.low):
+        return []
+    return [Band(np.array([one.low]), np.array([one.high]), bars=True, along_x=along_x)]
 
 
 def returns_axis(label: str) -> Axis:
@@ -67,7 +79,8 @@ def steps_axis(end: float) -> Axis:
 
 def learned_series(
     item: LearnedCurve,
-    look: Look,
+    color: str,
+    nth: int,
     bands: Sequence[tuple[int, int]],
     name: str,
     *,
@@ -76,29 +89,28 @@ def learned_series(
     """Returns a curve as a series, preceded by a thin one per seed if `each_seed` is set.
 
     Args:
-        item: the curve.
-        look: color and style of the line.
+        nth: index of the line's style and marker.
         bands: percentiles of the bands, the widest first.
         name: beginning of the label.
         each_seed: whether every seed is drawn as well.
     """
     curve = item.curve
-    shown = thinned(len(curve.control_steps), _MAX_POINTS, curve.window // 4)
+    shown = drawn_points(len(curve.control_steps), _MAX_POINTS, curve.window // 4)
     x, seeds = curve.control_steps[shown], curve.seeds[shown]
     enough = seeds >= BAND_SEEDS
     ends = ([np.where(enough, curve.quantile(p)[shown], np.nan) for p in band] for band in bands)
     # Evaluations have few points, and the values between them are unknown.
     few = len(x) == 1 or (not item.cell.kind.smoothed and len(x) <= _MAX_MARKED)
     style = Style(
-        look.color,
-        LINE_STYLES[look.style % len(LINE_STYLES)],
+        color,
+        line_style(nth),
         _WIDTH,
         # A single point would be invisible without a marker.
-        marker=_MARKERS[look.style // len(LINE_STYLES) % len(_MARKERS)] or ("o" if few else ""),
+        marker=_MARKERS[nth // len(_LINE_STYLES) % len(_MARKERS)] or ("o" if few else ""),
         size=3 if few else 4,
         every=1 if few else max(1, len(x) // 10),
     )
-    thin = Style(look.color, width=0.5, alpha=0.45)
+    thin = Style(color, width=0.5, alpha=0.45)
     label = ", ".join(filter(None, (item.cell.prefix + name, item.cell.words)))
     of: dict[str, Any] = {"entries": (label, OURS_KEY), "tags": item.cell.tags}
     return [
@@ -130,12 +142,9 @@ def published_series(
     The edges are dashed if single seeds are drawn, which are thin lines as well.
 
     Args:
-        curve: the curve.
-        color: color of the lines.
         band: percentiles of the band.
         entry: entry of the legend for the curve's color.
         labelled: whether the curve makes that entry, as none of ours does.
-        each_seed: whether single seeds are drawn.
     """
     x = curve.control_steps
     edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.4)
@@ -164,9 +173,7 @@ def curve_key(
     """Returns the key of the kinds of lines and bands that panels show.
 
     Args:
-        panels: the panels.
         bands: bands of our curves, the narrowest first; published curves have only that one.
-        each_seed: whether single seeds are shown.
         whose: name of the curves that are not published.
     """
     series = [one for panel in panels for one in panel.series]
@@ -210,14 +217,14 @@ def _detail(item: LearnedCurve) -> str:
     fewer = int(curve.seeds[-1])
     if fewer < len(cell.seeds):
         seeds += f", {fewer} at the end"
-    if cell.diverged.any():
-        seeds += f", {int(cell.diverged.sum())} diverged"
+    if cell.diverged_count:
+        seeds += f", {cell.diverged_count} diverged"
     if cell.kind.smoothed:
         seeds += f", window {curve.window}"
     return seeds
 
 
-def thinned(points: int, enough: int, max_step: int | None = None) -> IntArray:
+def drawn_points(points: int, enough: int, max_step: int | None = None) -> IntArray:
     """Returns the indices of points to draw: every k-th and the last.
 
     Args:

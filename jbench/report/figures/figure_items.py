@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -13,6 +13,7 @@ from jbench.report.data.cells import Cell, LearnedCurve, file_name
 from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import FigureItem
+from jbench.report.figure import Figure
 from jbench.report.figures import (
     behaviour,
     encoders,
@@ -34,14 +35,13 @@ def of_tasks(
     view: View, published: Sequence[PublishedCurve], aggregate: pd.DataFrame, request: Request
 ) -> Iterator[FigureItem]:
     """Yields the learning curves of all tasks."""
-    kind, one_robot = view.kind, _on_one_robot(view.drawn)
-    if not one_robot:
+    kind, learned = view.kind, _on_one_robot(view.drawn)
+    if not learned:
         return
-    options = one_robot, [*published, *view.baselines], request.order, request.window
-    figure = learning_curves.grid_figure(*options, each_seed=request.each_seed)
+    figure = learning_curves.grid_figure(learned, [*published, *view.baselines], request)
     name = "figure9" if kind is TRAINING else "evaluations"
     data = aggregate[aggregate["returns"] == kind.name]
-    where = " on the full observation" if _encoded_are_elsewhere(one_robot) else ""
+    where = " on the full observation" if _encoded_are_elsewhere(learned) else ""
     yield FigureItem(name, f"Learning curves{where}: {kind.plural}", figure, data)
 
 
@@ -73,27 +73,28 @@ def of_curves(
     view: View, published: Sequence[PublishedCurve], aggregate: pd.DataFrame, request: Request
 ) -> Iterator[FigureItem]:
     """Yields further learning curves: full against encoded, and sequences of robots."""
-    kind, one_robot = view.kind, _on_one_robot(view.drawn)
-    options = one_robot, [*published, *view.baselines], request.order, request.window
-    training, each_seed = kind is TRAINING, request.each_seed
+    training = view.kind is TRAINING
     if not view.leads:
         yield from of_tasks(view, published, aggregate, request)
-    aggregate = aggregate[aggregate["returns"] == kind.name]
-    compared = learning_curves.comparison_figures(*options, each_seed=each_seed)
-    for (task, algo), figure in compared.items():
-        title = f"Full against encoded observations, {kind.plural}: {task}, {display_name(algo)}"
-        data = _rows(aggregate, task, algo)
-        name = "comparison" if training else "evaluations"
-        yield FigureItem(file_name(name, task, algo), title, figure, data)
-    if not training:
-        return
-    sequence_figures = sequences.sequence_figures(
-        view.learned, published, request.order, each_seed=each_seed
+    aggregate = aggregate[aggregate["returns"] == view.kind.name]
+    compared = learning_curves.comparison_figures(
+        _on_one_robot(view.drawn), [*published, *view.baselines], request
     )
-    for (task, algo), figure in sequence_figures.items():
-        title = f"Sequence of robots: {task}, {display_name(algo)}"
-        data = _rows(aggregate, task, algo)
-        yield FigureItem(file_name("robots", task, algo), title, figure, data)
+    title = f"Full against encoded observations, {view.kind.plural}"
+    yield from _of_learners(compared, "comparison" if training else "evaluations", title, aggregate)
+    if training:
+        in_sequence = sequences.sequence_figures(view.learned, published, request)
+        yield from _of_learners(in_sequence, "robots", "Sequence of robots", aggregate)
+
+
+def _of_learners(
+    figures: Mapping[tuple[str, str], Figure], name: str, title: str, aggregate: pd.DataFrame
+) -> Iterator[FigureItem]:
+    """Yields figures by task and algorithm with their numbers."""
+    for (task, algo), figure in figures.items():
+        data = aggregate[(aggregate["task"] == task) & (aggregate["algo"] == algo)]
+        named = f"{title}: {task}, {display_name(algo)}"
+        yield FigureItem(file_name(name, task, algo), named, figure, data)
 
 
 def of_returns(view: View) -> Iterator[FigureItem]:
@@ -121,8 +122,7 @@ def of_time(view: View, runs: pd.DataFrame) -> Iterator[FigureItem]:
     figure = processor.processor_time_figure(one_robot, processors(runs))
     if figure is not None:
         data = processor.processor_time_frame(one_robot)
-        title = f"{view.kind.name.capitalize()} return against processor time"
-        yield FigureItem("processor_time", title, figure, data)
+        yield FigureItem("processor_time", figure.title, figure, data)
 
 
 def _on_one_robot(items: Sequence[LearnedCurve]) -> list[LearnedCurve]:
@@ -142,10 +142,8 @@ def of_encoders(table: pd.DataFrame) -> Iterator[FigureItem]:
 
 def of_behaviour(behaviours: Sequence[Behaviour]) -> Iterator[FigureItem]:
     """Yields the motor velocities and positions of policies."""
-    titles = {"figure4": "Motor velocities", "figure5": "Positions"}
     for name, figure in behaviour.figures(behaviours).items():
-        kind, _, task = name.partition("-")
-        yield FigureItem(name, f"{titles[kind]}: {task}", figure)
+        yield FigureItem(name, figure.title, figure)
 
 
 def processors(runs: pd.DataFrame) -> list[str]:
@@ -158,7 +156,3 @@ def _processor(provenance: str) -> str:
     recorded: Any = json.loads(provenance)
     name = recorded.get("processor") if isinstance(recorded, dict) else None
     return name if isinstance(name, str) else ""
-
-
-def _rows(aggregate: pd.DataFrame, task: str, algo: str) -> pd.DataFrame:
-    return aggregate[(aggregate["task"] == task) & (aggregate["algo"] == algo)]

@@ -13,8 +13,8 @@ from jbench.report.data.cells import SOLVED, Cell, in_order, page_tags
 from jbench.report.data.published import PUBLISHED, PublishedCurve
 from jbench.report.data.returns import Returns
 from jbench.report.data.summaries import published_beside
-from jbench.report.figure import Axis, Band, Figure, Panel, ReferenceLine, Series, Style
-from jbench.report.figures.curve_series import KEY_COLOR, SOLVED_KEY, SOLVED_STYLE
+from jbench.report.figure import Axis, Figure, Panel, ReferenceLine, Series, Style
+from jbench.report.figures.curve_series import KEY_COLOR, SOLVED_KEY, SOLVED_STYLE, interval_bars
 from jbench.report.figures.learning_curves import algorithm_colors
 from jbench.report.tables import values
 from jbench.wording import counted
@@ -41,7 +41,6 @@ def forest_figure(
     Args:
         statistics: statistics of the cells of one kind of return; at least one.
         trained: cells of training returns, which the paper's curves are compared with.
-        published: the paper's curves.
     """
     cells = [one.cell for one in statistics]
     kind = cells[0].kind
@@ -86,7 +85,7 @@ def _row_names(cells: Sequence[Cell]) -> list[str]:
             algorithms.index(c.algo),
             c.representation != FULL,
             c.representation,
-            c.has_words,
+            c.words != "",
         ),
     )
     return list(dict.fromkeys(cell.short_name for cell in ordered))
@@ -132,12 +131,11 @@ def _row(
 
 def _mean(one: st.Estimate, at: float, color: str, tags: Mapping[str, str], detail: str) -> Series:
     """Returns the interquartile mean with its bar in a row."""
-    bars = [Band(np.array([one.low]), np.array([one.high]), bars=True, along_x=True)]
     return Series(
         np.array([one.value]),
         np.array([at]),
         _style(_MEAN, color),
-        bands=bars if np.isfinite(one.low) else [],
+        bands=interval_bars(one, along_x=True),
         detail=detail,
         entries=(_MEAN,),
         tags=tags,

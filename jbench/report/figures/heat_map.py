@@ -8,7 +8,7 @@ import pandas as pd
 
 from jbench.names import TASKS
 from jbench.report import formatting
-from jbench.report.analysis.scores import scores_of
+from jbench.report.analysis.scores import final_percentiles, scores_of
 from jbench.report.data.cells import Cell, in_order
 from jbench.report.figure import Axis, CellText, Figure, HeatMap, Panel
 from jbench.report.tables import values
@@ -30,12 +30,7 @@ def caption(cells: Sequence[Cell]) -> str:
         f"{kind.final} The colour shows the median, on a scale that is safe for colour-blind "
         f"readers and prints in grey. Only {colored} are coloured, the most frequent number: "
         f"others are not comparable with them{' and are white' if others else ''}. Hatched: no "
-        "runs."
-        + (
-            " A seed that diverged counts with return 0 from then on."
-            if any(cell.diverged.any() for cell in cells)
-            else ""
-        )
+        f"runs.{values.on_divergence(cells)}"
     )
 
 
@@ -56,15 +51,14 @@ def matrix_frame(cells: Sequence[Cell]) -> pd.DataFrame:
     """
     rows = []
     for cell in cells:
-        final = scores_of(cell).final
-        quantiles = np.percentile(final, (50, 10, 90)) if len(final) else np.full(3, np.nan)
+        steps_min, steps_max = cell.trained
+        low, median, high = final_percentiles(cell)
         rows.append(
             {
-                **{name: getattr(cell, name) for name in ("task", "source", "algo")},
-                **{"representation": cell.representation_label, "returns": cell.kind.name},
-                **{"steps_min": cell.steps.min(), "steps_max": cell.steps.max()},
-                **{"seeds": len(final), "diverged": int(cell.diverged.sum())},
-                **dict(zip(("median", "q10", "q90"), quantiles, strict=True)),
+                **cell.columns,
+                **{"steps_min": steps_min, "steps_max": steps_max},
+                **{"seeds": len(scores_of(cell).final), "diverged": cell.diverged_count},
+                **{"median": median, "q10": low, "q90": high},
             }
         )
     return pd.DataFrame(rows)
@@ -83,11 +77,11 @@ def matrix_figure(cells: Sequence[Cell]) -> Figure:
     colored_steps = compared_steps(cells)
     for cell in cells:
         row, column = rows.index(values.algorithm_name(cell)), tasks.index(cell.task)
-        final = scores_of(cell).final
-        if not len(final):
+        low, median, high = final_percentiles(cell)
+        if np.isnan(median):
             continue
-        low, median, high = np.percentile(final, (10, 50, 90))
-        steps, count = values.trained(cell).text, values.count_of(cell, len(final))
+        seeds = len(scores_of(cell).final)
+        steps, count = values.trained(cell).text, values.count_of(cell, seeds)
         text = f"{median:.0f} [{low:.0f}, {high:.0f}]\n{steps} steps\n{count}"
         colored = colored_steps is not None and _steps(cell) == colored_steps
         if colored:

@@ -1,18 +1,19 @@
 """Learning curves: a grid of tasks as in Figure 9, and comparisons as in Figures 7 and 8."""
 
-from collections.abc import Sequence
-
-import numpy as np
+from collections.abc import Callable, Sequence
 
 from jbench.names import ALGORITHMS, FULL, TASKS, Order, kind_of
-from jbench.report.data.cells import IMPORTED, LearnedCurve, in_order
+from jbench.report.data.cells import IMPORTED, Cell, LearnedCurve, in_order
 from jbench.report.data.curves import BAND_SEEDS
 from jbench.report.data.published import PPO_ENVIRONMENTS, PublishedCurve
 from jbench.report.data.returns import TRAINING, Returns
-from jbench.report.figure import Axis, Figure, Panel, Series
+from jbench.report.figure import Axis, Figure, Panel, Series, Shade, Style
 from jbench.report.figures import curve_series
+from jbench.report.figures.curve_series import BAND, QUARTILES, SOLVED_LINE
 from jbench.report.figures.encoders import look_of
 from jbench.report.formatting import display_name
+from jbench.report.request import Request
+from jbench.report.tables import values
 
 # Okabe and Ito's palette, which is safe for color-blind readers.
 ALGORITHM_COLORS = {"ddpg": "#0072B2", "ppo": "#E69F00", "sac": "#009E73", "td3": "#CC79A7"}
@@ -26,12 +27,7 @@ _CUT_NOTE = "Published curves are shown up to the last step of ours."
 
 
 def grid_figure(
-    learned: Sequence[LearnedCurve],
-    published: Sequence[PublishedCurve],
-    order: Order,
-    window: int,
-    *,
-    each_seed: bool = False,
+    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], request: Request
 ) -> Figure:
     """Returns a panel per task with a curve per algorithm, as the paper's Figure 9.
 
@@ -41,10 +37,8 @@ def grid_figure(
 
     Args:
         learned: our curves of one kind of return, in the order of the paper; at least one.
-        published: the paper's curves.
-        order: order of quantiles and smoothing.
-        window: requested number of episodes in a moving average.
-        each_seed: whether every seed is drawn as well.
+        published: the paper's curves, and imported ones that are drawn like them.
+        request: determines the smoothing, and whether every seed is drawn as well.
     """
     kind = learned[0].cell.kind
     published = _comparable(published, kind)
@@ -52,16 +46,13 @@ def grid_figure(
     tasks = present if len(present) == 1 else in_order({*present, *TASKS}, TASKS)
     colors = algorithm_colors([cell.algo for cell, _ in learned])
     panels = [
-        _task_panel(task, shown_in_grid(learned, task), published, colors, kind, each_seed)
+        _task_panel(task, shown_in_grid(learned, task), published, colors, kind, request)
         for task in tasks
     ]
-    notes = [
-        f"{curve_text(learned, order, window)} {band_text([(10, 90)])} "
-        f"{curve_series.details_text(panels)}"
-    ]
+    notes = [_note(learned, [BAND], panels, request)]
     if kind is TRAINING:
         notes.append(
-            f"Published: Figure 9, training returns, full observation, 10 seeds, quantile-first, "
+            "Published: Figure 9, training returns, full observation, 10 seeds, quantile-first, "
             f"100 episodes. {_CUT_NOTE}"
         )
     if kind is TRAINING and any(cell.algo == "ppo" for cell, _ in learned):
@@ -69,27 +60,20 @@ def grid_figure(
     return Figure(
         f"{kind.name.capitalize()} return while learning the Jitterbug tasks",
         panels,
-        curve_series.curve_key(panels, [(10, 90)], each_seed=each_seed, whose=_whose(learned)),
+        _key(learned, [BAND], panels, request),
         notes,
     )
 
 
 def comparison_figures(
-    learned: Sequence[LearnedCurve],
-    published: Sequence[PublishedCurve],
-    order: Order,
-    window: int,
-    *,
-    each_seed: bool = False,
+    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], request: Request
 ) -> dict[tuple[str, str], Figure]:
     """Returns figures of full against encoded observations, as the paper's Figures 7 and 8.
 
     Args:
         learned: our curves of one kind of return, in the order of the paper.
-        published: the paper's curves.
-        order: order of quantiles and smoothing.
-        window: requested number of episodes in a moving average.
-        each_seed: whether every seed is drawn as well.
+        published: as for `grid_figure`.
+        request: as for `grid_figure`.
 
     Returns:
         Figures by task and algorithm, for those with several representations or sources, or with a
@@ -105,7 +89,7 @@ def comparison_figures(
         ]
         kinds = {(item.cell.representation, item.cell.source) for item in ours}
         if theirs or len(kinds) > 1:
-            figures[task, algo] = _comparison_figure(ours, theirs, order, window, each_seed)
+            figures[task, algo] = _comparison_figure(ours, theirs, request)
     return figures
 
 
@@ -133,113 +117,115 @@ def _task_panel(
     published: Sequence[PublishedCurve],
     colors: dict[str, str],
     kind: Returns,
-    each_seed: bool,
+    request: Request,
 ) -> Panel:
     y = curve_series.returns_axis(kind.axis)
     if not learned:
-        x = Axis("", (0, 1), ticks=())
-        return Panel(task, x, y, references=[curve_series.SOLVED_LINE], text="no runs yet")
+        return Panel(
+            task, Axis("", (0, 1), ticks=()), y, references=[SOLVED_LINE], text="no runs yet"
+        )
     series: list[Series] = []
     for algo in dict.fromkeys(item.cell.algo for item in learned):
-        # The variant without words, which has the defaults, is solid.
-        same = sorted(
-            (item for item in learned if item.cell.algo == algo),
-            key=lambda item: item.cell.has_words,
-        )
-        for style, item in enumerate(same):
-            look = curve_series.Look(colors[algo], style)
-            series += curve_series.learned_series(
-                item, look, ((10, 90),), item.cell.learner, each_seed=each_seed
-            )
+        same = [item for item in learned if item.cell.algo == algo]
+        series += _variants(same, colors[algo], [BAND], lambda cell: cell.learner, request)
         for curve in published:
             if (curve.figure, curve.task, curve.algo) == ("fig9", task, algo):
                 series += curve_series.published_series(
-                    curve, colors[algo], (10, 90), display_name(algo), each_seed=each_seed
+                    curve, colors[algo], BAND, display_name(algo), each_seed=request.each_seed
                 )
-    series += _baseline_series(published, task, (10, 90), each_seed)
-    return Panel(
-        task, curve_series.steps_axis(_end(learned)), y, series, [curve_series.SOLVED_LINE]
-    )
+    for curve in published:
+        if (curve.source, curve.task) == (IMPORTED, task):
+            label = f"{IMPORTED}: {display_name(curve.algo)} on {curve.representation}"
+            series += curve_series.published_series(
+                *(curve, curve_series.KEY_COLOR, BAND, label),
+                labelled=True,
+                each_seed=request.each_seed,
+            )
+    return Panel(task, curve_series.steps_axis(_end(learned)), y, series, [SOLVED_LINE])
 
 
 def _comparison_figure(
-    learned: Sequence[LearnedCurve],
-    published: Sequence[PublishedCurve],
-    order: Order,
-    window: int,
-    each_seed: bool,
+    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], request: Request
 ) -> Figure:
     task, algo, kind = learned[0].cell.task, learned[0].cell.algo, learned[0].cell.kind
-    bands = [(25, 75), (10, 90)]
+    bands = [QUARTILES, BAND]
     series: list[Series] = []
     ours = list(dict.fromkeys(item.cell.representation for item in learned))
     for representation in ours:
         same = [item for item in learned if item.cell.representation == representation]
-        for style, item in enumerate(sorted(same, key=lambda item: item.cell.has_words)):
-            look = curve_series.Look(look_of(kind_of(representation))[0], style)
-            series += curve_series.learned_series(
-                item, look, bands[::-1], representation, each_seed=each_seed
-            )
+        color, _ = look_of(kind_of(representation))
+        series += _variants(same, color, bands[::-1], lambda cell: cell.representation, request)
     for curve in sorted(published, key=lambda curve: curve.representation != FULL):
         series += curve_series.published_series(
-            *(curve, look_of(kind_of(curve.representation))[0], (25, 75), curve.representation),
+            *(curve, look_of(kind_of(curve.representation))[0], QUARTILES, curve.representation),
             labelled=curve.representation not in ours,
-            each_seed=each_seed,
+            each_seed=request.each_seed,
         )
     panel = Panel(
         f"{task}, {display_name(algo)}",
         curve_series.steps_axis(_end(learned)),
         curve_series.returns_axis(kind.axis),
         series,
-        [curve_series.SOLVED_LINE],
+        [SOLVED_LINE],
     )
     return Figure(
         f"Full against encoded observations: {kind.name} return",
         [panel],
-        curve_series.curve_key([panel], bands, each_seed=each_seed, whose=_whose(learned)),
-        [
-            f"{curve_text(learned, order, window)} {band_text(bands)} "
-            f"{curve_series.details_text([panel])}",
-            *_published_text(published),
-        ],
+        _key(learned, bands, [panel], request),
+        [_note(learned, bands, [panel], request), *_published_text(published)],
+    )
+
+
+def _variants(
+    learned: Sequence[LearnedCurve],
+    color: str,
+    bands: Sequence[tuple[int, int]],
+    name: Callable[[Cell], str],
+    request: Request,
+) -> list[Series]:
+    """Returns curves of one color, with a line style each; that with the defaults is solid."""
+    ordered = sorted(learned, key=lambda item: item.cell.words != "")
+    return [
+        one
+        for style, item in enumerate(ordered)
+        for one in curve_series.learned_series(
+            item, color, style, bands, name(item.cell), each_seed=request.each_seed
+        )
+    ]
+
+
+def _key(
+    learned: Sequence[LearnedCurve],
+    bands: Sequence[tuple[int, int]],
+    panels: Sequence[Panel],
+    request: Request,
+) -> list[tuple[str, Style | Shade]]:
+    whose = IMPORTED if all(item.cell.source == IMPORTED for item in learned) else "ours"
+    return curve_series.curve_key(panels, bands, each_seed=request.each_seed, whose=whose)
+
+
+def _note(
+    learned: Sequence[LearnedCurve],
+    bands: Sequence[tuple[int, int]],
+    panels: Sequence[Panel],
+    request: Request,
+) -> str:
+    """Returns a note on the returns of curves, their averaging, bands and seeds."""
+    kind = learned[0].cell.kind
+    shown = (
+        order_text(request.order, request.window)
+        if kind.smoothed
+        else "A point is an evaluation, the mean of its episodes for each seed."
+    )
+    return (
+        f"Shown: the {kind.long}. {shown}{values.on_divergence([cell for cell, _ in learned])} "
+        f"{band_text(bands)} {curve_series.details_text(panels)}"
     )
 
 
 def _comparable(published: Sequence[PublishedCurve], kind: Returns) -> Sequence[PublishedCurve]:
     """Returns the baselines, and the paper's curves with our training returns, which they are."""
     return [curve for curve in published if kind is TRAINING or curve.source == IMPORTED]
-
-
-def _baseline_series(
-    published: Sequence[PublishedCurve], task: str, band: tuple[int, int], each_seed: bool
-) -> list[Series]:
-    """Returns the imported curves of a task that are drawn as published ones."""
-    series: list[Series] = []
-    for curve in published:
-        if (curve.source, curve.task) == (IMPORTED, task):
-            label = f"{IMPORTED}: {display_name(curve.algo)} on {curve.representation}"
-            series += curve_series.published_series(
-                *(curve, curve_series.KEY_COLOR, band, label),
-                labelled=True,
-                each_seed=each_seed,
-            )
-    return series
-
-
-def curve_text(learned: Sequence[LearnedCurve], order: Order, window: int) -> str:
-    """Returns a note on the returns of curves and their averaging."""
-    kind = learned[0].cell.kind
-    shown = f"Shown: the {kind.long}."
-    diverged = (
-        " A seed that diverged counts with return 0 from then on."
-        if any(item.cell.diverged.any() for item in learned)
-        else ""
-    )
-    if not kind.smoothed:
-        return (
-            f"{shown} A point is an evaluation, the mean of its episodes for each seed.{diverged}"
-        )
-    return f"{shown} {order_text(order, window)}{diverged}"
 
 
 def order_text(order: Order, window: int) -> str:
@@ -274,11 +260,5 @@ def _published_text(published: Sequence[PublishedCurve]) -> list[str]:
     return [f"{texts[figure]} {_CUT_NOTE}" for figure in sorted({c.figure for c in published})]
 
 
-def _whose(learned: Sequence[LearnedCurve]) -> str:
-    """Returns how the key names the curves that are not published."""
-    return IMPORTED if all(item.cell.source == IMPORTED for item in learned) else "ours"
-
-
 def _end(learned: Sequence[LearnedCurve]) -> float:
-    ends = [float(np.nanmax(item.cell.control_steps)) for item in learned]
-    return max(ends, default=1.0)
+    return max((cell.longest for cell, _ in learned), default=1.0)

@@ -37,10 +37,7 @@ def draw_panel(
     """Draws a panel.
 
     Args:
-        axes: where it is drawn.
-        panel: the panel.
         number: its index in the figure.
-        sheet: format of the figure.
         place: its place; None if matplotlib lays out the figure.
         shared: whether only the first panel of a row has numbers on its vertical axis.
         picture: whether to rasterize lines and areas in SVG and PDF files.

@@ -43,10 +43,7 @@ def draw(
     """Draws a figure; the first of its axes are the panels in order.
 
     Args:
-        figure: the figure.
-        sheet: its format.
         text: whether to draw title and notes; ignored for a paper, which has them in its caption.
-        legend: whether to draw the legend.
         picture: whether to rasterize lines and areas in SVG and PDF files.
     """
     text = text and not sheet.paper
@@ -65,10 +62,8 @@ def draw_alone(panel: Panel, number: int, laid: Layout, sheet: Sheet, *, picture
     """Draws one panel of lines at its place in a figure, and nothing else.
 
     Args:
-        panel: the panel.
         number: its index in the figure.
         laid: positions in the figure.
-        sheet: format of the figure.
         picture: see `draw`.
     """
     drawn = _empty(laid)

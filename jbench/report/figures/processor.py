@@ -67,12 +67,12 @@ def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
     size, unit = next((s, name) for least, s, name in _UNITS if longest >= least)
     drawn: Counter[str] = Counter()
     series = []
-    for item, times, median in sorted(timed, key=lambda one: one[0].cell.has_words):
+    for item, times, median in sorted(timed, key=lambda one: one[0].cell.words != ""):
         algo = item.cell.algo
-        shown = curve_series.thinned(len(times), _MAX_POINTS)
+        shown = curve_series.drawn_points(len(times), _MAX_POINTS)
         style = Style(
             colors[algo],
-            curve_series.LINE_STYLES[drawn[algo] % len(curve_series.LINE_STYLES)],
+            curve_series.line_style(drawn[algo]),
             marker="o" if len(shown) == 1 or not kind.smoothed else "",
         )
         drawn[algo] += 1
@@ -127,7 +127,6 @@ def processor_time_frame(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
     parts = []
     for item in learned:
         times, median = timed_curve(item)
-        names = {name: getattr(item.cell, name) for name in ("task", "source", "algo")}
-        names |= {"representation": item.cell.representation_label, "returns": item.cell.kind.name}
-        parts.append(pd.DataFrame({**names, "processor_time": times, "median": median}))
+        columns = {**item.cell.columns, "processor_time": times, "median": median}
+        parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)

@@ -15,7 +15,6 @@ from jbench.report.data.curves import FloatArray
 from jbench.report.figure import (
     Axis,
     Band,
-    Dash,
     Figure,
     Panel,
     ReferenceLine,
@@ -25,10 +24,10 @@ from jbench.report.figure import (
 )
 from jbench.report.figures.curve_series import (
     KEY_COLOR,
-    LINE_STYLES,
     SOLVED_KEY,
     SOLVED_STYLE,
     details_text,
+    line_style,
 )
 from jbench.report.figures.learning_curves import algorithm_colors
 from jbench.report.tables.values import trained
@@ -42,15 +41,12 @@ _ALL = "all tasks together"
 _NAMES = ("task", "source", "algo", "representation", "steps")
 
 
-class _Kind(NamedTuple):
+class _Learner(NamedTuple):
     """What the runs of a line have in common.
 
     Attributes:
-        source: source of the runs.
-        algo: their algorithm.
         representation: their representation and the settings of their variant.
         steps: control steps of training.
-        name: short name.
     """
 
     source: str
@@ -71,14 +67,14 @@ def profiles_figure(cells: Sequence[Cell]) -> Figure | None:
     if not groups:
         return None
     returns = cells[0].kind
-    kinds = list(dict.fromkeys(kind for lines in groups.values() for kind in lines))
-    kinds.sort(key=lambda kind: len(kind.name))  # those with default settings are solid
-    colors = algorithm_colors([kind.algo for kind in kinds])
-    styles = {
-        kind: Style(colors[kind.algo], _dash([k for k in kinds if k.algo == kind.algo], kind))
-        for kind in kinds
-    }
-    several = len({kind.name for kind in kinds}) < len(kinds)
+    learners = list(dict.fromkeys(learner for lines in groups.values() for learner in lines))
+    learners.sort(key=lambda learner: len(learner.name))  # those with default settings are solid
+    colors = algorithm_colors([learner.algo for learner in learners])
+    styles: dict[_Learner, Style] = {}
+    for learner in learners:
+        drawn = sum(other.algo == learner.algo for other in styles)
+        styles[learner] = Style(colors[learner.algo], line_style(drawn))
+    several = len({learner.name for learner in learners}) < len(learners)
     x = Axis(f"final {returns.name} return", (0, 1000))
     y = Axis("share of runs above", (-0.02, 1.02))
     solved = ReferenceLine(SOLVED, SOLVED_STYLE, vertical=True)
@@ -115,7 +111,7 @@ def profiles_frame(cells: Sequence[Cell]) -> pd.DataFrame:
     parts = [
         pd.DataFrame(
             {
-                **dict(zip(_NAMES, (task, *kind[:4]), strict=True)),
+                **dict(zip(_NAMES, (task, *learner[:4]), strict=True)),
                 "returns": cells[0].kind.name,
                 "seeds": sum(len(seeds) for seeds in strata),
                 "final_return": THRESHOLDS,
@@ -123,22 +119,22 @@ def profiles_frame(cells: Sequence[Cell]) -> pd.DataFrame:
             }
         )
         for task, lines in _groups(cells).items()
-        for kind, strata in lines.items()
+        for learner, strata in lines.items()
     ]
     return pd.concat(parts, ignore_index=True)
 
 
-def _groups(cells: Sequence[Cell]) -> dict[str, dict[_Kind, list[FloatArray]]]:
-    """Returns the final returns by task and kind, with a stratum per task."""
-    finals: dict[str, dict[_Kind, list[FloatArray]]] = {}
+def _groups(cells: Sequence[Cell]) -> dict[str, dict[_Learner, list[FloatArray]]]:
+    """Returns the final returns by task and learner, with a stratum per task."""
+    finals: dict[str, dict[_Learner, list[FloatArray]]] = {}
     tasks = in_order({cell.task for cell in cells}, TASKS)
     for task in tasks:
         for cell in (cell for cell in cells if cell.task == task):
             final = scores_of(cell).final
             if len(final):
                 names = cell.source, cell.algo, cell.representation_label
-                kind = _Kind(*names, trained(cell).text, cell.short_name)
-                finals.setdefault(task, {}).setdefault(kind, []).append(final)
+                learner = _Learner(*names, trained(cell).text, cell.short_name)
+                finals.setdefault(task, {}).setdefault(learner, []).append(final)
     if len(finals) > 1:
         shared = [k for k in next(iter(finals.values())) if all(k in f for f in finals.values())]
         if shared:
@@ -146,21 +142,17 @@ def _groups(cells: Sequence[Cell]) -> dict[str, dict[_Kind, list[FloatArray]]]:
     return finals
 
 
-def _dash(kinds: Sequence[_Kind], kind: _Kind) -> Dash:
-    return LINE_STYLES[kinds.index(kind) % len(LINE_STYLES)]
-
-
 def _series(
-    task: str, kind: _Kind, strata: Sequence[FloatArray], style: Style, named_steps: bool
+    task: str, learner: _Learner, strata: Sequence[FloatArray], style: Style, named_steps: bool
 ) -> Series:
     enough = min(len(seeds) for seeds in strata) >= st.MIN_SEEDS
     share = st.performance_profile(strata, THRESHOLDS)
     bands = [Band(*_interval(strata))] if enough else []
-    label = f"{kind.name}, {kind.steps} steps" if named_steps else kind.name
+    label = f"{learner.name}, {learner.steps} steps" if named_steps else learner.name
     # The settings of the variant follow the representation.
-    representation = kind.representation.partition(",")[0]
-    tags = page_tags(kind.algo, representation, kind.source, None if task == _ALL else task)
-    detail = _detail(kind, strata)
+    representation = learner.representation.partition(",")[0]
+    tags = page_tags(learner.algo, representation, learner.source, None if task == _ALL else task)
+    detail = _detail(learner, strata)
     more: dict[str, Any] = {"detail": detail, "entries": (label,), "tags": tags}
     return Series(THRESHOLDS, share, style, label, bands, **more)
 
@@ -182,8 +174,8 @@ def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
     return low, high
 
 
-def _detail(kind: _Kind, strata: Sequence[FloatArray]) -> str:
+def _detail(learner: _Learner, strata: Sequence[FloatArray]) -> str:
     runs = sum(len(seeds) for seeds in strata)
     several = f"{counted(runs, 'run')} on {len(strata)} tasks"
     seeds = counted(runs, "seed") if len(strata) == 1 else several
-    return f"{seeds}, {kind.steps} control steps"
+    return f"{seeds}, {learner.steps} control steps"

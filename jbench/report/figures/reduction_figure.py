@@ -11,7 +11,6 @@ from jbench.report.analysis.reduction import BASELINES, SCALED, Group, Point
 from jbench.report.analysis.statistics import MIN_SEEDS
 from jbench.report.figure import (
     Axis,
-    Band,
     Figure,
     Panel,
     ReferenceLine,
@@ -96,7 +95,7 @@ def _panel(group: Group) -> Panel:
 
 def _baseline(name: str, point: Point) -> ReferenceLine:
     one = point.estimate
-    interval = (one.low, one.high) if _has_interval(point) else None
+    interval = (one.low, one.high) if np.isfinite(one.low) else None
     words = point.cell.representation_words
     return ReferenceLine(one.value, _BASELINE_STYLES[name], words, interval=interval)
 
@@ -104,23 +103,17 @@ def _baseline(name: str, point: Point) -> ReferenceLine:
 def _point_series(x: float, point: Point) -> list[Series]:
     """Returns the seeds of a representation, and their interquartile mean with its interval."""
     color, marker = look_of(kind_of(point.cell.representation))
-    one = point.estimate
-    bar = Band(np.array([one.low]), np.array([one.high]), bars=True)
     seed = Style(color, "", marker=marker, size=2.5, alpha=0.5)
     of: dict[str, Any] = {"entries": (point.cell.representation_words,), "tags": point.cell.tags}
     return [
         Series(np.full(len(point.final), x), point.final, seed, **of),
         Series(
             np.array([x]),
-            np.array([one.value]),
+            np.array([point.estimate.value]),
             Style(color, marker=marker, size=6),
             point.cell.representation_words,
-            [bar] if _has_interval(point) else [],
+            curve_series.interval_bars(point.estimate),
             detail=values.count_of(point.cell, len(point.final)),
             **of,
         ),
     ]
-
-
-def _has_interval(point: Point) -> bool:
-    return bool(np.isfinite(point.estimate.low))

@@ -1,6 +1,8 @@
 """Training on a sequence of augmented robots, compared with the authors' sequence."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,13 +12,13 @@ from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.published import SEQUENCE_ROBOTS, PublishedCurve
 from jbench.report.figure import Figure, Panel, ReferenceLine, Series, Style
 from jbench.report.figures import curve_series
+from jbench.report.figures.curve_series import BAND, SOLVED_LINE
 from jbench.report.figures.learning_curves import ALGORITHM_COLORS, band_text, order_text
 from jbench.report.formatting import display_name
+from jbench.report.request import Request
 
 SEQUENCE_WINDOW = 20
 """Episodes in a moving average, within each robot's episodes (the authors' script)."""
-
-_BAND = (10, 90)
 
 
 def sequence_curve(cell: Cell, order: Order) -> Curve:
@@ -30,58 +32,49 @@ def sequence_curve(cell: Cell, order: Order) -> Curve:
         returns, control_steps = cell.returns[:, columns], cell.control_steps[:, columns]
         lengths = np.clip(cell.lengths - first, 0, returns.shape[1])
         parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
-    return Curve(
-        order=order,
-        window=parts[0].window,
-        control_steps=np.concatenate([part.control_steps for part in parts]),
-        seeds=np.concatenate([part.seeds for part in parts]),
-        quantiles=np.concatenate([part.quantiles for part in parts], axis=1),
-        each=np.concatenate([part.each for part in parts], axis=1),
-        widths=np.concatenate([part.widths for part in parts]),
-    )
+    names = ("control_steps", "seeds", "quantiles", "each", "widths")
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names
+    }
+    return replace(parts[0], **joined)
 
 
 def sequence_figures(
     learned: Sequence[LearnedCurve],
     published: Sequence[PublishedCurve],
-    order: Order,
-    *,
-    each_seed: bool = False,
+    request: Request,
 ) -> dict[tuple[str, str], Figure]:
     """Returns the figures of cells with several robots, by task and algorithm.
 
     Args:
         learned: our curves of training returns; those with several robots are drawn.
         published: the paper's curves; those with several robots are drawn.
-        order: order of quantiles and smoothing.
-        each_seed: whether every seed is drawn as well.
+        request: determines the order of smoothing, and whether every seed is drawn as well.
     """
     several = [item.cell for item in learned if item.cell.robots > 1]
     figures = {}
     for task, algo in dict.fromkeys((cell.task, cell.algo) for cell in several):
         ours = [cell for cell in several if (cell.task, cell.algo) == (task, algo)]
         theirs = [c for c in published if c.sequence and (c.task, c.algo) == (task, algo)]
-        figures[task, algo] = _figure(ours, theirs, order, each_seed)
+        figures[task, algo] = _figure(ours, theirs, request)
     return figures
 
 
-def _figure(
-    cells: Sequence[Cell], published: Sequence[PublishedCurve], order: Order, each_seed: bool
-) -> Figure:
+def _figure(cells: Sequence[Cell], published: Sequence[PublishedCurve], request: Request) -> Figure:
     task, algo = cells[0].task, cells[0].algo
-    end = max(float(np.nanmax(cell.control_steps)) for cell in cells)
+    end = max(cell.longest for cell in cells)
     color = ALGORITHM_COLORS.get(algo, "#000000")
     series: list[Series] = []
     for style, cell in enumerate(cells):
-        item = LearnedCurve(cell, sequence_curve(cell, order))
+        item = LearnedCurve(cell, sequence_curve(cell, request.order))
         name = f"{cell.representation}, {cell.robots} robots"
         series += curve_series.learned_series(
-            item, curve_series.Look(color, style), (_BAND,), name, each_seed=each_seed
+            item, color, style, [BAND], name, each_seed=request.each_seed
         )
     for curve in published:
         name = f"{curve.representation}, {SEQUENCE_ROBOTS} robots"
         series += curve_series.published_series(
-            curve, color, _BAND, name, labelled=True, each_seed=each_seed
+            curve, color, BAND, name, labelled=True, each_seed=request.each_seed
         )
     robot_steps = cells[0].robot_episodes * end / cells[0].returns.shape[1]
     changes = [
@@ -89,8 +82,8 @@ def _figure(
         for change in range(1, cells[0].robots)
     ]
     notes = [
-        f"Shown: the {cells[0].kind.long}. {order_text(order, SEQUENCE_WINDOW)} "
-        f"{band_text([_BAND])}",
+        f"Shown: the {cells[0].kind.long}. "
+        f"{order_text(request.order, SEQUENCE_WINDOW)} {band_text([BAND])}",
         "Grey lines: switch to the next robot; averages are within one robot's episodes.",
     ]
     if published:
@@ -103,7 +96,7 @@ def _figure(
         curve_series.steps_axis(end),
         curve_series.returns_axis(cells[0].kind.axis),
         series,
-        [curve_series.SOLVED_LINE, *changes],
+        [SOLVED_LINE, *changes],
     )
-    key = curve_series.curve_key([panel], [_BAND], each_seed=each_seed)
+    key = curve_series.curve_key([panel], [BAND], each_seed=request.each_seed)
     return Figure("Training on a sequence of robots", [panel], key, notes)

@@ -6,8 +6,7 @@ import pandas as pd
 
 from jbench.report.document import Document, FigureItem, Item, TableItem
 from jbench.report.figures.layout import Sheet
-from jbench.report.page import downloads, legends, tables, values, vector
-from jbench.report.page.budget import share_each
+from jbench.report.page import downloads, legends, tables, tooltips, vector
 from jbench.report.page.text import html, identifier, json_block, paragraphs
 
 _PAPER = (515, 570)  # points; maximum width and height of a figure on paper in portrait format
@@ -17,15 +16,28 @@ _SHORT = 220  # characters of a caption that is always shown
 _BESIDE_SHORT = 1200  # the same beside a figure
 
 
-class Parts:
+def share_each(sizes: Sequence[int], total: int) -> int:
+    """Returns the maximum size of each item so that all together take at most `total`.
+
+    Small items take what they need, and the large ones share the rest equally.
+    """
+    left = total
+    ordered = sorted(sizes)
+    for i, size in enumerate(ordered):
+        share = left // (len(ordered) - i)
+        if size > share:
+            return max(1, share)
+        left -= size
+    return max([1, *sizes])
+
+
+class PageState:
     """State that the parts of a page share: ids, size limits, and styles.
 
     Attributes:
-        sheet: format of the figures.
         cells: maximum cells of a table to download.
         corners: maximum points of a figure that is not rasterized.
         points: maximum points of a line in tooltips.
-        colors: colors of all figures.
         styles: CSS rules of single figures.
     """
 
@@ -38,7 +50,7 @@ class Parts:
         tables_of_data = [frame.size for frame in (*frames, document.provenance)]
         self.cells = share_each(tables_of_data, downloads.CELLS)
         self.corners = share_each([item.figure.corners for item in figures], vector.CORNERS)
-        self.points = values.points_each(item.figure for item in figures)
+        self.points = tooltips.points_each(item.figure for item in figures)
         self.colors: set[str] = set()
         self.styles: list[str] = []
         self._ids = {"to-summary", "to-problems", "to-notes", "to-provenance"}
@@ -54,24 +66,22 @@ class Parts:
         return new
 
 
-def item(one: Item, parts: Parts, heading: str = "", *, leads: bool = False) -> Iterator[str]:
+def item(one: Item, state: PageState, heading: str = "", *, leads: bool = False) -> Iterator[str]:
     """Yields a figure or a table as HTML.
 
     Args:
-        one: the item.
-        parts: state of the page.
         heading: heading of its section, which is not repeated.
         leads: whether it is on the first screen, where captions are folded.
     """
     if isinstance(one, FigureItem):
-        yield from _figure(one, parts, heading, leads)
+        yield from _figure(one, state, heading, leads)
     else:
-        yield from _table(one, parts, heading)
+        yield from _table(one, state, heading)
 
 
-def foot(name: str, frame: pd.DataFrame | None, parts: Parts) -> str:
+def foot(name: str, frame: pd.DataFrame | None, state: PageState) -> str:
     """Returns the link to the data of an item; empty if it has none."""
-    link = "" if frame is None else downloads.link(name, frame, parts.cells)
+    link = "" if frame is None else downloads.link(name, frame, state.cells)
     return f'<p class="data">{link}</p>' if link else ""
 
 
@@ -83,13 +93,13 @@ def caption(texts: Sequence[str], name: str, *, shown: int = _SHORT) -> str:
     return f'<details class="how"><summary>{html(name)}</summary>{content}</details>'
 
 
-def _figure(one: FigureItem, parts: Parts, heading: str, leads: bool) -> Iterator[str]:
-    id = parts.id(one.name)
-    drawing = vector.element(one.figure, f"{id}-", one.title, parts.sheet, parts.corners)
-    parts.colors |= drawing.colors
+def _figure(one: FigureItem, state: PageState, heading: str, leads: bool) -> Iterator[str]:
+    id = state.id(one.name)
+    drawing = vector.element(one.figure, f"{id}-", one.title, state.sheet, state.corners)
+    state.colors |= drawing.colors
     for i, width in enumerate(drawing.widths):
         # Panels share the width of the page, and are below each other on a narrow one.
-        parts.styles.append(
+        state.styles.append(
             f"#{id} svg[role]:nth-of-type({i + 1})"
             f"{{flex-grow:{width:.0f};min-width:min(100%,{0.9 * width:.0f}pt)}}"
         )
@@ -97,22 +107,20 @@ def _figure(one: FigureItem, parts: Parts, heading: str, leads: bool) -> Iterato
     if scrolls:
         # Texts stay readable on a phone.
         rule = f"#{id} .drawing svg[role]{{min-width:{0.8 * drawing.width:.0f}pt}}"
-        parts.styles.append(f"@media screen and (max-width:48rem){{{rule}}}")
-    panels = values.panels(one.figure, drawing.boxes, parts.points)
-    kinds = ["item"]
-    kinds += ["wide"] if _is_wide(drawing) else []
+        state.styles.append(f"@media screen and (max-width:48rem){{{rule}}}")
+    panels = tooltips.panels(one.figure, drawing.boxes, state.points)
     beside = drawing.width <= _BESIDE and not leads
-    kinds += ["beside"] if beside else []
-    kinds += ["scrolls"] if scrolls else []
-    yield f'<figure id="{id}" class="{" ".join(kinds)}">\n{_heading(one.title, heading)}'
-    yield f'<div class="plot">{legends.legend(one.figure, parts.colors)}'
+    kinds = {"item": True, "wide": _is_wide(drawing), "beside": beside, "scrolls": scrolls}
+    names = " ".join(name for name, applies in kinds.items() if applies)
+    yield f'<figure id="{id}" class="{names}">\n{_heading(one.title, heading)}'
+    yield f'<div class="plot">{legends.legend(one.figure, state.colors)}'
     yield f'<div class="scroll drawing">{drawing.svg}</div></div>'
     if panels:
         yield f'<script type="application/json" class="values">{json_block(panels)}</script>'
     shown = _BESIDE_SHORT if beside else 0 if leads else _SHORT
     yield "<figcaption>"
     yield caption([one.figure.caption], "How to read this figure", shown=shown)
-    yield foot(one.name, one.data, parts)
+    yield foot(one.name, one.data, state)
     yield "</figcaption>\n</figure>"
 
 
@@ -130,16 +138,16 @@ def _is_wide(drawing: vector.Drawing) -> bool:
     return turned > 1.35 * upright
 
 
-def _table(one: TableItem, parts: Parts, heading: str) -> Iterator[str]:
+def _table(one: TableItem, state: PageState, heading: str) -> Iterator[str]:
     wide = " wide" if tables.is_wide(one.frame) else ""
-    yield f'<div id="{parts.id(one.name)}" class="item{wide}">'
+    yield f'<div id="{state.id(one.name)}" class="item{wide}">'
     if one.folded:
         yield f"<details><summary><h3>{html(one.title)}</h3></summary>"
     else:
         yield _heading(one.title, heading)
     yield tables.table(one.frame, one.title)
     yield f'<div class="caption">\n{caption([one.caption], "How to read this table")}'
-    yield foot(one.name, one.frame, parts)
+    yield foot(one.name, one.frame, state)
     yield "</div>" + ("</details>" if one.folded else "")
     yield "</div>"
 

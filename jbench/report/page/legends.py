@@ -1,12 +1,12 @@
 """Legends of figures as HTML, so that they stay readable on any screen."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 from matplotlib.colors import to_hex
 from matplotlib.markers import MarkerStyle
 
-from jbench.report.figure import Dash, Figure, Shade, Style
+from jbench.report.figure import Figure, Shade, Style
 from jbench.report.page.text import html
 
 _WIDTH, _HEIGHT = 26.0, 10.0  # points
@@ -24,7 +24,6 @@ def legend(figure: Figure, colors: set[str]) -> str:
     An entry that series belong to has their number in `data-entry`.
 
     Args:
-        figure: the figure.
         colors: receives the colors of the lines.
     """
     belonging = {entry for p in figure.panels for one in p.series for entry in one.entries}
@@ -49,7 +48,8 @@ def _swatch(style: Style | Shade) -> Iterator[str]:
         return
     middle, opacity = _HEIGHT / 2, f'opacity="{style.alpha:g}"'
     if style.dash:
-        dashes = [f"{part * style.width:.3g}" for part in _parts(style.dash)]
+        parts = _DASHES.get(style.dash, ()) if isinstance(style.dash, str) else style.dash[1]
+        dashes = [f"{part * style.width:.3g}" for part in parts]
         pattern = f' stroke-dasharray="{" ".join(dashes)}"' if dashes else ""
         yield f'<path d="M0 {middle:g}H{_WIDTH:g}" fill="none" stroke="{color}" '
         yield f'stroke-width="{style.width:g}" {opacity}{pattern}/>'
@@ -64,7 +64,3 @@ def _swatch(style: Style | Shade) -> Iterator[str]:
                 for x, y in polygon
             )
             yield f'<polygon points="{corners}" fill="{fill}" stroke="{color}" {opacity}/>'
-
-
-def _parts(dash: Dash) -> Sequence[float]:
-    return _DASHES.get(dash, ()) if isinstance(dash, str) else dash[1]

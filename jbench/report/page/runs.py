@@ -8,7 +8,7 @@ import numpy as np
 from jbench.report.data.paths import RunPath
 from jbench.report.document import RunDetail
 from jbench.report.page.text import plain
-from jbench.report.page.values import thinned
+from jbench.report.page.tooltips import thinned
 
 MAX_POINTS = 100
 """Maximum points of a curve."""

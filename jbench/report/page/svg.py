@@ -15,8 +15,6 @@ def clean(
     """Converts an element and its children in place, and collects their colors.
 
     Args:
-        element: element to convert.
-        prefix: prefix of ids.
         colors: receives the colors that differ on a dark page.
         keep: prefixes of the ids of elements that keep their colors.
         kept: whether a parent keeps its colors.

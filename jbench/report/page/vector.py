@@ -19,7 +19,7 @@ from jbench.report.figures.panels import SERIES
 from jbench.report.figures.plotting import KEPT, draw, draw_alone, to_svg, width_of
 from jbench.report.page import svg
 from jbench.report.page.text import html, plain
-from jbench.report.page.values import Box
+from jbench.report.page.tooltips import Box
 
 CORNERS = 250_000
 """Maximum points of the lines and areas of all figures in a page, each about 14 bytes."""
@@ -39,7 +39,6 @@ class Drawing(NamedTuple):
         colors: its colors, "#rrggbb", that differ on a dark page.
         widths: widths of the elements in points.
         height: height in points.
-        boxes: boxes of its panels.
     """
 
     svg: str
@@ -54,7 +53,7 @@ class Drawing(NamedTuple):
         return sum(self.widths)
 
 
-class _View(NamedTuple):
+class _Rectangle(NamedTuple):
     """The rectangle of a figure that an element shows: left, top, width and height in points."""
 
     left: float
@@ -72,10 +71,7 @@ class _Part(NamedTuple):
     """A part of a figure: one panel of lines, or all heat maps.
 
     Attributes:
-        content: SVG elements.
-        colors: see `Drawing`.
         size: width and height of the figure in points.
-        boxes: boxes of the part's panels.
         around: box of all that is drawn.
     """
 
@@ -94,10 +90,8 @@ def element(
     Panels of lines are elements of their own, so that a narrow page can stack them.
 
     Args:
-        figure: the figure.
-        prefix: prefix of every id in the elements, unique in the page.
+        prefix: of every id in the elements, unique in the page.
         title: text for screen readers.
-        sheet: format of the figure.
         max_points: lines and areas of a figure with more points are rasterized.
     """
     picture = figure.corners > max_points
@@ -105,7 +99,7 @@ def element(
         parts = [_heat_maps(figure, prefix, sheet, picture=picture)]
     else:
         laid = layout.lay_out(figure, sheet, width_of, text=False, legend=False)
-        entries = _entries(figure)
+        entries = figure.entries
         parts = [
             _panel(panel, i, entries, laid, sheet, f"{prefix}{i}-", picture=picture)
             for i, panel in enumerate(figure.panels)
@@ -113,25 +107,24 @@ def element(
     boxes = [box for part in parts for box in part.boxes]
     colors = set().union(*(part.colors for part in parts))
     if len(parts) == 1 or any(panel.y.names is not None for panel in figure.panels):
-        whole = _View(0, 0, *parts[0].size)
+        whole = _Rectangle(0, 0, *parts[0].size)
         element = _svg("".join(part.content for part in parts), whole, title)
         return Drawing(element, colors, [whole.width], whole.height, boxes)
-    views = _views(parts)
+    rectangles = _rectangles(parts)
     names = [f"{title}: {one.title}" if one.title else title for one in figure.panels]
-    elements = (
-        _svg(part.content, view, name) for part, view, name in zip(parts, views, names, strict=True)
-    )
-    widths = [view.width for view in views]
-    return Drawing("".join(elements), colors, widths, views[0].height, boxes)
+    shown = zip(parts, rectangles, names, strict=True)
+    elements = (_svg(part.content, rectangle, name) for part, rectangle, name in shown)
+    widths = [one.width for one in rectangles]
+    return Drawing("".join(elements), colors, widths, rectangles[0].height, boxes)
 
 
-def _views(parts: Sequence[_Part]) -> list[_View]:
+def _rectangles(parts: Sequence[_Part]) -> list[_Rectangle]:
     """Returns what to show of each panel: as wide as its texts, and as high as those of all."""
     pairs = [(part.around, box) for part in parts for box in part.boxes]
     above = max(box[1] - around[1] for around, box in pairs) + _AROUND
     below = max(around[3] - box[3] for around, box in pairs) + _AROUND
     return [
-        _View(
+        _Rectangle(
             around[0] - _AROUND,
             box[1] - above,
             around[2] - around[0] + 2 * _AROUND,
@@ -146,10 +139,8 @@ def _heat_maps(figure: Figure, prefix: str, sheet: Sheet, *, picture: bool) -> _
     """Returns a figure of heat maps."""
     drawn = draw(figure, sheet, text=False, legend=False, picture=picture)
     root, size = _parsed(drawn)
-    groups = [one for group in root for one in group if one.get("id", "").startswith("axes_")]
-    for number, (group, panel) in enumerate(zip(groups, figure.panels, strict=False)):
-        _number(group, number)
-        _tag(group, panel, _entries(figure))
+    for number, (axes, panel) in enumerate(zip(_axes(root), figure.panels, strict=False)):
+        _mark(axes, number, panel, figure.entries)
     colors: set[str] = set()
     # The hatch pattern of a heat map is among the definitions.
     svg.clean(root, prefix, colors, (KEPT, "h"), False)
@@ -173,11 +164,10 @@ def _panel(
     drawn = draw_alone(panel, number, laid, sheet, picture=picture)
     root, size = _parsed(drawn)
     # The axes of a second scale are inside those of their panel.
-    (group,) = (one for group in root for one in group if one.get("id", "").startswith("axes_"))
-    _number(group, number)
-    _tag(group, panel, entries)
+    (axes,) = _axes(root)
+    _mark(axes, number, panel, entries)
     inner = ElementTree.Element("svg")
-    inner.extend([group, *(one for one in root if one.tag.endswith("defs"))])
+    inner.extend([axes, *(one for one in root if one.tag.endswith("defs"))])
     colors: set[str] = set()
     svg.clean(inner, prefix, colors, (KEPT,), False)
     svg.drop_ids(inner)
@@ -212,32 +202,30 @@ def _content(root: ElementTree.Element) -> str:
     return text.partition(">")[2].removesuffix("</svg>")
 
 
-def _svg(content: str, view: _View, title: str) -> str:
+def _svg(content: str, shown: _Rectangle, title: str) -> str:
     """Returns an element with this content."""
     inherited = " ".join(f'{name}="{value}"' for name, value in _INHERITED.items())
     return (
-        f'<svg role="img" aria-label="{html(title)}" width="{view.width:g}pt" '
-        f'height="{view.height:g}pt" viewBox="{view.box}" {inherited}>{content}</svg>'
+        f'<svg role="img" aria-label="{html(title)}" width="{shown.width:g}pt" '
+        f'height="{shown.height:g}pt" viewBox="{shown.box}" {inherited}>{content}</svg>'
     )
 
 
-def _entries(figure: Figure) -> dict[str, int]:
-    """Returns the number of each entry of the legend."""
-    return {label: i for i, (label, _) in enumerate(figure.legend)}
+def _axes(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """Returns the elements of the axes in a drawing, the panels first."""
+    return [one for group in root for one in group if one.get("id", "").startswith("axes_")]
 
 
-def _number(group: ElementTree.Element, number: int) -> None:
-    """Marks a panel, and the ticks of its axes, which a page changes when it zooms."""
-    group.set("data-panel", str(number))
-    for one in group.iter():
-        name, is_tick, _ = one.get("id", "").partition("tick_")
+def _mark(axes: ElementTree.Element, number: int, panel: Panel, entries: Mapping[str, int]) -> None:
+    """Marks a panel for the script: its ticks, which change in a zoom, and its series.
+
+    Series have the numbers of their entries in the legend, and what the page filters by.
+    """
+    axes.set("data-panel", str(number))
+    for one in axes.iter():
+        tick, is_tick, _ = one.get("id", "").partition("tick_")
         if is_tick:
-            one.set("data-tick", name)
-
-
-def _tag(group: ElementTree.Element, panel: Panel, entries: Mapping[str, int]) -> None:
-    """Marks the elements of series: entries of the legend by number, and what pages filter by."""
-    for one in group.iter():
+            one.set("data-tick", tick)
         name, _, place = one.get("id", "").partition("-")
         if name == SERIES and place:
             series = panel.series[int(place.split("-")[1])]

@@ -9,7 +9,7 @@ from jbench.paper.citation import CITATION
 from jbench.report.document import Document, Section
 from jbench.report.figures.layout import SCREEN, Sheet
 from jbench.report.page import colors, items, runs, tables
-from jbench.report.page.items import Parts
+from jbench.report.page.items import PageState
 from jbench.report.page.text import html, json_block, with_asides
 
 _PROVENANCE = "Command, versions and machine of each run."
@@ -45,13 +45,11 @@ def render_document(document: Document, *, sheet: Sheet = SCREEN, reloads: bool 
     become a script. It is readable without scripts.
 
     Args:
-        document: content of the page.
-        sheet: format of the figures.
         reloads: whether the page reloads itself twice a minute.
     """
-    parts = Parts(document, sheet)
-    body = "\n".join(_body(document, parts))
-    style = "\n".join([_asset("style.css"), *parts.styles, colors.rules(parts.colors)])
+    state = PageState(document, sheet)
+    body = "\n".join(_body(document, state))
+    style = "\n".join([_asset("style.css"), *state.styles, colors.rules(state.colors)])
     script = "".join(_asset(f"script/{name}.js") for name in _SCRIPTS)
     policy = "; ".join(
         [
@@ -83,8 +81,8 @@ def render_document(document: Document, *, sheet: Sheet = SCREEN, reloads: bool 
 """
 
 
-def _body(document: Document, parts: Parts) -> Iterator[str]:
-    ids = [parts.id(f"to-{section.title}") for section in document.sections]
+def _body(document: Document, state: PageState) -> Iterator[str]:
+    ids = [state.id(f"to-{section.title}") for section in document.sections]
     links = [
         ("to-summary", "Summary"),
         *((id, section.title) for id, section in zip(ids, document.sections, strict=True)),
@@ -96,21 +94,21 @@ def _body(document: Document, parts: Parts) -> Iterator[str]:
     yield '<nav aria-label="Contents"><ul>'
     yield from (f'<li><a href="#{id}">{html(title)}</a></li>' for id, title in links)
     yield "</ul></nav>\n<main>"
-    yield from _overview(document, parts)
+    yield from _overview(document, state)
     if document.problems:
         yield '<section id="to-problems" class="problems">\n<h2>Problems</h2>'
         yield f"{_list(document.problems)}</section>"
     for id, section in zip(ids, document.sections, strict=True):
-        yield from _section(id, section, parts)
+        yield from _section(id, section, state)
     if document.notes:
         yield '<section id="to-notes" class="notes">\n<h2>Notes</h2>'
         yield f"{_list(document.notes)}</section>"
-    yield from _provenance(document, parts)
-    about, source = html(_ABOUT.format(parts.points)), html(_SOURCE.format(CITATION))
+    yield from _provenance(document, state)
+    about, source = html(_ABOUT.format(state.points)), html(_SOURCE.format(CITATION))
     yield f"</main>\n<footer><p>{about}</p><p>{source}</p></footer>"
 
 
-def _overview(document: Document, parts: Parts) -> Iterator[str]:
+def _overview(document: Document, state: PageState) -> Iterator[str]:
     """Yields the first screen: the answer, its figures, and numbers on what was run."""
     yield '<section id="to-summary" class="summary">\n<h2 class="unseen">Summary</h2>'
     if document.headline:
@@ -119,7 +117,7 @@ def _overview(document: Document, parts: Parts) -> Iterator[str]:
         wide = any(len(one.figure.panels) > 1 for one in document.overview)
         yield f'<div class="overview{" stacked" if wide else ""}">'
         for one in document.overview:
-            yield from items.item(one, parts, leads=True)
+            yield from items.item(one, state, leads=True)
         yield "</div>"
     if document.inventory:
         yield '<dl class="inventory">'
@@ -133,16 +131,16 @@ def _overview(document: Document, parts: Parts) -> Iterator[str]:
     yield "</section>"
 
 
-def _section(id: str, section: Section, parts: Parts) -> Iterator[str]:
+def _section(id: str, section: Section, state: PageState) -> Iterator[str]:
     yield f'<section id="{id}">\n<h2>{html(section.title)}</h2>'
     yield _list(section.answers)
     yield items.caption(section.text, "What this section shows", shown=_SHORT)
     for one in section.items:
-        yield from items.item(one, parts, section.title)
+        yield from items.item(one, state, section.title)
     yield "</section>"
 
 
-def _provenance(document: Document, parts: Parts) -> Iterator[str]:
+def _provenance(document: Document, state: PageState) -> Iterator[str]:
     frame = document.provenance
     wide = ' class="wide"' if tables.is_wide(frame) else ""
     yield f'<section id="to-provenance"{wide}>\n<h2>Runs</h2>'
@@ -155,7 +153,7 @@ def _provenance(document: Document, parts: Parts) -> Iterator[str]:
     if document.runs:
         content = json_block(runs.packed(document.runs))
         yield f'<script type="application/json" class="runs">{content}</script>'
-    yield f'<div class="caption">{items.foot("provenance", frame, parts)}</div>\n</div>'
+    yield f'<div class="caption">{items.foot("provenance", frame, state)}</div>\n</div>'
     yield "</section>"
 
 

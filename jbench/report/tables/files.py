@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Callable
 from typing import Any
 
 import pandas as pd
@@ -20,14 +21,12 @@ _MARKDOWN = re.compile(r"([\\|*`<]|(?<=\])\()")
 def to_markdown(item: TableItem) -> str:
     """Returns a table in GitHub's Markdown with its caption above; the best values are bold."""
     frame = item.frame
-    numeric = [_is_numeric(frame[name]) for name in frame]
-    lines = [_row([_markdown(str(name)) for name in frame])]
-    lines.append(_row(["---:" if right else "---" for right in numeric]))
-    for row in frame.itertuples(index=False):
-        texts = (_markdown(text_of(cell)) for cell in row)
-        lines.append(
-            _row([f"**{t}**" if is_best(c) else t for t, c in zip(texts, row, strict=True)])
-        )
+    rows = [
+        [_markdown(str(name)) for name in frame],
+        ["---:" if _is_numeric(frame[name]) else "---" for name in frame],
+        *_texts(frame, _markdown, "**{}**"),
+    ]
+    lines = [f"| {' | '.join(texts)} |" for texts in rows]
     return "\n".join([f"{_markdown(item.title)}. {_markdown(item.caption)}", "", *lines, ""])
 
 
@@ -35,14 +34,6 @@ def to_latex(item: TableItem) -> str:
     """Returns a table for LaTeX's booktabs with its caption above; the best values are bold."""
     frame = item.frame
     columns = "".join("r" if _is_numeric(frame[name]) else "l" for name in frame)
-    lines = [_latex_row([_latex(str(name)) for name in frame]), r"\midrule"]
-    for row in frame.itertuples(index=False):
-        texts = (_latex(text_of(cell)) for cell in row)
-        lines.append(
-            _latex_row(
-                [rf"\textbf{{{t}}}" if is_best(c) else t for t, c in zip(texts, row, strict=True)]
-            )
-        )
     return "\n".join(
         [
             r"% Needs \usepackage{booktabs}.",
@@ -52,7 +43,9 @@ def to_latex(item: TableItem) -> str:
             rf"\label{{tab:{re.sub('[^A-Za-z0-9-]', '-', item.name)}}}",
             rf"\begin{{tabular}}{{{columns}}}",
             r"\toprule",
-            *lines,
+            _latex_row([_latex(str(name)) for name in frame]),
+            r"\midrule",
+            *map(_latex_row, _texts(frame, _latex, r"\textbf{{{}}}")),
             r"\bottomrule",
             r"\end{tabular}",
             r"\end{table}",
@@ -91,8 +84,12 @@ def _is_numeric(column: "pd.Series[Any]") -> bool:
     return bool(cells) and all(not isinstance(kind, str) for kind in kinds)
 
 
-def _row(texts: list[str]) -> str:
-    return f"| {' | '.join(texts)} |"
+def _texts(frame: pd.DataFrame, escape: Callable[[str], str], bold: str) -> list[list[str]]:
+    """Returns the escaped texts of each row; `bold` formats the best ones."""
+    return [
+        [(bold if is_best(cell) else "{}").format(escape(text_of(cell))) for cell in row]
+        for row in frame.itertuples(index=False)
+    ]
 
 
 def _markdown(text: str) -> str:

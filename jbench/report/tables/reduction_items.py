@@ -8,9 +8,9 @@ from jbench.names import FULL
 from jbench.report import formatting
 from jbench.report.analysis.claims import CLAIMS, MARGIN, Finding
 from jbench.report.analysis.reduction import BASELINES, SCALED, Reduction, numbers_seen
-from jbench.report.data.returns import Returns
 from jbench.report.document import TableItem, Value
 from jbench.report.tables import values
+from jbench.report.views import View
 
 _OUTCOMES = {
     "a": {"higher": f"higher by more than {MARGIN:g}", "lower": f"lower by more than {MARGIN:g}"},
@@ -25,18 +25,18 @@ _MEASURES = {
 _HEADINGS = ("difference of the IQM", "ratio of standard deviations", "difference over the run")
 
 
-def sentences(found: Sequence[Reduction], kind: Returns) -> list[str]:
-    """Returns a sentence for each of the claims (a) to (c)."""
-    return [sentence(letter, found, kind) for letter in _OUTCOMES] if found else []
+def sentences(found: Sequence[Reduction]) -> list[str]:
+    """Returns a sentence for each of the claims (a) to (c), if there are comparisons."""
+    return [sentence(letter, found) for letter in _OUTCOMES] if found else []
 
 
-def sentence(letter: str, found: Sequence[Reduction], kind: Returns) -> str:
+def sentence(letter: str, found: Sequence[Reduction]) -> str:
     """Returns a sentence on a claim (a, b or c), from at least one comparison."""
     baselines = [name for name in BASELINES if any(one.baseline == name for one in found)]
     against = [
         f"against {name}, {'; '.join(_by_outcome(letter, found, name))}" for name in baselines
     ]
-    measured = _MEASURES[letter].format(kind=kind.name)
+    measured = _MEASURES[letter].format(kind=found[0].cell.kind.name)
     return f"({letter}) {measured}: {'; '.join(against)}."
 
 
@@ -74,24 +74,23 @@ def _effect(finding: Finding) -> Value | None:
     return values.estimate(finding.effect, form)
 
 
-def table(found: Sequence[Reduction], kind: Returns, name: str) -> TableItem | None:
-    """Returns the table of all comparisons of one kind of return; None if there are none."""
+def table(view: View) -> TableItem | None:
+    """Returns the table of all comparisons with a baseline; None if there are none."""
+    found, kind = view.reductions, view.kind
     if not found:
         return None
     rows = []
     for one, named in zip(found, values.names([one.cell for one in found]), strict=True):
-        seeds = {"this": one.seeds[0], "baseline": one.seeds[1]}
         numbers = numbers_seen(one.cell.representation, one.cell.task)
         row = {**named, "numbers": numbers, "against": one.baseline}
-        row["n"] = Value(f"{one.seeds[0]}, {one.seeds[1]}", min(one.seeds), numbers=seeds)
-        steps = one.findings[0].control_steps or 0
-        row["at control step"] = Value(formatting.steps(steps), steps)
+        row["n"] = values.counts(one.seeds, "baseline")
+        row["at control step"] = values.at_step(one.findings[0].control_steps or 0)
         for finding, heading in zip(one.findings, _HEADINGS, strict=True):
             row[f"({finding.claim}) {heading}"] = _effect(finding)
             row[f"verdict on ({finding.claim})"] = outcome(finding)
         rows.append(row)
     return TableItem(
-        name,
+        view.file("reduction_tests"),
         f"Every representation against {FULL} and {SCALED}: {kind.plural}",
         f"Difference of the interquartile mean of the final {kind.name} return from that of the "
         f"baseline (90% interval, for the test whether it is within {MARGIN:g}); ratio of the "

@@ -71,11 +71,13 @@ def returns_of_cells(view: View, published: Sequence[PublishedCurve]) -> TableIt
                 "diverged": _diverged(cell),
                 "control steps": values.trained(cell),
                 f"final {view.kind.name} return: median": values.of_statistic(
-                    summary.get("final_return", "median")
+                    summary, "final_return", "median"
                 ),
-                f"final {view.kind.name} return: IQM": values.of_statistic(location),
+                f"final {view.kind.name} return: IQM": values.of_statistic(
+                    summary, "final_return", "interquartile_mean"
+                ),
                 f"{view.kind.name} return over the run: IQM": values.of_statistic(
-                    summary.get("area", "interquartile_mean")
+                    summary, "area", "interquartile_mean"
                 ),
                 "published median (training return)": _published(cell, published),
             }
@@ -101,15 +103,15 @@ def _unranked(cells: Sequence[Cell]) -> str:
 
 def _divergence(cells: Sequence[Cell]) -> str:
     """Returns a sentence on how diverged seeds count, if there are any."""
-    if not any(cell.diverged.any() for cell in cells):
+    if not any(cell.diverged_count for cell in cells):
         return ""
     return " From its divergence on, a seed that diverged counts with return 0, the minimum."
 
 
 def _diverged(cell: Cell) -> Value | None:
-    if not cell.diverged.any():
+    count, seeds = cell.diverged_count, len(cell.seeds)
+    if not count:
         return None
-    count, seeds = int(cell.diverged.sum()), len(cell.seeds)
     return Value(f"{count} of {seeds}", count / seeds, numbers={"": count, "of": seeds})
 
 
@@ -133,10 +135,10 @@ def spreads(view: View) -> TableItem | None:
         row: dict[str, object] = {**named, "n": one.seeds if one else 0}
         row["control steps"] = values.trained(summary.cell)
         for name in SPREADS:
-            row[_SPREAD_NAMES[name]] = values.of_statistic(summary.get("final_return", name))
+            row[_SPREAD_NAMES[name]] = values.of_statistic(summary, "final_return", name)
         for name in SPREADS:
             row[f"{_SPREAD_NAMES[name]}, as a multiple of {FULL}'s"] = values.of_statistic(
-                summary.get("final_return", f"{name}_ratio"), formatting.ratio
+                summary, "final_return", f"{name}_ratio", formatting.ratio
             )
         rows.append(row)
     return TableItem(
@@ -162,14 +164,15 @@ def learning_speed(view: View) -> TableItem | None:
         half = summary.get("steps_to_half_best", "median")
         goals = {"steps_to_solved": str(SOLVED), "steps_to_half_best": _HALF}
         for measure, goal in goals.items():
-            median = summary.get(measure, "median")
             if goal == _HALF:
                 row[_HALF] = half and round(half.threshold or 0)
             row |= {
-                f"seeds that reach {goal}": values.reached(median),
-                f"control steps to {goal}: median": values.of_statistic(median, formatting.steps),
+                f"seeds that reach {goal}": values.reached(summary.get(measure, "median")),
+                f"control steps to {goal}: median": values.of_statistic(
+                    summary, measure, "median", formatting.steps
+                ),
                 f"control steps to {goal}: IQM": values.of_statistic(
-                    summary.get(measure, "interquartile_mean"), formatting.steps
+                    summary, measure, "interquartile_mean", formatting.steps
                 ),
             }
         rows.append(row)
@@ -197,19 +200,18 @@ def comparisons(view: View) -> TableItem | None:
         return None
     rows = []
     for one in view.comparisons:
-        seeds = {"this": one.seeds[0], "other": one.seeds[1]}
         rows.append(
             {
                 "task": one.ours.task,
                 "this": values.algorithm_name(one.ours),
                 "against": values.algorithm_name(one.theirs),
-                "n": Value(f"{one.seeds[0]}, {one.seeds[1]}", min(one.seeds), numbers=seeds),
-                "at control step": _steps(one.control_steps),
+                "n": values.counts(one.seeds, "other"),
+                "at control step": values.at_step(one.control_steps),
                 "probability of improvement": values.estimate(one.improvement, formatting.ratio),
                 f"difference of IQMs of the final {view.kind.name} return": values.estimate(
                     one.difference, formatting.signed
                 ),
-                "control steps not compared": _steps(one.cut) if one.cut else None,
+                "control steps not compared": values.at_step(one.cut) if one.cut else None,
             }
         )
     return TableItem(
@@ -223,10 +225,6 @@ def comparisons(view: View) -> TableItem | None:
         pd.DataFrame(rows).dropna(axis="columns", how="all"),
         folded=True,
     )
-
-
-def _steps(control_steps: int) -> Value:
-    return Value(formatting.steps(control_steps), control_steps)
 
 
 def _number(value: float) -> str:

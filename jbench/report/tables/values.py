@@ -1,37 +1,36 @@
 """Values of tables: estimates with their intervals, counts of seeds, names of cells."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 
-import numpy as np
-
-from jbench.report.analysis.scores import Statistic, scores_of
+from jbench.report.analysis.scores import Statistic, Summary, final_percentiles, scores_of
 from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import OURS, Cell
 from jbench.report.document import Value
-from jbench.report.formatting import display_name, span, steps, whole
+from jbench.report.formatting import Form, display_name, span, steps, whole
 from jbench.wording import counted
 
 
-def estimate(one: Estimate | None, form: Callable[[float], str] = whole) -> Value | None:
-    """Formats a number with its 95% interval, if it has one: `668 [640, 690]`."""
-    if one is None or math.isnan(one.value):
+def estimate(one: Estimate, form: Form = whole) -> Value | None:
+    """Formats a number with its interval, if it has one: `668 [640, 690]`."""
+    if math.isnan(one.value):
         return None
-    ends = (one.low, one.high)
-    known = {
-        name: None if math.isnan(x) else x for name, x in zip(("low", "high"), ends, strict=True)
-    }
+    ends = {"low": one.low, "high": one.high}
+    known = {name: None if math.isnan(end) else end for name, end in ends.items()}
     numbers: dict[str, float | None] = {"": one.value, **known}
     text = _bounded(one.value, form, "infinite")
     # An interval that begins at infinity adds no information.
-    if not (np.isnan(ends).any() or math.isinf(one.low)):
+    if None not in known.values() and math.isfinite(one.low):
         low, high = form(one.low), _bounded(one.high, form, "no upper bound")
         text = f"{text} [{low}, {high}]"
     return Value(text, one.value, numbers=numbers)
 
 
-def of_statistic(one: Statistic | None, form: Callable[[float], str] = whole) -> Value | None:
-    """Formats a statistic with its interval."""
+def of_statistic(
+    summary: Summary, measure: str, statistic: str, form: Form = whole
+) -> Value | None:
+    """Formats a statistic of a cell with its interval; see `scores.Statistic`."""
+    one = summary.get(measure, statistic)
     return None if one is None else estimate(one.estimate, form)
 
 
@@ -45,15 +44,13 @@ def reached(one: Statistic | None) -> Value | None:
 
 def spread(cell: Cell, *, best: bool = False) -> Value | None:
     """Formats the median over seeds with its 10th and 90th percentiles and the number of seeds."""
-    final = scores_of(cell).final
-    if not len(final):
+    seeds, (low, median, high) = len(scores_of(cell).final), final_percentiles(cell)
+    if not seeds:
         return None
-    low, median, high = np.percentile(final, (10, 50, 90))
-    band = f" [{whole(low)}, {whole(high)}]" if len(final) > 1 else ""
-    numbers = {"": median, "10th percentile": low, "90th percentile": high, "n": len(final)}
-    numbers |= {"diverged": int(cell.diverged.sum())} if cell.diverged.any() else {}
-    text = f"{whole(median)}{band}, {count_of(cell, len(final))}"
-    return Value(text, float(median), best, {name: _plain(x) for name, x in numbers.items()})
+    band = f" [{whole(low)}, {whole(high)}]" if seeds > 1 else ""
+    numbers = {"": median, "10th percentile": low, "90th percentile": high, "n": seeds}
+    numbers |= {"diverged": cell.diverged_count} if cell.diverged_count else {}
+    return Value(f"{whole(median)}{band}, {count_of(cell, seeds)}", median, best, numbers)
 
 
 def cell_name(cell: Cell) -> str:
@@ -68,28 +65,40 @@ def algorithm_name(cell: Cell) -> str:
 
 def count_of(cell: Cell, seeds: int) -> str:
     """Formats how many seeds a number is computed from, and how many of them diverged."""
-    return f"n = {seeds}" + (f", {diverged(cell)}" if cell.diverged.any() else "")
+    lost = f", {cell.diverged_count} of {len(cell.seeds)} diverged" if cell.diverged_count else ""
+    return f"n = {seeds}{lost}"
 
 
 def seeds(cell: Cell) -> str:
     """Formats the number of seeds of a cell, and how many of them diverged."""
-    lost = f", {int(cell.diverged.sum())} diverged" if cell.diverged.any() else ""
+    lost = f", {cell.diverged_count} diverged" if cell.diverged_count else ""
     return counted(len(cell.seeds), "seed") + lost
 
 
-def diverged(cell: Cell) -> str:
-    """Formats how many seeds of a cell diverged: `2 of 10 diverged`."""
-    return f"{cell.diverged.sum()} of {len(cell.seeds)} diverged"
+def on_divergence(cells: Iterable[Cell]) -> str:
+    """Returns a sentence on how diverged seeds count, if there are any."""
+    lost = any(cell.diverged_count for cell in cells)
+    return " A seed that diverged counts with return 0 from then on." if lost else ""
 
 
 def trained(cell: Cell) -> Value:
     """Formats the number of control steps for which the seeds of a cell were trained."""
-    return steps_between(int(cell.steps.min()), int(cell.steps.max()))
+    return steps_between(*cell.trained)
 
 
 def steps_between(low: int, high: int) -> Value:
     """Formats a range of control steps: `300k–1M`."""
     return Value(span((low, high), steps), high, numbers={"least": low, "most": high})
+
+
+def counts(seeds: tuple[int, int], other: str) -> Value:
+    """Formats the numbers of seeds of two compared cells, `this` and `other`: `10, 8`."""
+    return Value(f"{seeds[0]}, {seeds[1]}", min(seeds), numbers={"this": seeds[0], other: seeds[1]})
+
+
+def at_step(control_steps: int) -> Value:
+    """Formats the control steps at which something is measured: `300k`."""
+    return Value(steps(control_steps), control_steps)
 
 
 def names(cells: Sequence[Cell], *, task: bool = True) -> list[dict[str, object]]:
@@ -106,11 +115,6 @@ def names(cells: Sequence[Cell], *, task: bool = True) -> list[dict[str, object]
     ]
 
 
-def _bounded(value: float, form: Callable[[float], str], infinite: str) -> str:
+def _bounded(value: float, form: Form, infinite: str) -> str:
     """Formats a number that may be infinite; `steps` has its own word for that."""
     return form(value) if math.isfinite(value) or form is steps else infinite
-
-
-def _plain(value: float) -> float:
-    """Converts a numpy number to a Python one."""
-    return value if isinstance(value, int) else float(value)

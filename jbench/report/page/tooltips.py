@@ -41,11 +41,8 @@ def panels(figure: Figure, boxes: Sequence[Box], points: int = MAX_POINTS) -> li
     Each has `title`, `box`, its axes `x` and `y`, and `lines` and `grid`, one of which is empty.
 
     Args:
-        figure: the figure.
-        boxes: boxes of its panels.
         points: maximum points of a series; a longer one is reduced to every k-th and the last.
     """
-    entries = {label: i for i, (label, _) in enumerate(figure.legend)}
     described = [
         {
             "title": plain(panel.title),
@@ -53,7 +50,7 @@ def panels(figure: Figure, boxes: Sequence[Box], points: int = MAX_POINTS) -> li
             "box": [round(edge, 2) for edge in box],
             "x": _axis(panel.x),
             "y": _axis(panel.y),
-            "lines": _lines(panel, points, entries),
+            "lines": _lines(panel, points, figure.entries),
             "grid": _grid(panel.heat_map),
         }
         for number, (panel, box) in enumerate(zip(figure.panels, boxes, strict=True))

@@ -14,7 +14,7 @@ from jbench.report.analysis.scores import Summary
 from jbench.report.data.cells import OURS, LearnedCurve, in_order, of_kind
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.published import PUBLISHED, PublishedCurve, read_published
-from jbench.report.data.returns import KINDS, Returns
+from jbench.report.data.returns import KINDS, TRAINING, Returns
 from jbench.report.document import TableItem, Value
 from jbench.report.formatting import display_name
 from jbench.report.request import Request
@@ -125,11 +125,12 @@ def entries(
 def table(ranked: Sequence[Entry], kind: Returns) -> TableItem:
     """Returns the leaderboard as a table."""
     column = f"final {kind.name} return: median"
+    names = {OURS: "runs", PUBLISHED: f"{PUBLISHED} ({TRAINING.name} returns)"}
     rows = [
         {
             "task": entry.task,
             "rank": entry.rank,
-            "entry": "runs" if entry.source == OURS else entry.source,
+            "entry": names.get(entry.source, entry.source),
             "algorithm": display_name(entry.algo),
             "observation": entry.observation,
             column: values.estimate(entry.median),

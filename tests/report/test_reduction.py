@@ -93,7 +93,7 @@ def test_a_figure_compares_at_the_step_of_most_cells_and_names_what_is_short(fab
     assert points["planar12"].estimate.value == pytest.approx(800)
     figure = reduction_figure([group])
     (panel,) = figure.panels
-    assert panel.x.names == ["4", "12"]
+    assert panel.x.names == ["pca4", "dae12", "planar12"]
     drawn = {series.label: series for series in panel.series if series.label}
     planar = drawn["planar12"]
     assert planar.y == pytest.approx([800])
@@ -105,8 +105,11 @@ def test_a_figure_compares_at_the_step_of_most_cells_and_names_what_is_short(fab
     baselines = {line.label: line for line in panel.references}
     assert baselines["full"].at == pytest.approx(600)
     assert baselines["full"].interval == pytest.approx((594, 606), abs=5)
-    # Two representations of 12 numbers are drawn side by side.
-    assert drawn["dae12"].x != planar.x
+    assert {label: series.x.tolist() for label, series in drawn.items()} == {
+        "pca4": [0],
+        "dae12": [1],
+        "planar12": [2],
+    }
     assert "random12" in figure.caption
 
 
@@ -118,7 +121,8 @@ def test_the_report_answers_by_evaluations_first(fabric, out):
     report = write_report(fabric.results, out, Request(reference=False))
     section = report.document.sections[0]
     assert section.title == "Does reduction help?"
-    assert "Final evaluation return" in section.text[1]
+    assert section.answers[0].startswith("(a) Final evaluation return")
+    assert section.text[1].startswith("(a) Final training return")
     assert [item.name for item in section.items] == [
         *("reduction", "reduction-training"),
         *("reduction_tests", "reduction_tests-training"),

@@ -109,10 +109,10 @@ def of_returns(view: View) -> Iterator[FigureItem]:
 
 
 def of_reduction(view: View) -> Iterator[FigureItem]:
-    """Yields the final returns of representations against the size of the agent's input."""
+    """Yields the final returns of representations, by the size of the agent's input."""
     if view.groups:
         figure = reduction_figure.reduction_figure(view.groups)
-        title = f"Final {view.kind.plural} by size of the agent's input"
+        title = f"Final {view.kind.plural} of each representation"
         yield FigureItem(view.file("reduction"), title, figure, reduction.frame(view.groups))
 
 

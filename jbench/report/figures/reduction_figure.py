@@ -1,4 +1,4 @@
-"""Figure of final returns against the size of the agent's input."""
+"""Figure of the final return of each representation."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -24,8 +24,8 @@ from jbench.report.formatting import display_name
 from jbench.report.tables import values
 
 _BASELINE_STYLES = {FULL: Style("#595959"), SCALED: Style("#b8a200", "--")}
-_WIDTH = 0.7
-"""Width of the group of points of a size, as a fraction of the distance between sizes."""
+_BESIDE = 0.12
+"""Distance of the seeds from their mean, as a fraction of the distance between representations."""
 
 
 def reduction_figure(groups: Sequence[Group]) -> Figure:
@@ -73,22 +73,17 @@ def _panel(group: Group) -> Panel:
     by_kind = {kind_of(point.cell.representation): point for point in group.points}
     baselines = [_baseline(name, by_kind[name]) for name in BASELINES if name in by_kind]
     reduced = [p for p in group.points if kind_of(p.cell.representation) not in BASELINES]
-    sizes = sorted({point.numbers for point in reduced if point.numbers is not None})
-    series: list[Series] = []
-    for column, size in enumerate(sizes):
-        of_size = [point for point in reduced if point.numbers == size]
-        for i, point in enumerate(of_size):
-            series += _point_series(column + _WIDTH * ((i + 0.5) / len(of_size) - 0.5), point)
+    reduced.sort(key=lambda point: (point.numbers or 0, point.cell.representation_words))
     return Panel(
         f"{first.prefix}{first.task}, {display_name(first.algo)}",
         Axis(
-            "size of the agent's input",
-            (-0.5, len(sizes) - 0.5),
-            ticks=range(len(sizes)),
-            names=[str(size) for size in sizes],
+            "representation, by the size of the agent's input",
+            (-0.5, len(reduced) - 0.5),
+            ticks=range(len(reduced)),
+            names=[point.cell.representation_words for point in reduced],
         ),
         curve_series.returns_axis(f"final {first.kind.axis}"),
-        series,
+        [one for column, point in enumerate(reduced) for one in _point_series(column, point)],
         [curve_series.SOLVED_LINE, *baselines],
     )
 
@@ -100,15 +95,15 @@ def _baseline(name: str, point: Point) -> ReferenceLine:
     return ReferenceLine(one.value, _BASELINE_STYLES[name], words, interval=interval)
 
 
-def _point_series(x: float, point: Point) -> list[Series]:
+def _point_series(column: int, point: Point) -> list[Series]:
     """Returns the seeds of a representation, and their interquartile mean with its interval."""
     color, marker = look_of(kind_of(point.cell.representation))
     seed = Style(color, "", marker=marker, size=2.5, alpha=0.5)
     of: dict[str, Any] = {"entries": (point.cell.representation_words,), "tags": point.cell.tags}
     return [
-        Series(np.full(len(point.final), x), point.final, seed, **of),
+        Series(np.full(len(point.final), column - _BESIDE), point.final, seed, **of),
         Series(
-            np.array([x]),
+            np.array([float(column)]),
             np.array([point.estimate.value]),
             Style(color, marker=marker, size=6),
             point.cell.representation_words,

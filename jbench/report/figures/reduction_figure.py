@@ -24,7 +24,7 @@ from jbench.report.formatting import display_name
 from jbench.report.tables import values
 
 _BASELINE_STYLES = {FULL: Style("#595959"), SCALED: Style("#b8a200", "--")}
-_BESIDE = 0.12
+_BESIDE = 0.2
 """Distance of the seeds from their mean, as a fraction of the distance between representations."""
 
 

@@ -122,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return answer if isinstance(answer, int) else 0
     except typer.TyperException as error:
-        return _failed(_refusal(error), 2, as_json)
+        return _failed(_refusal(error, arguments), 2, as_json)
     except (RequestError, WorkError) as error:
         return _failed(str(error), error.exit_code, as_json)
     except (KeyboardInterrupt, typer.Abort):
@@ -155,19 +155,25 @@ _OPTIONS_ELSEWHERE = {
 """Options of similar tools, and what to type here."""
 
 
-def _refusal(error: typer.TyperException) -> str:
+def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
     """Returns what is wrong with the arguments, and the help that lists the right ones."""
     context = getattr(error, "ctx", None)
     message = error.format_message()
     if context is None or context.parent is None:
-        help_ = "jbench --help lists the commands."
+        verb = arguments[0] if arguments and arguments[0] in _verbs() else ""
     else:
-        help_ = f"{context.command_path} --help lists the options and shows an example."
+        verb = context.info_name
         options = {option for each in context.command.params for option in each.opts}
         here = _option_here(getattr(error, "option_name", ""))
         if here.partition(" ")[0] in options:
             message = f"{message.split(' (')[0]}; type {here} instead"
+    listed = "the options and shows an example" if verb else "the commands"
+    help_ = f"{f'jbench {verb}'.rstrip()} --help lists {listed}."
     return f"{message} {help_}" if message.endswith("?") else f"{message.rstrip('.')}; {help_}"
+
+
+def _verbs() -> set[str | None]:
+    return {command.name for command in app.registered_commands}
 
 
 def _option_here(elsewhere: str) -> str:

@@ -63,6 +63,10 @@ def runs(
         ]
         for line in lines
     ]
+    if any(line.variant for line in lines):
+        header.append("variant")
+        for row, line in zip(rows, lines, strict=True):
+            row.append(line.variant)
     if returns:
         header.append("final return")
         for row, line in zip(rows, lines, strict=True):

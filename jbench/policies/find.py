@@ -166,6 +166,9 @@ def _shipped_run(name: str) -> str:
     if len(matches) == 1:
         return matches[0].removeprefix(SHIPPED)
     if matches:
-        raise RequestError(f"--policy {name} is not unique; type one of {', '.join(matches)}.")
+        raise RequestError(
+            f"--policy {name} is not unique; type one of {', '.join(matches)} "
+            "(jbench runs --results reference shows how they differ)."
+        )
     instead = f"type one of {', '.join(names)}" if names else "this version of jbench ships none"
     raise RequestError(f"No policy is shipped as {name}; {instead}.")

@@ -97,7 +97,7 @@ def document(data: ReportData) -> Document:
     """Returns the document of a report."""
     sections = (
         _section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data.findings)),
-        _reduction(data.views),
+        _reduction(data),
         *(
             _section(
                 f"Final {view.kind.plural}", [_SEEDS] if view.leads else [], _returns(view, data)
@@ -187,11 +187,11 @@ def _returns(view: View, data: ReportData) -> list[Item | None]:
     ]
 
 
-def _reduction(views: Sequence[View]) -> Section:
-    answers, *others = (reduction_items.sentences(view.reductions) for view in views)
-    figures = [item for view in views for item in figure_items.of_reduction(view)]
+def _reduction(data: ReportData) -> Section:
+    answers, *others = (reduction_items.sentences(view.reductions) for view in data.views)
+    figures = [item for v in data.views for item in figure_items.of_reduction(v, data.encoders)]
     text = [_REDUCTION, *(one for sentences in others for one in sentences)]
-    items = [*figures, *map(reduction_items.table, views)]
+    items = [*figures, *map(reduction_items.table, data.views)]
     return _section("Does reduction help?", text, items, answers)
 
 

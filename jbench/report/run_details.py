@@ -8,11 +8,11 @@ import pandas as pd
 from jbench.remembered import remembered
 from jbench.report.data.cells import OURS, page_tags
 from jbench.report.data.paths import RunPath
-from jbench.report.data.variants import value_text
 from jbench.report.document import RunCurve, RunDetail
 from jbench.report.views import View
 from jbench.settings.alike import flatten
 from jbench.settings.run import RunSettings, parse_run
+from jbench.settings.variants import value_text
 
 
 def details(

@@ -16,10 +16,10 @@ from jbench.report.data.building import POINT, build_cells, usable_runs
 from jbench.report.data.cells import IMPORTED, OURS, Cell
 from jbench.report.data.imported import as_runs, with_spacing_note
 from jbench.report.data.paths import COLUMNS, RunPath, run_paths
-from jbench.report.data.variants import value_text
 from jbench.report.request import Request
 from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
+from jbench.settings.variants import value_text
 from jbench.store import Results, query
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")

@@ -9,7 +9,9 @@ import numpy as np
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.returns import final_return
-from jbench.settings.run import read_run
+from jbench.settings.alike import variant
+from jbench.settings.run import Run, Unreadable, read_run
+from jbench.settings.variants import variant_words
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.manifest import Kind
@@ -30,6 +32,8 @@ class RunLine(NamedTuple):
         last_return: final return (`jbench.returns`) if requested.
         created: UTC, ISO 8601.
         updated: UTC, ISO 8601.
+        variant: the settings in which the listed runs of the same task, algorithm and
+            representation differ, as in legends; empty for a single variant.
     """
 
     run: str
@@ -45,6 +49,7 @@ class RunLine(NamedTuple):
     last_return: float | None
     created: str
     updated: str
+    variant: str = ""
 
 
 def list_runs(
@@ -61,15 +66,33 @@ def list_runs(
         kind: whether to list the runs or the imported curves.
     """
     records, problems = results.scan(kind)
-    lines = []
+    lines: list[tuple[RunLine, Record]] = []
     for record in records:
         line = run_line(record) if kind == "run" else _line_of_import(record)
         if matches(line, filters):
             try:
-                lines.append(_with_returns(line, record) if returns else line)
+                lines.append((_with_returns(line, record) if returns else line, record))
             except WorkError as error:
                 problems.append(str(error))
-    return lines, problems
+    return _with_variants(lines), problems
+
+
+def _with_variants(lines: list[tuple[RunLine, Record]]) -> list[RunLine]:
+    """Returns the lines with the variants of their records, if their settings are readable."""
+    cells: dict[tuple[str | None, ...], dict[str, Run]] = {}
+    for line, record in lines:
+        run = read_run(record.settings)
+        if not isinstance(run, Unreadable):
+            cells.setdefault(_cell(line), {})[variant(record.settings)] = run
+    words = {cell: variant_words(settings) for cell, settings in cells.items()}
+    return [
+        line._replace(variant=words.get(_cell(line), {}).get(variant(record.settings), ""))
+        for line, record in lines
+    ]
+
+
+def _cell(line: RunLine) -> tuple[str | None, ...]:
+    return line.task, line.algo, line.representation
 
 
 def matches(line: RunLine, filters: Mapping[str, Collection[Any]]) -> bool:

@@ -167,7 +167,7 @@ class TestOfTwoCells:
         ("name", "says"),
         [
             ("reference/face_direction/sac", "No policy is shipped as {}; type one of {}."),
-            ("reference/face_direction/td3", "{} is not unique; type one of {}."),
+            ("reference/face_direction/td3", "{} is not unique; type one of {} (jbench runs"),
         ],
     )
     def test_a_name_that_is_none_gets_those_that_are(self, database, name, says, capsys):

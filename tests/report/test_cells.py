@@ -6,10 +6,10 @@ import pytest
 
 from jbench.report.data.building import build_cells, usable_runs
 from jbench.report.data.cells import file_name, in_order
-from jbench.report.data.variants import variant_labels, variant_words
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.alike import alike, comparable, flatten
 from jbench.settings.run import RunSettings, Unreadable, read_run
+from jbench.settings.variants import variant_labels, variant_words
 from jbench.store import query
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.names import OFE
-from jbench.report.figures import encoders
+from jbench.report.figures import encoders, figure_items
 from jbench.report.report import write_report
 from jbench.report.request import Request
 from jbench.store import Results, encoder_schema, query
@@ -89,7 +89,7 @@ def test_encoders_of_other_options_are_lines_of_their_own(results):
             add(results, "ddae", latents, 0.5, options={"horizon": horizon, "noise": 0.1})
     table = table_of(results)
     assert table["settings"].tolist() == ["horizon=1"] * 2 + ["horizon=5"] * 2
-    (figure,) = encoders.figures(table).values()
+    figure = encoders.error_figure(table)
     assert figure.panels[0].labels == ["ddae horizon=1", "ddae horizon=5"]
 
 
@@ -104,7 +104,7 @@ def test_a_panel_for_each_task_with_a_line_for_each_kind_and_data(results):
         add(results, "pca", latents, explained)
         add(results, "their-own", latents, explained / 2)
     add(results, "pca", 2, 0.3, task="move_to_pose")
-    (figure,) = encoders.figures(table_of(results)).values()
+    figure = encoders.error_figure(table_of(results))
     panel, other = figure.panels
     assert (panel.title, other.title) == ("face_direction", "move_to_pose")
     test, heuristic, their_own = panel.series[:3]
@@ -148,7 +148,7 @@ def test_encoders_of_another_task_do_not_make_a_report(results, tmp_path):
 
 def test_without_encoders_there_is_no_figure(results):
     assert table_of(results).empty
-    assert encoders.figures(table_of(results)) == {}
+    assert list(figure_items.of_encoders(table_of(results))) == []
 
 
 def add_predictions(record, yaw_rate, rank):
@@ -173,11 +173,14 @@ def test_predictions_are_drawn_beside_the_errors_where_they_were_measured(result
     np.testing.assert_allclose(table["yaw_rate"], [0.4, np.nan])
     np.testing.assert_allclose(table["effective_rank"], [3.5, np.nan])
     assert table["reward"].isna().all()
-    figures = encoders.figures(table)
-    assert list(figures) == ["encoders", "encoder_predictions"]
-    (panel,) = figures["encoder_predictions"].panels
-    assert panel.labels == ["dae"]
-    heights = [series.y[0] for series in panel.series]
+    error, predicted = figure_items.of_encoders(table)
+    assert (error.name, predicted.name) == ("encoders", "encoder_predictions")
+    panels = predicted.figure.panels
+    assert [panel.title.partition(": ")[2] for panel in panels] == [
+        *("yaw rate", "forward speed", "tilt rate", "reward")
+    ]
+    heights = [series.y[0] for panel in panels for series in panel.series]
+    assert {*(series.label for panel in panels for series in panel.series)} == {"dae"}
     # What is worse than the mean is drawn at 0, and what does not vary is not drawn.
     np.testing.assert_allclose(heights, [0.4, 0, 0.5, np.nan])
     write_report(results, tmp_path / "report")

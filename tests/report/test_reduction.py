@@ -1,10 +1,12 @@
 """Does reduction help: representations against full and scaled, on runs whose truth is known."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jbench.names import kind_of
 from jbench.report.analysis import reduction
+from jbench.report.figures.predictions import returns_figure
 from jbench.report.figures.reduction_figure import reduction_figure
 from jbench.report.report import write_report
 from jbench.report.request import Request
@@ -111,6 +113,33 @@ def test_a_figure_compares_at_the_step_of_most_cells_and_names_what_is_short(fab
         "planar12": [2],
     }
     assert "random12" in figure.caption
+
+
+def test_returns_are_drawn_against_what_latents_predict(fabric):
+    learn(fabric)
+    groups = reduction.groups(fabric.cells()[0])
+    r2 = {"planar12": 0.9, "dae12": 0.4, "pca4": -0.2, "vae8": 0.5}
+    table = pd.DataFrame(
+        [
+            {"task": "face_direction", "kind": kind_of(name), "yaw_rate": value}
+            | {"latents": int(name.removeprefix(kind_of(name)))}
+            | {"forward_speed": 0.7, "tilt_rate": 0.6, "reward": 0.5}
+            for name, value in r2.items()
+        ]
+    )
+    panels = returns_figure(groups, table).panels
+    assert [panel.x.label for panel in panels] == [
+        f"R² of the {name}" for name in ("yaw rate", "forward speed", "tilt rate", "reward")
+    ]
+    drawn = {series.label: (series.x[0], series.y[0]) for series in panels[0].series}
+    # Interquartile means of the final returns; a network worse than the mean is drawn at 0.
+    assert drawn == {
+        "planar12": pytest.approx((0.9, 800)),
+        "dae12": pytest.approx((0.4, 400)),
+        "pca4": pytest.approx((0, 610)),
+    }
+    # With two encoders named dae12, two representations are left: too few for a relation.
+    assert returns_figure(groups, pd.concat([table, table[table["kind"] == "dae"]])) is None
 
 
 def test_the_report_answers_by_evaluations_first(fabric, out):

@@ -2,6 +2,7 @@
 
 import pytest
 
+from jbench.settings.algorithms import algorithm_settings
 from jbench.store.listing import list_runs
 from tests.store.store_rows import alter_manifest, listed
 from tests.store.store_whole import add_whole_run
@@ -24,6 +25,21 @@ def test_line_of_a_finished_and_of_an_unfinished_run(results):
     )
     assert (done.last_return, done.created) == (None, run.manifest.created)
     assert begun[2:10] == ("sac", "full", 1, "unfinished", 1, 1000, 3000, None)
+
+
+def test_variant_is_what_differs_from_other_runs_of_the_cell(results):
+    published = algorithm_settings("ddpg", "published").model_dump(mode="json")
+    read = {"engine": "batched", "evaluate_every": 20_000, "evaluate_episodes": 10}
+    read["hyperparameters"] = published
+    changed = {**read, "hyperparameters": {**published, "tau": 0.01}}
+    add_whole_run(results, **read)
+    add_whole_run(results, seed=1, **changed)
+    add_whole_run(results, seed=2, precision="bfloat16", **changed)
+    add_whole_run(results, algo="td3", precision="bfloat16", **read)
+    lines, _ = list_runs(results, {})
+    assert [line.variant for line in lines] == ["tau=0.001", "tau=0.01", "bfloat16, tau=0.01", ""]
+    (line,), _ = list_runs(results, {"seed": {1}})
+    assert line.variant == ""
 
 
 def test_steps_of_a_finished_run_are_those_that_it_says(results):

@@ -9,10 +9,10 @@ from jbench.commands.parsing import parse_overrides
 from jbench.errors import RequestError
 from jbench.policies.find import find_policy
 from jbench.policies.saved import DESCRIPTION, Policy, load_agent
-from jbench.report.data.variants import variant_labels
 from jbench.settings.alike import comparable
 from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
+from jbench.settings.variants import variant_labels
 from jbench.store import Results, schema
 from jbench.sweeps import deciding
 from jbench.sweeps.matrix import matrix_cells, read_matrix

@@ -9,8 +9,8 @@ import pandas as pd
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import baseline_of, compared_scores, scores_of
 from jbench.report.data.cells import Cell, groups_same_but
-from jbench.report.data.variants import variant_labels
 from jbench.settings.alike import comparable
+from jbench.settings.variants import variant_labels
 
 _MAX_NAMED = 8
 

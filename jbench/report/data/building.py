@@ -11,8 +11,8 @@ from jbench.report.data.cells import OURS, Cell, paper_order
 from jbench.report.data.curves import BAND_SEEDS, BoolArray, FloatArray, IntArray, Points
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
-from jbench.report.data.variants import variant_labels, variant_words
 from jbench.settings.run import parse_run
+from jbench.settings.variants import variant_labels, variant_words
 from jbench.wording import counted
 
 POINT = ("episode_return", "control_steps", "processor_time")

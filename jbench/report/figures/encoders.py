@@ -1,4 +1,4 @@
-"""Figures of encoders: errors and predictions against the number of latents."""
+"""Measurements of encoders, and the figure of errors against the number of latents."""
 
 import json
 
@@ -9,7 +9,6 @@ import pyarrow as pa
 from jbench.names import ENCODER_KINDS, FULL, TASKS
 from jbench.report.data.cells import in_order
 from jbench.report.data.curves import FloatArray
-from jbench.report.data.variants import variant_labels
 from jbench.report.figure import (
     Axis,
     Dash,
@@ -23,6 +22,7 @@ from jbench.report.figure import (
 from jbench.report.figures.curve_series import KEY_COLOR
 from jbench.settings.alike import ENCODER_VARIANT
 from jbench.settings.base import settings_hash
+from jbench.settings.variants import variant_labels
 
 # No kind has the color of an algorithm (`learning_curves.ALGORITHM_COLORS`).
 _LOOKS = {
@@ -51,13 +51,13 @@ _LABELS = {"test": "held-out episodes of the dataset", "heuristic": "episodes of
 _WIDTH = 1.5
 
 _FRACTIONS = ("test", "pca", "random", "heuristic", "pca_heuristic")
-_PREDICTED: dict[str, Dash] = {
-    "yaw_rate": "-",
-    "forward_speed": "--",
-    "tilt_rate": "-.",
-    "reward": ":",
+PREDICTED = {
+    "yaw_rate": "yaw rate",
+    "forward_speed": "forward speed",
+    "tilt_rate": "tilt rate",
+    "reward": "reward",
 }
-"""Predicted quantities of the next control step, and their line styles."""
+"""Names of the predicted quantities of the next control step, by column."""
 
 
 def look_of(kind: str) -> tuple[str, str]:
@@ -79,7 +79,7 @@ def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.Da
     if task is not None:
         finished = finished[finished["task"] == task]
     rows = finished.drop(columns=["test_mse", "test_explained"]).merge(errors, on="encoder")
-    medians = ("test_mse", *_FRACTIONS, *_PREDICTED, "effective_rank")
+    medians = ("test_mse", *_FRACTIONS, *PREDICTED, "effective_rank")
     columns = ["task", "kind", "settings", "latents", "seeds", *medians]
     if rows.empty:
         return pd.DataFrame(columns=columns)
@@ -88,7 +88,7 @@ def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.Da
         rows[name] = 1 - rows[f"{name}_explained"]
     predictions = tables["encoder_predictions"].to_pandas()
     r2 = predictions.pivot_table(values="r2", index="encoder", columns="target", observed=True)
-    rows = rows.merge(r2.reindex(columns=list(_PREDICTED)), on="encoder", how="left")
+    rows = rows.merge(r2.reindex(columns=list(PREDICTED)), on="encoder", how="left")
     rows["effective_rank"] = rows["effective_rank"].astype(float)
     table = (
         rows.groupby(["task", "kind", "settings", "latents"])
@@ -105,50 +105,14 @@ def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.Da
     return ordered
 
 
-def figures(table: pd.DataFrame) -> dict[str, Figure]:
-    """Returns the figures of errors and of predictions against latents, by file name."""
-    if table.empty:
-        return {}
-    predicted = table[table["yaw_rate"].notna()]
-    by_name = {"encoders": _error_figure(table)}
-    if not predicted.empty:
-        by_name["encoder_predictions"] = _prediction_figure(predicted)
-    return by_name
-
-
-def _prediction_figure(table: pd.DataFrame) -> Figure:
-    """Returns the figure of R² against number of latents."""
-    panels = []
-    for task, rows in _by_task(table).items():
-        series = []
-        for (kind, settings), group in rows.groupby(["kind", "settings"], sort=False):
-            color, marker = look_of(str(kind))
-            for target, dash in _PREDICTED.items():
-                first = target == "yaw_rate"
-                width, size = (_WIDTH, 4.5) if first else (0.6 * _WIDTH, 2.5)
-                style = Style(color, dash, width, marker=marker, size=size)
-                label = _name(kind, settings) if first else ""
-                y = np.maximum(_column(group, target), 0)
-                series.append(Series(_column(group, "latents"), y, style, label))
-        y_axis = Axis("R² of the next control step", (-0.03, 1.03))
-        panels.append(Panel(task, _latents_axis(rows), y_axis, series))
-    note = (
-        "R² of a small network with fixed settings that predicts the next control step from "
-        "latents and action, on held-out episodes; medians across seeds. Values below 0 are drawn "
-        "at 0."
-    )
-    key = [(name.replace("_", " "), Style(KEY_COLOR, dash)) for name, dash in _PREDICTED.items()]
-    return Figure("Predictions against number of latents", panels, key, [note])
-
-
-def _error_figure(table: pd.DataFrame) -> Figure:
+def error_figure(table: pd.DataFrame) -> Figure:
     """Returns the figure of error against number of latents."""
     lowest = max(float(table[list(_DATA)].to_numpy().min()), _FLOOR)
     y = Axis("variance not explained", (lowest / 1.4, 1.3), log=True)
     whole = ReferenceLine(1, Style("0.6", width=0.8))
     panels = [
-        Panel(task, _latents_axis(rows), y, _error_series(rows), [whole])
-        for task, rows in _by_task(table).items()
+        Panel(task, latents_axis(rows), y, _error_series(rows), [whole])
+        for task, rows in by_task(table).items()
     ]
     key = [
         (_LABELS[data], Style(KEY_COLOR, dash, _WIDTH, marker="o", size=6, hollow=data != "test"))
@@ -176,25 +140,29 @@ def _error_series(rows: pd.DataFrame) -> list[Series]:
             test = data == "test"
             width, size = (_WIDTH, 4.5) if test else (0.6 * _WIDTH, 3.5)
             style = Style(color, dash, width / (1 + nth), marker=marker, size=size, hollow=not test)
-            label = _name(kind, settings) if test else ""
-            y = np.maximum(_column(group, data), _FLOOR)
-            series.append(Series(_column(group, "latents"), y, style, label, zorder=zorder))
+            label = encoder_name(kind, settings) if test else ""
+            y = np.maximum(column_of(group, data), _FLOOR)
+            series.append(Series(column_of(group, "latents"), y, style, label, zorder=zorder))
     return series
 
 
-def _by_task(table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+def by_task(table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Returns the rows of each task."""
     return {task: table[table["task"] == task] for task in in_order(table["task"], TASKS)}
 
 
-def _latents_axis(rows: pd.DataFrame) -> Axis:
-    return Axis("latents", padded(_column(rows, "latents")), integer=True)
+def latents_axis(rows: pd.DataFrame) -> Axis:
+    """Returns an axis over the numbers of latents."""
+    return Axis("latents", padded(column_of(rows, "latents")), integer=True)
 
 
-def _column(rows: pd.DataFrame, name: str) -> FloatArray:
+def column_of(rows: pd.DataFrame, name: str) -> FloatArray:
+    """Returns a column as numbers."""
     return rows[name].to_numpy(np.float64)
 
 
-def _name(kind: object, settings: object) -> str:
+def encoder_name(kind: object, settings: object) -> str:
+    """Returns the name of a variant of a kind in legends."""
     return " ".join(filter(None, (str(kind), str(settings))))
 
 

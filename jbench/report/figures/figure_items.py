@@ -20,6 +20,7 @@ from jbench.report.figures import (
     forest,
     heat_map,
     learning_curves,
+    predictions,
     processor,
     profiles,
     reduction_figure,
@@ -108,12 +109,16 @@ def of_returns(view: View) -> Iterator[FigureItem]:
         yield FigureItem("profiles", figure.title, figure, profiles.profiles_frame(one_robot))
 
 
-def of_reduction(view: View) -> Iterator[FigureItem]:
-    """Yields the final returns of representations, by the size of the agent's input."""
+def of_reduction(view: View, encoder_table: pd.DataFrame) -> Iterator[FigureItem]:
+    """Yields the final returns of representations, by size and by what their latents predict."""
     if view.groups:
         figure = reduction_figure.reduction_figure(view.groups)
         title = f"Final {view.kind.plural} of each representation"
-        yield FigureItem(view.file("reduction"), title, figure, reduction.frame(view.groups))
+        data = reduction.frame(view.groups)
+        yield FigureItem(view.file("reduction"), title, figure, data)
+        against = predictions.returns_figure(view.groups, encoder_table)
+        if view.leads and against is not None:
+            yield FigureItem("prediction_returns", against.title, against, data)
 
 
 def of_time(view: View, runs: pd.DataFrame) -> Iterator[FigureItem]:
@@ -132,12 +137,14 @@ def _on_one_robot(items: Sequence[LearnedCurve]) -> list[LearnedCurve]:
 
 def of_encoders(table: pd.DataFrame) -> Iterator[FigureItem]:
     """Yields the errors and predictions of encoders against their number of latents."""
-    titles = {
-        "encoders": "Error of encoders against number of latents",
-        "encoder_predictions": "Prediction of the next control step from latents",
-    }
-    for name, figure in encoders.figures(table).items():
-        yield FigureItem(name, titles[name], figure, table)
+    if table.empty:
+        return
+    title = "Error of encoders against number of latents"
+    yield FigureItem("encoders", title, encoders.error_figure(table), table)
+    predicted = predictions.prediction_figure(table)
+    if predicted is not None:
+        title = "Prediction of the next control step from latents"
+        yield FigureItem("encoder_predictions", title, predicted, table)
 
 
 def of_behaviour(behaviours: Sequence[Behaviour]) -> Iterator[FigureItem]:

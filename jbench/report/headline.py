@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from jbench.names import FULL
 from jbench.report import formatting
-from jbench.report.analysis.claims import Verdict
+from jbench.report.analysis.claims import Finding, Verdict
 from jbench.report.analysis.examine import decide
-from jbench.report.analysis.reduction import Reduction, numbers_seen
+from jbench.report.analysis.reduction import Reduction
 from jbench.report.analysis.scores import Summary
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.formatting import display_name
@@ -17,6 +17,19 @@ from jbench.report.views import View, cells_of
 from jbench.wording import are, counted
 
 _MAX_PARTS = 5
+_SPEEDS = ("faster", "slower")
+_REDUCTIONS = {
+    "lower": "agents end lower with {names} than with the full observation",
+    "higher": "agents end higher with {names} than with the full observation",
+    "similar": "agents end similarly with {names} and with the full observation",
+    "undecided": "it is undecided whether agents end similarly with {names} and with the full "
+    "observation",
+}
+_REDUCTIONS |= {
+    speed: f"agents learn {speed} with {{names}} than with the full observation; whether they end "
+    "similarly is undecided"
+    for speed in _SPEEDS
+}
 
 
 class _Answer(NamedTuple):
@@ -130,39 +143,45 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
 
 
 def _on_reductions(found: Sequence[Reduction]) -> Iterator[str]:
-    """Yields a sentence for each task, representation and outcome, with its algorithms."""
-    groups: dict[tuple[str, str, str], list[str]] = {}
+    """Yields a sentence for each task and outcome, with its representations; the decided first."""
+    groups: dict[tuple[str, str], list[Reduction]] = {}
     for one in found:
-        outcome, effects = _reduction_outcome(one)
-        algo = f"{display_name(one.cell.algo)}{effects}"
-        groups.setdefault((one.cell.task, one.cell.representation, outcome), []).append(algo)
-    for (task, representation, outcome), algos in groups.items():
-        numbers = numbers_seen(representation, task)
-        what = f"{numbers} numbers ({representation}) instead of the full observation"
-        yield outcome.format(task=task, what=what, who=_listed(algos))
+        groups.setdefault((one.cell.task, _outcome(one)), []).append(one)
+    for (task, outcome), group in sorted(groups.items(), key=lambda g: g[0][1] == "undecided"):
+        claim = "c" if outcome in _SPEEDS else "a"
+        effects: dict[str, list[str]] = {}
+        for one in group:
+            effects.setdefault(one.cell.representation, []).append(_effect(one, claim))
+        listed = [f"{name}: {', '.join(texts)}" for name, texts in effects.items()]
+        sentence = _REDUCTIONS[outcome].format(names=_listed(list(effects), "or"))
+        yield f"on {task}, {sentence} ({'; '.join([*listed, *_basis(group, claim)])})"
 
 
-def _reduction_outcome(one: Reduction) -> tuple[str, str]:
-    """Returns the sentence for an outcome, with gaps to fill, and the effects that it rests on."""
-    of_final, of_speed = (next(f for f in one.findings if f.claim == claim) for claim in "ac")
-    final, gain = (values.estimate(f.effect, formatting.signed) for f in (of_final, of_speed))
-    interval = ", 90% interval" if math.isfinite(of_final.effect.low) else ""
-    seeds = f"{one.seeds[0]} and {one.seeds[1]} seeds"
-    effects = f" ({final.text}{interval}; {seeds})" if final else ""
-    outcome, speed = map(reduction_items.outcome, (of_final, of_speed))
-    if outcome == "undecided" and final and gain and speed != "undecided":
-        return (
-            f"on {{task}}, with {{what}}, agents learn {speed}: {{who}}; whether their final "
-            "returns are similar is undecided"
-        ), f" ({gain.text} over the run, 95% interval; at the end {effects[2:]}"
-    if outcome == "undecided":
-        return "on {task}, whether {what} change the return of {who} is undecided", effects
-    if outcome == "similar":
-        return "on {task}, {what} leave the return of {who} similar", effects
-    verb = "lower" if of_final.effect.value < 0 else "raise"
-    return f"on {{task}}, {{what}} {verb} the return of {{who}}", effects
+def _outcome(one: Reduction) -> str:
+    """Returns how agents end, or how fast they learn if only this is decided."""
+    final, speed = (reduction_items.outcome(_finding(one, claim)) for claim in "ac")
+    return speed if final == "undecided" else final.partition(" ")[0]
 
 
-def _listed(names: Sequence[str]) -> str:
+def _effect(one: Reduction, claim: str) -> str:
+    effect = values.estimate(_finding(one, claim).effect, formatting.signed)
+    return f"{display_name(one.cell.algo)} {effect.text if effect else 'without returns'}"
+
+
+def _basis(group: Sequence[Reduction], claim: str) -> Iterator[str]:
+    """Yields the kind of the effects' intervals, if there are any, and the numbers of seeds."""
+    intervals = sum(math.isfinite(_finding(one, claim).effect.low) for one in group)
+    if intervals:
+        kind = "means over the run, 95%" if claim == "c" else "90%"
+        yield f"{kind} interval{'s' * (intervals > 1)}"
+    seeds = [float(number) for one in group for number in one.seeds]
+    yield f"{formatting.span(seeds, formatting.whole)} seeds"
+
+
+def _finding(one: Reduction, claim: str) -> Finding:
+    return next(finding for finding in one.findings if finding.claim == claim)
+
+
+def _listed(names: Sequence[str], word: str = "and") -> str:
     """Returns names as a list in words."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {word} {names[-1]}"

@@ -18,6 +18,7 @@ from jbench.report.tables import values
 # Okabe and Ito's palette, which is safe for color-blind readers.
 ALGORITHM_COLORS = {"ddpg": "#0072B2", "ppo": "#E69F00", "sac": "#009E73", "td3": "#CC79A7"}
 _FURTHER_COLORS = ("#56B4E9", "#000000", "#7a3e9d", "#D55E00")
+_MUCH_LONGER = 8  # times; see `_steps_axis`
 
 _PPO_NOTE = (
     f"Published PPO curves: their steps are probably those of one of {PPO_ENVIRONMENTS} "
@@ -141,7 +142,7 @@ def _task_panel(
                 labelled=True,
                 each_seed=request.each_seed,
             )
-    return Panel(task, curve_series.steps_axis(_end(learned)), y, series, [SOLVED_LINE])
+    return Panel(task, _steps_axis(learned), y, series, [SOLVED_LINE])
 
 
 def _comparison_figure(
@@ -163,7 +164,7 @@ def _comparison_figure(
         )
     panel = Panel(
         f"{task}, {display_name(algo)}",
-        curve_series.steps_axis(_end(learned)),
+        _steps_axis(learned),
         curve_series.returns_axis(kind.axis),
         series,
         [SOLVED_LINE],
@@ -260,5 +261,14 @@ def _published_text(published: Sequence[PublishedCurve]) -> list[str]:
     return [f"{texts[figure]} {_CUT_NOTE}" for figure in sorted({c.figure for c in published})]
 
 
-def _end(learned: Sequence[LearnedCurve]) -> float:
-    return max((cell.longest for cell, _ in learned), default=1.0)
+def _steps_axis(learned: Sequence[LearnedCurve]) -> Axis:
+    """Returns the axis of control steps up to the end of the longest run.
+
+    It is logarithmic for evaluations of runs whose lengths differ much: otherwise the short ones
+    fill only its left end. Training returns are on a linear axis, like the paper's.
+    """
+    ends = [cell.longest for cell, _ in learned] or [1.0]
+    if not learned or learned[0].cell.kind.smoothed or max(ends) < _MUCH_LONGER * min(ends):
+        return curve_series.steps_axis(max(ends))
+    first = min(float(curve.control_steps[0]) for _, curve in learned)
+    return Axis("control steps (thousands, logarithmic)", (first, max(ends)), log=True, unit=1e-3)

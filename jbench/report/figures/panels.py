@@ -8,7 +8,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from jbench.report.figure import DOTS, Axis, HeatMap, Panel, Series, Style
 from jbench.report.figures import layout
@@ -20,6 +20,7 @@ SERIES = "series"
 _MEDIUM = 9.0  # points
 _PICTURE_CELLS = 1000  # larger heat maps are rasterized: each cell would be a path of 200 bytes
 _INTERVAL_ALPHA = 0.18
+_DECADES = 3  # logarithmic axes over fewer decades have ticks at 1, 2 and 5
 _NARROW = 1.6  # inches; panels with fewer numbers on their axis
 _ARROW = {"arrowstyle": "->", "color": "#d00000", "linewidth": 1.6}
 
@@ -174,6 +175,10 @@ def _style_axis(
         drawn.set_ticks(axis.ticks[:: 2 if narrow and len(axis.ticks) > 4 else 1])
     elif axis.integer:
         drawn.set_major_locator(MaxNLocator(integer=True))
+    elif axis.log and np.log10(axis.limits[1] / axis.limits[0]) < _DECADES:
+        drawn.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        drawn.set_minor_formatter(NullFormatter())
+        drawn.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     elif not axis.log:
         drawn.set_major_locator(MaxNLocator(3 if narrow else 6, steps=[1, 2, 2.5, 5, 10]))
     if axis.unit != 1:

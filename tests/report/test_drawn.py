@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jbench.report.data.cells import SOLVED
+from jbench.report.data.returns import EVALUATION
 from jbench.report.figure import Axis, Figure, Panel
 from jbench.report.figures import heat_map, layout, plotting, processor, profiles
 from jbench.report.figures.learning_curves import ALGORITHM_COLORS, comparison_figures, grid_figure
@@ -229,6 +230,21 @@ def test_a_figure_is_drawn_with_and_without_the_text_around_its_panels(fabric, p
     assert bare.get_size_inches()[1] < whole.get_size_inches()[1]
     assert "Order: quantile-first" in figure.caption
     assert f"solved ({SOLVED})" in [text.get_text() for text in bare.legends[-1].get_texts()]
+
+
+@pytest.mark.parametrize(("last", "log"), [(7000, False), (9000, True)])
+def test_evaluations_of_runs_of_very_different_lengths_have_a_logarithmic_axis(fabric, last, log):
+    fabric.run([1.0], 0, algo="sac", evaluated={500: 10.0, 1000: 20.0})
+    fabric.run([1.0] * 9, 0, algo="ppo", evaluated={1000: 10.0, last: 20.0})
+    figure = grid_figure(fabric.learned(kind=EVALUATION), [], Request())
+    (x,) = (panel.x for panel in figure.panels if panel.series)
+    assert (x.log, x.limits) == (log, (500 if log else 0, last))
+    drawn = plotting.draw(figure)
+    drawn.canvas.draw()
+    (axes,) = (one for one in drawn.axes if one.lines and one.get_xlabel())
+    shown = [text.get_text() for text in axes.get_xticklabels() if text.get_text()]
+    if log:
+        assert [text for text in shown if 0.5 <= float(text) <= 9] == ["0.5", "1", "2", "5"]
 
 
 @pytest.mark.parametrize("sheet", layout.SHEETS.values(), ids=map(str, layout.SHEETS))

@@ -1,5 +1,6 @@
 """Draws the panels of figures with matplotlib."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -21,6 +22,7 @@ _MEDIUM = 9.0  # points
 _PICTURE_CELLS = 1000  # larger heat maps are rasterized: each cell would be a path of 200 bytes
 _INTERVAL_ALPHA = 0.18
 _DECADES = 3  # logarithmic axes over fewer decades have ticks at 1, 2 and 5
+_LETTER = 0.6  # width of a letter, as a fraction of the font size
 _NARROW = 1.6  # inches; panels with fewer numbers on their axis
 _ARROW = {"arrowstyle": "->", "color": "#d00000", "linewidth": 1.6}
 
@@ -133,6 +135,8 @@ def _style_panel(
     name_size = layout.ROW_NAME if place is None else place.name_size
     _style_axis(axes, "x", panel.x, x_label, layout.COLUMN_NAME, narrow=narrow)
     _style_axis(axes, "y", panel.y, y_label, name_size)
+    if place is not None and panel.heat_map is None and panel.x.names:
+        axes.tick_params(axis="x", labelsize=_fitting_size(panel.x.names, place.box.width))
     if shared and place is not None and not place.first:
         axes.tick_params(labelleft=False)
     if panel.heat_map is None:
@@ -147,6 +151,12 @@ def _style_panel(
         axes.spines[:].set_visible(False)
         for label in axes.get_xticklabels() if len(panel.x.names or ()) > 1 else ():
             label.set(rotation=25, ha="right")
+
+
+def _fitting_size(names: Sequence[str], width: float) -> float:
+    """Returns the font size in points at which names fit side by side into a width in inches."""
+    letter = width / len(names) / (max(map(len, names)) + 1)
+    return min(SMALL, 72 * letter / _LETTER)
 
 
 def _style_axis(

@@ -88,8 +88,9 @@ def test_the_command_ranks_the_runs_of_directories(directories, capsys):
     assert {one["source"] for one in entries} == {str(directories), "reference", "published"}
     ranked = {(one["source"], one["algo"]): one["rank"] for one in entries if one["rank"]}
     assert ranked[str(directories), "td3"] == 1
-    # Six of the shipped cells have six seeds, too; the interval of the last one contains ours.
-    assert ranked[str(directories), "sac"] == 7
+    # Ours is below TD3 and eight shipped cells of six seeds; the interval of the last of them, DDPG
+    # on dae12, contains ours, but shares the rank of a cell whose interval does not.
+    assert ranked[str(directories), "sac"] == 10
 
 
 def test_the_command_prints_markdown_and_csv(directories, capsys):

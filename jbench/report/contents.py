@@ -47,10 +47,10 @@ _CLAIMS = (
 _REDUCTION = (
     "Each representation is compared with full, the observation itself, and with scaled, the "
     "observation with the scaling that encoders apply to their inputs: a difference from scaled is "
-    "due to reduction alone. The tests are those of the paper's claims (a), (b) and (c). In "
-    "brackets: the difference of the interquartile means (a, c) or the ratio of the standard "
-    "deviations (b) with its interval (90% for a, 95% for b and c), and the seeds of the "
-    "representation and of the baseline."
+    "due to reduction alone, and the difference between scaled and full to scaling alone. The "
+    "tests are those of the paper's claims (a), (b) and (c). In brackets: the difference of the "
+    "interquartile means (a, c) or the ratio of the standard deviations (b) with its interval (90% "
+    "for a, 95% for b and c), and the seeds of the representation and of the baseline."
 )
 _RECORDED = ("processor", "cores", "threads", "jbench", "python")
 _TESTS = [f"({letter}) {claim.text} {claim.test}" for letter, claim in CLAIMS.items()]

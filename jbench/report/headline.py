@@ -10,6 +10,7 @@ from jbench.report.analysis.claims import Finding, Verdict
 from jbench.report.analysis.examine import decide
 from jbench.report.analysis.reduction import Reduction
 from jbench.report.analysis.scores import Summary
+from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.formatting import display_name
 from jbench.report.tables import reduction_items, values
@@ -54,7 +55,7 @@ def headline(view: View) -> str:
     """Returns the answer according to one kind of return, in sentences."""
     answers = [one for one in map(_answer, view.statistics) if one is not None]
     with_full = [one for one in view.reductions if one.baseline == FULL]
-    parts = [*_on_reductions(with_full), *_on_tasks(_without_encoded(answers))]
+    parts = [*_on_reductions(with_full), *_on_tasks(_deciding(_without_encoded(answers)))]
     if not parts:
         return "There are no returns yet."
     shown = [f"{part[0].upper()}{part[1:]}." for part in parts[:_MAX_PARTS]]
@@ -93,6 +94,11 @@ def _without_encoded(answers: Sequence[_Answer]) -> list[_Answer]:
     plain = [one for one in answers if not one.cell.robots]
     full = [one for one in plain if one.cell.representation == FULL]
     return full or plain or list(answers)
+
+
+def _deciding(answers: Sequence[_Answer]) -> list[_Answer]:
+    """Returns the answers with enough seeds for a verdict, or all if there are none."""
+    return [one for one in answers if one.seeds >= DECIDING_SEEDS] or list(answers)
 
 
 def _on_tasks(answers: Sequence[_Answer]) -> Iterator[str]:

@@ -101,6 +101,13 @@ class TestHeadline:
         )
         assert document(fabric).headline.endswith("; 3 seeds).")
 
+    def test_cells_with_few_seeds_are_left_out_beside_those_with_enough(self, fabric):
+        ran(fabric, [300 + seed for seed in range(6)], algo="ppo")
+        ran(fabric, [950, 960, 970], algo="sac")
+        assert document(fabric).headline == (
+            "PPO does not solve face_direction (median return 302; 6 seeds)."
+        )
+
     def test_tasks_with_the_same_answer_share_a_clause(self, fabric):
         for task in ("face_direction", "move_to_pose"):
             ran(fabric, [300 + seed for seed in range(6)], task=task)

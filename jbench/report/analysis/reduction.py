@@ -87,14 +87,19 @@ def numbers_seen(representation: str, task: str) -> int | None:
 
 
 def reductions(cells: Sequence[Cell]) -> list[Reduction]:
-    """Returns the comparisons of each reduced representation with each available baseline."""
+    """Returns the comparisons of each reduced representation with each available baseline.
+
+    Beside reduced representations, `scaled` is compared with `full`: the effect of scaling alone.
+    """
     found = []
     for group in _by_settings(cells):
         baselines = {kind_of(c.representation): c for c in reversed(group)}
+        if not {*baselines} - {*BASELINES}:
+            continue
         for cell in group:
-            if kind_of(cell.representation) in BASELINES:
-                continue
-            for name in (name for name in BASELINES if name in baselines):
+            kind = kind_of(cell.representation)
+            others = {FULL: (), SCALED: (FULL,)}.get(kind, BASELINES)
+            for name in (name for name in others if name in baselines):
                 ours, theirs = (len(s.final) for s in compared_scores(cell, baselines[name]))
                 findings = reduction_findings(baselines[name], cell)
                 found.append(Reduction(cell, name, findings, (ours, theirs)))

@@ -77,7 +77,7 @@ def _panel(group: Group) -> Panel:
     return Panel(
         f"{first.prefix}{first.task}, {display_name(first.algo)}",
         Axis(
-            "representation, by the size of the agent's input",
+            "representation, by number of latents",
             (-0.5, len(reduced) - 0.5),
             ticks=range(len(reduced)),
             names=[point.cell.representation_words for point in reduced],

@@ -37,7 +37,9 @@ def sentences(
     lines = [_what_was_run(views, runs), *map(_what_is_solved, views), *agreement.on_solved(views)]
     lead = views[0]
     if lead.reductions:
-        lines.append(f"Does reduction help? {reduction_items.sentence('a', lead.reductions)}")
+        lines += [
+            f"Does reduction help? {text}" for text in reduction_items.answers("a", lead.reductions)
+        ]
     if request.compare:
         lines += [sentence for view in views for sentence in _how_they_compare(view.comparisons)]
     if findings is None:

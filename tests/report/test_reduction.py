@@ -24,12 +24,12 @@ FINALS = {
 }
 
 
-def learn(fabric, finals=FINALS, steps=80):
+def learn(fabric, finals=FINALS, steps=80, **settings):
     """Adds a run for each seed that has its final return from half of its episodes on."""
     for representation, numbers in finals.items():
         for seed, final in enumerate(numbers):
             returns = np.repeat([0.0, final], steps // 2)
-            fabric.run(returns, seed, representation=representation)
+            fabric.run(returns, seed, representation=representation, **settings)
 
 
 def found_in(fabric):
@@ -61,13 +61,21 @@ def test_each_representation_is_compared_with_both_baselines(fabric):
 
 def test_the_sentence_names_each_outcome_with_interval_and_seeds(fabric):
     learn(fabric, {name: FINALS[name] for name in ("full", "scaled16", "planar12", "dae12")})
-    said = reduction_items.sentence("a", found_in(fabric))
-    assert said.startswith("(a) Final training return: against full, higher by more than 50: ")
-    against_full, against_scaled = said.split("; against scaled, ")
-    assert "face_direction TD3 planar12 (+200 [" in against_full
-    assert "lower by more than 50: face_direction TD3 dae12 (-200 [" in against_full
-    assert "; n = 8, 8)" in against_full
-    assert "planar12 (+180 [" in against_scaled
+    against_full, against_scaled = reduction_items.answers("a", found_in(fabric))
+    assert against_full.startswith(
+        "(a) Final training return against full (n = 8, 8). "
+        "Higher by more than 50: TD3 on planar12 (+200 ["
+    )
+    assert "Lower by more than 50: TD3 on dae12 (-200 [" in against_full
+    assert "TD3 on planar12 (+180 [" in against_scaled
+
+
+def test_the_sentence_names_seeds_and_tasks_where_they_differ(fabric):
+    learn(fabric, {"full": FINALS["full"], "dae12": FINALS["dae12"][:6]})
+    learn(fabric, {name: FINALS[name] for name in ("full", "dae12")}, task="move_to_pose")
+    (said,) = reduction_items.answers("a", found_in(fabric))
+    assert said.startswith("(a) Final training return against full. Lower by more than 50: ")
+    assert "; n = 6, 8), TD3 on dae12 on move_to_pose (-200 [" in said
 
 
 def test_few_seeds_decide_nothing(fabric):
@@ -159,7 +167,7 @@ def test_the_report_answers_by_evaluations_first(fabric, out):
         *("reduction", "reduction-training"),
         *("reduction_tests", "reduction_tests-training"),
     ]
-    (said,) = [one for one in report.document.summary if one.startswith("Does reduction help?")]
+    said, _ = [one for one in report.document.summary if one.startswith("Does reduction help?")]
     assert "planar12 (+200 [" in said
     numbers = (out / "reduction.csv").read_text().splitlines()
     assert numbers[0].startswith("source,task,algo,representation")

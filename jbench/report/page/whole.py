@@ -2,7 +2,7 @@
 
 import base64
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import resources
 
 from jbench.paper.citation import CITATION
@@ -133,7 +133,7 @@ def _overview(document: Document, state: PageState) -> Iterator[str]:
 
 def _section(id: str, section: Section, state: PageState) -> Iterator[str]:
     yield f'<section id="{id}">\n<h2>{html(section.title)}</h2>'
-    yield _list(section.answers)
+    yield _list(section.answers, with_asides)
     yield items.caption(section.text, "What this section shows", shown=_SHORT)
     for one in section.items:
         yield from items.item(one, state, section.title)
@@ -157,8 +157,8 @@ def _provenance(document: Document, state: PageState) -> Iterator[str]:
     yield "</section>"
 
 
-def _list(sentences: Sequence[str]) -> str:
-    items = "\n".join(f"<li>{html(sentence)}</li>" for sentence in sentences)
+def _list(sentences: Sequence[str], form: Callable[[str], str] = html) -> str:
+    items = "\n".join(f"<li>{form(sentence)}</li>" for sentence in sentences)
     return f"<ul>\n{items}\n</ul>\n" if items else ""
 
 

@@ -26,29 +26,42 @@ _HEADINGS = ("difference of the IQM", "ratio of standard deviations", "differenc
 
 
 def sentences(found: Sequence[Reduction]) -> list[str]:
-    """Returns a sentence for each of the claims (a) to (c), if there are comparisons."""
-    return [sentence(letter, found) for letter in _OUTCOMES] if found else []
+    """Returns the answers on the claims (a) to (c), against each baseline."""
+    return [text for letter in _OUTCOMES for text in answers(letter, found)]
 
 
-def sentence(letter: str, found: Sequence[Reduction]) -> str:
-    """Returns a sentence on a claim (a, b or c), from at least one comparison."""
-    baselines = [name for name in BASELINES if any(one.baseline == name for one in found)]
-    against = [
-        f"against {name}, {'; '.join(_by_outcome(letter, found, name))}" for name in baselines
-    ]
-    measured = _MEASURES[letter].format(kind=found[0].cell.kind.name)
-    return f"({letter}) {measured}: {'; '.join(against)}."
+def answers(letter: str, found: Sequence[Reduction]) -> list[str]:
+    """Returns an answer on a claim (a, b or c) for each baseline that was compared with."""
+    texts = []
+    for name in BASELINES:
+        against = [one for one in found if one.baseline == name]
+        if against:
+            measured = _MEASURES[letter].format(kind=against[0].cell.kind.name)
+            counts = {one.seeds for one in against}
+            n = f" ({_count(counts.pop())})" if len(counts) == 1 else ""
+            outcomes = " ".join(_by_outcome(letter, against, each_count=not n))
+            texts.append(f"({letter}) {measured} against {name}{n}. {outcomes}")
+    return texts
 
 
-def _by_outcome(letter: str, found: Sequence[Reduction], baseline: str) -> Iterator[str]:
-    """Yields the representations of each outcome, the decided ones first."""
+def _by_outcome(letter: str, found: Sequence[Reduction], *, each_count: bool) -> Iterator[str]:
+    """Yields a sentence for each outcome with its representations, the decided ones first."""
+    one_task = len({one.cell.task for one in found}) == 1
     named: dict[str, list[str]] = {}
-    for one in (one for one in found if one.baseline == baseline):
+    for one in found:
         finding = next(f for f in one.findings if f.claim == letter)
-        named.setdefault(outcome(finding), []).append(_named(one, finding))
+        effect = _effect(finding)
+        numbers = [effect.text if effect else "no return", _count(one.seeds)]
+        name = one.cell.short_name if one_task else f"{one.cell.short_name} on {one.cell.task}"
+        text = f"{name} ({'; '.join(numbers if each_count else numbers[:1])})"
+        named.setdefault(outcome(finding), []).append(text)
     order = [*_OUTCOMES[letter].values(), "similar", "undecided"]
     for name in sorted(named, key=order.index):
-        yield f"{name}: {', '.join(named[name])}"
+        yield f"{name[0].upper()}{name[1:]}: {', '.join(named[name])}."
+
+
+def _count(seeds: tuple[int, int]) -> str:
+    return f"n = {seeds[0]}, {seeds[1]}"
 
 
 def outcome(finding: Finding) -> str:
@@ -61,12 +74,6 @@ def outcome(finding: Finding) -> str:
     if verdict == "supported":
         return "similar"
     return outcomes["higher" if finding.effect.value > 0 else "lower"]
-
-
-def _named(one: Reduction, finding: Finding) -> str:
-    effect, (ours, theirs) = _effect(finding), one.seeds
-    text = effect.text if effect else "no return"
-    return f"{values.cell_name(one.cell)} ({text}; n = {ours}, {theirs})"
 
 
 def _effect(finding: Finding) -> Value | None:

@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 from jbench.names import FULL
 from jbench.report import formatting
-from jbench.report.analysis.claims import Finding, Verdict
+from jbench.report.analysis.claims import Verdict
 from jbench.report.analysis.examine import decide
 from jbench.report.analysis.reduction import Reduction
 from jbench.report.analysis.scores import Summary
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.formatting import display_name
-from jbench.report.tables import reduction_items, values
+from jbench.report.tables import reduction_items
 from jbench.report.views import View, cells_of
 from jbench.wording import are, counted
 
@@ -157,7 +157,10 @@ def _on_reductions(found: Sequence[Reduction]) -> Iterator[str]:
         claim = "c" if outcome in _SPEEDS else "a"
         effects: dict[str, list[str]] = {}
         for one in group:
-            effects.setdefault(one.cell.representation, []).append(_effect(one, claim))
+            text = (
+                f"{display_name(one.cell.algo)} {reduction_items.effect_text(one.finding(claim))}"
+            )
+            effects.setdefault(one.cell.representation, []).append(text)
         listed = [f"{name}: {', '.join(texts)}" for name, texts in effects.items()]
         sentence = _REDUCTIONS[outcome].format(names=_listed(list(effects), "or"))
         yield f"on {task}, {sentence} ({'; '.join([*listed, *_basis(group, claim)])})"
@@ -165,27 +168,18 @@ def _on_reductions(found: Sequence[Reduction]) -> Iterator[str]:
 
 def _outcome(one: Reduction) -> str:
     """Returns how agents end, or how fast they learn if only this is decided."""
-    final, speed = (reduction_items.outcome(_finding(one, claim)) for claim in "ac")
+    final, speed = (reduction_items.outcome(one.finding(claim)) for claim in "ac")
     return speed if final == "undecided" else final.partition(" ")[0]
-
-
-def _effect(one: Reduction, claim: str) -> str:
-    effect = values.estimate(_finding(one, claim).effect, formatting.signed)
-    return f"{display_name(one.cell.algo)} {effect.text if effect else 'without returns'}"
 
 
 def _basis(group: Sequence[Reduction], claim: str) -> Iterator[str]:
     """Yields the kind of the effects' intervals, if there are any, and the numbers of seeds."""
-    intervals = sum(math.isfinite(_finding(one, claim).effect.low) for one in group)
+    intervals = sum(math.isfinite(one.finding(claim).effect.low) for one in group)
     if intervals:
         kind = "means over the run, 95%" if claim == "c" else "90%"
         yield f"{kind} interval{'s' * (intervals > 1)}"
     seeds = [float(number) for one in group for number in one.seeds]
     yield f"{formatting.span(seeds, formatting.whole)} seeds"
-
-
-def _finding(one: Reduction, claim: str) -> Finding:
-    return next(finding for finding in one.findings if finding.claim == claim)
 
 
 def _listed(names: Sequence[str], word: str = "and") -> str:

@@ -80,19 +80,18 @@ def list_runs(
 def _with_variants(lines: list[tuple[RunLine, Record]]) -> list[RunLine]:
     """Returns the lines with the variants of their records, if their settings are readable."""
     cells: dict[tuple[str | None, ...], dict[str, Run]] = {}
+    keys = []
     for line, record in lines:
+        cell, key = (line.task, line.algo, line.representation), variant(record.settings)
+        keys.append((cell, key))
         run = read_run(record.settings)
         if not isinstance(run, Unreadable):
-            cells.setdefault(_cell(line), {})[variant(record.settings)] = run
+            cells.setdefault(cell, {})[key] = run
     words = {cell: variant_words(settings) for cell, settings in cells.items()}
     return [
-        line._replace(variant=words.get(_cell(line), {}).get(variant(record.settings), ""))
-        for line, record in lines
+        line._replace(variant=words.get(cell, {}).get(key, ""))
+        for (line, _), (cell, key) in zip(lines, keys, strict=True)
     ]
-
-
-def _cell(line: RunLine) -> tuple[str | None, ...]:
-    return line.task, line.algo, line.representation
 
 
 def matches(line: RunLine, filters: Mapping[str, Collection[Any]]) -> bool:

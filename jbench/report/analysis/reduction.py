@@ -18,6 +18,7 @@ from jbench.report.analysis.examine import reduction_findings
 from jbench.report.analysis.scores import compared_scores, scores_of
 from jbench.report.data.cells import Cell, groups_same_but
 from jbench.report.data.curves import FloatArray
+from jbench.report.formatting import display_name
 
 SCALED = "scaled"
 BASELINES = (FULL, SCALED)
@@ -37,6 +38,10 @@ class Reduction(NamedTuple):
     baseline: str
     findings: Sequence[Finding]
     seeds: tuple[int, int]
+
+    def finding(self, claim: str) -> Finding:
+        """Returns the finding on a claim."""
+        return next(finding for finding in self.findings if finding.claim == claim)
 
 
 class Point(NamedTuple):
@@ -66,6 +71,12 @@ class Group(NamedTuple):
     points: Sequence[Point]
     control_steps: int
     short: Sequence[Cell]
+
+    @property
+    def name(self) -> str:
+        """What its cells have in common: source, task and algorithm."""
+        first = self.points[0].cell
+        return f"{first.prefix}{first.task}, {display_name(first.algo)}"
 
 
 def numbers_seen(representation: str, task: str) -> int | None:

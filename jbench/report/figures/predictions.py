@@ -21,7 +21,6 @@ from jbench.report.figures.encoders import (
     latents_axis,
     look_of,
 )
-from jbench.report.formatting import display_name
 from jbench.report.tables import values
 
 _NOTE = (
@@ -77,16 +76,14 @@ def returns_figure(groups: Sequence[Group], table: pd.DataFrame) -> Figure | Non
         points = [p for p in group.points if (p.cell.task, p.cell.representation) in measured]
         if len(points) < _MIN_POINTS:
             continue
-        first = points[0].cell
-        of_group = f"{first.prefix}{first.task}, {display_name(first.algo)}"
-        y = curve_series.returns_axis(f"final {first.kind.axis}")
+        y = curve_series.returns_axis(f"final {points[0].cell.kind.axis}")
         for quantity, name in PREDICTED.items():
             series = [
                 _point_series(one, measured[one.cell.task, one.cell.representation][quantity])
                 for one in points
             ]
             x = Axis(f"R² of the {name}", _UNIT)
-            panels.append(Panel(f"{of_group}: {name}", x, y, series))
+            panels.append(Panel(f"{group.name}: {name}", x, y, series))
     if not panels:
         return None
     kind = groups[0].points[0].cell.kind

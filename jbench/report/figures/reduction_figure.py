@@ -20,7 +20,6 @@ from jbench.report.figure import (
 )
 from jbench.report.figures import curve_series
 from jbench.report.figures.encoders import look_of
-from jbench.report.formatting import display_name
 from jbench.report.tables import values
 
 _BASELINE_STYLES = {FULL: Style("#595959"), SCALED: Style("#b8a200", "--")}
@@ -75,7 +74,7 @@ def _panel(group: Group) -> Panel:
     reduced = [p for p in group.points if kind_of(p.cell.representation) not in BASELINES]
     reduced.sort(key=lambda point: (point.numbers or 0, point.cell.representation_words))
     return Panel(
-        f"{first.prefix}{first.task}, {display_name(first.algo)}",
+        group.name,
         Axis(
             "representation, by number of latents",
             (-0.5, len(reduced) - 0.5),

@@ -49,9 +49,8 @@ def _by_outcome(letter: str, found: Sequence[Reduction], *, each_count: bool) ->
     one_task = len({one.cell.task for one in found}) == 1
     named: dict[str, list[str]] = {}
     for one in found:
-        finding = next(f for f in one.findings if f.claim == letter)
-        effect = _effect(finding)
-        numbers = [effect.text if effect else "no return", _count(one.seeds)]
+        finding = one.finding(letter)
+        numbers = [effect_text(finding), _count(one.seeds)]
         name = one.cell.short_name if one_task else f"{one.cell.short_name} on {one.cell.task}"
         text = f"{name} ({'; '.join(numbers if each_count else numbers[:1])})"
         named.setdefault(outcome(finding), []).append(text)
@@ -74,6 +73,12 @@ def outcome(finding: Finding) -> str:
     if verdict == "supported":
         return "similar"
     return outcomes["higher" if finding.effect.value > 0 else "lower"]
+
+
+def effect_text(finding: Finding) -> str:
+    """Formats an effect with its interval."""
+    effect = _effect(finding)
+    return effect.text if effect else "no return"
 
 
 def _effect(finding: Finding) -> Value | None:

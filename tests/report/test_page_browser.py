@@ -1,5 +1,6 @@
 """The report's page in a real browser: what it shows, what it does, and that nothing leaves it."""
 
+import io
 import re
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
@@ -7,6 +8,7 @@ from threading import Thread
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 from playwright.sync_api import expect
 
 from jbench.report.document import FigureItem, Section, TableItem
@@ -287,6 +289,15 @@ class TestLooks:
             # The numbers in a heat map are on its colours, which are the same.
             assert page.color("#matrix [fill='rgb(26,26,26)']", "fill") == (26, 26, 26)
         assert papers == [(255, 255, 255), colors.PAPER]
+
+    @pytest.mark.parametrize("figure", ["curves", "errors"])
+    def test_nothing_in_a_dark_figure_is_darker_than_its_ground(self, opened, written, figure):
+        page = opened(written, color_scheme="dark")
+        picture = page.page.locator(f"#{figure} .drawing").first.screenshot()
+        pixels = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), dtype=int)
+        ground = np.array(colors.PAPER)
+        assert (pixels == ground).all(axis=2).mean() > 0.5
+        assert pixels.max(axis=2).min() >= ground.min()
 
     def test_the_button_turns_light_to_dark_and_back(self, opened, written):
         page = opened(written)

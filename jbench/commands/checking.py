@@ -60,6 +60,8 @@ def reproduce(
     output.document(_document(done))
     if not done.equal:
         raise WorkError(_not_equal(done))
+    if not done.compared:
+        raise WorkError(f"Nothing of {done.run} could be compared; repeat episodes (--episodes 1).")
 
 
 def limit_threads() -> None:

@@ -169,11 +169,14 @@ def verify(
             "Some results are damaged or left over; jbench repair sets them aside. Intact results "
             "can still be used."
         )
-    if different := sum(one.verdict == "different" for one in repeated):
-        compared = different + sum(one.verdict == "equal" for one in repeated)
+    compared = [one for one in repeated if one.compared]
+    if different := sum(one.verdict == "different" for one in compared):
         raise WorkError(
-            f"{different} of {compared} repeated runs have other returns than recorded; see above."
+            f"{different} of {len(compared)} repeated runs have other returns than recorded; "
+            "see above."
         )
+    if reevaluate and not compared:
+        raise WorkError("No run could be compared with its last evaluation.")
 
 
 def repair(

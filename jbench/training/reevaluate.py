@@ -42,6 +42,11 @@ class Reevaluation(NamedTuple):
     recorded: tuple[float, ...] = ()
     computed: tuple[float, ...] = ()
 
+    @property
+    def compared(self) -> bool:
+        """Whether the evaluation could be repeated and compared."""
+        return self.verdict in ("equal", "different")
+
 
 class _Last(NamedTuple):
     """The last evaluation of a run."""

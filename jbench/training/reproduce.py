@@ -96,6 +96,13 @@ class Reproduction(NamedTuple):
             evaluation is None or evaluation.verdict != "different"
         )
 
+    @property
+    def compared(self) -> bool:
+        """Whether anything could be compared."""
+        return self.retraining is not None or (
+            self.evaluation is not None and self.evaluation.compared
+        )
+
 
 def find_run(results: Results, name: str) -> tuple[Results, Record]:
     """Returns a run and its results directory.

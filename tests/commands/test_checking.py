@@ -111,6 +111,21 @@ def test_reproduce_refuses(altered, arguments, sentence, capsys):
     assert sentence in capsys.readouterr().err
 
 
+def test_a_comparison_of_nothing_fails(trained, tmp_path, capsys):
+    """Of a run that was saved with its policy, but without rows of evaluations."""
+    results = Results(tmp_path / "results")
+    before = trained.find("run", RUNS[0].id)
+    files = {name: before.read_file(name) for name in (WEIGHTS, DESCRIPTION)}
+    record = results.create("run", RUNS[0].id, before.settings)
+    record.append({"episodes": before.read("episodes", schema.EPISODES)})
+    record.finish(before.manifest.summary, files)
+    at = ["--results", str(results.path)]
+    assert main(["reproduce", RUNS[0].id, "--episodes", "0", *at]) == 1
+    assert f"Error: Nothing of {RUNS[0].id} could be compared" in capsys.readouterr().err
+    assert main(["verify", "--reevaluate", *at]) == 1
+    assert "Error: No run could be compared with its last evaluation." in capsys.readouterr().err
+
+
 def test_a_shipped_run_needs_no_results(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", "reference/face_direction/sac/full/s00"]) == 2

@@ -6,7 +6,8 @@ In this order, within 20 minutes:
 2. updates per second without robots, of 10, 40 and 100 seeds in one stack;
 3. whole training of 10 seeds with 1 and 8 environments each, of one task and of all five tasks in
    one stack, and what takes the time;
-4. a profile of the kernels of DDPG's update.
+4. whole training of 20 and 40 seeds in one stack and in two in antiphase;
+5. a profile of the kernels of DDPG's update.
 
 The results are rows of Markdown, printed and written to --out. `--device cpu --small` runs all
 parts on a CPU in a minute: a rehearsal, whose numbers mean nothing.
@@ -16,7 +17,7 @@ import argparse
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
@@ -35,6 +36,7 @@ from jbench.errors import RequestError
 from jbench.names import ALGORITHMS, TASKS
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store.provenance import device_provenance, processor
+from jbench.training.antiphase import take_turns
 
 ROOT = Path(__file__).parents[1]
 TESTS = ("tests/agents/test_gpu.py", "tests/agents/test_captured_regions.py")
@@ -55,6 +57,7 @@ class Size(NamedTuple):
         rounds: measurements, of which the median is reported.
         product: rows and columns of the matrices whose product is the peak.
         trained: seeds of whole training.
+        in_antiphase: numbers of seeds that are trained in one stack and in two.
         environments: numbers of robots of each of them.
         warm_up: control steps of each seed before whole training is measured.
         seconds: of whole training.
@@ -68,6 +71,7 @@ class Size(NamedTuple):
     rounds: int = 5
     product: int = 8192
     trained: int = 10
+    in_antiphase: tuple[int, ...] = (20, 40)
     environments: tuple[int, ...] = (1, 8)
     warm_up: int = 3000
     seconds: float = 10.0
@@ -83,6 +87,7 @@ SMALL = Size(
     rounds=2,
     product=64,
     trained=2,
+    in_antiphase=(2,),
     warm_up=80,
     seconds=0.3,
     tests=("-k", "saved_policies and ddpg"),
@@ -210,6 +215,34 @@ def report_training(size: Size, device: torch.device, report: Report) -> None:
         report.row(algo, len(tasks), size.trained, environments, f"{rate:,.0f}", parts)
 
 
+def report_antiphase(size: Size, device: torch.device, report: Report) -> None:
+    """Reports control steps per second of whole training in one stack and in two."""
+    report.table("algorithm", "seeds", "one stack: control steps/s", "two in antiphase", "ratio")
+    for algo, seeds in product(ALGORITHMS, size.in_antiphase):
+        one, two = (_rate_in(groups, algo, size, seeds, device) for groups in (1, 2))
+        report.row(algo, seeds, f"{one:,.0f}", f"{two:,.0f}", f"{two / one:.2f}")
+
+
+def _rate_in(groups: int, algo: str, size: Size, seeds: int, device: torch.device) -> float:
+    """Returns control steps per second of all seeds, divided into groups in antiphase."""
+
+    def train() -> Generator[None, None, float]:
+        with engine_of(algo, size, seeds // groups, device) as engine:
+            steps = engine.learn(10**12)
+            while engine.control_steps < size.warm_up:
+                next(steps)
+                if engine.begin_updates():
+                    yield
+            first, began = engine.control_steps, time.perf_counter()
+            while (took := time.perf_counter() - began) < size.seconds:
+                next(steps)
+                if engine.begin_updates():
+                    yield
+            return seeds // groups * (engine.control_steps - first) / took
+
+    return sum(take_turns([train() for _ in range(groups)], device))
+
+
 def report_profile(size: Size, device: torch.device, report: Report) -> None:
     """Reports the kernels of DDPG's update that take the most time."""
     with engine_of("ddpg", size, size.seeds[0], device) as engine:
@@ -240,7 +273,7 @@ def main() -> None:
     report.line(", ".join(f"{name} {value}" for name, value in facts.items()))
     report.line(f"{cores()} cores of {processor()}, {datetime.now(UTC):%Y-%m-%d}")
     passed = report_tests(size, report)
-    for part in (report_updates, report_training, report_profile):
+    for part in (report_updates, report_training, report_antiphase, report_profile):
         part(size, device, report)
     report.line(f"\n{(time.time() - began) / 60:.1f} minutes.")
     if not passed:

@@ -1,33 +1,20 @@
-"""Trains runs together in one engine, and commits their rows and checkpoints."""
+"""Trains the runs of a batch, each from its last checkpoint."""
 
 import contextlib
-import time
-from collections.abc import Callable, Sequence
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Generator, Sequence
+from functools import partial
 
 from jbench.agents.algorithms import code_of
-from jbench.agents.batched.engine import Engine
-from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.divergence import DivergedError, Divergence
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.errors import WorkError, sentence_of_failure
-from jbench.names import CHECKPOINT_EVERY, EPISODE_STEPS
-from jbench.policies.network import Network
-from jbench.policies.saved import Policy, policy_files
+from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.provenance import device_provenance
+from jbench.training.antiphase import number_of_groups, take_turns
+from jbench.training.batch import Batch, Progress
 from jbench.training.batch_member import Member, Notice, begin
-from jbench.training.checkpoints import read_replay, save
-from jbench.training.engines import make_trainer
-from jbench.training.evaluation import Evaluator, seeds_of
-from jbench.training.log import CommitTimer, Position, ProcessorClock
-
-Progress = Callable[[RunSettings, int, float], None]
-"""Called after each training episode with the run, its control steps so far, and the return."""
 
 
 def run_batch(
@@ -38,6 +25,7 @@ def run_batch(
     device: str = "auto",
     checkpoint_every: float = CHECKPOINT_EVERY,
     until: int | None = None,
+    groups: int | None = None,
     progress: Progress = lambda run, steps, episode_return: None,
     notice: Notice = lambda run, steps, sentence: None,
 ) -> dict[str, WorkError]:
@@ -57,6 +45,8 @@ def run_batch(
         checkpoint_every: minimum seconds between two checkpoints; 0 for one after every episode.
         until: control step at the end of an episode, where training stops and the runs remain
             unfinished; None to finish them.
+        groups: number of groups that are trained in antiphase, with the same results as in one;
+            None for what suits the device.
         progress: called after each training episode.
 
     Returns:
@@ -66,28 +56,32 @@ def run_batch(
         RequestError: if the device is unavailable, or the settings are invalid.
         WorkError: if the results can't be written.
     """
+    found = find_device(device)
+    made_on = {**device_provenance(found), **code_of(runs[0].algo)}
+    encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(runs)
+    members: list[Member] = []
     failures: dict[str, WorkError] = {}
-    made_on = {**device_provenance(find_device(device)), **code_of(runs[0].algo)}
     with contextlib.ExitStack() as locks:
-        members = []
-        encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(runs)
         for run, own_encoder in zip(runs, encoders, strict=True):
             try:
-                found = locks.enter_context(results.locked("run", run.id))
-                member = begin(run, own_encoder, found, results, made_on, notice)
+                record = locks.enter_context(results.locked("run", run.id))
+                member = begin(run, own_encoder, record, results, made_on, notice)
             except WorkError as error:
                 failures[run.id] = error
-                continue
-            if member is not None:
-                members.append(member)
+            else:
+                members += [member] if member is not None else []
         try:
             while members:
                 # Seeds may have stopped at different steps: those behind catch up first.
                 behind = min(member.control_steps for member in members)
-                ahead = {m.control_steps for m in members if m.control_steps > behind}
-                group = [member for member in members if member.control_steps == behind]
-                batch = _Batch(group, device, checkpoint_every)
-                failures |= batch.train(min(ahead, default=until), progress)
+                ahead = [m.control_steps for m in members if m.control_steps > behind]
+                together = [member for member in members if member.control_steps == behind]
+                parts = _divided(together, groups or number_of_groups(len(together), found))
+                stop = min(ahead, default=until)
+                turns = len(parts) > 1
+                train = partial(_train, device, checkpoint_every, stop, progress, in_turns=turns)
+                for failed in take_turns([train(part) for part in parts], found):
+                    failures |= failed
                 members = [m for m in members if m.is_behind(until)]
         except Exception as error:
             for member in members:
@@ -98,151 +92,21 @@ def run_batch(
     return failures
 
 
-class _Batch:
-    """Runs that are trained together, all at the same control step."""
+def _divided(members: Sequence[Member], groups: int) -> list[Sequence[Member]]:
+    """Returns consecutive groups of about the same size."""
+    size = -(-len(members) // groups)
+    return [members[first : first + size] for first in range(0, len(members), size)]
 
-    def __init__(
-        self,
-        members: Sequence[Member],
-        device: str,
-        checkpoint_every: float,
-    ) -> None:
-        self._members, self._timer = members, CommitTimer(checkpoint_every)
-        self._clock = ProcessorClock()
-        self._failures: dict[int, WorkError] = {}
-        # Of the last evaluation, by index.
-        self._evaluated: dict[int, Policy | Network | None] = {}
-        self._settings = settings = members[0].settings
-        agent_seeds, evaluation_seeds = zip(
-            *(seeds_of(m.settings.seed) for m in members), strict=True
-        )
-        encoders, tasks = [m.encoder for m in members], [m.settings.task for m in members]
-        self._engine = make_trainer(settings, agent_seeds, encoders, device, tasks)
-        self._evaluator = Evaluator(settings, evaluation_seeds)
-        if members[0].checkpoint is not None:
-            self._restore(members[0].checkpoint.position)
 
-    def train(self, until: int | None, progress: Progress) -> dict[str, WorkError]:
-        """Trains to a control step (None: to the end), or until all runs have failed.
-
-        Returns:
-            The error of each failed run by id.
-        """
-        with self._engine as engine:
-            for returns in engine.learn(self._settings.steps):
-                self._fail_diverged()
-                if not self._active():
-                    break
-                if returns is not None:
-                    self._note_episodes(returns, progress)
-                if self._evaluator.advance(engine.control_steps):
-                    self._evaluate()
-                if engine.control_steps == until:
-                    break
-                if returns is not None and self._timer.is_due():
-                    self._save()
-            if until is None:
-                self._end()
-            else:
-                self._save()
-        return {self._members[index].settings.id: e for index, e in self._failures.items()}
-
-    def _restore(self, position: Position) -> None:
-        """Restores engine and evaluator from the checkpoints of the runs."""
-        checkpoints = [m.checkpoint for m in self._members if m.checkpoint is not None]
-        for index, (member, checkpoint) in enumerate(zip(self._members, checkpoints, strict=True)):
-            if isinstance(self._engine, OffPolicyEngine):
-                row = checkpoint.replay_row
-                self._engine.restore_rows(index, read_replay(member.record, row), row)
-        self._engine.restore([checkpoint.state for checkpoint in checkpoints])
-        self._evaluator.restore(position.evaluations, position.last_evaluation)
-        if position.last_evaluation == position.control_steps:
-            self._note_policies()
-        for index, checkpoint in enumerate(checkpoints):
-            if not checkpoint.newest:
-                self._save_one(index, only=True)
-
-    def _note_episodes(self, returns: NDArray[np.float64], progress: Progress) -> None:
-        """Records the returns (seeds, environments) of the episodes that have just ended."""
-        steps = self._engine.control_steps
-        self._share_processor_time()
-        for index in self._active():
-            if not np.isfinite(returns[index]).all():
-                self._fail(index, Divergence(self._engine.updates, steps, "episode_return"))
-                continue
-            losses = self._engine.losses(index)
-            for episode_return in returns[index].tolist():
-                self._members[index].log.episode(steps, episode_return, EPISODE_STEPS, losses)
-                progress(self._members[index].settings, steps, episode_return)
-
-    def _evaluate(self) -> None:
-        self._fail_diverged(weights=True)
-        if not self._active():
-            return
-        evaluations = self._evaluator(self._engine)
-        self._fail_diverged()
-        self._share_processor_time()
-        for index in self._active():
-            made, log = evaluations[index], self._members[index].log
-            log.evaluation(self._engine.control_steps, made.episodes, made.path)
-        self._note_policies()
-
-    def _note_policies(self) -> None:
-        """Copies the policies of the last evaluation: the last updates may come after it."""
-        if self._settings.evaluate_episodes:
-            self._evaluated = {index: self._engine.policy(index) for index in self._active()}
-
-    def _save(self) -> None:
-        """Commits a checkpoint of every run whose weights are finite."""
-        self._fail_diverged(weights=True)
-        began = time.perf_counter()
-        self._share_processor_time()
-        for index in self._active():
-            self._save_one(index)
-        self._timer.restart(time.perf_counter() - began)
-
-    def _save_one(self, index: int, *, only: bool = False) -> None:
-        member = self._members[index]
-        if not self._engine.is_resumable:
-            member.log.commit()
-            return
-        member.checkpoint = save(member.record, member.log, self._engine, index, only=only)
-
-    def _end(self) -> None:
-        """Makes the final evaluation if it is missing, and finishes all runs."""
-        self._fail_diverged(weights=True)
-        steps = self._engine.control_steps
-        if self._evaluator.last_steps < steps:
-            self._evaluate()
-        together = len(self._members)
-        self._share_processor_time()
-        for index in self._active():
-            log, record = self._members[index].log, self._members[index].record
-            log.commit()
-            evaluated = self._evaluated.get(index)
-            # The copy of another package's policy rounds its sums in another way.
-            is_same = evaluated is not None and isinstance(self._engine, Engine)
-            summary = {**log.summary(steps, evaluated=is_same), "together": together}
-            record.finish(summary, policy_files(evaluated or self._engine.policy(index)))
-
-    def _fail_diverged(self, *, weights: bool = False) -> None:
-        """Fails the runs whose agents have diverged; checking the weights too takes longer."""
-        if weights:
-            self._engine.check_weights()
-        for index, divergence in self._engine.diverged.items():
-            if index not in self._failures:
-                self._fail(index, divergence)
-
-    def _fail(self, index: int, divergence: Divergence) -> None:
-        """Marks one run as failed, with its rows up to now; the others continue."""
-        self._share_processor_time()
-        member = self._members[index]
-        member.log.commit()
-        member.record.fail(str(divergence), divergence.to_summary())
-        self._failures[index] = DivergedError(divergence)
-
-    def _share_processor_time(self) -> None:
-        self._clock.share([self._members[index].log for index in self._active()])
-
-    def _active(self) -> list[int]:
-        return [index for index in range(len(self._members)) if index not in self._failures]
+def _train(
+    device: str,
+    checkpoint_every: float,
+    until: int | None,
+    progress: Progress,
+    members: Sequence[Member],
+    *,
+    in_turns: bool,
+) -> Generator[None, None, dict[str, WorkError]]:
+    """Trains a group of runs; see `Batch.train`."""
+    batch = Batch(members, device, checkpoint_every)  # on the stream of the group
+    return (yield from batch.train(until, progress, in_turns=in_turns))

@@ -4,6 +4,7 @@ Each test also runs on a CPU with the seeds in one stack, without graphs. `pytho
 runs this file before it measures.
 """
 
+import functools
 import json
 import signal
 import subprocess
@@ -247,6 +248,20 @@ def test_a_killed_run_resumes_to_the_same_bits(device, tmp_path, monkeypatch):
         assert failures == {}
     assert resumed_at == [200]
     assert outcome(tmp_path / "killed", run) == outcome(tmp_path / "whole", run)
+
+
+@slow_on_a_cpu
+def test_stacks_in_antiphase_write_what_each_writes_alone(device, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    stack_seeds(monkeypatch.setattr)
+    runs = [settings("td3", seed) for seed in range(4)]
+    together, alone = tmp_path / "together", tmp_path / "alone"
+    train = functools.partial(batched_run.run_batch, encoder=None, device=device)
+    assert train(runs, Results(together), groups=2) == {}
+    for half in (runs[:2], runs[2:]):
+        assert train(half, Results(alone)) == {}
+    for run in runs:
+        assert outcome(together, run) == outcome(alone, run)
 
 
 class Stopped(BaseException):

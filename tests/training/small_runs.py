@@ -15,7 +15,7 @@ from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import schema
 from jbench.store.merge import TIMES
-from jbench.training import batched_run, engines, reproduce, status
+from jbench.training import batch, engines, reproduce, status
 
 EPISODE = 50
 
@@ -29,7 +29,7 @@ def shorten_episodes(set_attribute=setattr, steps=EPISODE):
     """
     # Each module knows their length by itself.
     rollout = importlib.import_module("jbench.simulation.rollout")  # the package has a function
-    for module in (batched_run, engines, evaluate, reproduce, request, rollout, run, status):
+    for module in (batch, engines, evaluate, reproduce, request, rollout, run, status):
         set_attribute(module, "EPISODE_STEPS", steps)
     register_environments()
     for task, augmented in itertools.product(TASKS, (False, True)):

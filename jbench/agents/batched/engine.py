@@ -67,7 +67,7 @@ class Engine(Closing):
         self.control_steps = self.updates = 0
         self._team, self._streams, self._rollout_steps = team, streams, rollout_steps
         self.diverged: dict[int, Divergence] = {}
-        self._collected = 0
+        self._collected, self._unchecked = 0, False
         team.initialize(streams)
         # Tensors that must stay finite; the log temperature of SAC is -inf if ent_coef is 0.
         saved = team.tensors.saved
@@ -81,7 +81,8 @@ class Engine(Closing):
         """Trains until each seed has made `steps` control steps and completed a rollout.
 
         Learning happens when the step after a completed rollout is requested, also after
-        `restore`, so the caller can evaluate or save the agents between any two steps.
+        `restore`, so the caller can evaluate or save the agents between any two steps. The caller
+        may begin it earlier, with `begin_updates`.
 
         Args:
             steps: per seed, counted from the start of training.
@@ -91,10 +92,9 @@ class Engine(Closing):
             ended with it, or None.
         """
         while True:
-            if self._collected == self._rollout_steps:
-                self._learn()
+            if self.begin_updates() or self._unchecked:
                 self._check_losses()
-                self._collected = 0
+                self._unchecked = False
             if self._collected == 0 and self.control_steps >= steps:
                 break
             observations = self.environments.observations
@@ -104,6 +104,18 @@ class Engine(Closing):
             self._collected += 1
             self._store(observations, actions, step)
             yield step.episode_returns
+
+    def begin_updates(self) -> bool:
+        """Begins the updates that are due after a rollout; a GPU makes them in the background.
+
+        Returns:
+            Whether updates were due.
+        """
+        if self._collected < self._rollout_steps:
+            return False
+        self._learn()
+        self._collected, self._unchecked = 0, True
+        return True
 
     def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.float32]:
         """Returns deterministic actions (n, N, 1) in [-1, 1]; 0 for diverged agents.
@@ -193,7 +205,7 @@ class Engine(Closing):
             self._streams[seed].restore(scalars["streams"])
             self._restore_loop(seed, under(_LOOP, tensors))
         self.control_steps, self.updates = first["control_steps"], first["updates"]
-        self._collected = first["collected"]
+        self._collected, self._unchecked = first["collected"], False
 
     def _check_losses(self) -> None:
         """Records the seeds with a loss that is not finite."""

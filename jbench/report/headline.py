@@ -61,7 +61,7 @@ def headline(view: View) -> str:
     shown = [f"{part[0].upper()}{part[1:]}." for part in parts[:_MAX_PARTS]]
     left = len(parts) - _MAX_PARTS
     more = [f"{left} more {are(left)} below."] if left > 0 else []
-    return " ".join(shown + more)
+    return " ".join([*shown, *more, f"(These are {view.kind.plural}.)"])
 
 
 def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
@@ -157,9 +157,8 @@ def _on_reductions(found: Sequence[Reduction]) -> Iterator[str]:
         claim = "c" if outcome in _SPEEDS else "a"
         effects: dict[str, list[str]] = {}
         for one in group:
-            text = (
-                f"{display_name(one.cell.algo)} {reduction_items.effect_text(one.finding(claim))}"
-            )
+            effect = reduction_items.effect_text(one.finding(claim))
+            text = " ".join(filter(None, (display_name(one.cell.algo), one.cell.words, effect)))
             effects.setdefault(one.cell.representation, []).append(text)
         listed = [f"{name}: {', '.join(texts)}" for name, texts in effects.items()]
         sentence = _REDUCTIONS[outcome].format(names=_listed(list(effects), "or"))

@@ -99,20 +99,22 @@ class TestHeadline:
         assert document(fabric).headline.startswith(
             "Whether SAC solves face_direction is undecided (median return 960; 900 after "
         )
-        assert document(fabric).headline.endswith("; 3 seeds).")
+        assert document(fabric).headline.endswith("; 3 seeds). (These are training returns.)")
 
     def test_cells_with_few_seeds_are_left_out_beside_those_with_enough(self, fabric):
         ran(fabric, [300 + seed for seed in range(6)], algo="ppo")
         ran(fabric, [950, 960, 970], algo="sac")
         assert document(fabric).headline == (
-            "PPO does not solve face_direction (median return 302; 6 seeds)."
+            "PPO does not solve face_direction (median return 302; 6 seeds). "
+            "(These are training returns.)"
         )
 
     def test_tasks_with_the_same_answer_share_a_clause(self, fabric):
         for task in ("face_direction", "move_to_pose"):
             ran(fabric, [300 + seed for seed in range(6)], task=task)
         assert document(fabric).headline == (
-            "TD3 does not solve face_direction and move_to_pose (median returns 302; 6 seeds each)."
+            "TD3 does not solve face_direction and move_to_pose (median returns 302; 6 seeds "
+            "each). (These are training returns.)"
         )
 
     def test_what_reduction_costs(self, fabric):
@@ -128,6 +130,14 @@ class TestHeadline:
             r"SAC and TD3 do not solve",
             said,
         )
+
+    def test_variants_are_named(self, fabric):
+        for engine, lower in (("batched", 300), ("sb3", 100)):
+            ran(fabric, [800 + seed for seed in range(6)], engine=engine)
+            finals = [800 - lower + seed for seed in range(6)]
+            ran(fabric, finals, representation="dae12", engine=engine)
+        said = document(fabric).headline
+        assert re.search(r"\(dae12: TD3 -300 \[.*\], TD3 stable-baselines3 -100 \[", said)
 
     def test_representations_with_one_outcome_share_a_sentence(self, fabric):
         ends = {"full": 800, "dae12": 500, "pca4": 300, "planar12": 805}

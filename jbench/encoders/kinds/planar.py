@@ -1,4 +1,4 @@
-"""The exact reduction of an observation by translation and rotation in the plane.
+"""The reduction of an observation by translation and rotation in the plane.
 
 Rewards and dynamics do not change when robot and target are translated on the floor or rotated
 about the vertical together. An observation modulo this symmetry determines the rewards and the

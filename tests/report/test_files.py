@@ -49,7 +49,8 @@ def test_all_files_are_written_and_named(fabric, out):
     assert report.data.problems == []
     assert report.data.notes == [
         "No run has evaluations: the report leads with training returns, exploration included.",
-        "No run has recorded processor time: return against processor time is not drawn.",
+        "In no cell have all runs recorded processor time: return against processor time is not "
+        "drawn.",
     ]
 
 

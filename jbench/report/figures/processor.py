@@ -96,10 +96,7 @@ def timed_curve(item: LearnedCurve) -> tuple[FloatArray, FloatArray]:
     has no time afterwards, and counts only in the return.
     """
     cell, curve = item
-    times = cell.processor_time[~cell.diverged]
-    if not len(times):
-        return np.empty(0), np.empty(0)
-    median = np.median(times, axis=0)  # NaN if a seed has none
+    median = _median_times(cell)
     # If some times of a window are missing, the mean of the others is not the time at its center.
     known = centres(np.isfinite(median).astype(np.float64), curve.window) == 1
     usable = known & np.isfinite(curve.quantile(50))
@@ -108,15 +105,24 @@ def timed_curve(item: LearnedCurve) -> tuple[FloatArray, FloatArray]:
 
 def left_out(cells: Sequence[Cell]) -> list[str]:
     """Returns a sentence on the cells that can't be drawn against processor time, if any."""
-    names = [c.name for c in cells if not np.isfinite(c.processor_time[~c.diverged]).any()]
+    names = [cell.name for cell in cells if not np.isfinite(_median_times(cell)).any()]
     if not names:
         return []
     if len(names) == len(cells):
-        return ["No run has recorded processor time: return against processor time is not drawn."]
+        return [
+            "In no cell have all runs recorded processor time: return against processor time is "
+            "not drawn."
+        ]
     return [
-        f"Runs of {'; '.join(names)} have recorded no processor time: return against processor "
-        "time is drawn without them."
+        f"Not all runs of {'; '.join(names)} have recorded processor time: return against "
+        "processor time is drawn without them."
     ]
+
+
+def _median_times(cell: Cell) -> FloatArray:
+    """Returns the median processor time at each point; NaN where a seed has none."""
+    times = cell.processor_time[~cell.diverged]
+    return np.median(times, axis=0) if len(times) else np.full(times.shape[1], np.nan)
 
 
 def processor_time_frame(learned: Sequence[LearnedCurve]) -> pd.DataFrame:

@@ -207,7 +207,7 @@ def _load(what: str, name: str, base: type, settings: type[Settings], methods: s
     is_subclass = isinstance(kind, type) and issubclass(kind, base)
     if not is_subclass or inspect.isabstract(kind):
         raise WorkError(
-            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; mend or "
+            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; fix or "
             "uninstall the package that offers it."
         )
     if not issubclass(kind.Settings, settings):

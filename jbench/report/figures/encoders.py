@@ -120,7 +120,8 @@ def error_figure(table: pd.DataFrame) -> Figure:
     ]
     note = (
         "Unexplained fraction of the variance of all scaled features; medians across seeds. ddae "
-        "is scored on the state some steps later, part of which is unpredictable. Fractions below "
+        "is scored on the state some steps later, part of which is unpredictable; planar does not "
+        "decode the robot's position and heading, which count as unexplained. Fractions below "
         f"{_FLOOR:g} are drawn at {_FLOOR:g}."
     )
     return Figure("Error against number of latents", panels, key, [note])

@@ -252,8 +252,10 @@ def encoder_errors(table: pd.DataFrame) -> TableItem:
         "What encoders lose",
         "Unexplained fraction of the variance of the scaled features, on held-out episodes of the "
         "encoder's dataset and on episodes of the task's hand-written policy; for comparison, PCA "
-        "and a random projection of the same size on the same states. R² is of the next control "
-        "step, predicted on held-out episodes by a small network from latents and action. Medians "
-        "across the seeds of the encoders.",
+        "and a random projection of the same size on the same states. The fractions of ddae and "
+        "planar do not compare with others: ddae is scored on a later state, and planar does not "
+        "decode position and heading. R² is of the next control step, predicted on held-out "
+        "episodes by a small network from latents and action. Medians across the seeds of the "
+        "encoders.",
         shown,
     )

@@ -1,4 +1,4 @@
-"""What latents tell of the next control step: the probe, and the kinds that learn to foresee it."""
+"""Tests of the probe, which predicts the next control step, and of the predictive kinds."""
 
 import math
 from types import SimpleNamespace
@@ -34,7 +34,7 @@ CPU = torch.device("cpu")
 
 @pytest.fixture(scope="module")
 def real(tmp_path_factory):
-    """The states of eight episodes of the real robot."""
+    """The states of eight simulated episodes."""
     results = Results(tmp_path_factory.mktemp("real") / "results")
     collect(DatasetSettings(seed=1, steps=8000), results, threads=2)
     states = States(find_dataset(results), "face_direction", 0)
@@ -43,14 +43,14 @@ def real(tmp_path_factory):
 
 
 def learned(kind, states, latents=12):
-    """Weights of a learned kind, of numpy."""
+    """Trained weights of a kind, as numpy arrays."""
     learner = Learner(kind, states.size, latents, 0, CPU, kind.constants(states))
     for _ in range(kind.epochs):
         learner.epoch(states)
     return {name: value.detach().numpy() for name, value in learner.weights.items()}
 
 
-def test_forward_predicts_the_yaw_rate_better_than_the_denoising_autoencoder(real):
+def test_forward_predicts_yaw_rate_better_than_autoencoder(real):
     cheap = {"epochs": 12, "batch": 256}
     forward, dae = (make_kind(name, cheap) for name in ("forward", "dae"))
     found = {
@@ -59,9 +59,9 @@ def test_forward_predicts_the_yaw_rate_better_than_the_denoising_autoencoder(rea
     assert found[type(forward)] > found[type(dae)] + 0.1
 
 
-def test_probe_knows_what_is_in_the_latents_and_nothing_else(real):
+def test_probe_uses_only_information_in_latents(real):
     class One(Scaled):
-        """The motor's speed alone, or nothing."""
+        """Encodes only the motor's speed, or a constant."""
 
         seen: bool = True
 
@@ -72,12 +72,12 @@ def test_probe_knows_what_is_in_the_latents_and_nothing_else(real):
     assert list(whole.r2) == list(TARGETS)
     assert whole.r2["yaw_rate"] > max(0.5, one.r2["yaw_rate"] + 0.1)
     nothing = probe(One(seen=False), {}, real)
-    # The action alone drives the yaw rate, and tells nothing of the reward.
+    # The action alone predicts part of the yaw rate, but not the reward.
     assert nothing.r2["yaw_rate"] < whole.r2["yaw_rate"] - 0.1
     assert nothing.r2["reward"] < 0.1
     assert (one.effective_rank, nothing.effective_rank) == (pytest.approx(1), 0)
     assert (whole.learned_rows, whole.test_rows) == (6000, 2000)
-    # Always the same, whatever was drawn before.
+    # The result does not depend on the global random state.
     torch.manual_seed(3)
     assert probe(Scaled(), {}, real) == whole
 
@@ -91,13 +91,13 @@ def test_probe_knows_what_is_in_the_latents_and_nothing_else(real):
         ((0, 0, 0), 0),
     ],
 )
-def test_effective_rank_worked_out_by_hand(spread, expected):
-    # Columns at right angles with a mean of 0, so that their lengths are the singular values.
+def test_effective_rank_equals_value_computed_by_hand(spread, expected):
+    # Orthogonal columns of mean 0, so that their lengths are the singular values.
     signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
     assert effective_rank(signs * spread + 7) == pytest.approx(expected)
 
 
-def test_predictions_are_rows_and_the_rank_is_in_the_table_of_encoders(trained):
+def test_predictions_and_effective_rank_are_in_database(trained):
     found = rows(trained.record, "encoder_predictions")
     assert found["target"].tolist() == list(TARGETS)
     assert found["test_rows"].tolist() == [1000] * 4
@@ -106,7 +106,7 @@ def test_predictions_are_rows_and_the_rank_is_in_the_table_of_encoders(trained):
     assert 1 < row["effective_rank"] <= 3
 
 
-def test_encoders_from_before_the_predictions_are_read_and_shown(trained, results, capsys):
+def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys):
     old = results.create("encoder", trained.record.id, trained.record.settings)
     for name in ("encoder_features", "encoder_errors"):
         old.append({name: trained.record.read(name, getattr(schema, name.upper()))})
@@ -121,7 +121,7 @@ def test_encoders_from_before_the_predictions_are_read_and_shown(trained, result
     assert "R²" not in said
 
 
-def test_changes_of_angles_go_the_shorter_way_and_are_of_unit_variance(real):
+def test_angle_changes_are_wrapped_and_have_unit_variance(real):
     turns = angle_periods(real)
     gain, _ = real.scaling.gain_and_offset()
     # The motor's angle and the angle to the target are observed in units of pi.
@@ -142,7 +142,7 @@ def test_changes_of_angles_go_the_shorter_way_and_are_of_unit_variance(real):
     assert rewards.std().item() == pytest.approx(1, rel=1e-3)
 
 
-def test_forward_loss_is_that_of_its_three_errors(real):
+def test_forward_loss_is_sum_of_three_errors(real):
     kind = ForwardModel(hidden=5, horizon=2)
     weights = kind.initial(16, 3, torch.Generator().manual_seed(0)) | kind.constants(real)
     (shard,) = real.learn()
@@ -171,7 +171,7 @@ def test_forward_loss_is_that_of_its_three_errors(real):
 
 
 @pytest.mark.parametrize("kind", [ForwardModel(hidden=5), Contrastive(hidden=5)])
-def test_the_decoder_does_not_influence_the_latents(real, kind):
+def test_decoder_has_no_gradient_on_encoder(real, kind):
     weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
     weights = {name: value.requires_grad_() for name, value in weights.items()}
     (shard,) = real.learn()
@@ -184,7 +184,7 @@ def test_the_decoder_does_not_influence_the_latents(real, kind):
     assert torch.equal(*found)
 
 
-def test_contrastive_loss_is_the_nll_of_the_correct_pairs(real):
+def test_contrastive_loss_is_nll_of_correct_pairs(real):
     kind = Contrastive(hidden=5, horizon=1)
     weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
     # The query is 0 for every row: all later states are equally likely.
@@ -201,7 +201,7 @@ def test_contrastive_loss_is_the_nll_of_the_correct_pairs(real):
 
 
 def linear_system(order, size=10, episodes=3):
-    """Shards of a random linear system of an order, seen in more features with a little noise."""
+    """A shard of a random linear system, observed in more features with little noise."""
     random = np.random.default_rng(0)
     rotation, _ = np.linalg.qr(random.normal(size=(order, order)))
     seen, effect = random.normal(size=(size, order)), random.normal(size=order)
@@ -216,24 +216,24 @@ def linear_system(order, size=10, episodes=3):
 
 
 def states_of(shard):
-    """What a kind needs of `States`."""
+    """The attributes of `States` that a kind needs."""
     return SimpleNamespace(
         learn=lambda: iter([shard]), size=shard.states.shape[-1], device=CPU, seed=0
     )
 
 
 @pytest.mark.parametrize("order", [2, 5])
-def test_dmd_recovers_the_order_of_a_linear_system_in_any_units(order):
+def test_dmd_recovers_order_of_linear_system_in_any_units(order):
     shard = linear_system(order)
     weights = DynamicModes().fit(states_of(shard), order)
     values = weights["singular_values"]
     assert ((values > 0.9).sum(), (values > 0.2).sum()) == (order, order)
     assert DynamicModes().summary(weights)["singular_values"] == np.round(values, 4).tolist()
-    # Its latents give back all features but the noise.
+    # The latents reconstruct all features except the noise.
     rebuilt = DynamicModes().decode(weights, DynamicModes().encode(weights, shard.states.numpy()))
     assert np.abs(rebuilt - shard.states.numpy()).std() < 0.02
     latents = DynamicModes().encode(weights, shard.states.numpy()).reshape(-1, order)
-    # Other units of the features change neither singular values nor, but for signs, latents.
+    # Other units of the features change neither singular values nor, except for signs, latents.
     units = np.geomspace(0.01, 100, 10).astype(np.float32)
     other = DynamicModes().fit(
         states_of(shard._replace(states=shard.states * torch.from_numpy(units))), order
@@ -244,7 +244,7 @@ def test_dmd_recovers_the_order_of_a_linear_system_in_any_units(order):
     np.testing.assert_allclose(along, 1, atol=0.01)
 
 
-def test_an_encoder_with_more_latents_than_features_is_saved_and_evaluated(trained, results):
+def test_encoder_with_more_latents_than_features_is_evaluated(trained, results):
     record = train(trained.states, results, "random-features", 64)
     assert load_encoder(results, record.id)[0].latent_size == 64
     (errors,) = record.read("encoder_errors", encoder_schema.ENCODER_ERRORS).to_pylist()
@@ -252,7 +252,7 @@ def test_an_encoder_with_more_latents_than_features_is_saved_and_evaluated(train
     assert len(rows(record, "encoder_predictions")) == len(TARGETS)
 
 
-def test_random_features_may_outnumber_features_and_lose_little(trained):
+def test_many_random_features_reconstruct_almost_all(trained):
     kind = RandomFeatures()
     weights = kind.fit(trained.states, 64)
     seen = trained.states.scale(observations_of(trained.dataset)).reshape(-1, 16)
@@ -265,7 +265,7 @@ def test_random_features_may_outnumber_features_and_lose_little(trained):
     assert effective_rank(latents) > 16
 
 
-def test_settings_let_random_features_outnumber_features_and_no_linear_kind():
+def test_only_random_features_may_outnumber_features():
     shared = {"dataset": "random/a", "latents": 240}
     settings = encoder_settings("random-features", {}, **shared)
     assert settings.representation == "random-features240"

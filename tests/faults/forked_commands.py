@@ -1,4 +1,4 @@
-"""Commands and their workers in processes forked from this one, which has imported everything."""
+"""Runs commands and their workers in forks of this process, which has imported all modules."""
 
 import contextlib
 import json
@@ -15,7 +15,7 @@ from tests.faults.fault_injection import Injector
 
 
 class Ended(NamedTuple):
-    """How a command ended: its exit code, its output, and how often it made each call."""
+    """The exit code, the output and the counts of calls of a command."""
 
     code: int
     said: str
@@ -23,7 +23,7 @@ class Ended(NamedTuple):
 
 
 class ForkedWorker:
-    """Replaces `subprocess.Popen`: a worker forked from this process, with all its imports."""
+    """Replaces `subprocess.Popen` by a worker forked from this process."""
 
     def __init__(self, command, **_):
         to_read, stdin = os.pipe()
@@ -55,7 +55,7 @@ class ForkedWorker:
 
 
 def _become(stdin, stdout, others, arguments):
-    """Becomes a worker with these descriptors; does not return."""
+    """Runs a worker with these descriptors; does not return."""
     code = 1
     try:
         os.dup2(stdin, 0)
@@ -72,12 +72,12 @@ def _become(stdin, stdout, others, arguments):
         os._exit(code)
 
 
-def typed(command, path, fault=None):
-    """Types a command in a process of its own, with a failing call or without."""
+def run_command(command, path, fault=None):
+    """Runs a command in a new process, with or without a failing call."""
     with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as counted:
         process = os.fork()
         if process == 0:
-            _type(command, path, fault, said.fileno(), counted.fileno())
+            _run_and_exit(command, path, fault, said.fileno(), counted.fileno())
         _, status = os.waitpid(process, 0)
         said.seek(0)
         counted.seek(0)
@@ -85,8 +85,8 @@ def typed(command, path, fault=None):
         return Ended(os.waitstatus_to_exitcode(status), said.read().decode(), counts)
 
 
-def _type(command, path, fault, said, counted):
-    """Types a command in this process, which ends."""
+def _run_and_exit(command, path, fault, said, counted):
+    """Runs a command in this process, which ends."""
     code = 70
     try:
         os.dup2(said, 1)

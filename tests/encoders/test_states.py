@@ -9,10 +9,10 @@ from jbench.encoders.scaling import Scaling
 from jbench.encoders.states import SAMPLE_EPISODES, States, split_episodes
 from jbench.errors import RequestError, WorkError
 from tests.encoders.encoder_data import (
-    random_actions,
-    random_states,
     make_dataset,
     observations_of,
+    random_actions,
+    random_states,
 )
 
 CPU = torch.device("cpu")

@@ -22,7 +22,7 @@ from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, encoder_schema, query, schema
 from jbench.tasks.labels import feature_labels
-from tests.encoders.encoder_data import random_states, make_dataset, observations_of
+from tests.encoders.encoder_data import make_dataset, observations_of, random_states
 
 CPU = torch.device("cpu")
 STREAMED = 3 * 2 * 1001 * 16 * 4  # bytes of memory, enough for two episodes

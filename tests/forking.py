@@ -171,7 +171,7 @@ def serve(channel):
                 pid = os.fork()
                 if pid == 0:
                     selector.close()
-                    _become(
+                    _run_request(
                         json.loads(message),
                         streams,
                         (channel.detach(), ended, wakeup, status, *children.values()),
@@ -196,7 +196,7 @@ def _send(status, number):
         os.write(status, NUMBER.pack(number))
 
 
-def _become(request, streams, others):
+def _run_request(request, streams, others):
     """Runs the function of a request in the forked process; does not return."""
     code = 70
     try:

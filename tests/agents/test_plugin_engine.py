@@ -15,7 +15,7 @@ from jbench.policies.copied import UnsupportedPolicyError
 EPISODE = 10
 
 
-class Drawing(jbench.Agent):
+class RandomAgent(jbench.Agent):
     """Draws from all global generators, and keeps its transitions."""
 
     class Settings(jbench.AgentSettings):
@@ -53,7 +53,7 @@ class Drawing(jbench.Agent):
         self.optimizer.load_state_dict(state["optimizer"])
 
 
-def engine_of(kind=Drawing, **changes):
+def engine_of(kind=RandomAgent, **changes):
     about = {"environments": 2, "episode_steps": EPISODE, **changes}
     return PluginEngine("drawing", kind, kind.Settings(), "face_direction", 3, **about)
 
@@ -108,7 +108,7 @@ def test_evaluation_does_not_change_training():
 
 
 def test_actions_of_wrong_shape_are_refused():
-    class Flat(Drawing):
+    class Flat(RandomAgent):
         def act(self, observations):
             return super().act(observations)[:, 0]
 
@@ -120,7 +120,7 @@ def test_actions_of_wrong_shape_are_refused():
 
 
 def test_nonfinite_loss_is_divergence():
-    class Diverging(Drawing):
+    class Diverging(RandomAgent):
         def learn(self, transition):
             return {**super().learn(transition), "critic_loss": float("inf")}
 
@@ -130,18 +130,18 @@ def test_nonfinite_loss_is_divergence():
 
 
 def test_policy_that_cannot_be_saved_is_refused_before_training():
-    class Cosine(Drawing):
+    class UnsavedPolicy(RandomAgent):
         def policy(self):
             return nn.Sequential(self.actor, nn.Softsign())
 
     with pytest.raises(UnsupportedPolicyError, match="Softsign"):
-        engine_of(Cosine)
+        engine_of(UnsavedPolicy)
 
 
 def test_agent_without_state_is_not_resumable():
-    class Forgetful(Drawing):
+    class WithoutState(RandomAgent):
         restore = jbench.Agent.restore
 
-    with engine_of(Forgetful) as forgetful, engine_of() as engine:
-        assert not forgetful.is_resumable
+    with engine_of(WithoutState) as without_state, engine_of() as engine:
+        assert not without_state.is_resumable
         assert engine.is_resumable

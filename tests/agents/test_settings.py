@@ -180,7 +180,7 @@ FROM_PAPER = {
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_sb3_settings_take_library_defaults_except_papers(algo):
+def test_sb3_settings_are_library_defaults_except_table_1(algo):
     settings = algorithm_settings(algo, "sb3").model_dump()
     fixed = FROM_PAPER[algo] | {"learning_rate", "batch_size", "gamma", "hidden_layers"}
     parameters = inspect.signature(CLASSES[algo]).parameters

@@ -34,7 +34,7 @@ def install(name, page, module, tmp_path_factory):
     return target
 
 
-def use(site, patch):
+def make_importable(site, patch):
     """Makes the packages of a folder importable in this process and its child processes."""
     patch.syspath_prepend(str(site))
     patch.setenv("PYTHONPATH", os.pathsep.join([str(site), str(ROOT)]))
@@ -52,7 +52,7 @@ def train_and_sweep(site, directory, train, matrix):
     results = directory / "results"
     (directory / "matrix.toml").write_text(matrix)
     with pytest.MonkeyPatch.context() as patch:
-        use(site, patch)
+        make_importable(site, patch)
         first = ("--seeds", "0", "--steps", str(SHORT))
         succeed("train", *train, *first, results=results, short=True)
         succeed("sweep", directory / "matrix.toml", results=results, short=True)

@@ -12,7 +12,7 @@ from jbench.store import Results, schema
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
 from tests.command_line import SHORT, Process, succeed
-from tests.commands.distributions import assert_fails, install, train_and_sweep, use
+from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "random-search-agent"
@@ -25,7 +25,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture
 def installed(site, monkeypatch):
-    use(site, monkeypatch)
+    make_importable(site, monkeypatch)
 
 
 def settings(algo="random-search", seed=0, **changes):

@@ -103,7 +103,7 @@ def test_empty_directory_reports_command_to_type(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"schema_version": 0}, "manifest.json is of schema version 0, and this jbench reads from"),
         ({"schema_version": 99}, "manifest.json is of schema version 99, and this jbench reads up"),
@@ -111,14 +111,14 @@ def test_empty_directory_reports_command_to_type(tmp_path, capsys):
         ({"kind": "poem"}, "is not a manifest that can be read"),
     ],
 )
-def test_unreadable_dataset_is_reported_and_others_listed(results, changes, said, capsys):
+def test_unreadable_dataset_is_reported_and_others_listed(results, changes, message, capsys):
     alter_manifest(records(results)[0], **changes)
     assert main(["datasets", "--results", str(results), "--json"]) == 1
     printed = capsys.readouterr()
     listed = json.loads(printed.out)
     assert {each["settings"]["seed"] for each in listed["datasets"]} == {4, 7}
     (problem,) = listed["problems"]
-    assert said in problem
+    assert message in problem
     assert f"Warning: {problem}" in printed.err
     assert "Error: 1 dataset is unreadable and left out; see above." in printed.err
 
@@ -137,7 +137,7 @@ def test_export_defaults_to_newest_plain_dataset(results, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
+    ("arguments", "code", "message"),
     [
         (("--dataset", "random/s00-00000000"), 2, "No dataset random/s00-00000000 in "),
         (("--dataset", DatasetSettings(steps=9000, seed=7).id), 2, "is unfinished; type the jbe"),
@@ -147,10 +147,10 @@ def test_export_defaults_to_newest_plain_dataset(results, tmp_path, capsys):
         (("--out", "/proc/jbench"), 2, "can't be made"),
     ],
 )
-def test_invalid_export_is_refused(results, arguments, code, said, capsys):
+def test_invalid_export_is_refused(results, arguments, code, message, capsys):
     found = refused(capsys, "export", "--results", str(results), *arguments)
     assert found[0] == code
-    assert said in found[1]
+    assert message in found[1]
     assert not (results / "minari").exists()
 
 

@@ -90,7 +90,7 @@ def fill(results, cell, numbers):
         finish(results, deciding.run_of(cell, seed), [number - 10, number + 10])
 
 
-def looks(results, cells, claims=(), most=30):
+def outcomes_of(results, cells, claims=(), most=30):
     asked = deciding.comparisons(cells, claims)
     return deciding.outcomes(asked, deciding.Numbers(results), results, most)
 
@@ -147,14 +147,14 @@ def test_question_matrix_compares_reductions_with_full_and_scaled(results):
 
 def test_only_undecided_comparisons_get_more_seeds(results, cells):
     full, pca, random, _ = cells
-    first = deciding.next_cells(looks(results, cells), {})
+    first = deciding.next_cells(outcomes_of(results, cells), {})
     assert [[run.seed for run in cell.runs] for cell in first] == [[0, 1, 2, 3, 4]] * 3
     assert [cell.representation for cell in first] == ["full", "pca3", "random2"]
 
     fill(results, full, [500, 510, 520, 530, 540])
     fill(results, pca, [100, 110, 120, 130])  # one seed is missing
     fill(results, random, [501, 511, 521, 531, 541])
-    found = looks(results, cells)
+    found = outcomes_of(results, cells)
     assert [(one.decision.verdict, one.decision.seeds) for one in found] == [
         ("undecided", 0),
         ("undecided", 5),
@@ -164,7 +164,7 @@ def test_only_undecided_comparisons_get_more_seeds(results, cells):
         for cell in deciding.next_cells(found, {})
     }
     assert needed == {"full": [5, 6, 7, 8, 9], "pca3": [4], "random2": [5, 6, 7, 8, 9]}
-    assert looks(results, cells, ["pca3"])[0].needed == [deciding.run_of(pca, 4)]
+    assert outcomes_of(results, cells, ["pca3"])[0].needed == [deciding.run_of(pca, 4)]
 
     finish(results, deciding.run_of(pca, 4), [140.0])
     for cell, start in ((full, 550), (random, 551)):
@@ -172,7 +172,7 @@ def test_only_undecided_comparisons_get_more_seeds(results, cells):
             finish(results, deciding.run_of(cell, seed), [start + seed])
     for seed in range(5, 10):
         finish(results, deciding.run_of(pca, seed), [100.0 + seed])
-    pca_outcome, random_outcome = looks(results, cells)
+    pca_outcome, random_outcome = outcomes_of(results, cells)
     assert (pca_outcome.decision.verdict, pca_outcome.needed) == ("smaller", [])
     assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", [])
 
@@ -183,7 +183,7 @@ def test_failed_run_stops_only_its_comparisons(results, cells):
         fill(results, cell, [500, 510, 520, 530, 540])
     bad = deciding.run_of(pca, 3)
     results.create("run", bad.id, bad.model_dump(mode="json")).fail("no luck")
-    found = looks(results, cells)
+    found = outcomes_of(results, cells)
     tried = {bad.id: bad}
     assert {cell.representation for cell in deciding.next_cells(found, tried)} == {
         "full",
@@ -198,10 +198,10 @@ def test_no_seed_is_added_beyond_maximum(results, cells):
     full, pca, _, _ = cells
     for cell in (full, pca):
         fill(results, cell, [100, 900, 200, 800, 500])
-    (outcome,) = looks(results, cells, ["pca3"], most=5)
+    (outcome,) = outcomes_of(results, cells, ["pca3"], most=5)
     assert (outcome.decision.verdict, outcome.needed) == ("undecided", [])
     assert outcome.decision.spent == pytest.approx(0.05)
-    assert len(looks(results, cells, ["pca3"], most=10)[0].needed) == 10
+    assert len(outcomes_of(results, cells, ["pca3"], most=10)[0].needed) == 10
 
 
 def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(matrix, results, cells):

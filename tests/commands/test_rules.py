@@ -15,7 +15,7 @@ from jbench.store import Results, schema
 from jbench.training.batched_run import run_batch
 from tests.agents.killed_run import stack_seeds
 from tests.command_line import SHORT, Process, succeed
-from tests.commands.distributions import assert_fails, install, train_and_sweep, use
+from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "tqc-rule"
@@ -52,7 +52,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture
 def installed(site, monkeypatch):
-    use(site, monkeypatch)
+    make_importable(site, monkeypatch)
 
 
 def run_of(algo="tqc", **changes):

@@ -34,7 +34,7 @@ def checksums(record):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"steps": 1500}, "steps must be a multiple, such as 2000"),
         ({"steps": 1}, "such as 1000"),
@@ -45,12 +45,12 @@ def checksums(record):
         ({"step": 1000}, "Extra inputs are not permitted"),
     ],
 )
-def test_invalid_settings_are_refused(settings, said):
-    with pytest.raises(ValidationError, match=said):
+def test_invalid_settings_are_refused(settings, message):
+    with pytest.raises(ValidationError, match=message):
         DatasetSettings(**settings)
 
 
-def test_default_settings_are_the_papers_and_immutable():
+def test_default_settings_equal_paper_and_are_frozen():
     settings = DatasetSettings()
     assert (settings.steps, settings.policy, settings.seed) == (5_000_000, "random", 0)
     with pytest.raises(ValidationError, match="frozen"):

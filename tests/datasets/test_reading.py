@@ -110,12 +110,12 @@ ALTERATIONS = {
 
 @pytest.mark.parametrize("alteration", ALTERATIONS.values(), ids=ALTERATIONS)
 def test_invalid_rows_are_refused(altered, tables, alteration):
-    table, column, row, value, said = alteration
+    table, column, row, value, message = alteration
     found = altered(**{table: with_value(tables[table], column, row, value)})
     for read in (lambda: list(found.blocks(TASK)), lambda: found.observations(TASK)):
         with pytest.raises(WorkError) as error:
             read()
-        assert said in str(error.value)
+        assert message in str(error.value)
         assert str(error.value).startswith(f"{found.record.parts('steps')[0].name} of the dataset")
         assert str(error.value).endswith(f"; collect it again after deleting {found.record.path}.")
 
@@ -140,8 +140,8 @@ def test_dataset_without_column_is_refused(altered, tables, table, column):
     found = altered(**{table: tables[table].drop_columns(column)})
     with pytest.raises(WorkError) as error:
         list(found.blocks(TASK))
-    said = f"it has no column {column}: another version of jbench wrote it"
-    assert said in str(error.value)
+    message = f"it has no column {column}: another version of jbench wrote it"
+    assert message in str(error.value)
     assert "of the dataset random/a is damaged" in str(error.value)
 
 

@@ -179,9 +179,9 @@ def test_planar_numbers_equal_values_computed_by_hand():
     )
     physical = np.concatenate(list(features.features("move_to_pose", state, target).values()))
     found = to_planar("move_to_pose", physical)
-    # North, where it goes at 0.2 m/s and the target is 0.5 m off, is ahead along its heading. Its
-    # y axis points up and its z axis to the right. It faces -y: straight down, or by the yaw of
-    # its x axis east; the target looks there.
+    # The heading is north, in which the velocity is 0.2 m/s and the target is 0.5 m away. The y
+    # axis of the robot points up, its z axis to the right. The robot faces -y, which is down; by
+    # the yaw of its x axis it faces east, and so does the target.
     expected = [0.03, root, 0, 0.2, -0.1, 0.3, 1, -3, 2, 0.5, 7, 0.5, 0, 0]
     np.testing.assert_allclose(found, expected, atol=1e-12)
 

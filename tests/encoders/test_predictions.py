@@ -33,9 +33,9 @@ CPU = torch.device("cpu")
 
 
 @pytest.fixture(scope="module")
-def real(tmp_path_factory):
+def simulated(tmp_path_factory):
     """The states of eight simulated episodes."""
-    results = Results(tmp_path_factory.mktemp("real") / "results")
+    results = Results(tmp_path_factory.mktemp("simulated") / "results")
     collect(DatasetSettings(seed=1, steps=8000), results, threads=2)
     states = States(find_dataset(results), "face_direction", 0)
     states.read(CPU)
@@ -50,17 +50,18 @@ def learned(kind, states, latents=12):
     return {name: value.detach().numpy() for name, value in learner.weights.items()}
 
 
-def test_forward_predicts_yaw_rate_better_than_autoencoder(real):
+def test_forward_predicts_yaw_rate_better_than_autoencoder(simulated):
     cheap = {"epochs": 12, "batch": 256}
     forward, dae = (make_kind(name, cheap) for name in ("forward", "dae"))
     found = {
-        type(kind): probe(kind, learned(kind, real), real).r2["yaw_rate"] for kind in (forward, dae)
+        type(kind): probe(kind, learned(kind, simulated), simulated).r2["yaw_rate"]
+        for kind in (forward, dae)
     }
     assert found[type(forward)] > found[type(dae)] + 0.1
 
 
-def test_probe_uses_only_information_in_latents(real):
-    class One(Scaled):
+def test_probe_uses_only_information_in_latents(simulated):
+    class MotorSpeed(Scaled):
         """Encodes only the motor's speed, or a constant."""
 
         seen: bool = True
@@ -68,10 +69,10 @@ def test_probe_uses_only_information_in_latents(real):
         def encode(self, weights, scaled):
             return scaled[..., 14:15] * self.seen
 
-    whole, one = probe(Scaled(), {}, real), probe(One(), {}, real)
+    whole, one = probe(Scaled(), {}, simulated), probe(MotorSpeed(), {}, simulated)
     assert list(whole.r2) == list(TARGETS)
     assert whole.r2["yaw_rate"] > max(0.5, one.r2["yaw_rate"] + 0.1)
-    nothing = probe(One(seen=False), {}, real)
+    nothing = probe(MotorSpeed(seen=False), {}, simulated)
     # The action alone predicts part of the yaw rate, but not the reward.
     assert nothing.r2["yaw_rate"] < whole.r2["yaw_rate"] - 0.1
     assert nothing.r2["reward"] < 0.1
@@ -79,7 +80,7 @@ def test_probe_uses_only_information_in_latents(real):
     assert (whole.learned_rows, whole.test_rows) == (6000, 2000)
     # The result does not depend on the global random state.
     torch.manual_seed(3)
-    assert probe(Scaled(), {}, real) == whole
+    assert probe(Scaled(), {}, simulated) == whole
 
 
 @pytest.mark.parametrize(
@@ -121,9 +122,9 @@ def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys)
     assert "R²" not in said
 
 
-def test_angle_changes_are_wrapped_and_have_unit_variance(real):
-    turns = angle_periods(real)
-    gain, _ = real.scaling.gain_and_offset()
+def test_angle_changes_are_wrapped_and_have_unit_variance(simulated):
+    turns = angle_periods(simulated)
+    gain, _ = simulated.scaling.gain_and_offset()
     # The motor's angle and the angle to the target are observed in units of pi.
     np.testing.assert_allclose(turns, [0] * 13 + [2 * gain[13], 0, 2 * gain[15]], rtol=1e-6)
     now, later = torch.zeros(1, 16), torch.zeros(1, 16)
@@ -133,8 +134,8 @@ def test_angle_changes_are_wrapped_and_have_unit_variance(real):
     assert changes[0, 13].item() == pytest.approx(0.03 * gain[13], rel=1e-4)
     assert changes[0, 14].item() == pytest.approx(-1.97, rel=1e-4)
     kind = ForwardModel(horizon=3)
-    constants = kind.constants(real)
-    (shard,) = real.learn()
+    constants = kind.constants(simulated)
+    (shard,) = simulated.learn()
     batch = shard.take(torch.arange(shard.pairs(3)), 3, with_actions=True)
     scaled = changes_of(batch, turns) * constants["change.scale"]
     np.testing.assert_allclose(scaled.std(0), 1, rtol=1e-3)
@@ -142,10 +143,10 @@ def test_angle_changes_are_wrapped_and_have_unit_variance(real):
     assert rewards.std().item() == pytest.approx(1, rel=1e-3)
 
 
-def test_forward_loss_is_sum_of_three_errors(real):
+def test_forward_loss_is_sum_of_three_errors(simulated):
     kind = ForwardModel(hidden=5, horizon=2)
-    weights = kind.initial(16, 3, torch.Generator().manual_seed(0)) | kind.constants(real)
-    (shard,) = real.learn()
+    weights = kind.initial(16, 3, torch.Generator().manual_seed(0)) | kind.constants(simulated)
+    (shard,) = simulated.learn()
     batch = shard.take(torch.arange(50), 2, with_actions=True)
     w = {name: value.double().numpy() for name, value in weights.items()}
 
@@ -171,31 +172,31 @@ def test_forward_loss_is_sum_of_three_errors(real):
 
 
 @pytest.mark.parametrize("kind", [ForwardModel(hidden=5), Contrastive(hidden=5)])
-def test_decoder_has_no_gradient_on_encoder(real, kind):
+def test_decoder_has_no_gradient_on_encoder(simulated, kind):
     weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
     weights = {name: value.requires_grad_() for name, value in weights.items()}
-    (shard,) = real.learn()
+    (shard,) = simulated.learn()
     batch = shard.take(torch.arange(50), kind.steps_ahead, with_actions=True)
     found = []
     for factor in (1, 100):
         scaled = weights | {"decoder.weight": weights["decoder.weight"] * factor}
-        loss = kind.loss(scaled | kind.constants(real), batch)
+        loss = kind.loss(scaled | kind.constants(simulated), batch)
         found.append(torch.autograd.grad(loss, weights["encoder.weight"])[0])
     assert torch.equal(*found)
 
 
-def test_contrastive_loss_is_nll_of_correct_pairs(real):
+def test_contrastive_loss_is_nll_of_correct_pairs(simulated):
     kind = Contrastive(hidden=5, horizon=1)
     weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
     # The query is 0 for every row: all later states are equally likely.
     weights["query.weight"].zero_()
-    (shard,) = real.learn()
+    (shard,) = simulated.learn()
     batch = shard.take(torch.arange(0, 5000, 100), 1, with_actions=True)
     readout = (kind.decode(weights, kind.encode(weights, batch.now)) - batch.now).square().mean()
     loss = kind.loss(weights, batch) - readout
     assert loss.item() == pytest.approx(math.log(50), rel=1e-5)
     cheap = Contrastive(epochs=2, batch=128)
-    better = learned(cheap, real)
+    better = learned(cheap, simulated)
     in_torch = {name: torch.from_numpy(value) for name, value in better.items()}
     assert cheap.loss(in_torch, shard.take(torch.arange(0, 5000, 100), 5, True)) < math.log(50)
 

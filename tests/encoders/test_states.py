@@ -63,7 +63,7 @@ def test_split_has_80_percent_of_episodes_for_training(episodes):
     assert len(held_out) == max(1, round(episodes / 5))
 
 
-def test_split_depends_only_on_the_seed():
+def test_split_depends_only_on_seed():
     splits = [split_episodes(100, seed)[1].tolist() for seed in (0, 0, 1)]
     assert splits[0] == splits[1] != splits[2]
     assert splits[0] != list(range(20))

@@ -343,7 +343,7 @@ def test_encoder_is_row_of_database(trained):
         assert row[name] == trained.record.manifest.summary[name] == errors[name]
 
 
-def test_default_settings_are_the_papers():
+def test_default_settings_equal_paper():
     settings = encoder_settings("dae", {}, dataset="random/a")
     assert (settings.latents, settings.task) == (12, "face_direction")
     assert settings.options == {
@@ -355,7 +355,7 @@ def test_default_settings_are_the_papers():
 
 
 @pytest.mark.parametrize(
-    ("task", "latents", "said"),
+    ("task", "latents", "message"),
     [
         ("face_direction", 17, "face_direction has 16 features: latents must be 1 to 16"),
         ("move_from_origin", 16, "latents must be 1 to 15"),
@@ -364,13 +364,13 @@ def test_default_settings_are_the_papers():
         ("face_direction", -1, "greater than or equal to 1"),
     ],
 )
-def test_more_latents_than_features_are_refused(task, latents, said):
-    with pytest.raises(RequestError, match=said):
+def test_invalid_number_of_latents_is_refused(task, latents, message):
+    with pytest.raises(RequestError, match=message):
         encoder_settings("dae", {}, dataset="random/a", task=task, latents=latents)
 
 
 @pytest.mark.parametrize(
-    ("kind", "options", "said"),
+    ("kind", "options", "message"),
     [
         *(("dae", {"noise": value}, "noise of dae can't be") for value in (-0.1, math.nan, "x")),
         ("dae", {"epochs": 0}, "epochs of dae can't be 0"),
@@ -385,8 +385,8 @@ def test_more_latents_than_features_are_refused(task, latents, said):
         ("daee", {}, "Unknown kind of encoder 'daee'; did you mean dae"),
     ],
 )
-def test_unknown_options_are_refused(kind, options, said):
-    with pytest.raises(RequestError, match=said):
+def test_invalid_options_are_refused(kind, options, message):
+    with pytest.raises(RequestError, match=message):
         encoder_settings(kind, options, dataset="random/a")
 
 
@@ -427,7 +427,7 @@ def test_settings_are_validated():
 def test_held_out_episodes_are_not_used_in_training(results):
     (held_out,) = split_episodes(5, 2)[1]
     records = []
-    for share in (0.5, 0.1):  # smaller than the others, so that the others determine the scaling
+    for share in (0.5, 0.1):  # slower than the others, which determine the scaling
         state = random_states(5)
         state.velocity[held_out] *= share
         dataset = make_dataset(results, f"random/{share}", state)

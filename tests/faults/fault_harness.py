@@ -91,13 +91,13 @@ def problems(verb, fault, ended, path, expected):
         path: of the results, which change: the command is repeated.
         expected: `content` of the results without a fault.
     """
-    errors = [line for line in ended.said.splitlines() if line.startswith("Error: ")]
-    if "Traceback" in ended.said or ended.code not in (0, 1, 2):
-        yield f"exit code {ended.code}: {ended.said[-1500:]}"
+    errors = [line for line in ended.output.splitlines() if line.startswith("Error: ")]
+    if "Traceback" in ended.output or ended.code not in (0, 1, 2):
+        yield f"exit code {ended.code}: {ended.output[-1500:]}"
     elif len(errors) != (ended.code != 0):
-        yield f"exit code {ended.code} with {len(errors)} sentences: {ended.said[-500:]}"
+        yield f"exit code {ended.code} with {len(errors)} sentences: {ended.output[-500:]}"
     first = run_command(("verify", "--threads", "1"), path)
-    wrong = [line for line in first.said.splitlines() if line.startswith("  ")]
+    wrong = [line for line in first.output.splitlines() if line.startswith("  ")]
     damaged = [line for line in wrong if "is listed by no manifest" not in line]
     if damaged and verb != "repair":
         yield f"verify: {damaged}"
@@ -105,10 +105,10 @@ def problems(verb, fault, ended, path, expected):
     again = run_command(command, path)
     exists = verb == "export" and ended.code == 0  # which is not overwritten
     if again.code != (2 if exists else 0):
-        yield f"repeated, exit code {again.code}: {again.said[-1500:]}"
+        yield f"repeated, exit code {again.code}: {again.output[-1500:]}"
     after = run_command(("verify", "--threads", "1"), path)
     if after.code != 0:
-        yield f"verify, after the repeated command: {after.said}"
+        yield f"verify, after the repeated command: {after.output}"
     try:
         found = content(path)
     except WorkError as error:
@@ -146,7 +146,7 @@ def prepared(name, folder):
                 step(start)
             else:
                 ended = run_command(step, start)
-                assert ended.code == 0, ended.said
+                assert ended.code == 0, ended.output
     path = start.parent / "path"
     shutil.rmtree(path, ignore_errors=True)
     shutil.copytree(start, path)
@@ -157,9 +157,9 @@ def without_fault(name, folder):
     """Runs a command without a fault; returns its counts of calls and its results."""
     path = prepared(name, folder)
     ended = run_command(VERBS[name].command, path)
-    assert ended.code == 0, ended.said
+    assert ended.code == 0, ended.output
     checked = run_command(("verify", "--threads", "1"), path)
-    assert checked.code == 0, checked.said
+    assert checked.code == 0, checked.output
     return ended.counts, content(path)
 
 

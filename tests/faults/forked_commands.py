@@ -18,7 +18,7 @@ class Ended(NamedTuple):
     """The exit code, the output and the counts of calls of a command."""
 
     code: int
-    said: str
+    output: str
     counts: dict
 
 
@@ -30,7 +30,7 @@ class ForkedWorker:
         stdout, to_write = os.pipe()
         self.pid, self.returncode = os.fork(), None
         if self.pid == 0:
-            _become(to_read, to_write, (stdin, stdout), command[3:])
+            _run_worker(to_read, to_write, (stdin, stdout), command[3:])
         os.close(to_read)
         os.close(to_write)
         self.stdin, self.stdout = os.fdopen(stdin, "w"), os.fdopen(stdout)
@@ -54,7 +54,7 @@ class ForkedWorker:
             os.kill(self.pid, signal.SIGKILL)
 
 
-def _become(stdin, stdout, others, arguments):
+def _run_worker(stdin, stdout, others, arguments):
     """Runs a worker with these descriptors; does not return."""
     code = 1
     try:
@@ -74,23 +74,23 @@ def _become(stdin, stdout, others, arguments):
 
 def run_command(command, path, fault=None):
     """Runs a command in a new process, with or without a failing call."""
-    with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as counted:
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as counted:
         process = os.fork()
         if process == 0:
-            _run_and_exit(command, path, fault, said.fileno(), counted.fileno())
+            _run_and_exit(command, path, fault, output.fileno(), counted.fileno())
         _, status = os.waitpid(process, 0)
-        said.seek(0)
+        output.seek(0)
         counted.seek(0)
         counts = json.loads(counted.read() or b"{}")
-        return Ended(os.waitstatus_to_exitcode(status), said.read().decode(), counts)
+        return Ended(os.waitstatus_to_exitcode(status), output.read().decode(), counts)
 
 
-def _run_and_exit(command, path, fault, said, counted):
+def _run_and_exit(command, path, fault, output, counted):
     """Runs a command in this process, which ends."""
     code = 70
     try:
-        os.dup2(said, 1)
-        os.dup2(said, 2)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
         sys.stdout, sys.stderr = (os.fdopen(n, "w", 1, closefd=False) for n in (1, 2))
         arguments = [word.format(path=path) for word in command]
         sys.argv = ["jbench", *arguments]

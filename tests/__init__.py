@@ -1,1 +1,1 @@
-"""Tests of jbench, by room: tests/<room>/test_<module>.py."""
+"""Tests of jbench; those of a module are in tests/<package>/test_<module>.py."""

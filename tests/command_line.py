@@ -1,4 +1,4 @@
-"""The command line as its users type it, in processes of its own; see `forking.py`."""
+"""Runs jbench commands in separate processes, which are forked; see `forking.py`."""
 
 import os
 import subprocess
@@ -8,7 +8,7 @@ import tempfile
 from jbench.names import EPISODE_STEPS
 from tests.forking import COMMAND, ROOT, Forked, server
 
-# A background process of a script ignores Ctrl-C, and so do its children. This command does not.
+# Background processes of a script ignore Ctrl-C; this command restores it.
 INTERRUPTIBLE = (
     sys.executable,
     "-c",
@@ -36,7 +36,7 @@ def short_episodes(folder):
 
 
 class Process(Forked):
-    """A process that calls a function, in a group of its own; its output is kept in files."""
+    """A process in its own process group that calls a function; its output is in files."""
 
     def __init__(self, target, *arguments, cwd=None, short=False):
         self._out, self._err = tempfile.TemporaryFile("w+"), tempfile.TemporaryFile("w+")  # noqa: SIM115
@@ -46,26 +46,26 @@ class Process(Forked):
             super().__init__(channel, target, arguments, streams, cwd=cwd, session=True)
 
     def communicate(self, timeout=None):
-        """Waits for its end; returns its output and errors."""
+        """Waits until the process ends; returns its standard output and standard error."""
         self.wait(timeout)
         for file in (self._out, self._err):
             file.seek(0)
         return self._out.read(), self._err.read()
 
     def finished(self):
-        """Waits for its end; returns what `subprocess.run` returns."""
+        """Waits until the process ends; returns the same as `subprocess.run`."""
         out, err = self.communicate(timeout=600)
         return subprocess.CompletedProcess((), self.returncode, out, err)
 
 
 def start(*arguments, results=None, cwd=None, short=False):
-    """Starts the command line; returns the process."""
+    """Starts a jbench command; returns the process."""
     where = () if results is None else ("--results", str(results))
     return Process(COMMAND, [*map(str, arguments), *where], cwd=cwd, short=short)
 
 
 def jbench(*arguments, **options):
-    """Runs the command line; returns the finished process."""
+    """Runs a jbench command; returns the completed process."""
     return start(*arguments, **options).finished()
 
 

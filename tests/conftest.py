@@ -1,4 +1,4 @@
-"""What all tests share: threads, the choice of a renderer and the settings of hypothesis."""
+"""Fixtures of all tests, and their thread limits, renderer and hypothesis profile."""
 
 import ctypes.util
 import os
@@ -18,7 +18,7 @@ os.environ.update(ONE_THREAD)
 if not os.environ.get("MUJOCO_GL"):
     os.environ["MUJOCO_GL"] = "osmesa" if ctypes.util.find_library("OSMesa") else "disable"
 
-# No deadline: a busy machine fails no test. The same examples for everyone, in every run.
+# No deadline, so that a busy machine fails no test. The examples are the same in every run.
 settings.register_profile("jbench", deadline=None, derandomize=True, max_examples=30)
 settings.load_profile("jbench")
 
@@ -56,8 +56,8 @@ def forked_workers(monkeypatch):
 
 
 @pytest.fixture(scope="session")
-def brief_judging():
-    """Judges encoders on two episodes of the heuristic, not ten, in all tests that follow."""
+def short_encoder_evaluation():
+    """Evaluates encoders on two heuristic episodes, not ten, for the rest of the session."""
     from jbench.encoders import evaluation
 
     with pytest.MonkeyPatch.context() as patch:
@@ -68,7 +68,7 @@ def brief_judging():
 
 @pytest.fixture(scope="session")
 def demo_results(tmp_path_factory):
-    """A results directory like that of `make demo`; copy it before anything is written there."""
+    """A results directory like that of `make demo`; tests that write must copy it."""
     from jbench.store import Results
     from tests.demo_results import add_demo
 

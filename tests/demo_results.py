@@ -1,7 +1,7 @@
-"""The results of `make demo` as docs/quick-start.md shows them, without its minutes of training.
+"""Builds results like those of `make demo` in docs/quick-start.md, without training.
 
-The settings, and so the ids, are those of the commands on that page. The returns on the full
-observation are those that it shows. The policies and the encoder have random weights.
+Settings and ids equal those of the commands on that page, returns on the full observation those
+that it shows. The policies and the encoder have random weights.
 """
 
 import json
@@ -24,7 +24,7 @@ DATASET = "random/s00-5de9f54f"
 ENCODER = f"{TASK}/dae12/s00-cfb70956"
 RETURNS = {("full", 0): (792, 545), ("full", 1): (736, 494), ("dae12", 0): (171, 221)}
 RETURNS["dae12", 1] = (216, 112)
-"""By representation and seed: the return of each training episode, and of each evaluation's."""
+"""Returns of training and of evaluation episodes, by representation and seed."""
 
 
 def add_demo(results):

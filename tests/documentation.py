@@ -1,4 +1,4 @@
-"""The blocks of code of a Markdown page, and a session in which they run."""
+"""Finds the code blocks of Markdown pages, and runs them."""
 
 import io
 import os
@@ -41,7 +41,7 @@ class Block:
 
     @property
     def commands(self):
-        """The commands of a shell, each on lines of its own."""
+        """The shell commands, one after the other."""
         if self.kind == "sh":
             return self.text
         typed = re.findall(r"^\$ (.*(?:\n +.*|\\\n.*)*)", self.text, re.M)
@@ -57,7 +57,7 @@ def blocks_of(page, text):
     """Returns the blocks of a page in their order.
 
     Raises:
-        ValueError: if a block is of an unknown kind and no illustration, or a mark has no block.
+        ValueError: if a block of unknown kind is not an illustration, or a mark has no block.
     """
     found, mark = [], None
     for token in MarkdownIt().enable("table").parse(text):
@@ -103,12 +103,12 @@ def _until_quotes_close(command):
 
 
 class Session:
-    """Runs the blocks of a page one after the other, as a reader would who types them.
+    """Runs the code blocks of a page in order.
 
-    Python blocks share their names, and shell blocks a directory. `jbench` is this checkout's.
+    Python blocks share their variables, shell blocks their directory. `jbench` is this checkout's.
 
     Attributes:
-        directory: the directory, with the reference runs where a checkout has them.
+        directory: working directory, with the reference runs at the path that a checkout has.
         outputs: what the blocks printed, by their line.
     """
 
@@ -128,7 +128,7 @@ class Session:
         (directory / "jbench" / "reference").symlink_to(ROOT / "jbench" / "reference")
 
     def run(self, block):
-        """Runs a block, and keeps what it prints; it raises what fails."""
+        """Runs a block and keeps its output; a failing block raises an error."""
         self.outputs[block.line] = getattr(self, f"_{block.kind}")(block)
 
     def _python(self, block):

@@ -1,7 +1,7 @@
-"""Every verb of the command line, in an order in which each finds what it needs.
+"""A command line of every jbench command, each after the commands whose output it needs.
 
-Its episodes are short. `view` needs a display, `render` an off-screen renderer, and `demo` is the
-other verbs at a length that takes minutes; all three have tests of their own.
+Episodes are short. `view` needs a display, `render` an off-screen renderer, and `demo` takes
+minutes; these three are tested elsewhere.
 """
 
 import importlib.util
@@ -9,10 +9,10 @@ import json
 
 from tests.command_line import SHORT, train
 
-ELSEWHERE = {"demo", "render", "view"}
+TESTED_ELSEWHERE = {"demo", "render", "view"}
 
-# One process types them all: seconds of imports are spent once.
-TYPED = """
+# One process runs all commands, so that it imports the libraries once.
+PROGRAM = """
 import contextlib, io, json, sys
 from jbench.cli import main
 ended = []
@@ -47,14 +47,14 @@ _VERBS = (
     (["leaderboard"], "face_direction"),
 )
 PRINTED = {verb[0]: said for verb, said in _VERBS}
-"""What each verb prints, besides other things."""
+"""A text that the output of each command contains."""
 
 
-def typed(place):
-    """Returns the arguments of each verb as JSON, for `TYPED`.
+def command_lines(place):
+    """Returns the arguments of each command as JSON, for `PROGRAM`.
 
     Args:
-        place: directory of the results, and of the files that verbs read.
+        place: directory of the results, and of the files that commands read.
     """
     curves, other = place / "curves.csv", place / "other"
     curves.write_text("control_steps,episode_return,seed\n100,5.0,0\n200,7.0,0\n")
@@ -74,5 +74,5 @@ def typed(place):
 
 
 def missing():
-    """Returns the verbs that need a package of an extra which is not installed."""
+    """Returns the commands that need an extra which is not installed."""
     return set() if importlib.util.find_spec("minari") else {"export"}

@@ -1,10 +1,9 @@
-"""Processes of the command line, of workers and of test programs without seconds of imports.
+"""Forks processes of commands, workers and test programs, which saves seconds of imports.
 
-A server, which has imported jbench and started no thread, forks each of them. They are real
-processes: they have their own id, streams, environment and directory, and can be killed. A command
-gets a server of its own, from which its workers are forked: they end when the command does. Tests
-whose subject is the start of a process (`test_distribution.py`, `training/test_processes.py`)
-start real ones.
+A server, which has imported jbench and started no thread, forks each of them. They have their own
+id, streams, environment and directory, and can be killed. Each command has its own server, from
+which its workers are forked: they end with the command. Tests of the start of a process
+(`test_distribution.py`, `training/test_processes.py`) start Python processes instead.
 
 `python -m tests.forking CHANNEL EPISODE_STEPS` is the server; CHANNEL is the descriptor of its
 socket, EPISODE_STEPS the length of an episode in all that it forks.
@@ -36,12 +35,12 @@ COMMAND, WORKER = "jbench.cli:main", "jbench.training.worker:main"
 
 
 class Forked:
-    """A process that a server forked, with what the tests use of `subprocess.Popen`."""
+    """A process that a server forked, with the methods of `subprocess.Popen` that tests use."""
 
     def __init__(
         self, channel, target, arguments, streams, *, cwd=None, session=False, environ=os.environ
     ):
-        """Starts it.
+        """Starts the process.
 
         Args:
             channel: socket of the server.
@@ -94,10 +93,10 @@ class Forked:
 
 
 class Piped(Forked):
-    """A process without input whose output is read from `stdout`; its errors are this process's."""
+    """A process without input, with a pipe from `stdout` and this process's standard error."""
 
     def __init__(self, target, arguments, **options):
-        """Starts it; see `Forked`."""
+        """Starts the process; see `Forked`."""
         output, printed = os.pipe()
         with open(os.devnull) as nothing:
             streams = (nothing.fileno(), printed, 2)
@@ -116,7 +115,7 @@ class Piped(Forked):
 
 
 def forked_worker(channel):
-    """Starts a worker; it replaces `executors._start`."""
+    """Starts a worker; replaces `executors._start`."""
     to_read, stdin = os.pipe()
     stdout, to_write = os.pipe()
     environ = {**os.environ, "MUJOCO_GL": "disable"}
@@ -128,14 +127,14 @@ def forked_worker(channel):
 
 
 def fork_workers(patch):
-    """Forks the workers that commands in this process start, until the patch is undone."""
+    """Forks the workers of commands in this process, until the patch is undone."""
     start = partial(forked_worker, server(names.EPISODE_STEPS))
     patch.setattr("jbench.sweeps.executors._start", start)
 
 
 @cache
 def server(episode_steps):
-    """Returns the socket of this process's server, which ends with it."""
+    """Returns the socket of this process's server, which ends with this process."""
     ours, theirs = _channel()
     command = [sys.executable, "-m", "tests.forking", str(theirs.fileno()), str(episode_steps)]
     environ = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -172,7 +171,7 @@ def serve(channel):
                 pid = os.fork()
                 if pid == 0:
                     selector.close()
-                    _become(
+                    _run_request(
                         json.loads(message),
                         streams,
                         (channel.detach(), ended, wakeup, status, *children.values()),
@@ -193,12 +192,12 @@ def _send_codes(children):
 
 
 def _send(status, number):
-    with contextlib.suppress(BrokenPipeError):  # nobody waits for it any more
+    with contextlib.suppress(BrokenPipeError):  # the parent has ended
         os.write(status, NUMBER.pack(number))
 
 
-def _become(request, streams, others):
-    """Becomes the process of a request; does not return."""
+def _run_request(request, streams, others):
+    """Runs the function of a request in the forked process; does not return."""
     code = 70
     try:
         signal.set_wakeup_fd(-1)
@@ -266,22 +265,22 @@ def _forked_workers():
 
 
 def import_all():
-    """Imports all of jbench, and what it imports when it is first used."""
+    """Imports all modules of jbench, and those that they import on first use."""
     for module in pkgutil.walk_packages([str(ROOT / "jbench")], "jbench."):
         with contextlib.suppress(ImportError):
             importlib.import_module(module.name)
     import torch
 
     torch.set_num_threads(1)
-    # It imports torch's compiler when first used.
+    # The first optimizer imports torch's compiler.
     torch.optim.Adam([torch.zeros(1, requires_grad=True)])
-    # A forked process need not copy what is never collected.
+    # Frozen objects are not copied by the garbage collector of a forked process.
     gc.collect()
     gc.freeze()
 
 
-def judge_and_measure_briefly():
-    """Takes few steps to measure the speed of training, and few episodes to judge encoders."""
+def shorten_measurements():
+    """Measures the speed of training on few steps, and evaluates encoders on few episodes."""
     from jbench.encoders import evaluation
     from jbench.training import speed
 
@@ -290,8 +289,8 @@ def judge_and_measure_briefly():
 
 
 if __name__ == "__main__":
-    names.EPISODE_STEPS = int(sys.argv[2])  # before others copy it
+    names.EPISODE_STEPS = int(sys.argv[2])  # before other modules copy it
     import_all()
-    judge_and_measure_briefly()
+    shorten_measurements()
     with contextlib.suppress(KeyboardInterrupt):
         serve(socket.socket(fileno=int(sys.argv[1])))

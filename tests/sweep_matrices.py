@@ -1,4 +1,4 @@
-"""A small matrix of runs, and the processes of its sweep."""
+"""Helpers of sweep tests: a small matrix, its runs, and the processes of its sweep."""
 
 import contextlib
 import os
@@ -73,21 +73,21 @@ _started = []
 
 
 def start(*arguments, results, short=True):
-    """Starts a sweep in a process of its own, and a group of its own."""
+    """Starts a sweep in a new process and process group."""
     process = command_line.start("sweep", *arguments, results=results, short=short)
     _started.append(process)
     return process
 
 
 def end_all():
-    """Kills the processes that a failing test leaves behind, including stopped ones."""
+    """Kills processes that a failing test did not end, including stopped ones."""
     while _started:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(_started.pop().pid, signal.SIGKILL)
 
 
 def ended(process):
-    """Waits for a process; returns what it printed, both streams together."""
+    """Waits until a process ends; returns its standard output and standard error."""
     out, err = process.communicate(timeout=600)
     return out + err
 
@@ -140,7 +140,7 @@ def workers(process):
             forked = Path(f"/proc/{pid}/comm").read_text().strip() == WORKER_NAME
             command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
             if forked or b"jbench.training.worker" in command:
-                # A process that it starts has its name for a moment.
+                # Its own new child processes have its name for a moment.
                 found.add(pid)
                 continue
             for task in Path(f"/proc/{pid}/task").iterdir():

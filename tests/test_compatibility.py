@@ -1,4 +1,4 @@
-"""Results that an earlier version wrote (`fixtures/make_results.py`) are read and resumed."""
+"""Tests that results of an earlier version (`fixtures/make_results.py`) are read and resumed."""
 
 import json
 import shutil
@@ -35,7 +35,7 @@ SETTINGS = {
 
 @pytest.fixture
 def results(tmp_path):
-    """A copy, since every reader makes lock files."""
+    """A copy, since every reader creates lock files."""
     shutil.copytree(FIXTURES / "results", tmp_path / "results")
     return Results(tmp_path / "results")
 
@@ -49,14 +49,14 @@ def runs(results, status):
     }
 
 
-def test_the_fixture_has_finished_and_interrupted_runs_of_all_algorithms(results):
+def test_fixture_has_finished_and_interrupted_run_per_algorithm(results):
     assert set(runs(results, "finished")) == set(runs(results, "unfinished")) == set(TRAINING)
     counts = {kind: len(results.scan(kind)[0]) for kind in SETTINGS}
     assert counts == {"dataset": 1, "encoder": 2, "evaluation": 1, "run": 9}
 
 
 @pytest.mark.parametrize("kind", SETTINGS)
-def test_settings_have_the_ids_of_their_directories(kind, results):
+def test_ids_of_settings_equal_directory_names(kind, results):
     for database in (results, Results(shipped())):
         for record in database.scan(kind)[0]:
             settings = SETTINGS[kind](**record.settings)
@@ -64,7 +64,7 @@ def test_settings_have_the_ids_of_their_directories(kind, results):
             assert settings.model_dump(mode="json") == record.settings
 
 
-def test_every_command_that_reads_reads_them(results, tmp_path, monkeypatch, capsys):
+def test_reading_commands_accept_old_results(results, tmp_path, monkeypatch, capsys):
     shorten_episodes(monkeypatch.setattr)  # of the evaluation
     finished = runs(results, "finished")
     for command in (
@@ -82,7 +82,7 @@ def test_every_command_that_reads_reads_them(results, tmp_path, monkeypatch, cap
 
 
 @pytest.mark.parametrize("algo", TRAINING)
-def test_a_finished_run_typed_again_is_skipped(algo, results, capsys):
+def test_finished_run_is_skipped(algo, results, capsys):
     record = runs(results, "finished")[algo]
     manifest = (record.path / "manifest.json").read_bytes()
     assert main([*train(algo, FINISHED), "--results", str(results.path)]) == 0
@@ -97,7 +97,7 @@ SLOW = pytest.mark.slow
 @pytest.mark.parametrize(
     "algo", [pytest.param(algo, marks=[] if algo in ("td3", "ppo") else SLOW) for algo in TRAINING]
 )
-def test_an_interrupted_run_typed_again_resumes(algo, results, monkeypatch, capsys):
+def test_interrupted_run_resumes_to_recorded_results(algo, results, monkeypatch, capsys):
     monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
     interrupted = runs(results, "unfinished")[algo]
     before = interrupted.read("episodes", schema.EPISODES).drop(TIMES).to_pylist()
@@ -121,7 +121,7 @@ def test_an_interrupted_run_typed_again_resumes(algo, results, monkeypatch, caps
             newer = {name for name in row if name not in old}
             assert {name: row.pop(name) for name in newer} == dict.fromkeys(newer)
         if algo == "ddpg":
-            # Its last updates come after its last evaluation, whose policy is kept now.
+            # The saved policy is now that of the last evaluation, which precedes the last updates.
             assert now.manifest.summary["policy_evaluation"] == 0
             assert found.pop("policy") != wanted.pop("policy")
         assert found == wanted

@@ -1,4 +1,4 @@
-"""Which device a name means here."""
+"""Tests of `find_device`, which resolves the name of a device."""
 
 import pytest
 import torch
@@ -9,7 +9,7 @@ from jbench.errors import RequestError
 
 @pytest.fixture
 def gpus(monkeypatch):
-    """Pretends that there are this many GPUs."""
+    """Returns a function that fakes a number of GPUs."""
 
     def pretend(count):
         monkeypatch.setattr(torch.cuda, "is_available", lambda: count > 0)
@@ -18,7 +18,7 @@ def gpus(monkeypatch):
     return pretend
 
 
-def test_auto_is_a_gpu_if_there_is_one(gpus):
+def test_auto_is_gpu_if_available(gpus):
     gpus(0)
     assert find_device("auto") == find_device("cpu") == torch.device("cpu")
     gpus(1)
@@ -26,7 +26,7 @@ def test_auto_is_a_gpu_if_there_is_one(gpus):
     assert find_device("cpu") == torch.device("cpu")
 
 
-def test_one_of_several_gpus(gpus):
+def test_gpu_is_selected_by_index(gpus):
     gpus(2)
     assert find_device("cuda:1") == torch.device("cuda", 1)
 
@@ -42,7 +42,7 @@ def test_one_of_several_gpus(gpus):
         (1, "gpu", "Unknown device 'gpu'; choose auto, cpu, cuda or cuda:1."),
     ],
 )
-def test_a_device_that_is_not_there_is_refused(gpus, count, name, sentence):
+def test_missing_or_unknown_device_is_refused(gpus, count, name, sentence):
     gpus(count)
     with pytest.raises(RequestError) as caught:
         find_device(name)

@@ -1,4 +1,4 @@
-"""The package as it is published: an sdist of all files, and a wheel that works by itself."""
+"""Tests of the sdist and the wheel: their files, and the commands of the installed wheel."""
 
 import json
 import os
@@ -65,7 +65,7 @@ def wheel(sdist, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """A directory far from the checkout, with the wheel in `packages`."""
+    """A directory outside the checkout with the wheel installed in `packages`."""
     place = tmp_path_factory.mktemp("installed")
     pip = (sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index")
     subprocess.run([*pip, "--target", place / "packages", wheel], check=True)
@@ -74,7 +74,7 @@ def installed(wheel, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def jbench(installed):
-    """Returns a function that runs the installed command; it returns what is printed."""
+    """Returns a function that runs the installed command and returns its output."""
     environment = {**os.environ, "PYTHONPATH": str(installed / "packages")}
 
     def run(*arguments):
@@ -92,12 +92,12 @@ def jbench(installed):
     return run
 
 
-def test_sdist_holds_every_file_of_a_checkout(sdist):
+def test_sdist_contains_every_file_of_checkout(sdist):
     generated = {"PKG-INFO", "setup.cfg", *(name for name in files(sdist) if ".egg-info/" in name)}
     assert files(sdist) - generated == checkout() - generated - {".gitignore"}
 
 
-def test_wheel_holds_the_package_and_nothing_else(wheel):
+def test_wheel_contains_only_package(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
     assert names == {name for name in checkout() if name.startswith("jbench/")}
@@ -105,7 +105,7 @@ def test_wheel_holds_the_package_and_nothing_else(wheel):
         assert any(name.endswith(suffix) for name in names)
 
 
-def test_description_names_nothing_that_only_a_checkout_has(wheel):
+def test_description_has_no_relative_links_or_images(wheel):
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/METADATA"))
         description = Parser().parsestr(archive.read(name).decode()).get_payload()
@@ -114,20 +114,20 @@ def test_description_names_nothing_that_only_a_checkout_has(wheel):
     assert "![" not in description
 
 
-def test_installed_command_is_that_of_the_wheel(jbench, installed):
+def test_installed_command_prints_version(jbench, installed):
     assert list((installed / "packages" / "bin").glob("jbench*"))
     assert jbench("--version") == f"jbench {__version__}\n"
 
 
 @pytest.mark.slow
-def test_installed_package_types_every_verb(installed):
+def test_installed_package_runs_every_command(installed):
     (installed / "short").mkdir()
     (installed / "short" / "sitecustomize.py").write_text(
         f"import jbench.names\njbench.names.EPISODE_STEPS = {SHORT}\n"
     )
     packages = os.pathsep.join(str(installed / name) for name in ("short", "packages"))
     done = subprocess.run(
-        [sys.executable, "-c", every_verb.TYPED, every_verb.typed(installed)],
+        [sys.executable, "-c", every_verb.PROGRAM, every_verb.command_lines(installed)],
         cwd=installed,
         env={**os.environ, "PYTHONPATH": packages},
         capture_output=True,
@@ -141,11 +141,11 @@ def test_installed_package_types_every_verb(installed):
         assert code == 0, verb
         assert every_verb.PRINTED[verb] in said
     (manifest,) = installed.glob("results/runs/face_direction/td3/**/manifest.json")
-    # It is not the checkout, whose revision would be recorded.
+    # The checkout's revision is not recorded: the installed package made the run.
     assert json.loads(manifest.read_text())["provenance"]["git_revision"] is None
 
 
-def test_installed_command_shows_the_shipped_runs(jbench):
+def test_installed_command_lists_shipped_runs(jbench):
     assert "face_direction/td3/full/s00-" in jbench("runs", "--results", "reference")
     said = jbench("report", "--results", "reference", "--algo", "ddpg", "--format", "svg")
     assert "index.html" in said

@@ -1,7 +1,7 @@
-"""What README and docs/ show is so: their blocks of code run, or are marked as illustrations.
+"""Tests of README and docs/: their code blocks run, or are marked as illustrations.
 
-A mark is an HTML comment above a block, which a reader of the page does not see:
-`<!-- illustration: takes days -->`. The commands of marked blocks are parsed, not run.
+A mark is an HTML comment above a block: `<!-- illustration: takes days -->`. The commands of marked
+blocks are parsed, not run. Outputs are compared with the rows of the results.
 """
 
 import html
@@ -31,7 +31,7 @@ VERBS = get_command(app).commands
 
 @pytest.fixture(scope="module")
 def pages(demo_results, tmp_path_factory):
-    """Runs a page's blocks once, in results like those of the demo; returns their outputs."""
+    """Returns a function that runs the blocks of a page once, on results like the demo's."""
     done = {}
 
     def outputs(page):
@@ -50,10 +50,10 @@ def pages(demo_results, tmp_path_factory):
 
 
 def _fill(directory, demo):
-    """Copies results, with what readers have to cope with.
+    """Copies results and adds cases that readers must handle.
 
-    That is a file and a folder that no manifest lists, as a kill may leave them, and a manifest
-    whose fields have other types than those of the others.
+    These are a file and a folder that no manifest lists, as a kill may leave them, and a manifest
+    whose fields have different types.
     """
     shutil.copytree(demo, directory)
     manifest = next((directory / "runs").rglob("manifest.json"))
@@ -69,7 +69,7 @@ def _fill(directory, demo):
 
 @pytest.fixture
 def output(pages):
-    """Returns what the one block of a page that contains a text printed."""
+    """Returns a function: the output of the only block of a page that contains a text."""
 
     def find(page, containing):
         (block,) = (one for one in BLOCKS[page] if containing in one.text)
@@ -79,20 +79,20 @@ def output(pages):
 
 
 SLOW = ("agents.md", "import.md", "recording.md", "submit.md")
-"""Pages whose blocks take more than some five seconds."""
+"""Pages whose blocks take more than about five seconds."""
 
 
 @pytest.mark.parametrize(
     "page",
     [pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else []) for page in BLOCKS],
 )
-def test_blocks_run_unchanged(page, pages):
+def test_code_blocks_run(page, pages):
     run = [block.line for block in BLOCKS[page] if block.illustration is None]
     assert [*pages(page)] == run
 
 
 @pytest.mark.parametrize("page", BLOCKS)
-def test_commands_of_illustrations_have_verbs_and_options_that_there_are(page):
+def test_commands_of_illustrations_parse(page):
     for block in BLOCKS[page]:
         if block.illustration is None or block.kind not in ("sh", "console"):
             continue
@@ -103,13 +103,13 @@ def test_commands_of_illustrations_have_verbs_and_options_that_there_are(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_files_that_are_named_are_there(page):
+def test_named_files_exist(page):
     named = re.findall(r"\b(?:benchmarks|docs|tests)/[\w/.]+\.\w+", page.read_text())
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("Text.\n\n```ruby\nputs 1\n```\n", "page:3: a block of an unknown kind"),
         ("Text.\n\n```\nresults/\n```\n", "page:3: a block of an unknown kind"),
@@ -118,12 +118,12 @@ def test_files_that_are_named_are_there(page):
         ("<!-- illustration -->\n\n    results/\n", "page:3: a block of an unknown kind"),
     ],
 )
-def test_a_block_of_an_unknown_kind_is_refused(text, says):
-    with pytest.raises(ValueError, match=says):
+def test_block_of_unknown_kind_is_refused(text, message):
+    with pytest.raises(ValueError, match=message):
         blocks_of("page", text)
 
 
-def test_kinds_and_marks_are_distinguished():
+def test_kinds_and_marks_of_blocks_are_parsed():
     text = (
         "    jbench runs   # lists\n    jbench query \\\n        'FROM runs'\n\n"
         "<!-- illustration: takes days -->\n```\n$ jbench train\n```\n\n"
@@ -137,7 +137,7 @@ def test_kinds_and_marks_are_distinguished():
     assert (fourth.kind, fourth.illustration) == (None, "a layout")
 
 
-# What the blocks of some pages print, against what was written into the results.
+# Outputs of blocks, compared with the rows that were written to the results.
 
 MEANS = {"s00-cbbe1b0b": 792.0, "s01-ad6653f9": 736.0}
 
@@ -152,20 +152,20 @@ def dataset(demo_results):
 
 
 @pytest.mark.parametrize("library", ["import pandas", "import polars"])
-def test_dataframes_hold_the_rows_that_manifests_list_and_no_others(library, output):
+def test_dataframes_contain_only_rows_listed_by_manifests(library, output):
     printed = output("database.md", library)
     for run, mean in MEANS.items():
         # Polars cuts the ids short.
         assert re.search(rf"full/{run[:5]}\S*\W+{mean}", printed)
 
 
-def test_duckdb_finds_the_rows_that_manifests_list_and_no_others(output):
+def test_duckdb_reads_only_rows_listed_by_manifests(output):
     rows = dict(output("database.md", "SET VARIABLE"))
     assert {run[-12:]: mean for run, mean in rows.items() if "/full/" in run} == MEANS
 
 
 @pytest.mark.parametrize("library", ["import pandas", "import polars", "import duckdb"])
-def test_files_of_a_dataset_are_read_without_jbench(library, output, dataset):
+def test_dataset_files_are_read_without_jbench(library, output, dataset):
     (block,) = dataset.blocks("move_from_origin")
     heights = features.denormalize("move_from_origin", block.observations)[..., 2]
     printed = numbers(output("datasets.md", library))
@@ -173,35 +173,35 @@ def test_files_of_a_dataset_are_read_without_jbench(library, output, dataset):
         assert np.isclose(printed, wanted, rtol=1e-3).any()
 
 
-def test_blocks_of_a_dataset_are_as_a_task_sees_them(output, dataset):
+def test_dataset_blocks_have_observations_and_rewards_of_task(output, dataset):
     (block,) = dataset.blocks("move_to_pose")
     printed = output("datasets.md", "print(block.observations.shape")
     assert "(2, 1001, 19) (2, 1000)" in printed
     np.testing.assert_allclose(numbers(printed.split("[")[1]), block.rewards.sum(axis=1), rtol=1e-5)
 
 
-def test_torch_reads_transitions(output):
+def test_torch_loads_transitions(output):
     # 2000 transitions in batches of 256: the last has 208.
     sizes = "([208, 16]) ([208]) ([208]) ([208, 16])"
     printed = output("datasets.md", "import torch")
     assert printed.split() == sizes.replace("(", "torch.Size(").split()
 
 
-def test_minari_loads_what_was_exported(output, dataset):
+def test_minari_loads_exported_dataset(output, dataset):
     id = f"jitterbug/face_direction/{dataset.id.replace('/', '-')}-v0"
     printed = output("datasets.md", "import minari")
     assert printed.split("\n")[0] == f"{id} 2 (1001, 16) (1000, 1)"
 
 
-def test_queries_of_encoders_md_name_a_column_of_one_table(output):
+def test_query_of_encoders_page_prints_errors(output):
     printed = output("encoders.md", "FROM encoder_errors")
     assert re.search(r"dae12 +0\.927 +0\.937 +0\.919", printed)
 
 
-# The paper is cited in the same words everywhere.
+# All citations of the paper are equal.
 
 
-def test_readme_and_page_cite_the_paper():
+def test_readme_and_report_cite_paper():
     readme = " ".join((ROOT / "README.md").read_text().split())
     first, second, third = citation.AUTHORS
     assert f"{first}, {second} and {third}, *{citation.TITLE}*" in readme
@@ -210,7 +210,7 @@ def test_readme_and_page_cite_the_paper():
     assert citation.CITATION in page
 
 
-def test_citation_file_cites_the_paper():
+def test_citation_file_cites_paper():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     for work in cited["references"]:
         names = [f"{one['given-names']} {one['family-names']}" for one in work["authors"]]

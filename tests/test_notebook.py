@@ -1,4 +1,4 @@
-"""The notebook of the examples runs from top to bottom, with few steps and short episodes."""
+"""Tests that the example notebook runs, with few steps and short episodes."""
 
 import os
 import sys
@@ -13,11 +13,11 @@ from tests.documentation import ROOT
 
 
 @pytest.mark.slow
-def test_quickstart_trains_reports_and_queries(tmp_path, monkeypatch):
+def test_quickstart_notebook_trains_reports_and_queries(tmp_path, monkeypatch):
     (tmp_path / "site").mkdir()
     monkeypatch.setenv("PYTHONPATH", short_episodes(tmp_path / "site")["PYTHONPATH"])
     monkeypatch.setenv("JBENCH_STEPS", "1000")
-    # The tests may run in an environment that is not activated.
+    # The virtual environment of the tests may not be activated.
     scripts = str(Path(sys.executable).parent)
     monkeypatch.setenv("PATH", os.pathsep.join([scripts, os.environ["PATH"]]))
     notebook = nbformat.read(ROOT / "examples" / "quickstart.ipynb", as_version=4)

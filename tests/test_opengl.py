@@ -1,4 +1,4 @@
-"""Which OpenGL draws: what is kept, what is tried in which order, and what is said if none can."""
+"""Tests of the choice of the OpenGL backend, and of its error messages."""
 
 import os
 import subprocess
@@ -33,7 +33,7 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="other systems hav
 
 
 def answer_of(script, **environment):
-    """What a script prints in a process without a display, with other variables set."""
+    """Returns the output of a script in a process without a display."""
     kept = {
         name: value
         for name, value in os.environ.items()
@@ -50,10 +50,10 @@ def answer_of(script, **environment):
 
 
 @pytest.fixture
-def imagined(monkeypatch):
-    """Sets what a machine can draw with, and whether it has a display."""
+def fake_machine(monkeypatch):
+    """Returns a function that fakes the working backends and the display of a machine."""
 
-    def imagine(works, mujoco_gl="", display=""):
+    def fake(works, mujoco_gl="", display=""):
         tried = []
         for name in ("PYOPENGL_PLATFORM", *_DISPLAYS):
             monkeypatch.setenv(name, "")
@@ -62,13 +62,13 @@ def imagined(monkeypatch):
         monkeypatch.setattr(opengl, "_draws", lambda name: (tried.append(name), name in works)[1])
         return tried
 
-    return imagine
+    return fake
 
 
 @on_linux
 @pytest.mark.usefixtures("rendering")
 @pytest.mark.parametrize("switched_off", [{}, {"MUJOCO_GL": "disable"}])
-def test_a_backend_that_works_is_found_without_a_display(switched_off):
+def test_working_backend_is_found_without_display(switched_off):
     chosen, variable, loaded = answer_of(CHOOSE, **switched_off).split()
     assert chosen == variable
     assert chosen in ("egl", "osmesa")
@@ -77,22 +77,22 @@ def test_a_backend_that_works_is_found_without_a_display(switched_off):
 
 @on_linux
 @pytest.mark.usefixtures("rendering")
-def test_environment_draws_by_itself_without_a_display():
+def test_environment_renders_without_display_or_setting():
     drawn, variable = answer_of(DRAW).split()
     assert drawn == "True"
     assert variable in ("egl", "osmesa")
 
 
 @pytest.mark.usefixtures("rendering")
-def test_working_backend_that_is_set_is_used():
+def test_configured_working_backend_is_used():
     asked = os.environ["MUJOCO_GL"]
     environment = {name: os.environ[name] for name in _DISPLAYS if name in os.environ}
     assert answer_of(CHOOSE, MUJOCO_GL=asked, **environment).split()[:2] == [asked, asked]
 
 
 @on_linux
-def test_without_any_backend_the_packages_to_install_are_named():
-    # PyOpenGL is reported to use neither EGL nor OSMesa: MuJoCo refuses both.
+def test_missing_backend_error_names_packages():
+    # With this platform of PyOpenGL, MuJoCo refuses both EGL and OSMesa.
     sentence = answer_of(CHOOSE, PYOPENGL_PLATFORM="x11")
     assert sentence.startswith("Nothing here can draw pictures (tried egl, osmesa): type apt ")
     assert "libosmesa6" in sentence
@@ -101,13 +101,13 @@ def test_without_any_backend_the_packages_to_install_are_named():
 
 
 @on_linux
-def test_backend_that_is_set_and_fails_is_refused():
+def test_configured_failing_backend_is_refused():
     sentence = answer_of(CHOOSE, PYOPENGL_PLATFORM="x11", MUJOCO_GL="EGL")
     assert sentence == "MUJOCO_GL=egl can't draw here; unset it to use a working backend."
 
 
-def test_unknown_backend_is_refused(imagined):
-    tried = imagined(works=opengl.BACKENDS, mujoco_gl="vulkan")
+def test_unknown_backend_is_refused(fake_machine):
+    tried = fake_machine(works=opengl.BACKENDS, mujoco_gl="vulkan")
     with pytest.raises(RequestError, match=r"^MUJOCO_GL=vulkan is not a backend; set it to glfw"):
         choose_backend()
     assert tried == []
@@ -122,8 +122,8 @@ def test_unknown_backend_is_refused(imagined):
         (("osmesa",), ":0", ["glfw", "egl", "osmesa"]),
     ],
 )
-def test_first_working_backend_is_used(imagined, works, display, tried):
-    attempts = imagined(works, display=display)
+def test_first_working_backend_is_used(fake_machine, works, display, tried):
+    attempts = fake_machine(works, display=display)
     assert choose_backend() == tried[-1] == os.environ["MUJOCO_GL"]
     assert attempts == tried
 
@@ -131,8 +131,8 @@ def test_first_working_backend_is_used(imagined, works, display, tried):
 @pytest.mark.parametrize(
     ("value", "chosen"), [("glfw", "glfw"), (" OSMesa ", "osmesa"), ("on", "glfw")]
 )
-def test_value_of_mujoco_gl_is_understood_as_mujoco_does(imagined, value, chosen):
-    attempts = imagined(works=opengl.BACKENDS, mujoco_gl=value)
+def test_mujoco_gl_is_parsed_as_mujoco_does(fake_machine, value, chosen):
+    attempts = fake_machine(works=opengl.BACKENDS, mujoco_gl=value)
     assert choose_backend() == chosen == os.environ["MUJOCO_GL"]
     assert attempts == [chosen]
 
@@ -148,7 +148,7 @@ def test_value_of_mujoco_gl_is_understood_as_mujoco_does(imagined, value, chosen
         ("import time; time.sleep(600)", False),
     ],
 )
-def test_driver_that_crashes_hangs_or_draws_nothing_is_skipped(monkeypatch, probe, draws):
+def test_driver_that_crashes_hangs_or_draws_nothing_is_rejected(monkeypatch, probe, draws):
     monkeypatch.setattr(opengl, "_PROBE", probe)
     monkeypatch.setattr(opengl, "_PROBE_SECONDS", 3)
     assert opengl._draws.__wrapped__("egl") is draws

@@ -1,4 +1,4 @@
-"""Entry points of other packages, and attributes of modules by name."""
+"""Tests of entry points of other packages, and of attributes imported by name."""
 
 import hashlib
 import re
@@ -11,8 +11,8 @@ from jbench.errors import RequestError, WorkError
 GROUP = "jbench.tried"
 
 
-def offer(path, package, *lines):
-    """Writes what pip leaves of a package with entry points."""
+def add_package(path, package, *lines):
+    """Writes the metadata of an installed package with entry points."""
     folder = path / f"{package}-1.5.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.5\n")
@@ -20,8 +20,8 @@ def offer(path, package, *lines):
     (folder / "entry_points.txt").write_text(text)
 
 
-def test_entry_points_with_valid_names_are_offered(tmp_path, monkeypatch):
-    offer(tmp_path, "one", "good = math:cos", "Bad = math:sin", "taken = math:tan")
+def test_entry_points_with_valid_names_are_listed(tmp_path, monkeypatch):
+    add_package(tmp_path, "one", "good = math:cos", "Bad = math:sin", "taken = math:tan")
     monkeypatch.syspath_prepend(str(tmp_path))
     found = plugins.offered(GROUP, re.compile("[a-z]+"), {"taken"})
     assert [*found] == ["good"]
@@ -29,22 +29,22 @@ def test_entry_points_with_valid_names_are_offered(tmp_path, monkeypatch):
     assert plugins.made_with(plugins.package_of(found["good"])) == {"package": "one 1.5"}
 
 
-def test_a_name_that_two_packages_offer_is_refused(tmp_path, monkeypatch):
-    offer(tmp_path, "one", "good = math:cos")
-    offer(tmp_path, "two", "good = math:sin")
+def test_name_of_two_packages_is_refused(tmp_path, monkeypatch):
+    add_package(tmp_path, "one", "good = math:cos")
+    add_package(tmp_path, "two", "good = math:sin")
     monkeypatch.syspath_prepend(str(tmp_path))
     point = plugins.offered(GROUP, re.compile("[a-z]+"), ())["good"]
     with pytest.raises(WorkError, match="The function good is offered by one and two; uninstall"):
         plugins.load("function", point)
 
 
-def test_a_module_in_the_working_directory_is_found(tmp_path, monkeypatch):
+def test_module_in_working_directory_is_imported(tmp_path, monkeypatch):
     (tmp_path / "beside_me.py").write_text("answer = 42\n")
     (tmp_path / "raising.py").write_text("raise OSError('no')\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", [path for path in plugins.sys.path if path])
     assert plugins.imported("number", "beside_me:answer") == 42
-    # The SHA-256 of its file, since it belongs to no distribution.
+    # The SHA-256 of the file, since it belongs to no distribution.
     checksum = plugins.made_with_module("beside_me")["source_sha256"]
     assert re.fullmatch("[0-9a-f]{64}", checksum)
     with pytest.raises(RequestError, match="has no question"):
@@ -55,8 +55,8 @@ def test_a_module_in_the_working_directory_is_found(tmp_path, monkeypatch):
         plugins.imported("number", "raising:x")
 
 
-def test_a_module_that_was_not_imported_has_a_checksum(tmp_path, monkeypatch):
-    """As in a worker process, which has not resolved the name of the algorithm yet."""
+def test_checksum_of_module_that_is_not_imported(tmp_path, monkeypatch):
+    """As in a worker process that has not yet resolved the name of the algorithm."""
     source = tmp_path / "not_yet.py"
     source.write_text("answer = 42\n")
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -64,6 +64,6 @@ def test_a_module_that_was_not_imported_has_a_checksum(tmp_path, monkeypatch):
     assert plugins.code_of("number", "not_yet:answer", {}) == wanted
 
 
-def test_the_package_of_a_module_is_its_distribution():
+def test_package_of_module_is_its_distribution():
     made_with = plugins.made_with_module("stable_baselines3.common")
     assert made_with["package"].startswith("stable_baselines3 2.")

@@ -1,7 +1,7 @@
-"""Systems other than Linux, and Python versions without dm_control, imitated in processes here.
+"""Tests of jbench without Linux-only modules and without dm_control.
 
-What Windows and macOS lack is removed before jbench is imported; portalocker, which has code for
-each system, keeps its own.
+Modules and functions that Windows and macOS lack are removed before jbench is imported;
+portalocker, which has code for each system, is imported before.
 """
 
 import json
@@ -16,7 +16,7 @@ from jbench.cli import app
 from tests import every_verb
 from tests.command_line import SHORT
 
-# Imported by every Python process that finds it. Its episodes are short.
+# Source of a sitecustomize module, which Python imports at the start. Episodes are short.
 WITHOUT_LINUX = f"""
 import os, signal, sys
 import portalocker
@@ -44,7 +44,7 @@ importlib.metadata.version = version
 
 
 def process(*arguments, customized, place, **environment):
-    """Runs Python with a module that is imported at the start; returns the finished process."""
+    """Runs Python with a sitecustomize module; returns the completed process."""
     (place / "sitecustomize.py").write_text(customized)
     paths = [str(place), os.environ.get("PYTHONPATH", "")]
     return subprocess.run(
@@ -64,24 +64,24 @@ def answer(*arguments, **where):
 
 @pytest.fixture(scope="module")
 def without_linux(tmp_path_factory):
-    """The exit code and the output of each verb."""
+    """The exit code and the output of each command."""
     place = tmp_path_factory.mktemp("elsewhere")
-    typed = (every_verb.TYPED, every_verb.typed(place))
+    typed = (every_verb.PROGRAM, every_verb.command_lines(place))
     ended = json.loads(answer("-c", *typed, customized=WITHOUT_LINUX, place=place))
     return dict(zip(every_verb.PRINTED, ended, strict=True))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", every_verb.PRINTED)
-def test_verbs_work_without_what_linux_alone_has(verb, without_linux):
+def test_commands_work_without_linux_only_modules(verb, without_linux):
     code, said = without_linux[verb]
     assert code == 0
     assert every_verb.PRINTED[verb] in said
 
 
-def test_no_verb_is_forgotten():
+def test_every_command_is_covered():
     shown = {name for name, verb in get_command(app).commands.items() if not verb.hidden}
-    assert {*every_verb.PRINTED, *every_verb.ELSEWHERE} == shown
+    assert {*every_verb.PRINTED, *every_verb.TESTED_ELSEWHERE} == shown
 
 
 HELD = """
@@ -94,7 +94,7 @@ with Results(Path(sys.argv[1])).record("run", "face_direction/td3/full/s00-00000
 """
 
 
-def test_locks_without_fcntl_of_ours_exclude_other_processes_until_they_are_killed(tmp_path):
+def test_lock_without_fcntl_is_released_when_holder_is_killed(tmp_path):
     from jbench.errors import WorkError
     from jbench.store import Results
 
@@ -134,7 +134,7 @@ sys.exit(main(["collect", "--steps", "1000", "--results", sys.argv[1]]))
 """
 
 
-def test_without_dm_control_all_but_its_domain_works(tmp_path):
+def test_without_dm_control_only_its_domain_is_refused(tmp_path):
     program = ("-c", WITHOUT_THE_DOMAIN, tmp_path / "results")
     lines = answer(*program, customized=WITHOUT_DM_CONTROL, place=tmp_path).splitlines()
     assert lines[:4] == [
@@ -147,7 +147,7 @@ def test_without_dm_control_all_but_its_domain_works(tmp_path):
     assert lines[4].startswith("Dataset random/s00-")
 
 
-def test_the_domain_needs_no_labmaze(tmp_path):
+def test_dm_control_domain_needs_no_labmaze(tmp_path):
     said = answer(
         "-c",
         "import jbench.tasks\nfrom dm_control import suite\n"
@@ -158,7 +158,7 @@ def test_the_domain_needs_no_labmaze(tmp_path):
     assert said == "(1,)\n"
 
 
-def test_importing_the_tasks_warns_of_no_missing_display(tmp_path):
+def test_importing_tasks_without_display_prints_no_warning(tmp_path):
     unset = dict.fromkeys(("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"), "")
     done = process("-c", "import jbench.tasks", customized="", place=tmp_path, **unset)
     assert (done.returncode, done.stderr) == (0, "")

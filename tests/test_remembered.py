@@ -1,4 +1,4 @@
-"""Results that are remembered."""
+"""Tests of the cache of results by the content of their arguments."""
 
 from functools import partial
 
@@ -23,7 +23,7 @@ def total():
     return call
 
 
-def test_arguments_of_the_same_content_are_computed_once(total):
+def test_equal_arguments_are_computed_once(total):
     with remembering():
         assert [total(np.arange(3.0)), total(np.arange(3.0))] == [3, 3]
         assert total.calls == 1
@@ -31,7 +31,7 @@ def test_arguments_of_the_same_content_are_computed_once(total):
         assert total.calls == 3
 
 
-def test_nothing_is_remembered_outside_of_the_block(total):
+def test_results_are_cached_only_within_block(total):
     with remembering():
         total(np.ones(1))
     total(np.ones(1))
@@ -40,7 +40,7 @@ def test_nothing_is_remembered_outside_of_the_block(total):
     assert total.calls == 3
 
 
-def test_results_are_forgotten_after_a_round_without_their_use(total):
+def test_results_unused_in_last_round_are_dropped(total):
     with remembering() as memory:
         total(np.ones(1))
         total(np.ones(2))
@@ -52,7 +52,7 @@ def test_results_are_forgotten_after_a_round_without_their_use(total):
         assert total.calls == 3
 
 
-def test_what_has_no_hash_is_computed_each_time():
+def test_unhashable_arguments_are_computed_each_time():
     made = []
     with remembering():
         for _ in range(2):

@@ -1,9 +1,9 @@
-"""Numbers of things read as in a sentence."""
+"""Tests of singular and plural in messages."""
 
 from jbench.wording import are, counted
 
 
-def test_numbers_agree_with_their_nouns_and_verbs():
+def test_nouns_and_verbs_agree_with_number():
     assert counted(0, "run") == "0 runs"
     assert counted(1, "run") == "1 run"
     assert counted(1200, "run") == "1,200 runs"

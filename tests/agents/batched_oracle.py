@@ -1,4 +1,4 @@
-"""stable-baselines3 agents beside our learners, with parameters under the same names."""
+"""stable-baselines3 agents as oracles of our learners, with parameters of the same names."""
 
 import numpy as np
 import torch
@@ -43,7 +43,7 @@ def oracle_of(algo, settings, dtype, monkeypatch):
 
 
 def learners_of(algo, settings, dtype=torch.float32, seeds=1, **options):
-    """Tensors of some seeds, a learner per seed, and a learner of the stack."""
+    """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
     views = [tensors.stacked_view(), *(tensors.seed_view(seed) for seed in range(seeds))]
     stack, *each = (LEARNERS[algo](settings, SIZE, view, **options) for view in views)
@@ -72,7 +72,7 @@ def theirs(algo, agent):
 
 
 def _with_moments(name, parameters, state):
-    """Parameters joined as ours, with their Adam moments unless they are a target's."""
+    """Parameters joined as in our learners, with Adam moments except for targets."""
     tensors_by_name = {name: torch.cat([p.detach() for p in parameters])}
     for key, moment in MOMENTS.items() if "target" not in name else ():
         moments = [state.get(p, {}).get(key, torch.zeros_like(p)) for p in parameters]
@@ -81,7 +81,7 @@ def _with_moments(name, parameters, state):
 
 
 def _networks(algo, agent):
-    """The oracle's networks by our names: per layer, the linear modules that form it."""
+    """The oracle's networks by our names: the linear modules of each layer."""
 
     def layers(modules, *heads):
         inner = [[module] for module in modules if isinstance(module, nn.Linear)]
@@ -136,7 +136,7 @@ def ours(algo, learner, tensors, seed=0):
     return tensors_by_name
 
 
-def same_start(algo, agent, learner, tensors):
+def copy_initial_parameters(algo, agent, learner, tensors):
     """Copies the initial parameters of an agent to a learner."""
     learner.initialize(torch.Generator().manual_seed(0))
     mine = ours(algo, learner, tensors)
@@ -151,7 +151,7 @@ def largest_difference(mine, their):
 
 
 def transitions(seed=1):
-    """Observations, actions, rewards, next observations, ends; numbers of float32."""
+    """Random observations, actions, rewards, next observations (float32) and ends."""
     random = np.random.default_rng(seed)
     observations, next_observations = random.normal(size=(2, TRANSITIONS, SIZE)).astype(np.float32)
     actions = random.uniform(-1, 1, (TRANSITIONS, 1)).astype(np.float32)
@@ -160,23 +160,23 @@ def transitions(seed=1):
 
 
 def fill(agent, data):
-    """Puts transitions into an agent's replay buffer."""
+    """Adds transitions to an agent's replay buffer."""
     for observation, action, reward, next_observations, end in zip(*data, strict=True):
         agent.replay_buffer.add(observation, next_observations, action, reward, end, [{}])
 
 
 def next_batch(data, settings, draws, dtype, update):
-    """The batch that the agent samples next; seeds its random numbers for this update."""
+    """Returns the batch that the agent samples next, and seeds its random numbers."""
     size = settings.batch_size
 
-    def same_numbers():
+    def set_seeds():
         np.random.seed(update)
         torch.manual_seed(update)
 
-    same_numbers()
+    set_seeds()
     indices = np.random.randint(0, TRANSITIONS, size=size)
     noise = [torch.empty(size, 1, dtype=dtype).normal_() for _ in range(draws)]
-    same_numbers()
+    set_seeds()
     observations, actions, rewards, next_observations, ends = (
         torch.as_tensor(part[indices]).to(dtype) for part in data
     )

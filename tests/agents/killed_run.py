@@ -2,7 +2,7 @@
 
     python -m tests.agents.killed_run '{"path": DIR, "run": {…}, "device": "cpu", "after": 150}'
 
-The seeds are one stack on every device, unless "stacked" is false.
+The seeds are computed in one stack on every device, unless "stacked" is false.
 """
 
 import functools
@@ -19,7 +19,7 @@ from tests.training.small_runs import shorten_episodes
 
 
 def stack_seeds(set_attribute=setattr):
-    """Makes the engine of a run compute its seeds in one stack on a CPU too."""
+    """Makes engines compute their seeds in one stack on a CPU, too."""
     stacked = functools.partial(engines.make_engine, stacked=True)
     set_attribute(engines, "make_engine", stacked)
 

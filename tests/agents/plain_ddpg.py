@@ -1,7 +1,7 @@
 """DDPG with autograd (Lillicrap et al., 2015, Algorithm 1).
 
-Read this file before `jbench/agents/batched/ddpg.py`, which has its gradients by hand. The tests
-compare the two.
+The tests compare it with `jbench/agents/batched/ddpg.py`, whose gradients are hand-written and
+harder to read.
 """
 
 import copy

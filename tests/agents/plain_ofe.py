@@ -1,7 +1,7 @@
 """Learned features with autograd (Ota et al., 2020), and DDPG on them.
 
-Read this file before `jbench/agents/batched/features.py`, which has its gradients by hand. The
-tests compare the two.
+The tests compare it with `jbench/agents/batched/features.py`, whose gradients are hand-written and
+harder to read.
 """
 
 import copy

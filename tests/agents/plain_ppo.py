@@ -1,7 +1,7 @@
 """PPO with autograd (Schulman et al., 2017, Algorithm 1).
 
-Read this file before `jbench/agents/batched/ppo.py`, which has its gradients by hand. The tests
-compare the two.
+The tests compare it with `jbench/agents/batched/ppo.py`, whose gradients are hand-written and
+harder to read.
 """
 
 import itertools

@@ -1,7 +1,7 @@
 """SAC with autograd and a learned temperature (Haarnoja et al., 2018b, Algorithm 1).
 
-Read this file before `jbench/agents/batched/sac.py`, which has its gradients by hand. The tests
-compare the two.
+The tests compare it with `jbench/agents/batched/sac.py`, whose gradients are hand-written and
+harder to read.
 """
 
 import copy

@@ -1,7 +1,7 @@
 """TD3 with autograd (Fujimoto et al., 2018, Algorithm 1).
 
-Read this file before `jbench/agents/batched/td3.py`, which has its gradients by hand. The tests
-compare the two.
+The tests compare it with `jbench/agents/batched/td3.py`, whose gradients are hand-written and
+harder to read.
 """
 
 import copy

@@ -1,4 +1,4 @@
-"""Update rules with small networks, and what their tests share."""
+"""Update rules with small networks, and helpers of their tests."""
 
 from functools import partial
 
@@ -22,17 +22,17 @@ TD3_SETTINGS = TD3.Settings(**SMALL, **SCHEDULE)
 PRECISION = {torch.float64: 1e-10, torch.float32: 2e-6}
 
 
-def rule_of_the_page():
+def documented_rule():
     names = {}
     exec(code_of("your-own-rule.md", "python"), names)  # noqa: S102
     return names["TQC"]
 
 
-TQC = rule_of_the_page()
+TQC = documented_rule()
 
 
 class REDQ(TD3):
-    """TD3 with targets of a random subset of critics, and an actor that learns from all."""
+    """TD3 whose targets use a random subset of critics, and whose actor uses all critics."""
 
     delayed = ()
 
@@ -64,7 +64,7 @@ RULES = pytest.mark.parametrize(
 
 
 def learners(rule, settings, dtype=torch.float32, seeds=1):
-    """Tensors of some seeds, a learner per seed, and a learner of the stack."""
+    """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
     views = [tensors.stacked_view(), *(tensors.seed_view(seed) for seed in range(seeds))]
     make = partial(AutogradLearner, settings, SIZE, rule=make_rule(rule, settings, SIZE))

@@ -1,4 +1,4 @@
-"""Adam of a stack: in parts that occupy a GPU, and equal to Adam of each seed."""
+"""Tests of Adam on a stack of seeds, against Adam of each seed."""
 
 import pytest
 import torch
@@ -8,7 +8,7 @@ from jbench.agents.batched.tensors import Tensors
 
 
 def adam_of(view, count, random):
-    """Adam of a vector, with random parameters and gradients."""
+    """Returns parameters and their optimizer, with given parameters and gradients."""
     values, gradient = view.saved("net", count), view.scratch("net.gradient", count)
     values.copy_(random[0])
     gradient.copy_(random[1])
@@ -16,7 +16,7 @@ def adam_of(view, count, random):
 
 
 @pytest.mark.parametrize(("count", "parts"), [(16, 1), (1, 1), (30_000, 22), (97_120, 36)])
-def test_the_parts_of_a_stack_are_updated_as_each_seed(count, parts):
+def test_stacked_adam_equals_adam_of_each_seed(count, parts):
     random = torch.randn(2, 3, count)
     stack, stacked = adam_of(Tensors(3).stacked_view(), count, random)
     assert len(stacked._values) == parts
@@ -28,7 +28,7 @@ def test_the_parts_of_a_stack_are_updated_as_each_seed(count, parts):
         torch.testing.assert_close(stack[seed], values, rtol=0, atol=1e-7)
 
 
-def test_twins_are_one_tensor_and_saved_under_their_names():
+def test_twins_share_tensor_and_are_saved_separately():
     tensors = Tensors(3)
     view = tensors.stacked_view().twin_view()
     joint = view.saved("critic_target", 16)

@@ -1,4 +1,4 @@
-"""Update rules of other packages: their updates, independent seeds and resuming."""
+"""Tests of update rules of other packages: updates, independent seeds and resuming."""
 
 import json
 
@@ -30,8 +30,8 @@ from tests.agents.small_rules import (
 from tests.agents.test_batched_engine import STEPS, assert_same, round_trip, slow, trajectory
 
 
-def by_hand(learner):
-    """Parameters of jbench's own TD3 by the names of the rule."""
+def td3_parameters(learner):
+    """Parameters of jbench's built-in TD3 by the names of the rule."""
     networks = {
         "actor": learner.actor,
         "actor_target": learner.actor_target,
@@ -47,21 +47,21 @@ def by_hand(learner):
 
 
 @pytest.mark.parametrize("dtype", PRECISION, ids=str)
-def test_td3_as_a_rule_equals_the_gradients_by_hand(dtype):
+def test_td3_rule_equals_builtin_td3(dtype):
     settings = settings_of("td3")
     own_tensors, (own,), _ = learners_of("td3", settings, dtype)
     tensors, (learner,), _ = learners(TD3, settings, dtype)
     own.initialize(torch.Generator().manual_seed(3))
-    for name, values in by_hand(own).items():
+    for name, values in td3_parameters(own).items():
         learner._parameters[name].copy_(values)
-    first = by_hand(own)["actor.0.weight"].clone()
+    first = td3_parameters(own)["actor.0.weight"].clone()
     for update, numbers in enumerate(batches(TD3, 100, dtype), 1):
         for each in (own, learner):
             delayed = each.is_delayed_update(update, 0)
             each.reset_losses([delayed])
             each.update(Batch(*(part.clone() for part in numbers)), delayed)
         if update in (1, 10, 100):
-            expected = by_hand(own)
+            expected = td3_parameters(own)
             assert learner._parameters.keys() == expected.keys()
             for name, values in expected.items():
                 torch.testing.assert_close(
@@ -70,13 +70,13 @@ def test_td3_as_a_rule_equals_the_gradients_by_hand(dtype):
             if update > 1:
                 expected = pytest.approx(mean_losses(own, own_tensors), rel=1e-4)
                 assert mean_losses(learner, tensors) == expected
-    assert (by_hand(own)["actor.0.weight"] - first).abs().max() > 0.01
+    assert (td3_parameters(own)["actor.0.weight"] - first).abs().max() > 0.01
 
 
 @pytest.mark.parametrize(
     ("rule", "settings"), [(TD3, TD3_SETTINGS), (TQC, TQC_SETTINGS), (REDQ, TD3_SETTINGS)]
 )
-def test_a_stack_is_updated_as_each_seed_alone(rule, settings):
+def test_stacked_updates_equal_those_of_single_seeds(rule, settings):
     (alone, each, _), (together, _, stack) = (
         learners(rule, settings, torch.float64, seeds=3) for _ in range(2)
     )
@@ -106,7 +106,7 @@ SEVERAL = {"environments": 2, "time_limit": "terminal"}
         slow(TQC, TQC_SETTINGS, SEVERAL),
     ],
 )
-def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(rule, settings, options):
+def test_seed_is_independent_of_other_seeds_bit_for_bit(rule, settings, options):
     with (
         engine_of(rule, settings, [7, 0, 3], **options) as together,
         engine_of(rule, settings, [3], **options) as alone,
@@ -126,7 +126,7 @@ def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(rule, settings, optio
         slow(TQC, TQC_SETTINGS, True),
     ],
 )
-def test_a_restored_engine_continues_with_the_same_bits(rule, settings, stacked):
+def test_restored_engine_continues_bit_for_bit(rule, settings, stacked):
     options = {"stacked": stacked}
     with engine_of(rule, settings, [0, 4], **options) as whole:
         for _ in whole.learn(STEPS):
@@ -149,7 +149,7 @@ def test_a_restored_engine_continues_with_the_same_bits(rule, settings, stacked)
 
 
 @RULES
-def test_the_kept_policy_acts_like_the_agent_and_can_be_loaded(rule, settings):
+def test_saved_policy_equals_agent_and_can_be_loaded(rule, settings):
     observations = np.random.default_rng(0).normal(size=(1, 10, SIZE)).astype(np.float32)
     with (
         engine_of(rule, settings, [0]) as engine,
@@ -168,7 +168,7 @@ def test_the_kept_policy_acts_like_the_agent_and_can_be_loaded(rule, settings):
             smaller.load_policy(0, kept, 60)
 
 
-def test_a_seed_that_diverges_does_not_affect_the_others():
+def test_diverged_seed_does_not_affect_others():
     states = []
     for poisoned in (False, True):
         with engine_of(TD3, TD3_SETTINGS, [0, 5]) as engine:
@@ -184,12 +184,12 @@ def test_a_seed_that_diverges_does_not_affect_the_others():
         assert torch.equal(values, states[1][name])
 
 
-def test_the_public_names_are_those_of_the_engine():
+def test_public_names_are_classes_of_engine():
     assert (jbench.Rule, jbench.Batch) == (Rule, Batch)
     assert issubclass(jbench.Rule.Settings, jbench.OffPolicySettings)
 
 
-def test_delayed_updates_and_their_losses_follow_the_rule():
+def test_update_without_delayed_networks_changes_only_critics():
     _, (learner,), _ = learners(TD3, TD3_SETTINGS)
     assert [learner.is_delayed_update(update, 0) for update in (1, 2, 3, 4)] == [False, True] * 2
     before = {name: values.clone() for name, values in learner._parameters.items()}

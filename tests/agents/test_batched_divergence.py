@@ -1,4 +1,4 @@
-"""Divergence is detected and does not affect the other seeds."""
+"""Tests that divergence of a seed is detected and does not affect other seeds."""
 
 import itertools
 import math
@@ -29,7 +29,7 @@ def poison(engine, network):
 
 
 def trained(engine, algo, poisoned_at=None):
-    """Trains agents, one of which may be poisoned; returns the last one's returns and state."""
+    """Trains agents, one of which may be poisoned; returns the returns and state of the last."""
     returns = []
     for ended in engine.learn(STEPS):
         if engine.control_steps == poisoned_at:
@@ -46,7 +46,7 @@ def trained(engine, algo, poisoned_at=None):
         *(slow("td3", True), slow("sac", True)),
     ],
 )
-def test_a_diverged_seed_does_not_affect_the_others(algo, stacked, capfd):
+def test_diverged_seed_does_not_affect_others(algo, stacked, capfd):
     with engine_of(algo, SEEDS, stacked=stacked) as engine:
         returns, state = trained(engine, algo)
         assert engine.diverged == {}
@@ -72,7 +72,7 @@ def test_a_diverged_seed_does_not_affect_the_others(algo, stacked, capfd):
         ("ppo", "critic", "policy_loss"),
     ],
 )
-def test_divergence_is_detected_at_the_next_step_or_update(algo, network, what):
+def test_divergence_is_detected_at_next_step_or_update(algo, network, what):
     with engine_of(algo, SEEDS) as engine:
         for _ in engine.learn(60):
             pass
@@ -86,7 +86,7 @@ def test_divergence_is_detected_at_the_next_step_or_update(algo, network, what):
             pass
     ((seed, (update, control_steps, reported)),) = engine.diverged.items()
     assert (seed, reported) == (DIVERGED, what)
-    # The engine made the first updates after it one step ago.
+    # The engine made the first updates after the divergence one step ago.
     assert update == engine.updates > updates
     assert control_steps == engine.control_steps - engine.environments.observations.shape[1]
 
@@ -101,7 +101,7 @@ def test_check_weights_detects_divergence():
 
 
 @pytest.mark.parametrize("stacked", [False, True])
-def test_diverged_features_are_detected_and_do_not_affect_the_others(stacked):
+def test_diverged_features_are_detected_and_do_not_affect_others(stacked):
     states = []
     for poisoned in (False, True):
         with engine_of("td3", SEEDS, ofe=FEW, stacked=stacked) as engine:
@@ -117,7 +117,7 @@ def test_diverged_features_are_detected_and_do_not_affect_the_others(stacked):
         assert torch.equal(states[1][name], tensor), name
 
 
-def test_a_temperature_of_zero_is_not_divergence():
+def test_temperature_of_zero_is_not_divergence():
     # The logarithm, which is saved, is -inf.
     with engine_of("sac", SEEDS, changes={"ent_coef": 0.0}) as engine:
         for _ in engine.learn(60):

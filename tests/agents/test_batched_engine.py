@@ -1,4 +1,4 @@
-"""Engines: seeds are independent, training resumes bit for bit and follows the oracle."""
+"""Tests of engines: independent seeds, resuming, and agreement with stable-baselines3."""
 
 import dataclasses
 import json
@@ -62,7 +62,7 @@ class TanhEncoder:
 
 
 def trajectory(engine, index, steps=STEPS):
-    """Every observation, return and loss of a seed, and its final state."""
+    """Trains; returns the observations, returns, losses and final state of a seed."""
     seen, returns, losses = [], [], []
     for ended in engine.learn(steps):
         seen.append(engine.environments.observations[index].clone())
@@ -82,7 +82,7 @@ def assert_same(one, other):
 
 
 def slow(*values):
-    """Returns parameters that only `make test-slow` tries."""
+    """Returns test parameters that only `make test-slow` runs."""
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
@@ -101,7 +101,7 @@ def slow(*values):
         slow("ddpg", {"task": "move_to_pose"}),
     ],
 )
-def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(algo, options):
+def test_seed_is_independent_of_other_seeds_bit_for_bit(algo, options):
     with (
         engine_of(algo, [7, 5, 3], **options) as together,
         engine_of(algo, [3], **options) as alone,
@@ -115,7 +115,7 @@ def test_a_seed_does_not_depend_on_other_seeds_bit_for_bit(algo, options):
 
 
 def round_trip(state):
-    """A state written to and read from safetensors and JSON."""
+    """Writes a state as safetensors and JSON, and reads it."""
     tensors = safetensors.torch.load(safetensors.torch.save(state.tensors))
     return SeedState(tensors, json.loads(json.dumps(state.scalars)))
 
@@ -136,7 +136,7 @@ def round_trip(state):
         slow("sac", {"ofe": MANY}, 45),
     ],
 )
-def test_a_restored_engine_continues_bit_for_bit(algo, options, stop):
+def test_restored_engine_continues_bit_for_bit(algo, options, stop):
     seeds = [0, 4]
     with engine_of(algo, seeds, **options) as engine:
         whole = trajectory(engine, 1, 2 * STEPS)
@@ -159,7 +159,7 @@ def test_a_restored_engine_continues_bit_for_bit(algo, options, stop):
     assert_same((whole[0][done:], whole[1][done:], whole[2][done:], *whole[3:]), rest)
 
 
-def test_seeds_with_different_step_counts_are_not_restored_together():
+def test_restoring_seeds_with_different_step_counts_is_refused():
     states = []
     with engine_of("ppo", [0]) as engine:
         for steps in (30, 60):
@@ -173,12 +173,12 @@ def test_seeds_with_different_step_counts_are_not_restored_together():
         engine.restore(states)
 
 
-def always(robot):
+def constant(robot):
     return lambda episode: robot
 
 
 @pytest.mark.parametrize("augment", [None, 3])
-def test_environments_equal_the_gymnasium_environment(augment):
+def test_environments_equal_gymnasium_environment(augment):
     streams = [Streams(seed, 2) for seed in (3, 4)]
     actions = np.random.default_rng(0).uniform(-1, 1, (2 * LENGTH + 1, 2, 2))
     plain = [JitterbugEnv("move_to_pose", augment=augment) for _ in range(4)]
@@ -190,7 +190,7 @@ def test_environments_equal_the_gymnasium_environment(augment):
         [Cell("move_to_pose", [stream.environments for stream in streams])],
         episode_steps=LENGTH,
         threads=2,
-        models=None if augment is None else always(load_model(augment)),
+        models=None if augment is None else constant(load_model(augment)),
     ) as environments:
         np.testing.assert_array_equal(environments.observations.reshape(4, -1), seen)
         returns = np.zeros(4)
@@ -209,7 +209,7 @@ def test_environments_equal_the_gymnasium_environment(augment):
     assert environments.episodes == 2
 
 
-def test_each_episode_can_have_its_own_robot():
+def test_robot_can_differ_per_episode():
     robots = [load_model(1), load_model(2)]
     with engine_of("ddpg", [0, 1], models=lambda episode: robots[min(episode, 1)]) as engine:
         for _ in engine.learn(LENGTH):
@@ -220,7 +220,7 @@ def test_each_episode_can_have_its_own_robot():
         seen = engine.environments.observations[:, 0]
     with Environments(
         [Cell("face_direction", [Streams(seed, 1).environments for seed in (0, 1)])],
-        models=always(robots[1]),
+        models=constant(robots[1]),
     ) as others:
         for index, (tensors, _) in enumerate(state):
             world = {
@@ -236,7 +236,7 @@ def test_each_episode_can_have_its_own_robot():
 @pytest.mark.parametrize(
     ("algo", "ofe"), [*((algo, None) for algo in ALGORITHMS), ("td3", FEW), ("sac", MANY)]
 )
-def test_a_loaded_policy_acts_as_its_agent_bit_for_bit(algo, ofe):
+def test_loaded_policy_equals_agent_bit_for_bit(algo, ofe):
     observations = np.random.default_rng(0).normal(size=(1, 10, 16)).astype(np.float32)
     with engine_of(algo, [0], ofe=ofe) as engine, engine_of(algo, [9], ofe=ofe) as other:
         for _ in engine.learn(60):
@@ -253,7 +253,7 @@ def test_a_loaded_policy_acts_as_its_agent_bit_for_bit(algo, ofe):
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac"])
 @pytest.mark.parametrize(("steps", "starts"), [(65, 0), slow(100, 60), (60, 59)])
-def test_update_counts_equal_the_oracle(algo, steps, starts):
+def test_update_counts_equal_stable_baselines3(algo, steps, starts):
     changes = {"learning_starts": starts, "hidden_layers": [4]}
     settings = settings_of(algo, **changes)
     env = DummyVecEnv([lambda: JitterbugEnv("face_direction")])
@@ -286,22 +286,20 @@ def test_script_td3_first_updates_at_learning_starts():
         (3, {"train_freq": 1, "gradient_steps": 2}, 2 * (120 - 15)),
     ],
 )
-def test_more_environments_keep_the_ratio_of_updates_to_control_steps(
-    environments, changes, updates
-):
+def test_ratio_of_updates_is_independent_of_environments(environments, changes, updates):
     with engine_of("ddpg", [0], environments=environments, changes=changes) as engine:
         for _ in engine.learn(120):
             pass
         assert (engine.control_steps, engine.updates) == (120, updates)
 
 
-def test_environments_that_cannot_share_updates_are_refused():
+def test_indivisible_number_of_environments_is_refused():
     with pytest.raises(RequestError, match="3 environments can't share 5 updates every 10 control"):
         engine_of("ddpg", [0], environments=3)
 
 
 class GlobalNormals:
-    """A stream with the normal numbers that numpy's global generator draws next."""
+    """A stream of the next normal numbers of numpy's global generator."""
 
     def __init__(self, count):
         np.random.seed(6)
@@ -314,7 +312,7 @@ class GlobalNormals:
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3"])
-def test_action_noise_equals_the_oracle(algo):
+def test_action_noise_equals_stable_baselines3(algo):
     settings = settings_of(algo)
     ours, theirs = ActionNoise(settings, 1, 1), sb3._noise(settings)
     stream = GlobalNormals(100)
@@ -333,10 +331,10 @@ def actions_of(engine, steps):
     return taken
 
 
-def test_actions_before_learning_starts_are_uniform_or_of_the_policy():
+def test_actions_before_learning_starts_are_uniform_or_of_policy():
     changes = {"noise_sigma": 0.0, "noise_mean": 0.0, "learning_starts": 10_000}
     with engine_of("td3", [0], changes=changes) as engine:
-        # The standard deviation of U(-1, 1) is 0.577; an untrained policy's actions are all alike.
+        # The standard deviation of U(-1, 1) is 0.577; an untrained policy's actions hardly vary.
         assert 0.5 < np.std(actions_of(engine, 240)) < 0.65
     with engine_of("ddpg", [0], changes=changes) as engine:
         observation = engine.environments.observations[0].numpy()
@@ -344,7 +342,7 @@ def test_actions_before_learning_starts_are_uniform_or_of_the_policy():
         assert taken == pytest.approx(float(engine.policy(0).act(observation)[0, 0]), abs=1e-6)
 
 
-def test_ppo_bootstraps_at_the_time_limit_unless_it_is_terminal():
+def test_ppo_bootstraps_at_time_limit_unless_terminal():
     rewards = {}
     for limit in ("bootstrap", "terminal"):
         with engine_of("ppo", [0], changes={"n_steps": 100}, time_limit=limit) as engine:
@@ -378,7 +376,7 @@ def test_ppo_bootstraps_at_the_time_limit_unless_it_is_terminal():
     ],
 )
 @pytest.mark.parametrize("encoder", [None, TanhEncoder()])
-def test_extracted_policies_act_like_the_agents(algo, options, encoder):
+def test_extracted_policies_equal_agents(algo, options, encoder):
     with engine_of(algo, [0, 1, 2], encoder=encoder, **options) as engine:
         for _ in engine.learn(32):
             pass
@@ -396,7 +394,7 @@ def test_extracted_policies_act_like_the_agents(algo, options, encoder):
     assert not np.array_equal(actions[0], actions[1])
 
 
-def test_actions_are_those_of_the_latest_policy():
+def test_actions_are_of_latest_policy():
     changes = {"noise_sigma": 0.0, "noise_mean": 0.0, "learning_starts": 0}
     with engine_of("ddpg", [0], changes=changes, stacked=True) as engine:
         observations = [engine.environments.observations[0, 0].clone()]
@@ -412,7 +410,7 @@ def test_actions_are_those_of_the_latest_policy():
         assert float(actions[step]) == pytest.approx(float(expected[0]), abs=1e-6)
 
 
-def test_invalid_options_have_an_error_with_the_alternatives():
+def test_invalid_option_is_refused_with_alternatives():
     for option, sentence in (
         ({"device": "tpu"}, "Unknown device 'tpu'; choose auto, cpu, cuda or cuda:1."),
         ({"precision": "int8"}, "Unknown precision 'int8'; choose float32, tf32 or bfloat16."),
@@ -422,7 +420,7 @@ def test_invalid_options_have_an_error_with_the_alternatives():
             engine_of("ddpg", [0], **option)
 
 
-def test_a_full_gpu_has_a_sentence(monkeypatch):
+def test_out_of_memory_error_names_option(monkeypatch):
     def full(*_, **__):
         raise torch.OutOfMemoryError("CUDA out of memory.")
 

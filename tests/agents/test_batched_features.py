@@ -1,4 +1,4 @@
-"""Features learned with an agent: gradients, updates, statistics and predictions."""
+"""Tests of features learned with an agent: gradients, updates, statistics and predictions."""
 
 import pytest
 import torch
@@ -10,7 +10,12 @@ from jbench.settings.ofe import OFESettings
 from tests.agents.batched_oracle import SIZE, settings_of
 from tests.agents.plain_ofe import PlainDDPGOnFeatures, PlainFeatures
 from tests.agents.test_batched_engine import engine_of
-from tests.agents.test_plain_updates import assert_alike, ddpg_layers, start_alike, transitions
+from tests.agents.test_plain_updates import (
+    assert_equal_parameters,
+    copy_parameters,
+    ddpg_layers,
+    transitions,
+)
 
 SIZES = {
     "alone": OFESettings(units=12, layers=3, standardize_updates=4, learning_rate=1e-3),
@@ -35,8 +40,8 @@ def learner_of(algo, ofe, *, stacked=False, **changes):
     return make(settings_of(algo, **changes), SIZE, tensors.stacked_view(), ofe=ofe), each[1]
 
 
-def of_a_stack(batch):
-    """The same minibatch for each of two seeds."""
+def stack_of(batch):
+    """Returns the same minibatch for each of two seeds."""
     parts = batch.rows, batch.next_rows, batch.discounts, batch.noise
     return Batch(*(part.expand(2, *part.shape).clone() for part in parts))
 
@@ -50,18 +55,18 @@ def feature_layers(features, plain):
 def test_gradients_and_updates_of_features_equal_autograd(ofe, stacked):
     learner, seed = learner_of("td3", ofe, stacked=stacked)
     plain, random = PlainFeatures(ofe, SIZE), torch.Generator().manual_seed(2)
-    start_alike(feature_layers(seed.features, plain))
+    copy_parameters(feature_layers(seed.features, plain))
     for _ in range(UPDATES):
         batch = transitions(random)
         loss = float(plain.loss(batch).detach()) if len(plain.first) >= 4 else None
         gradients = plain.learn(batch)
-        errors = learner.features.learn(of_a_stack(batch) if stacked else batch)
+        errors = learner.features.learn(stack_of(batch) if stacked else batch)
         flat = learner.features.gradient[1] if stacked else learner.features.gradient
         for ours, (weight, bias) in zip(seed.features.layers_of(flat), gradients, strict=True):
             torch.testing.assert_close(ours.weight.mT, weight, rtol=0, atol=1e-10)
             torch.testing.assert_close(ours.bias, bias, rtol=0, atol=1e-10)
         assert loss is None or float(errors.mean()) == pytest.approx(loss, abs=1e-10)
-        assert_alike(feature_layers(seed.features, plain))
+        assert_equal_parameters(feature_layers(seed.features, plain))
 
 
 @sizes
@@ -71,12 +76,12 @@ def test_updates_of_ddpg_on_features_equal_autograd(ofe, stacked):
     plain = PlainDDPGOnFeatures(settings_of("ddpg"), ofe, SIZE)
     random = torch.Generator().manual_seed(2)
     layers = [*ddpg_layers(seed, plain), *feature_layers(seed.features, plain.features)]
-    start_alike(layers)
+    copy_parameters(layers)
     for _ in range(UPDATES):
         batch = transitions(random)
         plain.update(batch)
-        learner.update(of_a_stack(batch) if stacked else batch)
-    assert_alike(layers)
+        learner.update(stack_of(batch) if stacked else batch)
+    assert_equal_parameters(layers)
 
 
 @sizes
@@ -84,7 +89,7 @@ def test_updates_of_ddpg_on_features_equal_autograd(ofe, stacked):
 def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe):
     learner, _ = learner_of(algo, ofe)
     plain = PlainFeatures(ofe, SIZE)
-    start_alike(feature_layers(learner.features, plain))
+    copy_parameters(feature_layers(learner.features, plain))
     pairs = torch.randn(9, learner.features.size + 1, dtype=torch.float64)
     actions = pairs[:, -1:].clone().requires_grad_()
     seen = plain.state_action_features(pairs[:, :-1], actions)
@@ -111,7 +116,7 @@ def test_twin_critics_share_features_and_differentiate_through_them(algo, ofe):
 
 @sizes
 @pytest.mark.parametrize("algo", ["td3", "sac"])
-def test_stacked_updates_equal_those_of_each_seed_alone(algo, ofe):
+def test_stacked_updates_equal_those_of_single_seeds(algo, ofe):
     alone, _ = learner_of(algo, ofe)
     stack, seed = learner_of(algo, ofe, stacked=True)
     random = torch.Generator().manual_seed(3)
@@ -119,7 +124,7 @@ def test_stacked_updates_equal_those_of_each_seed_alone(algo, ofe):
         batch = transitions(random)
         noise = torch.randn(30, alone.noise_per_transition, generator=random, dtype=torch.float64)
         batch = Batch(batch.rows, batch.next_rows, batch.discounts, noise)
-        stack.update(of_a_stack(batch), stack.is_delayed_update(update, 0))
+        stack.update(stack_of(batch), stack.is_delayed_update(update, 0))
         alone.update(batch, alone.is_delayed_update(update, 0))
     for name in ("features", "actor", "critics"):
         one, other = (getattr(learner, name) for learner in (alone, seed))
@@ -129,7 +134,7 @@ def test_stacked_updates_equal_those_of_each_seed_alone(algo, ofe):
             torch.testing.assert_close(mine.values, its.values, rtol=0, atol=1e-10)
 
 
-def test_many_units_are_appended_to_the_observation_and_few_replace_it():
+def test_many_units_extend_observation_and_few_replace_it():
     observations = torch.randn(5, SIZE, dtype=torch.float64)
     for units, size in ((2, 2), (SIZE, SIZE), (SIZE + 1, 2 * SIZE + 1)):
         learner, _ = learner_of("ddpg", OFESettings(units=units))
@@ -145,7 +150,7 @@ def test_units_are_divided_among_layers():
     assert OFESettings(units=3).widths == [1] * 3
 
 
-def test_features_learn_to_predict_physics_in_pretraining_and_training():
+def test_features_learn_in_pretraining_and_training():
     ofe = OFESettings(units=12, learning_rate=3e-3, pretraining=2.0, standardize_updates=50)
     losses = []
     # The learning rate is so small that only the features change.
@@ -157,7 +162,7 @@ def test_features_learn_to_predict_physics_in_pretraining_and_training():
             for _ in engine.learn(400):
                 losses.append(engine.losses(0).get("prediction_loss"))
     without, pretrained = losses[:400], losses[400:]
-    # The first updates follow 150 control steps and, if prepared, 300 updates of the features.
+    # The first updates follow 150 control steps and, with pretraining, 300 updates of the features.
     assert without[149] is pretrained[149] is None
     assert pretrained[150] < 0.6 * without[150]
     assert without[-1] < 0.9 * without[150]

@@ -1,4 +1,4 @@
-"""Functions recorded as CUDA graphs give the same results when replayed, emulated on a CPU.
+"""Tests that functions recorded as CUDA graphs can be replayed, emulated on a CPU.
 
 A CUDA graph replays kernels with the addresses and scalars of the recorded call. Here the torch
 operations of a call are recorded with their arguments and replayed on the same tensors.
@@ -54,8 +54,8 @@ def tensors_in(tree):
     return [leaf for leaf in tree_leaves(tree) if isinstance(leaf, torch.Tensor)]
 
 
-class Repeated(Captured):
-    """A function that is called twice and then replayed."""
+class Replayed(Captured):
+    """Calls a function once, records the second call, and replays later ones."""
 
     repeats = 0
 
@@ -72,15 +72,15 @@ class Repeated(Captured):
                 self._function(argument)
             self.recordings[argument] = recording
         else:
-            Repeated.repeats += 1
+            Replayed.repeats += 1
             self.recordings[argument].repeat()
 
 
-def repeating(engine):
-    """Replays the updates and the actions of an engine."""
+def with_replay(engine):
+    """Makes an engine replay its updates and actions."""
     for updates in getattr(engine, "_groups", None) or engine._epochs:
-        updates._update = Repeated(updates._update)
-    engine._team._captured = Repeated(engine._team._captured)
+        updates._update = Replayed(updates._update)
+    engine._team._captured = Replayed(engine._team._captured)
     return engine
 
 
@@ -94,12 +94,12 @@ def repeating(engine):
         ("sac", {"changes": {"gradient_steps": 4, "train_freq": 4, "target_update_interval": 3}}),
     ],
 )
-def test_replaying_a_recording_gives_the_same_results(algo, options):
+def test_replayed_recording_has_same_results(algo, options):
     options = {"stacked": True, **options}
     with engine_of(algo, [0, 1], **options) as plain:
         expected = trajectory(plain, 1)
-    before = Repeated.repeats
+    before = Replayed.repeats
     with engine_of(algo, [0, 1], **options) as engine:
-        assert_same(trajectory(repeating(engine), 1), expected)
-    # The policies' actions alone are evaluated at half of the steps or more.
-    assert Repeated.repeats - before > STEPS / 2
+        assert_same(trajectory(with_replay(engine), 1), expected)
+    # The policies act in at least half of the steps.
+    assert Replayed.repeats - before > STEPS / 2

@@ -1,4 +1,4 @@
-"""Hand-written gradients equal those of autograd."""
+"""Tests of networks with hand-written gradients, against autograd."""
 
 import pytest
 import torch
@@ -8,7 +8,7 @@ from jbench.agents.batched.network import Network, affines, parameter_count
 from jbench.agents.batched.tensors import Tensors
 
 SIZES = [(5, 1), (5, 20, 1), (17, 24, 20, 1), (16, 9, 33, 16, 2)]
-# Each layer that the last input can join.
+# Each layer at which the last input can be appended.
 JOINED = [(sizes, joins) for sizes in SIZES for joins in range(len(sizes) - 1)]
 
 
@@ -27,7 +27,7 @@ def network_of(sizes, dtype=torch.float64, seeds=None, joins=0, **options):
 
 
 def in_torch(network, inputs):
-    """Outputs computed by autograd, and the parameters as leaves."""
+    """Returns outputs computed by torch, and the parameters as leaves of the graph."""
     leaves = [
         [parameters.clone().requires_grad_() for parameters in affine] for affine in network.layers
     ]
@@ -99,7 +99,7 @@ def test_low_precision_rounds_to_bfloat16():
 
 
 @pytest.mark.parametrize("rows", [1, 5, 31, 33, 100])
-def test_low_precision_gradients_of_selected_rows_equal_those_of_all_rows(rows):
+def test_low_precision_gradients_of_selected_rows_are_equal(rows):
     network = network_of((17, 64, 48, 1), torch.float32, low_precision=True)
     random = torch.Generator().manual_seed(1)
     inputs, delta = (torch.randn(100, size, generator=random) for size in (17, 1))
@@ -110,7 +110,7 @@ def test_low_precision_gradients_of_selected_rows_equal_those_of_all_rows(rows):
     torch.testing.assert_close(gradient, expected[indices], rtol=0.02, atol=1e-3)
 
 
-def test_low_precision_buffers_do_not_grow_with_the_number_of_row_counts():
+def test_number_of_low_precision_buffers_is_limited():
     network = network_of((17, 64, 48, 1), torch.float32, low_precision=True)
     network.forward(torch.randn(100, 17))
     for rows in range(1, 101):

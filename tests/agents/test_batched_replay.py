@@ -1,4 +1,4 @@
-"""The replay buffer samples the last transitions uniformly."""
+"""Tests of the replay buffer, which must sample the last transitions uniformly."""
 
 import numpy as np
 import pytest
@@ -16,8 +16,8 @@ def buffer_of(environments=1, capacity=20, flush_every=5):
     )
 
 
-class Past:
-    """Robots whose observations, actions and rewards are unique numbers."""
+class History:
+    """Fills a buffer with transitions of unique numbers, and keeps them."""
 
     def __init__(self, buffer, environments=1):
         self.buffer, self.shape = buffer, (SEEDS, environments)
@@ -34,7 +34,7 @@ class Past:
         )
 
     def step(self):
-        """Adds a transition, and starts the next episode where one ends."""
+        """Adds a transition, and begins a new episode after the last one."""
         actions, rewards, next_observations = self._new(), self._new(), self._new(SIZE)
         self.buffer.add(actions, rewards, torch.from_numpy(next_observations))
         last = len(self.transitions) % LENGTH == LENGTH - 1
@@ -78,9 +78,9 @@ def expected(past, seed, capacity):
 
 @pytest.mark.parametrize("environments", [1, 3])
 @pytest.mark.parametrize("steps", [1, 6, 7, 8, 19, 20, 21, 22, 47, 150])
-def test_exactly_the_last_transitions_are_sampled(steps, environments):
+def test_only_last_transitions_are_sampled(steps, environments):
     buffer = buffer_of(environments, capacity=20 * environments)
-    past = Past(buffer, environments)
+    past = History(buffer, environments)
     past.steps(steps)
     for seed in range(SEEDS):
         assert set(sampled(buffer, seed)) == expected(past, seed, 20)
@@ -88,7 +88,7 @@ def test_exactly_the_last_transitions_are_sampled(steps, environments):
 
 def test_every_transition_is_equally_likely():
     buffer = buffer_of()
-    Past(buffer).steps(33)
+    History(buffer).steps(33)
     samples = sampled(buffer, 0, 20_000)
     counts = np.array([samples.count(one) for one in set(samples)])
     # 1000 of each are expected; the standard deviation is 31.
@@ -98,7 +98,7 @@ def test_every_transition_is_equally_likely():
 
 def test_rows_are_sampled_only_after_flush():
     buffer = buffer_of()
-    past = Past(buffer)
+    past = History(buffer)
     past.steps(5)
     past.step()
     assert len(set(sampled(buffer, 0))) == 5
@@ -107,16 +107,16 @@ def test_rows_are_sampled_only_after_flush():
 
 
 @pytest.mark.parametrize("steps", [0, 3, 7, 10, 20, 40, 41, 43])
-def test_a_buffer_is_restored_from_appended_rows(steps):
+def test_buffer_is_restored_from_appended_rows(steps):
     buffer = buffer_of(2, capacity=40)
-    past = Past(buffer, 2)
+    past = History(buffer, 2)
     saved, first = [[], []], 0
     for steps_more in (4, 9, 7, steps):
         past.steps(steps_more)
         for seed in range(SEEDS):
             saved[seed].append(buffer.rows_since(seed, first))
         first = buffer.row
-    # The ring has overwritten older rows, but they were saved before.
+    # The ring buffer has overwritten older rows, which were saved before.
     rows = [torch.cat(parts, dim=1) for parts in saved]
     other = buffer_of(2, capacity=40)
     for seed in range(SEEDS):
@@ -128,7 +128,7 @@ def test_a_buffer_is_restored_from_appended_rows(steps):
         assert set(sampled(other, seed)) == expected(past, seed, 20)
 
 
-def test_a_million_transitions_of_ten_seeds_fit_into_two_gigabytes():
+def test_million_transitions_of_ten_seeds_fit_into_one_gigabyte():
     buffer = ReplayBuffer(10, 1, 1_000_000, 19, flush_every=1)
     rows = buffer.rows_of(range(10))
     assert len(rows) >= 10_000_000

@@ -1,4 +1,4 @@
-"""Faulty update rules are refused before the training."""
+"""Tests that faulty update rules are refused before training."""
 
 import pytest
 from torch import nn
@@ -62,17 +62,17 @@ class OfTheCritics(TD3):
         (OfTheCritics, "actor_loss does not depend on actor, which it trains"),
     ],
 )
-def test_a_faulty_rule_is_refused_before_the_training(rule, sentence):
+def test_faulty_rule_is_refused_before_training(rule, sentence):
     with pytest.raises(WorkError, match=f"The rule {rule.__name__} .*{sentence}"):
         engine_of(rule, TD3_SETTINGS, [0])
 
 
-def test_a_policy_that_cannot_be_saved_is_refused_before_the_training():
+def test_policy_that_cannot_be_saved_is_refused_before_training():
     with pytest.raises(UnsupportedPolicyError, match="Softsign"):
         engine_of(with_actor(nn.Softsign(), nn.Linear(8, 1)), TD3_SETTINGS, [0])
 
 
-def test_layers_other_than_relu_are_kept():
+def test_policy_keeps_layers_other_than_relu():
     rule = with_actor(nn.LayerNorm(8), nn.Tanh(), nn.Linear(8, 1))
     with engine_of(rule, TD3_SETTINGS, [0]) as engine:
         kinds = [layer.kind for layer in engine.policy(0).layers]

@@ -1,4 +1,4 @@
-"""The update rules equal those of stable-baselines3."""
+"""Tests of the update rules, against stable-baselines3."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,13 @@ from jbench.agents.batched.rollout import Rollout
 from jbench.settings.algorithms import SCRIPT
 from tests.agents.batched_oracle import (
     SIZE,
+    copy_initial_parameters,
     fill,
     largest_difference,
     learners_of,
     next_batch,
     oracle_of,
     ours,
-    same_start,
     settings_of,
     theirs,
     transitions,
@@ -37,8 +37,8 @@ def mean_losses(learner, tensors):
     return dict(zip(learner.losses, (sums / counts).tolist(), strict=True))
 
 
-def learn_beside(algo, agent, learner, tensors, settings, updates):
-    """Updates both on the same batches; yields after each update."""
+def update_both(algo, agent, learner, tensors, settings, updates):
+    """Updates agent and learner on the same batches; yields after each update."""
     dtype, data = tensors.dtype, transitions()
     fill(agent, data)
     for update in range(1, updates + 1):
@@ -58,12 +58,12 @@ def learn_beside(algo, agent, learner, tensors, settings, updates):
         ("sac", torch.float32),
     ],
 )
-def test_off_policy_updates_equal_the_oracle(algo, dtype, monkeypatch):
+def test_off_policy_updates_equal_stable_baselines3(algo, dtype, monkeypatch):
     settings = settings_of(algo)
     agent = oracle_of(algo, settings, dtype, monkeypatch)
     tensors, (learner,), _ = learners_of(algo, settings, dtype)
-    same_start(algo, agent, learner, tensors)
-    for update in learn_beside(algo, agent, learner, tensors, settings, 100):
+    copy_initial_parameters(algo, agent, learner, tensors)
+    for update in update_both(algo, agent, learner, tensors, settings, 100):
         if update in (1, 10, 100):
             mine, their = ours(algo, learner, tensors), theirs(algo, agent)
             assert largest_difference(mine, their) < PRECISION[dtype]
@@ -80,12 +80,12 @@ def test_off_policy_updates_equal_the_oracle(algo, dtype, monkeypatch):
         ("sac", {"target_entropy": "auto", "tau": 1.0}),
     ],
 )
-def test_updates_with_other_settings_equal_the_oracle(algo, changes, monkeypatch):
+def test_updates_with_other_settings_equal_stable_baselines3(algo, changes, monkeypatch):
     settings = settings_of(algo, **changes)
     agent = oracle_of(algo, settings, torch.float64, monkeypatch)
     tensors, (learner,), _ = learners_of(algo, settings, torch.float64)
-    same_start(algo, agent, learner, tensors)
-    for _ in learn_beside(algo, agent, learner, tensors, settings, 10):
+    copy_initial_parameters(algo, agent, learner, tensors)
+    for _ in update_both(algo, agent, learner, tensors, settings, 10):
         pass
     assert largest_difference(ours(algo, learner, tensors), theirs(algo, agent)) < 1e-10
 
@@ -101,7 +101,7 @@ def test_sac_target_update_interval_counts_from_each_learning_phase(monkeypatch)
         True,
         False,
     ]
-    same_start("sac", agent, learner, tensors)
+    copy_initial_parameters("sac", agent, learner, tensors)
     data = transitions()
     fill(agent, data)
     # Only the first update of a call can be compared: the oracle draws its numbers in sequence.
@@ -160,12 +160,12 @@ def rollout_of(agent, settings, data):
         (3, 40, {"ent_coef": 0.0, "clip_range": 0.05}),
     ],
 )
-def test_ppo_updates_equal_the_oracle(epochs, batch_size, changes, dtype, monkeypatch):
+def test_ppo_updates_equal_stable_baselines3(epochs, batch_size, changes, dtype, monkeypatch):
     changes = {"n_envs": 2, "n_steps": 60, "n_epochs": epochs, "batch_size": batch_size} | changes
     settings = settings_of("ppo", **changes)
     agent = oracle_of("ppo", settings, dtype, monkeypatch)
     tensors, (learner,), _ = learners_of("ppo", settings, dtype)
-    same_start("ppo", agent, learner, tensors)
+    copy_initial_parameters("ppo", agent, learner, tensors)
     rollout = rollout_of(agent, settings, transitions())
     rows = rollout.rows.flatten(0, 2).to(dtype)
     np.random.seed(3)
@@ -181,7 +181,7 @@ def test_ppo_updates_equal_the_oracle(epochs, batch_size, changes, dtype, monkey
     assert mean_losses(learner, tensors) == pytest.approx(sb3.losses(agent), rel=1e-4, abs=1e-7)
 
 
-def test_advantages_equal_the_oracle_bit_for_bit(monkeypatch):
+def test_advantages_equal_stable_baselines3_bit_for_bit(monkeypatch):
     settings = settings_of("ppo", n_envs=2, n_steps=200, batch_size=100)
     agent = oracle_of("ppo", settings, torch.float32, monkeypatch)
     rollout = rollout_of(agent, settings, transitions())
@@ -192,11 +192,11 @@ def test_advantages_equal_the_oracle_bit_for_bit(monkeypatch):
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
-def test_actions_equal_the_oracle(algo, monkeypatch):
+def test_actions_equal_stable_baselines3(algo, monkeypatch):
     settings = settings_of(algo, **({"n_envs": 1} if algo == "ppo" else {}))
     agent = oracle_of(algo, settings, torch.float64, monkeypatch)
     tensors, (learner,), _ = learners_of(algo, settings, torch.float64)
-    same_start(algo, agent, learner, tensors)
+    copy_initial_parameters(algo, agent, learner, tensors)
     observations = torch.from_numpy(transitions()[0][:40]).double()
     acting = agent.policy if algo == "ppo" else agent.actor
     expected = acting._predict(observations, deterministic=True).detach()
@@ -219,7 +219,7 @@ def test_actions_equal_the_oracle(algo, monkeypatch):
     ("algo", "changes"),
     [*((algo, {}) for algo in ("ddpg", "td3", "sac", "ppo")), *SCRIPT.items()],
 )
-def test_stacked_updates_equal_those_of_each_seed_alone(algo, changes):
+def test_stacked_updates_equal_those_of_single_seeds(algo, changes):
     settings = settings_of(algo, **changes)
     (alone, each, _), (together, _, stack) = (
         learners_of(algo, settings, torch.float64, seeds=3) for _ in range(2)
@@ -250,7 +250,7 @@ def test_stacked_updates_equal_those_of_each_seed_alone(algo, changes):
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
-def test_initial_weights_are_distributed_like_the_oracle(algo, monkeypatch):
+def test_initial_weights_are_distributed_as_in_stable_baselines3(algo, monkeypatch):
     settings = settings_of(algo, hidden_layers=[200, 100])
     agent = oracle_of(algo, settings, torch.float32, monkeypatch)
     tensors, (learner,), _ = learners_of(algo, settings)

@@ -1,7 +1,7 @@
-"""What a GPU records as a CUDA graph, run on torch's device "meta" in place of a GPU.
+"""Tests of the functions that are recorded as CUDA graphs, on torch's device "meta".
 
 Tensors of that device have no content, so reading a value and shapes that depend on data are
-errors there, as in a recording. Tensors of the CPU are found by a dispatch mode.
+errors, as in a recording. A dispatch mode finds tensors of the CPU.
 """
 
 import re
@@ -62,12 +62,12 @@ def kernels_of(function, args, kwargs):
     name = function.__name__.split(".")[0]
     if function.is_view or name in ALLOCATING:
         return 0
-    # The product of a stack adds to its output, so the bias is copied there first.
+    # The bias is copied to the output first, to which the product of a stack is added.
     return 2 if name == "baddbmm" and kwargs.get("out") is not args[0] else 1
 
 
 def kernels_in(function, argument, tensors):
-    """The number of kernels of a call after the first one, which makes the buffers."""
+    """The number of kernels of the second call; the first call makes the buffers."""
     function(argument)
     before = len(tensors._scratch), len(tensors.saved)
     with Region() as region:
@@ -86,7 +86,7 @@ def regions_of(
     limit=None,
     sizes=(SIZE,) * SEEDS,
 ):
-    """The kernels of everything that is recorded of an algorithm, by name."""
+    """The number of kernels of each recorded function of an algorithm."""
     if isinstance(algo, str):
         settings = algorithm_settings(algo, base, changes or {})
         rule = LEARNERS[algo] if ofe is None else partial(ON_FEATURES[algo], ofe=ofe)
@@ -132,7 +132,7 @@ def documented(algo, precision):
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_recorded_updates_stay_on_the_gpu_and_launch_the_documented_kernels(algo, precision):
+def test_recorded_updates_launch_documented_kernels_on_gpu(algo, precision):
     if (algo, precision) == ("ppo", "bfloat16"):
         pytest.skip("PPO is refused in bfloat16")
     found = regions_of(algo, precision=precision)
@@ -143,7 +143,7 @@ def test_recorded_updates_stay_on_the_gpu_and_launch_the_documented_kernels(algo
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_a_stack_of_several_cells_launches_the_kernels_of_one_cell(algo):
+def test_stack_of_several_cells_launches_kernels_of_one_cell(algo):
     assert regions_of(algo, sizes=(SIZE, 5)) == regions_of(algo)
 
 
@@ -160,12 +160,12 @@ def test_a_stack_of_several_cells_launches_the_kernels_of_one_cell(algo):
         ("sac", {"ofe": MANY}),
     ],
 )
-def test_other_settings_stay_on_the_gpu_too(algo, options):
+def test_other_settings_stay_on_gpu(algo, options):
     assert min(regions_of(algo, **options).values()) > 0
 
 
 @pytest.mark.parametrize("rule", [TQC, REDQ])
-def test_rules_of_other_packages_stay_on_the_gpu_too(rule):
+def test_rules_of_other_packages_stay_on_gpu(rule):
     assert min(regions_of(rule).values()) > 0
 
 
@@ -180,7 +180,7 @@ def test_rules_of_other_packages_stay_on_the_gpu_too(rule):
     ],
     ids=["two devices", "read by the host", "shape of data", "on the CPU", "random"],
 )
-def test_mistakes_in_a_region_are_found(mistake):
+def test_invalid_operation_in_region_is_detected(mistake):
     gpu = torch.zeros(3, device=GPU)
     with Region(), pytest.raises((RuntimeError, AssertionError)):
         mistake(gpu)

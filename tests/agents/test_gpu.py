@@ -1,4 +1,4 @@
-"""The engine on a GPU: all seeds in one stack, updates and actions replayed as CUDA graphs.
+"""Tests of the engine on a GPU, with all seeds in one stack and replayed CUDA graphs.
 
 Each test also runs on a CPU with the seeds in one stack, without graphs. `python benchmarks/gpu.py`
 runs this file before it measures.
@@ -52,7 +52,7 @@ ONE_UPDATE = {"changes": {"n_epochs": 1, "batch_size": 30}}
 
 
 def filled_engine(algo, seeds, **options):
-    """Agents whose buffers are full of random transitions, the same for the same seeds."""
+    """Agents whose buffers are full of reproducible random transitions."""
     engine = engine_of(algo, seeds, **options)
     random = torch.Generator().manual_seed(1)
     if isinstance(engine, OffPolicyEngine):
@@ -102,7 +102,7 @@ def largest_difference(one, other):
         ("sac", {"precision": "bfloat16"}, torch.float32, 5e-2),
     ],
 )
-def test_a_stack_is_updated_as_each_seed_on_a_cpu(algo, options, dtype, bound, device):
+def test_stacked_updates_equal_those_of_single_seeds_on_cpu(algo, options, dtype, bound, device):
     seeds, more = [0, 1, 2], {**options, "dtype": dtype}
     with (
         filled_engine(algo, seeds, stacked=False, device="cpu", **more) as each,
@@ -118,7 +118,7 @@ def test_a_stack_is_updated_as_each_seed_on_a_cpu(algo, options, dtype, bound, d
 
 @slow_on_a_cpu
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_the_same_seeds_give_the_same_bits_again(algo, device):
+def test_training_is_reproducible_bit_for_bit(algo, device):
     trajectories = []
     for _ in range(2):
         with engine_of(algo, [0, 4], device=device, stacked=True) as engine:
@@ -128,7 +128,7 @@ def test_the_same_seeds_give_the_same_bits_again(algo, device):
 
 @needs_gpu
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_graphs_give_the_bits_of_the_calls_that_they_record(algo, monkeypatch):
+def test_replayed_graphs_equal_direct_calls_bit_for_bit(algo, monkeypatch):
     with engine_of(algo, [0, 4], device="cuda") as engine:
         replayed = trajectory(engine, 1)
     monkeypatch.setattr(Captured, "__call__", lambda self, argument: self._function(argument))
@@ -137,7 +137,7 @@ def test_graphs_give_the_bits_of_the_calls_that_they_record(algo, monkeypatch):
 
 
 def stopped_at(engine, steps):
-    """Trains until some control steps; returns states, replay rows and the number of the next."""
+    """Trains for some control steps; returns states, replay rows and the next row's number."""
     for _ in engine.learn(2 * STEPS):
         if engine.control_steps >= steps:
             break
@@ -148,7 +148,7 @@ def stopped_at(engine, steps):
 
 
 def resume(engine, states, rows, row):
-    """Restores an engine from what `stopped_at` returned."""
+    """Restores an engine from the results of `stopped_at`."""
     for index, its_rows in enumerate(rows):
         engine.restore_rows(index, its_rows, row)
     engine.restore(states)
@@ -165,7 +165,7 @@ def resume(engine, states, rows, row):
         ("ppo", {}, 60),
     ],
 )
-def test_a_restored_engine_continues_with_the_same_bits(algo, options, steps, device):
+def test_restored_engine_continues_bit_for_bit(algo, options, steps, device):
     more = {**options, "device": device, "stacked": True}
     with engine_of(algo, [0, 4], **more) as engine:
         whole = trajectory(engine, 1, 2 * STEPS)
@@ -187,7 +187,7 @@ def test_a_restored_engine_continues_with_the_same_bits(algo, options, steps, de
         ("ppo", {"task": TASKS[1:]}),
     ],
 )
-def test_a_checkpoint_moves_between_the_devices(algo, cells, device):
+def test_checkpoint_can_be_restored_on_other_device(algo, cells, device):
     here = {"device": "cpu", "stacked": False, **cells}
     there = {"device": device, "stacked": True, **cells}
     for first, second in ((here, there), (there, here)):
@@ -214,7 +214,7 @@ def test_a_checkpoint_moves_between_the_devices(algo, cells, device):
 
 @on_each_device
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_actions_are_those_of_the_saved_policies(algo, device):
+def test_actions_equal_those_of_saved_policies(algo, device):
     # Products in TF32 would differ by 1e-3.
     with engine_of(algo, [0, 1, 2], device=device, stacked=True) as engine:
         for _ in engine.learn(32):
@@ -228,7 +228,7 @@ def test_actions_are_those_of_the_saved_policies(algo, device):
 
 
 @slow_on_a_cpu
-def test_a_killed_run_resumes_to_the_same_bits(device, tmp_path, monkeypatch):
+def test_killed_run_resumes_bit_for_bit(device, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     stack_seeds(monkeypatch.setattr)
     run = settings("td3", 1)
@@ -251,7 +251,7 @@ def test_a_killed_run_resumes_to_the_same_bits(device, tmp_path, monkeypatch):
 
 
 @slow_on_a_cpu
-def test_stacks_in_antiphase_write_what_each_writes_alone(device, tmp_path, monkeypatch):
+def test_stacks_in_antiphase_equal_separate_runs(device, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     stack_seeds(monkeypatch.setattr)
     runs = [settings("td3", seed) for seed in range(4)]
@@ -265,11 +265,11 @@ def test_stacks_in_antiphase_write_what_each_writes_alone(device, tmp_path, monk
 
 
 class Stopped(BaseException):
-    """Stops a run as Ctrl-C would."""
+    """Stops a run, like Ctrl-C."""
 
 
 @on_each_device
-def test_a_run_moves_from_the_cpu_to_the_device_and_back(device, tmp_path, monkeypatch):
+def test_run_resumes_on_other_device_and_back(device, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     run, notices = settings("sac", 1), []
 

@@ -1,4 +1,4 @@
-"""State of agents as tensors and JSON, and back."""
+"""Tests of packing the state of agents into tensors and JSON."""
 
 import json
 
@@ -12,13 +12,13 @@ from jbench.errors import WorkError
 
 
 def through_files(value):
-    """Packs a value, writes it as a checkpoint is written, and unpacks what was read."""
+    """Packs a value, writes and reads it as a checkpoint, and unpacks it."""
     tensors = {}
     node = json.loads(json.dumps(pack(value, tensors), allow_nan=False))
     return unpack(node, safetensors.torch.load(safetensors.torch.save(tensors)))
 
 
-def test_an_optimizer_continues_from_its_packed_state():
+def test_optimizer_continues_from_packed_state():
     torch.manual_seed(0)
     states = []
     module = torch.nn.Linear(3, 2)
@@ -64,13 +64,13 @@ def test_values_keep_their_types_and_bits():
     assert torch.equal(found[3], value[3])
 
 
-def test_a_packed_tensor_is_a_copy():
+def test_packed_tensor_is_copy():
     array, tensors = np.zeros(2), {}
     node = pack(array, tensors)
     array[0] = 1
     assert unpack(node, tensors).tolist() == [0, 0]
 
 
-def test_a_refused_object_is_named_by_its_path_in_the_state():
+def test_unsupported_object_is_refused_with_its_path():
     with pytest.raises(WorkError, match=r"state\(\)\['buffer'\]\[1\] of the agent is a set"):
         pack({"buffer": [0, {1, 2}]}, {})

@@ -1,4 +1,4 @@
-"""The update rules equal plain autograd versions, also with settings that the oracle lacks."""
+"""Tests of the update rules, against autograd, for settings that stable-baselines3 lacks, too."""
 
 import math
 
@@ -35,7 +35,7 @@ def ppo_layers(learner, plain):
 
 
 def layers_of(learner, plain, names):
-    """Pairs of layers of the learner's networks and of the plain version's."""
+    """Pairs of layers of the learner's networks and of the plain version."""
     for name in names:
         network = getattr(learner, name)
         networks = network.networks if isinstance(network, Twins) else [network]
@@ -47,13 +47,13 @@ def ddpg_layers(learner, plain):
     return layers_of(learner, plain, ["actor", "critic", "actor_target", "critic_target"])
 
 
-def start_alike(layers):
+def copy_parameters(layers):
     for ours, plain in layers:
         plain.weight.data.copy_(ours.weight.mT)
         plain.bias.data.copy_(ours.bias)
 
 
-def assert_alike(layers):
+def assert_equal_parameters(layers):
     for ours, plain in layers:
         torch.testing.assert_close(ours.weight.mT, plain.weight.data, rtol=0, atol=1e-10)
         torch.testing.assert_close(ours.bias, plain.bias.data, rtol=0, atol=1e-10)
@@ -87,12 +87,12 @@ def test_ppo_updates_equal_autograd(changes):
     _, (learner,), _ = learners_of("ppo", settings, torch.float64)
     learner.initialize(torch.Generator().manual_seed(1))
     plain, random = PlainPPO(settings, SIZE), torch.Generator().manual_seed(2)
-    start_alike(ppo_layers(learner, plain))
+    copy_parameters(ppo_layers(learner, plain))
     for _ in range(UPDATES):
         batch = minibatch(learner, random)
         learner.update(batch)
         plain.update(batch)
-    assert_alike(ppo_layers(learner, plain))
+    assert_equal_parameters(ppo_layers(learner, plain))
     torch.testing.assert_close(learner.log_sigma, plain.log_sigma.data, rtol=0, atol=1e-10)
 
 
@@ -115,18 +115,18 @@ def transitions(random, rows=30, noise=0):
 
 @pytest.mark.parametrize("changes", DDPG_CHANGES.values(), ids=DDPG_CHANGES)
 def test_ddpg_updates_equal_autograd(changes):
-    # With a large tau every network matters within a few updates.
+    # With a large tau, the targets influence the updates early.
     settings = settings_of("ddpg", tau=0.1, **changes)
     _, (learner,), _ = learners_of("ddpg", settings, torch.float64)
     learner.initialize(torch.Generator().manual_seed(1))
     plain, random = PlainDDPG(settings, SIZE), torch.Generator().manual_seed(2)
-    start_alike(ddpg_layers(learner, plain))
+    copy_parameters(ddpg_layers(learner, plain))
     for _ in range(UPDATES):
         batch = transitions(random)
         # An update overwrites the actions of its batch.
         plain.update(batch)
         learner.update(batch)
-    assert_alike(ddpg_layers(learner, plain))
+    assert_equal_parameters(ddpg_layers(learner, plain))
 
 
 def test_td3_updates_equal_autograd():
@@ -135,12 +135,12 @@ def test_td3_updates_equal_autograd():
     learner.initialize(torch.Generator().manual_seed(1))
     plain, random = PlainTD3(settings, SIZE), torch.Generator().manual_seed(2)
     names = ["actor", "critics", "actor_target", "critic_targets"]
-    start_alike(layers_of(learner, plain, names))
+    copy_parameters(layers_of(learner, plain, names))
     for number in range(1, UPDATES + 1):
         batch, delayed = transitions(random, noise=1), number % settings.policy_delay == 0
         plain.update(batch, delayed)
         learner.update(batch, delayed)
-    assert_alike(layers_of(learner, plain, names))
+    assert_equal_parameters(layers_of(learner, plain, names))
 
 
 def test_sac_updates_equal_autograd():
@@ -149,12 +149,12 @@ def test_sac_updates_equal_autograd():
     learner.initialize(torch.Generator().manual_seed(1))
     plain, random = PlainSAC(settings, SIZE), torch.Generator().manual_seed(2)
     names = ["actor", "critics", "critic_targets"]
-    start_alike(layers_of(learner, plain, names))
+    copy_parameters(layers_of(learner, plain, names))
     for _ in range(UPDATES):
         batch = transitions(random, noise=2)
         plain.update(batch)
         learner.update(batch)
-    assert_alike(layers_of(learner, plain, names))
+    assert_equal_parameters(layers_of(learner, plain, names))
     torch.testing.assert_close(
         learner.log_temperature, plain.log_temperature.data, rtol=0, atol=1e-10
     )
@@ -173,7 +173,7 @@ def assert_uniform(weight, bound):
     assert weight.std().item() == pytest.approx(bound / math.sqrt(3), rel=0.1)
 
 
-def test_script_ddpg_starts_with_a_policy_near_zero():
+def test_script_ddpg_has_initial_actions_near_zero():
     learner = first_layers("ddpg", **SCRIPT["ddpg"])
     assert [tuple(weight.shape) for weight, _ in learner.critic.layers] == [
         (16, 200),
@@ -192,7 +192,7 @@ def test_script_ddpg_starts_with_a_policy_near_zero():
     assert learner.act(observations).abs().max() < 0.05
 
 
-def test_last_layer_bound_limits_the_last_layer_only():
+def test_last_layer_bound_limits_only_last_layer():
     learner = first_layers("ddpg", last_layer_bound=0.01)
     for network in (learner.actor, learner.critic):
         *_, hidden, last = network.layers
@@ -201,7 +201,7 @@ def test_last_layer_bound_limits_the_last_layer_only():
         assert 0 < last.bias.abs() <= 0.01
 
 
-def test_td3_glorot_initialization():
+def test_td3_weights_can_have_glorot_initialization():
     learner = first_layers("td3", initialization="glorot")
     for network in (learner.actor, *learner.critics.networks):
         for weight, bias in network.layers:
@@ -209,7 +209,7 @@ def test_td3_glorot_initialization():
             assert not bias.any()
 
 
-def test_shared_layers_start_orthogonal():
+def test_shared_layers_have_orthogonal_initialization():
     learner = first_layers("ppo", shared_layers=True)
     assert learner.actor is learner.critic
     *hidden, last = (weight for weight, _ in learner.actor.layers)

@@ -1,4 +1,4 @@
-"""The training loop of agents of other packages."""
+"""Tests of the training loop of agents of other packages."""
 
 import random
 
@@ -15,8 +15,8 @@ from jbench.policies.copied import UnsupportedPolicyError
 EPISODE = 10
 
 
-class Drawing(jbench.Agent):
-    """Learns nothing useful from all global generators; keeps what it was given."""
+class RandomAgent(jbench.Agent):
+    """Draws from all global generators, and keeps its transitions."""
 
     class Settings(jbench.AgentSettings):
         scale: float = 1.0
@@ -53,12 +53,12 @@ class Drawing(jbench.Agent):
         self.optimizer.load_state_dict(state["optimizer"])
 
 
-def engine_of(kind=Drawing, **changes):
+def engine_of(kind=RandomAgent, **changes):
     about = {"environments": 2, "episode_steps": EPISODE, **changes}
     return PluginEngine("drawing", kind, kind.Settings(), "face_direction", 3, **about)
 
 
-def test_restored_in_the_middle_of_an_episode_it_continues_with_the_same_bits():
+def test_engine_restored_within_episode_continues_bit_for_bit():
     with engine_of() as whole:
         returns = [each.tolist() for each in whole.learn(70) if each is not None]
         weights = whole.policy(0).tensors()
@@ -66,7 +66,7 @@ def test_restored_in_the_middle_of_an_episode_it_continues_with_the_same_bits():
     with engine_of() as first:
         before = [each.tolist() for each in first.learn(34) if each is not None]
         state = first.state(0)
-        list(first.learn(70))  # the generators are elsewhere when the state is restored
+        list(first.learn(70))  # changes the global generators before the state is restored
     with engine_of() as second:
         second.restore([state])
         assert second.control_steps == 34
@@ -78,7 +78,7 @@ def test_restored_in_the_middle_of_an_episode_it_continues_with_the_same_bits():
 
 
 @pytest.mark.parametrize("time_limit", ["bootstrap", "terminal"])
-def test_transitions_are_those_of_the_episodes(time_limit):
+def test_transitions_follow_episodes_and_time_limit(time_limit):
     with engine_of(time_limit=time_limit) as engine:
         list(engine.learn(2 * EPISODE * 2))
         seen = engine._agent.transitions
@@ -92,11 +92,11 @@ def test_transitions_are_those_of_the_episodes(time_limit):
         assert transition.rewards.dtype == np.float32
         if step < len(seen):
             follows = np.array_equal(transition.next_observations, seen[step].observations)
-            # After the last step of an episode, the next one begins elsewhere.
+            # After the last step of an episode, a new one begins.
             assert follows is not ends
 
 
-def test_an_evaluation_does_not_change_the_training():
+def test_evaluation_does_not_change_training():
     outcomes = []
     for evaluates in (False, True):
         with engine_of() as engine:
@@ -107,8 +107,8 @@ def test_an_evaluation_does_not_change_the_training():
     assert np.array_equal(*outcomes)
 
 
-def test_actions_of_another_shape_are_refused_with_both_shapes():
-    class Flat(Drawing):
+def test_actions_of_wrong_shape_are_refused():
+    class Flat(RandomAgent):
         def act(self, observations):
             return super().act(observations)[:, 0]
 
@@ -119,8 +119,8 @@ def test_actions_of_another_shape_are_refused_with_both_shapes():
         engine.act(np.ones((1, 5, 16), np.float32))
 
 
-def test_a_loss_that_is_not_finite_is_a_divergence():
-    class Diverging(Drawing):
+def test_nonfinite_loss_is_divergence():
+    class Diverging(RandomAgent):
         def learn(self, transition):
             return {**super().learn(transition), "critic_loss": float("inf")}
 
@@ -129,19 +129,19 @@ def test_a_loss_that_is_not_finite_is_a_divergence():
         assert engine.diverged[0].what == "critic_loss"
 
 
-def test_a_policy_that_cannot_be_saved_is_refused_before_the_training():
-    class Cosine(Drawing):
+def test_policy_that_cannot_be_saved_is_refused_before_training():
+    class UnsavedPolicy(RandomAgent):
         def policy(self):
             return nn.Sequential(self.actor, nn.Softsign())
 
     with pytest.raises(UnsupportedPolicyError, match="Softsign"):
-        engine_of(Cosine)
+        engine_of(UnsavedPolicy)
 
 
-def test_an_agent_without_state_is_not_resumable():
-    class Forgetful(Drawing):
+def test_agent_without_state_is_not_resumable():
+    class WithoutState(RandomAgent):
         restore = jbench.Agent.restore
 
-    with engine_of(Forgetful) as forgetful, engine_of() as engine:
-        assert not forgetful.is_resumable
+    with engine_of(WithoutState) as without_state, engine_of() as engine:
+        assert not without_state.is_resumable
         assert engine.is_resumable

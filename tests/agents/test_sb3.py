@@ -1,4 +1,4 @@
-"""stable-baselines3 agents built by jbench have exactly the requested settings."""
+"""Tests of the settings, policies and losses of stable-baselines3 agents built by jbench."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def layers(module):
 
 
 @pytest.mark.parametrize("algo", OFF_POLICY)
-def test_off_policy_agents_have_the_published_settings(algo):
+def test_off_policy_agents_have_published_settings(algo):
     agent = build(algo)
     assert (agent.learning_rate, agent.batch_size, agent.gamma) == (1e-4, 256, 0.99)
     assert agent.buffer_size == agent.replay_buffer.buffer_size == 1_000_000
@@ -45,20 +45,20 @@ def test_off_policy_agents_have_the_published_settings(algo):
         assert (group["lr"], group["eps"], group["weight_decay"]) == (1e-4, 1e-8, 0)
 
 
-def test_ddpg_has_its_published_settings():
+def test_ddpg_has_published_settings():
     agent = build("ddpg")
     assert agent.train_freq == TrainFreq(100, TrainFrequencyUnit.STEP)
     assert (agent.gradient_steps, agent.tau, agent.learning_starts) == (50, 0.001, 256)
     noise = agent.action_noise
     assert isinstance(noise, OrnsteinUhlenbeckActionNoise)
     assert (noise._mu, noise._sigma, noise._theta, noise._dt) == (0.3, 0.3, 0.15, 0.01)
-    # DDPG in that library is TD3 with one critic, no delay and no smoothing.
+    # DDPG in stable-baselines3 is TD3 with one critic, no delay and no smoothing.
     assert (agent.policy_delay, agent.target_noise_clip) == (1, 0.0)
     assert layers(agent.actor) == [(16, 350), (350, 250), (250, 1)]
     assert layers(agent.critic) == [(17, 350), (350, 250), (250, 1)]
 
 
-def test_td3_has_its_published_settings():
+def test_td3_has_published_settings():
     agent = build("td3")
     assert agent.train_freq == TrainFreq(1000, TrainFrequencyUnit.STEP)
     assert (agent.gradient_steps, agent.tau, agent.learning_starts) == (1000, 0.005, 10_000)
@@ -68,7 +68,7 @@ def test_td3_has_its_published_settings():
     assert layers(agent.critic) == 2 * [(17, 350), (350, 250), (250, 1)]
 
 
-def test_sac_has_its_published_settings():
+def test_sac_has_published_settings():
     agent = build("sac")
     assert agent.train_freq == TrainFreq(1, TrainFrequencyUnit.STEP)
     assert (agent.gradient_steps, agent.tau, agent.learning_starts) == (1, 0.005, 100)
@@ -80,7 +80,7 @@ def test_sac_has_its_published_settings():
     assert layers(agent.actor) == [(16, 350), (350, 250), (250, 1), (250, 1)]
 
 
-def test_ppo_has_its_published_settings():
+def test_ppo_has_published_settings():
     agent = build("ppo")
     assert (agent.n_envs, agent.n_steps, agent.batch_size, agent.n_epochs) == (8, 256, 512, 4)
     assert (agent.learning_rate, agent.gamma, agent.gae_lambda) == (1e-4, 0.99, 0.95)
@@ -108,7 +108,7 @@ def test_td3_acts_uniformly_before_learning_starts():
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_the_saved_policy_acts_like_the_agent(algo):
+def test_saved_policy_equals_agent(algo):
     agent = build(algo, hidden_layers=[24, 16])
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
     expected, _ = agent.predict(observations, deterministic=True)
@@ -118,7 +118,7 @@ def test_the_saved_policy_acts_like_the_agent(algo):
     np.testing.assert_allclose(policy.act(observations[3]), expected[3], atol=2e-6)
 
 
-def test_a_saved_policy_is_a_copy():
+def test_saved_policy_is_copy():
     agent = build("td3", hidden_layers=[4])
     policy = sb3.policy(agent)
     before = policy.weights[0].copy()
@@ -144,7 +144,7 @@ def test_invalid_policy_files_are_refused(weights, description):
         Policy.from_files(weights or files["policy.safetensors"], description)
 
 
-def test_losses_have_the_names_of_the_database():
+def test_losses_have_names_of_database():
     agent = build("sac", hidden_layers=[8], batch_size=8, learning_starts=8)
     assert sb3.losses(agent) == {}
     agent.learn(12, log_interval=None)

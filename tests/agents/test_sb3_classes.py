@@ -1,4 +1,4 @@
-"""Classes with the interface of stable-baselines3, by name."""
+"""Tests of algorithms given by class name, with the interface of stable-baselines3."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ SMALL = {
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A finished run of TQC: one episode, whose last 20 steps are learned from."""
+    """A finished run of TQC: one episode, with learning in its last 20 steps."""
     results = Results(tmp_path_factory.mktemp("results"))
     (settings,) = request_runs(
         results,
@@ -40,7 +40,7 @@ def finished(tmp_path_factory):
     return settings, run(settings, results)
 
 
-def test_its_run_is_recorded_like_ours(finished):
+def test_run_of_class_is_recorded(finished):
     settings, record = finished
     assert settings.id.startswith("face_direction/sb3_contrib.TQC/full/s00-")
     assert (settings.engine, settings.algo) == ("sb3", NAME)
@@ -54,7 +54,7 @@ def test_its_run_is_recorded_like_ours(finished):
     assert record.rows("evaluations") == 1
 
 
-def test_its_policy_acts_as_the_model_does():
+def test_extracted_policy_equals_model():
     agent = sb3_classes.build(NAME, SMALL, _env(), 3)
     assert isinstance(agent, TQC)
     assert type(agent.actor.latent_pi[1]).__name__ == "Tanh"
@@ -64,7 +64,7 @@ def test_its_policy_acts_as_the_model_does():
     assert network.act(observations) == pytest.approx(wanted, abs=1e-6)
 
 
-def test_a_list_is_a_tuple_and_a_number_is_the_noise():
+def test_lists_and_noise_are_converted_to_arguments():
     settings = {**SMALL, "train_freq": [2, "episode"], "action_noise": 0.25}
     agent = sb3_classes.build("stable_baselines3:TD3", settings, _env(), 0)
     assert agent.train_freq.frequency == 2
@@ -87,17 +87,17 @@ def test_none_replaces_a_default():
         ("sb3_contrib:CrossQ", {}, "policy of sb3_contrib:CrossQ can't be saved"),
     ],
 )
-def test_a_class_that_cannot_be_trained_is_refused(name, settings, sentence):
+def test_class_that_cannot_be_trained_is_refused(name, settings, sentence):
     with pytest.raises(RequestError, match=sentence):
         sb3_classes.check(name, sb3_classes.settings_of(name, settings), 16)
 
 
-def test_an_argument_that_it_does_not_have_is_refused():
+def test_unknown_argument_is_refused():
     with pytest.raises(RequestError, match=r"TQC has no setting seed, tua; it has .*tau"):
         algorithm_fields(NAME, overrides={"tua": 1, "seed": 2})
 
 
-def test_several_environments_are_a_setting_of_their_own():
+def test_number_of_environments_is_separate_setting():
     fields = algorithm_fields("sb3_contrib:TRPO", overrides={"n_steps": 10})
     about = {"task": "face_direction", "seed": 0, "steps": 1000, "evaluate_every": 1}
     settings = RunSettings(**about, **fields, evaluate_episodes=0, parallel=4)

@@ -1,4 +1,4 @@
-"""The published settings, field by field, against the reference: Table 1 and the old defaults."""
+"""Tests of algorithm settings, against Table 1 of the paper and its library's defaults."""
 
 import inspect
 import json
@@ -74,7 +74,7 @@ PUBLISHED = {
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_the_defaults_are_the_published_settings_and_nothing_else(algo):
+def test_defaults_are_published_settings(algo):
     assert algorithm_settings(algo).model_dump() == PUBLISHED[algo]
 
 
@@ -100,13 +100,13 @@ SCRIPT = {
 
 
 @pytest.mark.parametrize("algo", SCRIPT)
-def test_script_settings_differ_from_the_published_ones_by_this_table(algo):
+def test_script_settings_differ_only_by_table(algo):
     settings = algorithm_settings(algo, "script")
     assert settings.model_dump() == {**PUBLISHED[algo], **SCRIPT[algo]}
     assert algorithm_settings(algo, overrides=SCRIPT[algo]) == settings
 
 
-def test_the_documentation_names_every_script_setting():
+def test_documentation_lists_every_script_setting():
     text = (Path(__file__).parents[2] / "docs" / "agents.md").read_text()
     table = text.split("## The authors' script")[1].split("Not reproduced")[0]
     for algo, changes in SCRIPT.items():
@@ -119,7 +119,7 @@ def test_script_settings_of_sac_are_refused():
         algorithm_settings("sac", "script")
 
 
-def test_an_override_replaces_a_script_setting():
+def test_override_replaces_script_setting():
     assert algorithm_settings("ppo", "script", {"clip_range": 0.3}).clip_range == 0.3
 
 
@@ -144,7 +144,7 @@ def test_new_settings_do_not_change_ids_of_older_runs():
 
 
 @pytest.mark.parametrize("algo", SCRIPT)
-def test_script_settings_survive_a_round_trip_through_run_settings(algo):
+def test_script_settings_are_kept_in_run_settings(algo):
     chosen = algorithm_settings(algo, "script")
     run = {
         "task": "face_direction",
@@ -165,11 +165,11 @@ def test_script_settings_survive_a_round_trip_through_run_settings(algo):
 def test_every_setting_has_a_description(algo):
     fields = SETTINGS[algo].model_fields
     silent = [name for name, field in fields.items() if not field.description]
-    # The noise of DDPG changes values whose meaning the shared class states.
+    # DDPG overrides the noise settings, which the shared class describes.
     assert set(silent) <= {"action_noise", "noise_mean", "noise_sigma"}
 
 
-# What Table 1 and section 4.2 fix, whatever the library's own defaults are.
+# Settings of Table 1 and section 4.2, which replace the library's defaults.
 OFF_POLICY_NOISE = {"action_noise", "noise_mean", "noise_sigma", "noise_theta", "noise_dt"}
 FROM_PAPER = {
     "ddpg": {"buffer_size"} | OFF_POLICY_NOISE,
@@ -180,7 +180,7 @@ FROM_PAPER = {
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_sb3_settings_keep_the_paper_and_take_the_library_for_the_rest(algo):
+def test_sb3_settings_are_library_defaults_except_table_1(algo):
     settings = algorithm_settings(algo, "sb3").model_dump()
     fixed = FROM_PAPER[algo] | {"learning_rate", "batch_size", "gamma", "hidden_layers"}
     parameters = inspect.signature(CLASSES[algo]).parameters
@@ -193,7 +193,7 @@ def test_sb3_settings_keep_the_paper_and_take_the_library_for_the_rest(algo):
             assert value == default, name
 
 
-def test_sb3_settings_differ_where_the_two_libraries_do():
+def test_sb3_settings_differ_from_published_ones():
     assert algorithm_settings("ddpg", "sb3").tau == 0.005
     assert algorithm_settings("ddpg", "sb3").train_freq == 1
     assert algorithm_settings("ppo", "sb3").n_epochs == 10
@@ -208,7 +208,7 @@ def test_overrides_replace_single_settings():
     assert settings.model_dump() == {**PUBLISHED["td3"], **changed}
 
 
-def test_a_list_needs_no_brackets():
+def test_list_needs_no_brackets():
     assert parse_overrides(["hidden_layers=64,32", "action_noise=a,b"]) == {
         "hidden_layers": [64, 32],
         "action_noise": "a,b",
@@ -216,7 +216,7 @@ def test_a_list_needs_no_brackets():
 
 
 @pytest.mark.parametrize(
-    ("assignment", "says"),
+    ("assignment", "message"),
     [
         ("policy_delay=2", "ddpg has no setting policy_delay; it has .*tau"),
         ("tau=fast", "tau of ddpg can't be 'fast'"),
@@ -233,22 +233,22 @@ def test_a_list_needs_no_brackets():
         ("shared_layers=true", "ddpg has no setting shared_layers"),
     ],
 )
-def test_a_wrong_override_is_refused_by_name(assignment, says):
-    with pytest.raises(RequestError, match=says):
+def test_invalid_override_is_refused(assignment, message):
+    with pytest.raises(RequestError, match=message):
         algorithm_settings("ddpg", overrides=parse_overrides([assignment]))
 
 
-def test_an_action_layer_needs_hidden_layers():
+def test_action_layer_needs_hidden_layers():
     with pytest.raises(RequestError, match="action_layer=1 needs a critic with hidden layers"):
         algorithm_settings("ddpg", overrides={"action_layer": 1, "hidden_layers": []})
 
 
 @pytest.mark.parametrize("assignment", ["tau", "=0.1", "tau 0.1"])
-def test_a_malformed_override_is_refused(assignment):
+def test_malformed_override_is_refused(assignment):
     with pytest.raises(RequestError, match="NAME=VALUE"):
         parse_overrides([assignment])
 
 
-def test_the_same_override_twice_is_refused():
+def test_duplicate_override_is_refused():
     with pytest.raises(RequestError, match="each setting once"):
         parse_overrides(["tau=0.1", "tau=0.2"])

@@ -1,6 +1,6 @@
-"""Seeds of several tasks and encoders in one stack learn what each learns alone.
+"""Tests that seeds of several tasks and encoders in one stack equal single seeds.
 
-The sums of a stack are made in another order, so numbers agree to rounding.
+Sums in a stack have another order, so numbers are equal except for rounding.
 """
 
 import numpy as np
@@ -32,14 +32,14 @@ SIZES = [16, 5, 15, 5]
 SEEDS = [0, 4, 0, 7]
 
 
-def together(algo, **options):
-    """Seeds of three cells in one stack, two of which are of the same cell."""
+def stacked_engine(algo, **options):
+    """An engine with four seeds of two tasks and two encoders in one stack."""
     more = {"task": TASKS, "encoder": ENCODERS, "dtype": torch.float64, "stacked": True}
     return engine_of(algo, SEEDS, **{**more, **options})
 
 
-def alone(algo, index, **options):
-    """One of these seeds."""
+def single_engine(algo, index, **options):
+    """An engine with one of these seeds."""
     more = {"task": TASKS[index], "encoder": ENCODERS[index], "dtype": torch.float64}
     return engine_of(algo, [SEEDS[index]], **{**more, **options})
 
@@ -64,8 +64,8 @@ def assert_close(found, expected):
         slow("td3", {"stacked": False}),
     ],
 )
-def test_a_seed_learns_among_cells_what_it_learns_alone(algo, options):
-    with together(algo, **options) as engine:
+def test_seed_in_stack_of_cells_equals_single_seed(algo, options):
+    with stacked_engine(algo, **options) as engine:
         states = [[engine.state(index) for index in range(4)]]
         seen, returns, losses = [], [], []
         for ended in engine.learn(STEPS):
@@ -77,7 +77,7 @@ def test_a_seed_learns_among_cells_what_it_learns_alone(algo, options):
         found = [policy.weights[0].shape[1] for policy in map(engine.policy, range(4))]
         assert found == SIZES
     for index, size in enumerate(SIZES):
-        with alone(algo, index, **{**options, "stacked": False}) as single:
+        with single_engine(algo, index, **{**options, "stacked": False}) as single:
             first = single.state(0)
             for name, tensor in states[0][index].tensors.items():
                 assert torch.equal(tensor, first.tensors[name]), name
@@ -94,7 +94,7 @@ def test_a_seed_learns_among_cells_what_it_learns_alone(algo, options):
 
 
 def checkpoint(engine, index):
-    """What is saved of a seed: its state, its replay rows and the number of the next row."""
+    """The checkpoint of a seed: its state, its replay rows and the number of the next row."""
     state = round_trip(engine.state(index))
     if not isinstance(engine, OffPolicyEngine):
         return state, None, 0
@@ -119,20 +119,20 @@ def stopped(engine, steps=42):
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_a_checkpoint_of_a_stack_of_cells_is_that_of_a_seed_alone(algo):
-    with together(algo) as engine:
+def test_checkpoint_in_stack_of_cells_equals_single_seed(algo):
+    with stacked_engine(algo) as engine:
         among = stopped(engine)
         ends = stopped(engine, STEPS)
     for index in (1, 2):
-        with alone(algo, index) as single:
+        with single_engine(algo, index) as single:
             resume(single, [among[index]])
             assert_equal(checkpoint(single, 0), among[index])
             assert_close(stopped(single, STEPS)[0][0], ends[index][0])
     singles = []
     for index in range(4):
-        with alone(algo, index) as single:
+        with single_engine(algo, index) as single:
             singles += stopped(single)
-    with together(algo) as engine:
+    with stacked_engine(algo) as engine:
         resume(engine, singles)
         for index in range(4):
             assert_equal(checkpoint(engine, index), singles[index])
@@ -151,9 +151,9 @@ def assert_equal(found, expected):
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_seeds_of_a_cell_act_as_their_policies(algo):
+def test_seeds_in_stack_of_cells_act_as_their_policies(algo):
     random = np.random.default_rng(0)
-    with together(algo) as engine:
+    with stacked_engine(algo) as engine:
         policies = [engine.policy(index) for index in range(4)]
         for first, count, size in ((0, 1, 16), (1, 1, 16), (2, 1, 15), (3, 1, 16)):
             seen = random.normal(size=(count, 6, size)).astype(np.float32)
@@ -163,17 +163,17 @@ def test_seeds_of_a_cell_act_as_their_policies(algo):
             ]
             expected = [policies[first + i].act(own) for i, own in enumerate(inputs)]
             np.testing.assert_allclose(engine.act(seen, first), expected, atol=1e-6)
-        with alone(algo, 1) as single:
+        with single_engine(algo, 1) as single:
             single.load_policy(0, policies[1], 0)
             engine.load_policy(3, single.policy(0), 0)
         np.testing.assert_array_equal(engine.policy(3).weights[0], policies[1].weights[0])
 
 
 @pytest.mark.parametrize("algo", ["ddpg", slow("td3"), slow("sac"), "ppo"])
-def test_a_diverged_seed_does_not_affect_other_cells(algo):
+def test_diverged_seed_does_not_affect_other_cells(algo):
     states = []
     for poisoned in (False, True):
-        with together(algo) as engine:
+        with stacked_engine(algo) as engine:
             for _ in engine.learn(STEPS):
                 if poisoned and engine.control_steps >= 42 and not engine.diverged:
                     poison(engine, CRITICS[algo])
@@ -183,15 +183,15 @@ def test_a_diverged_seed_does_not_affect_other_cells(algo):
         assert_equal((one, None, 0), (other, None, 0))
 
 
-def test_agents_that_can_not_be_padded_are_refused():
+def test_agents_that_cannot_be_padded_are_refused():
     sentence = r"same number of inputs here, not \[16, 5, 15, 5\]"
     with pytest.raises(ValueError, match=sentence):
-        together("td3", ofe=FEW)
+        stacked_engine("td3", ofe=FEW)
     with pytest.raises(ValueError, match=r"not \[16, 5\]"):
         rule_engine_of(RULE, TD3_SETTINGS, [0, 1], encoder=[None, ENCODER])
 
 
-def test_padding_is_put_between_columns_and_taken_out():
+def test_padding_is_inserted_and_removed():
     values, padding = torch.arange(1.0, 5).view(1, 4), [slice(1, 3), slice(5, 6)]
     padded = with_padding(values, padding)
     assert padded.tolist() == [[1, 0, 0, 2, 3, 0, 4]]

@@ -1,4 +1,4 @@
-"""TQC of the documentation equals sb3-contrib's."""
+"""Tests of the documented TQC rule, against sb3-contrib."""
 
 import pytest
 import sb3_contrib
@@ -15,7 +15,7 @@ from tests.agents.small_rules import TQC, TQC_SETTINGS, learners, mean_losses
 
 
 def oracle_of_tqc(settings, dtype, monkeypatch):
-    """sb3-contrib's TQC with the settings of the page's rule."""
+    """sb3-contrib's TQC with the settings of the documented rule."""
     monkeypatch.setattr(policies, "preprocess_obs", lambda observations, *_, **__: observations)
     layers = list(settings.hidden_layers)
     agent = sb3_contrib.TQC(
@@ -43,7 +43,7 @@ def oracle_of_tqc(settings, dtype, monkeypatch):
 
 
 def parameters_of_tqc(agent):
-    """Parameters of sb3-contrib's TQC by the names of the page's rule."""
+    """Parameters of sb3-contrib's TQC by the names of the documented rule."""
     actor = [m for m in agent.actor.latent_pi if isinstance(m, nn.Linear)]
     heads = agent.actor.mu, agent.actor.log_std
     named = {}
@@ -58,7 +58,7 @@ def parameters_of_tqc(agent):
     return {name: values.detach() for name, values in named.items()}
 
 
-def test_tqc_of_the_page_equals_sb3_contrib(monkeypatch):
+def test_documented_tqc_equals_sb3_contrib(monkeypatch):
     dtype, settings = torch.float64, TQC_SETTINGS
     agent, data = oracle_of_tqc(settings, dtype, monkeypatch), transitions()
     fill(agent, data)
@@ -66,7 +66,7 @@ def test_tqc_of_the_page_equals_sb3_contrib(monkeypatch):
     for name, values in parameters_of_tqc(agent).items():
         learner._parameters[name].copy_(values)
     for update in range(1, 21):
-        # sb3-contrib steps the entropy coefficient before the actor, and the rule after it.
+        # sb3-contrib updates the entropy coefficient before the actor, the rule after it.
         learner._parameters["log_alpha"].copy_(agent.log_ent_coef.detach())
         batch = next_batch(data, settings, 2, dtype, update)
         agent.train(gradient_steps=1, batch_size=settings.batch_size)
@@ -80,7 +80,7 @@ def test_tqc_of_the_page_equals_sb3_contrib(monkeypatch):
         torch.testing.assert_close(learner._parameters[name], values, rtol=0, atol=1e-7, msg=name)
 
 
-def test_the_loss_of_tqcs_entropy_coefficient_equals_sb3_contrib(monkeypatch):
+def test_entropy_coefficient_loss_of_tqc_equals_sb3_contrib(monkeypatch):
     dtype = torch.float64
     agent, data = oracle_of_tqc(TQC_SETTINGS, dtype, monkeypatch), transitions()
     fill(agent, data)

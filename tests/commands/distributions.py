@@ -1,4 +1,4 @@
-"""Distributions of other packages, installed by pip without a network, and runs of their agents."""
+"""Installs third-party packages by pip without a network, and trains their agents."""
 
 import os
 import shutil
@@ -14,7 +14,7 @@ from tests.documentation import ROOT, code_of
 
 
 def install(name, page, module, tmp_path_factory):
-    """Returns a folder of packages with a distribution whose code a page of docs/ gives.
+    """Installs a distribution whose code is on a page of docs/; returns the folder of packages.
 
     Args:
         name: folder in tests/ with the other files of the distribution.
@@ -34,14 +34,14 @@ def install(name, page, module, tmp_path_factory):
     return target
 
 
-def use(site, patch):
-    """Makes the packages of a folder importable here and in processes that are started."""
+def make_importable(site, patch):
+    """Makes the packages of a folder importable in this process and its child processes."""
     patch.syspath_prepend(str(site))
     patch.setenv("PYTHONPATH", os.pathsep.join([str(site), str(ROOT)]))
 
 
 def train_and_sweep(site, directory, train, matrix):
-    """Returns results of a sweep, of which `jbench train` has trained the first seed.
+    """Returns results of a sweep, the first seed of which `jbench train` has trained.
 
     Args:
         site: folder of packages.
@@ -52,7 +52,7 @@ def train_and_sweep(site, directory, train, matrix):
     results = directory / "results"
     (directory / "matrix.toml").write_text(matrix)
     with pytest.MonkeyPatch.context() as patch:
-        use(site, patch)
+        make_importable(site, patch)
         first = ("--seeds", "0", "--steps", str(SHORT))
         succeed("train", *train, *first, results=results, short=True)
         succeed("sweep", directory / "matrix.toml", results=results, short=True)
@@ -60,7 +60,7 @@ def train_and_sweep(site, directory, train, matrix):
 
 
 def assert_fails(run, path, sentence, episodes):
-    """Trains a run, which fails with a sentence after some episodes."""
+    """Trains a run and checks its error message, status and number of committed episodes."""
     results = Results(path)
     try:
         reason = str(run_batch([run], results, None, checkpoint_every=0)[run.id])

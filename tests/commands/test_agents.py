@@ -1,4 +1,4 @@
-"""Agents and policies of a package that somebody else installed."""
+"""Tests of agents and policies of an installed third-party package."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from jbench.store import Results, schema
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
 from tests.command_line import SHORT, Process, succeed
-from tests.commands.distributions import assert_fails, install, train_and_sweep, use
+from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "random-search-agent"
@@ -25,7 +25,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture
 def installed(site, monkeypatch):
-    use(site, monkeypatch)
+    make_importable(site, monkeypatch)
 
 
 def settings(algo="random-search", seed=0, **changes):
@@ -48,12 +48,12 @@ episodes = 0
 
 @pytest.fixture(scope="module")
 def swept(site, tmp_path_factory):
-    """Results of a sweep with two seeds, of which `jbench train` had trained the first."""
+    """Results of a sweep with two seeds, the first of them trained by `jbench train`."""
     train = ("--algo", "random-search", "--set", "noise=0.2", "--evaluate-episodes", "0")
     return train_and_sweep(site, tmp_path_factory.mktemp("swept"), train, MATRIX)
 
 
-def test_train_and_sweep_make_the_same_runs(swept):
+def test_train_and_sweep_make_same_runs(swept):
     runs, problems = swept.scan("run")
     assert not problems
     assert sorted(run.settings["seed"] for run in runs) == [0, 1]
@@ -66,7 +66,7 @@ def test_train_and_sweep_make_the_same_runs(swept):
         assert run.manifest.provenance["package"] == "random-search-agent 1.0"
 
 
-def test_runs_of_an_agent_that_is_not_installed_are_listed_reported_and_verified(swept, capsys):
+def test_runs_of_uninstalled_agent_are_listed_reported_and_verified(swept, capsys):
     here = ("--results", str(swept.path))
     assert main(["runs", "--algo", "random-search", *here]) == 0
     assert "face_direction/random-search/full/s00-" in capsys.readouterr().out
@@ -77,7 +77,7 @@ def test_runs_of_an_agent_that_is_not_installed_are_listed_reported_and_verified
     assert (cell["algo"], cell["seeds"]) == ("random-search", 2)
 
 
-def test_an_agent_that_is_not_installed_is_not_trained(swept, capsys):
+def test_training_uninstalled_agent_is_refused(swept, capsys):
     before = sorted(swept.path.rglob("*"))
     assert main(["train", "--algo", "random-search", "--results", str(swept.path)]) == 2
     error = capsys.readouterr().err
@@ -104,7 +104,7 @@ def test_an_agent_that_is_not_installed_is_not_trained(swept, capsys):
         (("math:cos",), "no subclass of stable-baselines3's BaseAlgorithm"),
     ],
 )
-def test_a_wrong_request_is_refused(installed, typed, sentence, tmp_path, capsys):
+def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, capsys):
     assert main(["train", "--algo", *typed, "--results", str(tmp_path / "results")]) == 2
     assert re.search(sentence, capsys.readouterr().err)
     assert not (tmp_path / "results").exists()
@@ -117,7 +117,7 @@ def test_a_wrong_request_is_refused(installed, typed, sentence, tmp_path, capsys
         ("no-agent", "The agent no-agent is no subclass of jbench.Agent"),
     ],
 )
-def test_an_entry_point_that_is_no_agent_is_refused(installed, algo, sentence, tmp_path, capsys):
+def test_entry_point_that_is_not_an_agent_is_refused(installed, algo, sentence, tmp_path, capsys):
     assert main(["train", "--algo", algo, "--results", str(tmp_path / "results")]) == 1
     assert sentence in capsys.readouterr().err
 
@@ -132,12 +132,12 @@ def test_an_entry_point_that_is_no_agent_is_refused(installed, algo, sentence, t
         ("not-finite-weights", "its weights are not finite at control step 50", 1),
     ],
 )
-def test_a_faulty_agent_fails_its_run(installed, algo, sentence, episodes, tmp_path, monkeypatch):
+def test_faulty_agent_fails_its_run(installed, algo, sentence, episodes, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     assert_fails(settings(algo), tmp_path, sentence, episodes)
 
 
-def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(installed, tmp_path):
+def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, tmp_path):
     request = {"path": str(tmp_path), "runs": [settings().model_dump(mode="json")]}
     request |= {"at": "random", "kills": 5}
     done = Process("tests.training.kills:main", request, short=True).finished()
@@ -153,7 +153,7 @@ def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(installed, tm
         assert record.read_file(WEIGHTS) == whole.read_file(WEIGHTS)
 
 
-def test_without_state_a_run_starts_over_and_says_so(installed, tmp_path, monkeypatch):
+def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     run, results = settings("without-state"), Results(tmp_path)
 
@@ -172,7 +172,7 @@ def test_without_state_a_run_starts_over_and_says_so(installed, tmp_path, monkey
     assert record.read("episodes", schema.EPISODES)["episode"].to_pylist() == list(range(8))
 
 
-def test_algorithms_are_listed_with_their_settings_and_packages(installed, capsys):
+def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
     # Two entry points of the package can't be loaded.
     assert main(["algorithms", "--json"]) == 1
     said = json.loads(capsys.readouterr().out)
@@ -193,7 +193,7 @@ def test_algorithms_are_listed_with_their_settings_and_packages(installed, capsy
     assert "top_quantiles_to_drop_per_net" in capsys.readouterr().out
 
 
-def test_an_installed_policy_is_evaluated(installed, tmp_path):
+def test_installed_policy_is_evaluated(installed, tmp_path):
     typed = ("evaluate", "--policy", "bang-bang", "--task", "face_direction", "--episodes", "1")
     said = json.loads(succeed(*typed, "--json", results=tmp_path, short=True).stdout)
     assert said["settings"]["code"] == "random-search-agent 1.0"

@@ -1,4 +1,4 @@
-"""`jbench reproduce` and `jbench verify --reevaluate`: their words, documents and exit codes."""
+"""Tests of `jbench reproduce` and `jbench verify --reevaluate`: output, JSON and exit codes."""
 
 import json
 import os
@@ -47,7 +47,7 @@ def trained(tmp_path_factory):
 
 @pytest.fixture
 def altered(trained, tmp_path):
-    """The results with a bit of a weight, a bit of a return, and no policy, of a run each."""
+    """A copy of the results: one run each with a changed weight, a changed return, no policy."""
     results = Results(tmp_path / "results")
     shutil.copytree(trained.path, results.path)
     for run, change in zip(RUNS, ("weight", "return", "policy"), strict=True):
@@ -72,7 +72,7 @@ def altered(trained, tmp_path):
     return results
 
 
-def test_reproduce_says_equal(trained, capsys, monkeypatch):
+def test_reproduce_reports_equal_run(trained, capsys, monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS")
     assert main(["reproduce", RUNS[0].id[:-4], "--results", str(trained.path)]) == 0
     said = capsys.readouterr().out
@@ -82,7 +82,7 @@ def test_reproduce_says_equal(trained, capsys, monkeypatch):
     assert os.environ["OMP_NUM_THREADS"] == names.ONE_THREAD["OMP_NUM_THREADS"]
 
 
-def test_reproduce_names_what_differs(altered, capsys):
+def test_reproduce_reports_first_difference(altered, capsys):
     command = ["reproduce", RUNS[1].id, "--json", "--results", str(altered.path)]
     assert main(command) == 1
     printed = capsys.readouterr()
@@ -106,13 +106,13 @@ def test_reproduce_names_what_differs(altered, capsys):
         ([RUNS[2].id, "--episodes", "0"], "was saved without its policy: type --episodes 1"),
     ],
 )
-def test_reproduce_refuses(altered, arguments, sentence, capsys):
+def test_reproduce_refuses_invalid_request(altered, arguments, sentence, capsys):
     assert main(["reproduce", *arguments, "--results", str(altered.path)]) == 2
     assert sentence in capsys.readouterr().err
 
 
-def test_a_comparison_of_nothing_fails(trained, tmp_path, capsys):
-    """Of a run that was saved with its policy, but without rows of evaluations."""
+def test_run_without_evaluations_fails_comparison(trained, tmp_path, capsys):
+    """The run has a saved policy, but no rows of evaluations."""
     results = Results(tmp_path / "results")
     before = trained.find("run", RUNS[0].id)
     files = {name: before.read_file(name) for name in (WEIGHTS, DESCRIPTION)}
@@ -126,7 +126,7 @@ def test_a_comparison_of_nothing_fails(trained, tmp_path, capsys):
     assert "Error: No run could be compared with its last evaluation." in capsys.readouterr().err
 
 
-def test_a_shipped_run_needs_no_results(tmp_path, monkeypatch, capsys):
+def test_reproducing_shipped_run_needs_no_results_directory(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", "reference/face_direction/sac/full/s00"]) == 2
     assert ": face_direction/sac/full/s00-" in capsys.readouterr().err
@@ -134,7 +134,7 @@ def test_a_shipped_run_needs_no_results(tmp_path, monkeypatch, capsys):
     assert "results does not exist; name another directory" in capsys.readouterr().err
 
 
-def test_verify_repeats_the_evaluations(trained, altered, capsys):
+def test_verify_repeats_last_evaluations(trained, altered, capsys):
     command = ["verify", "--reevaluate", "--results"]
     assert main([*command, str(trained.path)]) == 0
     assert "Repeated the last evaluations of finished runs: 3 equal." in capsys.readouterr().out
@@ -146,5 +146,5 @@ def test_verify_repeats_the_evaluations(trained, altered, capsys):
     assert f"run {RUNS[0].id}\n  different: " in printed.err
     assert f"run {RUNS[2].id}\n  no policy: It was saved without its policy." in printed.err
     assert "Error: 1 of 2 repeated runs have other returns than recorded; see above." in printed.err
-    # Without the option, checksums alone are checked.
+    # Without --reevaluate, only checksums are checked.
     assert main(["verify", "--results", str(altered.path)]) == 0

@@ -1,4 +1,4 @@
-"""The verbs of datasets as they are typed: what they list, export and refuse."""
+"""Tests of the commands on datasets: collect, datasets and export."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ def collected(tmp_path_factory):
 
 @pytest.fixture
 def results(tmp_path, collected):
-    """A copy of it, with an unfinished dataset beside them."""
+    """A copy of that directory with a third, unfinished dataset."""
     shutil.copytree(collected, tmp_path / "results")
     settings = DatasetSettings(steps=9000, seed=7)
     Results(tmp_path / "results").create("dataset", settings.id, settings.model_dump())
@@ -43,7 +43,7 @@ def alter_manifest(record, **changes):
 
 
 def refused(capsys, *arguments):
-    """The exit code and the sentence of a verb that fails."""
+    """Runs a failing command; returns its exit code and error message."""
     code = main(list(arguments))
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -52,7 +52,7 @@ def refused(capsys, *arguments):
     return code, line.removeprefix("Error: ")
 
 
-def test_stopped_by_ctrl_c_it_says_that_it_resumes(tmp_path):
+def test_collect_stopped_by_ctrl_c_reports_that_it_can_resume(tmp_path):
     arguments = ["collect", "--steps", "500000", "--results", str(tmp_path)]
     with subprocess.Popen(
         [*INTERRUPTIBLE, *arguments], stderr=subprocess.PIPE, text=True
@@ -70,7 +70,7 @@ def test_stopped_by_ctrl_c_it_says_that_it_resumes(tmp_path):
     assert [record.status for record in Results(tmp_path).scan("dataset")[0]] == ["unfinished"]
 
 
-def test_datasets_lists_what_there_is(results, capsys):
+def test_datasets_lists_all_with_status_and_steps(results, capsys):
     assert main(["datasets", "--results", str(results)]) == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     ids = {seed: record.id for seed, record in records(results).items()}
@@ -81,7 +81,7 @@ def test_datasets_lists_what_there_is(results, capsys):
     assert rows[ids[7]][:5] == ["unfinished", "0", "9,000", "plain", "0.0"]
 
 
-def test_datasets_as_json_say_what_they_are_made_of(results, capsys):
+def test_json_of_datasets_has_settings_status_and_size(results, capsys):
     assert main(["datasets", "--results", str(results), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["problems"] == []
@@ -96,14 +96,14 @@ def test_datasets_as_json_say_what_they_are_made_of(results, capsys):
     assert [found[seed]["steps"] for seed in (0, 4, 7)] == [2000, 1000, 0]
 
 
-def test_without_any_dataset_it_is_said_how_to_collect_one(tmp_path, capsys):
+def test_empty_directory_reports_command_to_type(tmp_path, capsys):
     assert main(["datasets", "--results", str(tmp_path)]) == 0
     said = f"No datasets in {tmp_path}; jbench collect --steps 100000 makes a small one.\n"
     assert capsys.readouterr().out == said
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"schema_version": 0}, "manifest.json is of schema version 0, and this jbench reads from"),
         ({"schema_version": 99}, "manifest.json is of schema version 99, and this jbench reads up"),
@@ -111,19 +111,19 @@ def test_without_any_dataset_it_is_said_how_to_collect_one(tmp_path, capsys):
         ({"kind": "poem"}, "is not a manifest that can be read"),
     ],
 )
-def test_what_can_not_be_read_is_named_and_the_others_are_listed(results, changes, said, capsys):
+def test_unreadable_dataset_is_reported_and_others_listed(results, changes, message, capsys):
     alter_manifest(records(results)[0], **changes)
     assert main(["datasets", "--results", str(results), "--json"]) == 1
     printed = capsys.readouterr()
     listed = json.loads(printed.out)
     assert {each["settings"]["seed"] for each in listed["datasets"]} == {4, 7}
     (problem,) = listed["problems"]
-    assert said in problem
+    assert message in problem
     assert f"Warning: {problem}" in printed.err
     assert "Error: 1 dataset is unreadable and left out; see above." in printed.err
 
 
-def test_export_takes_the_newest_plain_one_or_the_one_asked_for(results, tmp_path, capsys):
+def test_export_defaults_to_newest_plain_dataset(results, tmp_path, capsys):
     newest, other = (records(results)[seed].id for seed in (0, 4))
     command = ["export", "--task", "move_to_pose", "--results", str(results), "--json"]
     for id, more in ((newest, ()), (other, ("--dataset", other, "--out", str(tmp_path / "out")))):
@@ -137,7 +137,7 @@ def test_export_takes_the_newest_plain_one_or_the_one_asked_for(results, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
+    ("arguments", "code", "message"),
     [
         (("--dataset", "random/s00-00000000"), 2, "No dataset random/s00-00000000 in "),
         (("--dataset", DatasetSettings(steps=9000, seed=7).id), 2, "is unfinished; type the jbe"),
@@ -147,14 +147,14 @@ def test_export_takes_the_newest_plain_one_or_the_one_asked_for(results, tmp_pat
         (("--out", "/proc/jbench"), 2, "can't be made"),
     ],
 )
-def test_a_wrong_export_is_refused_in_a_sentence(results, arguments, code, said, capsys):
+def test_invalid_export_is_refused(results, arguments, code, message, capsys):
     found = refused(capsys, "export", "--results", str(results), *arguments)
     assert found[0] == code
-    assert said in found[1]
+    assert message in found[1]
     assert not (results / "minari").exists()
 
 
-def test_export_of_what_is_of_another_schema_or_damaged_is_refused(results, capsys):
+def test_export_refuses_damaged_dataset_and_other_schema_version(results, capsys):
     newest = records(results)[0]
     part = newest.path / newest.parts("steps")[0].name
     whole = part.read_bytes()
@@ -170,7 +170,7 @@ def test_export_of_what_is_of_another_schema_or_damaged_is_refused(results, caps
     assert not list(results.glob("minari/**/*.hdf5"))
 
 
-def test_export_overwrites_nothing(results, tmp_path, capsys):
+def test_export_does_not_overwrite(results, tmp_path, capsys):
     command = ("export", "--results", str(results), "--out", str(tmp_path / "out"))
     assert main(list(command)) == 0
     written = [(path, path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*")]

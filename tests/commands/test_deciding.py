@@ -1,4 +1,4 @@
-"""Seeds that are added until comparisons are decided, and what is found again from the runs."""
+"""Tests of `jbench sweep --until-decided`, which adds seeds until comparisons are decided."""
 
 import json
 from functools import partial
@@ -59,7 +59,7 @@ def cells(matrix, results):
 
 
 def finish(results, run, returns, evaluations=2):
-    """Finishes a run whose last evaluation has these returns, and the one before it others."""
+    """Adds a finished run whose last evaluation has these returns."""
     record = results.create("run", run.id, run.model_dump(mode="json"))
     rows = [
         {
@@ -90,7 +90,7 @@ def fill(results, cell, numbers):
         finish(results, deciding.run_of(cell, seed), [number - 10, number + 10])
 
 
-def looks(results, cells, claims=(), most=30):
+def outcomes_of(results, cells, claims=(), most=30):
     asked = deciding.comparisons(cells, claims)
     return deciding.outcomes(asked, deciding.Numbers(results), results, most)
 
@@ -99,10 +99,10 @@ def sweep(matrix, results, *arguments):
     return main(["sweep", matrix, *arguments, "--results", str(results.path)])
 
 
-def test_a_seed_s_number_is_the_mean_of_its_last_evaluation(results, cells):
+def test_final_return_is_mean_of_last_evaluation(results, cells):
     run = deciding.run_of(cells[0], 0)
     assert deciding.final_return(finish(results, run, [400.0, 500.0])) == 450
-    # Without evaluations: the last quarter of the eight training episodes, of returns 60 and 70.
+    # Without evaluations: the mean of the last quarter of the training episodes, 60 and 70.
     run = deciding.run_of(cells[0], 1)
     assert deciding.final_return(finish(results, run, [], evaluations=0)) == 65
     run = deciding.run_of(cells[0], 2)
@@ -110,7 +110,7 @@ def test_a_seed_s_number_is_the_mean_of_its_last_evaluation(results, cells):
         deciding.final_return(finish(results, run, [float("nan")]))
 
 
-def test_representations_are_compared_with_the_full_observation_of_the_same_settings(cells):
+def test_representations_are_compared_with_full_observation(cells):
     asked = deciding.comparisons(cells)
     assert [one.name for one in asked] == [
         "face_direction td3 pca3 against full",
@@ -124,7 +124,7 @@ def test_representations_are_compared_with_the_full_observation_of_the_same_sett
         deciding.comparisons(cells[3:])
 
 
-def test_the_question_compares_each_reduction_with_full_and_with_scaled(results):
+def test_question_matrix_compares_reductions_with_full_and_scaled(results):
     asked = deciding.comparisons(matrix_cells(read_matrix("question"), results))
     reductions = ("planar", "dae12", "pca12", "random12", "forward12", "ofe12", "ofe240")
     td3 = {
@@ -145,16 +145,16 @@ def test_the_question_compares_each_reduction_with_full_and_with_scaled(results)
     assert len(asked) == 20
 
 
-def test_only_cells_of_undecided_comparisons_get_more_seeds(results, cells):
+def test_only_undecided_comparisons_get_more_seeds(results, cells):
     full, pca, random, _ = cells
-    first = deciding.next_cells(looks(results, cells), {})
+    first = deciding.next_cells(outcomes_of(results, cells), {})
     assert [[run.seed for run in cell.runs] for cell in first] == [[0, 1, 2, 3, 4]] * 3
     assert [cell.representation for cell in first] == ["full", "pca3", "random2"]
 
     fill(results, full, [500, 510, 520, 530, 540])
     fill(results, pca, [100, 110, 120, 130])  # one seed is missing
     fill(results, random, [501, 511, 521, 531, 541])
-    found = looks(results, cells)
+    found = outcomes_of(results, cells)
     assert [(one.decision.verdict, one.decision.seeds) for one in found] == [
         ("undecided", 0),
         ("undecided", 5),
@@ -164,7 +164,7 @@ def test_only_cells_of_undecided_comparisons_get_more_seeds(results, cells):
         for cell in deciding.next_cells(found, {})
     }
     assert needed == {"full": [5, 6, 7, 8, 9], "pca3": [4], "random2": [5, 6, 7, 8, 9]}
-    assert looks(results, cells, ["pca3"])[0].needed == [deciding.run_of(pca, 4)]
+    assert outcomes_of(results, cells, ["pca3"])[0].needed == [deciding.run_of(pca, 4)]
 
     finish(results, deciding.run_of(pca, 4), [140.0])
     for cell, start in ((full, 550), (random, 551)):
@@ -172,18 +172,18 @@ def test_only_cells_of_undecided_comparisons_get_more_seeds(results, cells):
             finish(results, deciding.run_of(cell, seed), [start + seed])
     for seed in range(5, 10):
         finish(results, deciding.run_of(pca, seed), [100.0 + seed])
-    pca_outcome, random_outcome = looks(results, cells)
+    pca_outcome, random_outcome = outcomes_of(results, cells)
     assert (pca_outcome.decision.verdict, pca_outcome.needed) == ("smaller", [])
     assert (random_outcome.decision.verdict, random_outcome.needed) == ("equal", [])
 
 
-def test_a_run_that_was_tried_and_failed_stops_its_comparisons_alone(results, cells):
+def test_failed_run_stops_only_its_comparisons(results, cells):
     full, pca, random, _ = cells
     for cell in (full, random):
         fill(results, cell, [500, 510, 520, 530, 540])
     bad = deciding.run_of(pca, 3)
     results.create("run", bad.id, bad.model_dump(mode="json")).fail("no luck")
-    found = looks(results, cells)
+    found = outcomes_of(results, cells)
     tried = {bad.id: bad}
     assert {cell.representation for cell in deciding.next_cells(found, tried)} == {
         "full",
@@ -194,18 +194,18 @@ def test_a_run_that_was_tried_and_failed_stops_its_comparisons_alone(results, ce
     }
 
 
-def test_at_the_maximum_nothing_more_is_needed(results, cells):
+def test_no_seed_is_added_beyond_maximum(results, cells):
     full, pca, _, _ = cells
     for cell in (full, pca):
         fill(results, cell, [100, 900, 200, 800, 500])
-    (outcome,) = looks(results, cells, ["pca3"], most=5)
+    (outcome,) = outcomes_of(results, cells, ["pca3"], most=5)
     assert (outcome.decision.verdict, outcome.needed) == ("undecided", [])
     assert outcome.decision.spent == pytest.approx(0.05)
-    assert len(looks(results, cells, ["pca3"], most=10)[0].needed) == 10
+    assert len(outcomes_of(results, cells, ["pca3"], most=10)[0].needed) == 10
 
 
-def test_seeds_are_added_until_the_maximum_and_typed_again_nothing_is_left(matrix, results, cells):
-    # One real run of a tiny agent; the seeds of full are above anything that it can reach.
+def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(matrix, results, cells):
+    # One real run of a tiny agent, whose returns cannot reach those of full.
     fill(results, cells[0], [2000, 2100, 2200, 2300, 2400])
     fill(results, cells[2], [100, 110, 120, 130])
     arguments = ("--until-decided", "random2", "--max-seeds", "10", "--jobs", "1", "--json")
@@ -217,7 +217,7 @@ def test_seeds_are_added_until_the_maximum_and_typed_again_nothing_is_left(matri
 
     printed = typed()
     (decided,) = json.loads(printed.stdout)["comparisons"]
-    # Five seeds that are all below the five of full: p is 1/252, and 1/80 is spent on this side.
+    # All five seeds are below the five of full: p = 1/252, and 1/80 is spent on this side.
     assert (decided["verdict"], decided["seeds"]) == ("smaller", 5)
     assert decided["spent"] == pytest.approx(0.025)
     assert decided["high"] < 0
@@ -232,7 +232,7 @@ def test_seeds_are_added_until_the_maximum_and_typed_again_nothing_is_left(matri
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("dae12",), "COMPARISON and --max-seeds are for --until-decided."),
         (("--max-seeds", "10"), "COMPARISON and --max-seeds are for --until-decided."),
@@ -242,9 +242,9 @@ def test_seeds_are_added_until_the_maximum_and_typed_again_nothing_is_left(matri
         (("--until-decided", "dae3"), "Unknown comparison 'dae3'; did you mean dae12?"),
     ],
 )
-def test_a_wrong_request_gets_one_sentence(arguments, says, results, capsys):
+def test_invalid_request_prints_one_error_line(arguments, message, results, capsys):
     assert sweep("fig7", results, *arguments) == 2
     printed = capsys.readouterr()
-    assert says in printed.err
+    assert message in printed.err
     assert (printed.err.count("\n"), printed.out) == (1, "")
     assert not results.path.exists()

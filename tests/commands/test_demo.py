@@ -1,4 +1,4 @@
-"""The demo: the commands of the quick start, each recorded as if it had been typed."""
+"""Tests of `jbench demo`, which runs the commands of the quick start."""
 
 from jbench.cli import main
 from jbench.commands import demo
@@ -6,12 +6,12 @@ from jbench.store import Results
 from tests.documentation import ROOT
 
 
-def test_commands_are_those_of_the_quick_start():
+def test_commands_are_those_of_quick_start():
     page = " ".join((ROOT / "docs" / "quick-start.md").read_text().replace("\\\n", " ").split())
     assert [command for command in demo.COMMANDS if f"jbench {command}" not in page] == []
 
 
-def test_each_command_is_shown_run_and_recorded(tmp_path, monkeypatch, capsys):
+def test_each_command_is_printed_run_and_recorded(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(demo, "COMMANDS", ("collect --steps 1000", "datasets"))
     place = tmp_path / "mine"
     assert main(["demo", "--results", str(place)]) == 0
@@ -24,7 +24,7 @@ def test_each_command_is_shown_run_and_recorded(tmp_path, monkeypatch, capsys):
     assert record.manifest.provenance["command"] == typed
 
 
-def test_a_command_that_fails_ends_the_demo(tmp_path, monkeypatch, capsys):
+def test_failing_command_ends_demo(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(demo, "COMMANDS", ("train --encoder none --steps 1", "runs"))
     assert main(["demo", "--results", str(tmp_path / "results")]) == 2
     said = capsys.readouterr()

@@ -1,4 +1,4 @@
-"""Tables of runs."""
+"""Tests of tables of runs, and of the final return that they show."""
 
 import numpy as np
 import pyarrow as pa
@@ -33,7 +33,7 @@ RUN = RunSettings(
         (1000, 949.5),  # 100 at most: 900 to 999
     ],
 )
-def test_the_final_return_is_the_same_everywhere(episodes, mean, tmp_path, capsys):
+def test_final_return_is_equal_in_tables_listings_and_reports(episodes, mean, tmp_path, capsys):
     returns = np.arange(float(episodes))
     record = Results(tmp_path).create("run", RUN.id, RUN.model_dump(mode="json"))
     rows = [
@@ -52,7 +52,7 @@ def test_the_final_return_is_the_same_everywhere(episodes, mean, tmp_path, capsy
     assert row.split()[-2:] == [str(episodes), f"{mean:.0f}"]
 
 
-def test_returns_that_are_not_finite_are_left_out():
+def test_nonfinite_returns_are_left_out():
     assert final_return(np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, np.nan])) == 7.0
     assert final_return(np.array([1.0, np.inf])) is None
     assert final_return(np.array([])) is None

@@ -1,4 +1,4 @@
-"""Encoders through the command line: of every kind, of another package's, killed and continued."""
+"""Tests of `jbench train-encoder`: all kinds, kinds of other packages, kills and errors."""
 
 import json
 import re
@@ -19,7 +19,7 @@ from tests.commands.distributions import install
 
 
 @pytest.fixture(scope="module")
-def collected(brief_judging, tmp_path_factory):
+def collected(short_encoder_evaluation, tmp_path_factory):
     """A results directory with a small dataset."""
     results = tmp_path_factory.mktemp("encoders") / "results"
     assert main(["collect", "--steps", "2000", "--results", str(results)]) == 0
@@ -28,7 +28,7 @@ def collected(brief_judging, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def filled(collected, tmp_path_factory):
-    """The same with encoders of some kinds and sizes, trained in this process."""
+    """The same directory with encoders of some kinds and sizes, trained in this process."""
     results = tmp_path_factory.mktemp("filled") / "results"
     shutil.copytree(collected, results)
     for arguments in (
@@ -42,12 +42,12 @@ def filled(collected, tmp_path_factory):
 
 @pytest.fixture
 def results(collected, tmp_path):
-    """A copy of the dataset alone, to change."""
+    """A copy of the directory with the dataset only, which tests may change."""
     shutil.copytree(collected, tmp_path / "results")
     return tmp_path / "results"
 
 
-def test_every_kind_and_size_is_a_record_with_its_errors(filled):
+def test_each_kind_and_size_has_record_with_errors(filled):
     tables, problems = load(Results(filled))
     assert problems == []
     rows = tables["encoders"].to_pandas().set_index("encoder")
@@ -67,7 +67,7 @@ def test_every_kind_and_size_is_a_record_with_its_errors(filled):
     assert set(tables["encoder_features"].to_pandas()["encoder"]) == set(rows.index)
 
 
-def test_trained_again_nothing_changes_and_json_says_what_there_is(filled, capsys):
+def test_repeated_training_is_skipped_and_json_lists_encoders(filled, capsys):
     before = {path: path.stat().st_mtime_ns for path in filled.rglob("*.parquet")}
     wanted = ["train-encoder", "--kind", "pca", "--latent", "2,16", "--results", str(filled)]
     assert main(wanted) == 0
@@ -80,7 +80,7 @@ def test_trained_again_nothing_changes_and_json_says_what_there_is(filled, capsy
     assert {path: path.stat().st_mtime_ns for path in filled.rglob("*.parquet")} == before
 
 
-def test_encoders_are_reported_and_used(filled, tmp_path, capsys):
+def test_encoders_are_reported_and_used_in_training(filled, tmp_path, capsys):
     report = ("report", "--format", "png", "--out", str(tmp_path / "report"))
     assert main([*report, "--results", str(filled)]) == 0
     assert (tmp_path / "report" / "encoders.png").stat().st_size > 0
@@ -95,7 +95,7 @@ def test_encoders_are_reported_and_used(filled, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("--kind", "dea"), "Unknown kind of encoder 'dea'; did you mean dae?"),
         (("--kind", "dae,"), "Unknown kind of encoder ''; choose dae, ae,"),
@@ -125,15 +125,15 @@ def test_encoders_are_reported_and_used(filled, tmp_path, capsys):
         (("--dataset", "random/s00-00000000"), "No dataset random/s00-00000000"),
     ],
 )
-def test_a_wrong_request_gets_one_sentence_and_trains_nothing(collected, arguments, says, capsys):
+def test_invalid_request_prints_one_error_and_trains_nothing(collected, arguments, message, capsys):
     assert main(["train-encoder", *arguments, "--results", str(collected)]) == 2
     printed = capsys.readouterr()
-    assert says in printed.err
+    assert message in printed.err
     assert (printed.err.count("\n"), printed.out) == (1, "")
     assert not (collected / "encoders").exists()
 
 
-def test_cuda_is_refused_where_there_is_none(collected, capsys):
+def test_cuda_is_refused_without_cuda_device(collected, capsys):
     import torch
 
     if torch.cuda.is_available():
@@ -143,7 +143,7 @@ def test_cuda_is_refused_where_there_is_none(collected, capsys):
 
 
 def drop_column(record, column):
-    """Rewrites a dataset without a column, as an older jbench might have left it."""
+    """Rewrites a dataset without a column, as if an older version had written it."""
     import io
 
     import pyarrow.parquet as pq
@@ -164,7 +164,7 @@ def drop_column(record, column):
 
 
 @pytest.mark.parametrize("column", ["action", "velocity_x"])
-def test_a_dataset_of_other_columns_is_named_in_one_sentence(results, column, capsys):
+def test_dataset_without_required_column_is_refused(results, column, capsys):
     (manifest,) = results.rglob("manifest.json")
     drop_column(manifest.parent, column)
     assert main(["train-encoder", "--kind", "lld-vae", "--results", str(results)]) == 1
@@ -175,7 +175,7 @@ def test_a_dataset_of_other_columns_is_named_in_one_sentence(results, column, ca
 
 
 @pytest.mark.parametrize("damage", ["altered", "short", "pickle"])
-def test_a_damaged_encoder_is_refused_and_left_as_it_is(filled, tmp_path, damage, capsys):
+def test_damaged_encoder_is_refused_and_unchanged(filled, tmp_path, damage, capsys):
     copy = tmp_path / "results"
     shutil.copytree(filled, copy)
     (path,) = copy.glob(f"encoders/face_direction/pca2/*/{WEIGHTS}")
@@ -202,7 +202,7 @@ def short(tmp_path):
     return tmp_path / "short"
 
 
-def test_a_killed_training_continues_to_the_same_bytes(short, tmp_path, capsys):
+def test_killed_training_resumes_bit_for_bit(short, tmp_path, capsys):
     whole, results = tmp_path / "whole", short
     shutil.copytree(results, whole)
     arguments = ("train-encoder", "--latent", "5", "--epochs", "200", "--batch", "64")
@@ -237,7 +237,7 @@ def site(tmp_path_factory):
     return install("third_party_encoder", page, module, tmp_path_factory)
 
 
-def test_a_kind_of_another_package_is_used_like_ours(short, site, monkeypatch):
+def test_kind_of_other_package_is_trained_and_used(short, site, monkeypatch):
     run = partial(jbench, results=short, short=True)
     monkeypatch.setenv("PYTHONPATH", str(site))
     made = run(
@@ -247,7 +247,7 @@ def test_a_kind_of_another_package_is_used_like_ours(short, site, monkeypatch):
     assert made.returncode == 0, made.stderr
     theirs, ours = json.loads(made.stdout)["encoders"]
     assert theirs["settings"]["options"]["strength"] == 1.0
-    # The name is ours: another package can't take it.
+    # The package can't override a built-in kind.
     assert "noise" in ours["settings"]["options"]
     assert theirs["id"].startswith("face_direction/first-features7/s00-")
     used = run(*train("td3", "first-features:7", "--seeds", "0", "--steps", str(2 * SHORT)))
@@ -255,7 +255,7 @@ def test_a_kind_of_another_package_is_used_like_ours(short, site, monkeypatch):
     refused = run("train-encoder", "--kind", "first-features", "--noise", "0.1")
     assert refused.returncode == 2
     assert "first-features has no option noise; it has batch, epochs," in refused.stderr
-    # Without the package, its encoder is named and nothing else is harmed.
+    # Without the package, only its encoder is refused.
     monkeypatch.delenv("PYTHONPATH")
     without = run("train", "--encoder", theirs["id"])
     assert without.returncode == 1
@@ -263,11 +263,13 @@ def test_a_kind_of_another_package_is_used_like_ours(short, site, monkeypatch):
     assert run("query", "FROM encoders").returncode == 0
 
 
-@pytest.mark.parametrize(("kind", "says"), [("broken", "Missing"), ("no-kind", "is no subclass")])
-def test_a_kind_that_can_not_be_loaded_is_named(results, site, kind, says, monkeypatch):
+@pytest.mark.parametrize(
+    ("kind", "message"), [("broken", "Missing"), ("no-kind", "is no subclass")]
+)
+def test_kind_that_fails_to_load_is_reported(results, site, kind, message, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(site))
     done = jbench("train-encoder", "--kind", kind, results=results, short=True)
     assert done.returncode == 1
     assert f"The kind of encoder {kind}" in done.stderr
-    assert says in done.stderr
+    assert message in done.stderr
     assert done.stderr.count("\n") == 1

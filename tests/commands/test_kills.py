@@ -1,6 +1,6 @@
-"""A verb that is killed (SIGKILL) leaves a readable database and resumes when typed again.
+"""Tests that a killed command (SIGKILL) leaves a readable database and resumes when repeated.
 
-Its episodes are short.
+Episodes are short.
 """
 
 import signal
@@ -19,7 +19,7 @@ succeed = partial(command_line.succeed, short=True)
 
 
 def kill_when(process, ready):
-    """Kills a process and nothing else (SIGKILL) once something is there."""
+    """Kills a process (SIGKILL), but not its children, once a condition is true."""
     deadline = time.monotonic() + 120
     while not ready():
         assert process.poll() is None
@@ -29,8 +29,8 @@ def kill_when(process, ready):
     process.wait()
 
 
-def test_killed_while_collecting_it_reads_and_continues(tmp_path):
-    # One file, that is seconds away when the manifest is there.
+def test_killed_collection_is_readable_and_resumes(tmp_path):
+    # The dataset has one file, written seconds after the manifest.
     steps = ("collect", "--steps", "2000")
     kill_when(start(*steps, results=tmp_path), lambda: any(tmp_path.rglob("manifest.json")))
     (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
@@ -41,7 +41,7 @@ def test_killed_while_collecting_it_reads_and_continues(tmp_path):
     succeed(*steps, results=tmp_path)
     (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
     assert (row["status"], row["steps_done"]) == ("finished", 2000)
-    # A file that the kill left unlisted is gone: every file there is in the manifest.
+    # Unlisted files that the kill left are removed: the manifest lists every file.
     listed = {
         entry.name for entry in Results(tmp_path).find("dataset", row["dataset"]).parts("steps")
     }
@@ -49,7 +49,7 @@ def test_killed_while_collecting_it_reads_and_continues(tmp_path):
 
 
 def wait_until_free(record):
-    """Waits for the worker, which ends with its parent: then the lock is free."""
+    """Waits until the worker, which ends with its parent, has released the lock."""
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
         try:
@@ -59,7 +59,7 @@ def wait_until_free(record):
             time.sleep(0.1)
 
 
-def test_killed_while_training_the_database_reads_and_the_runs_resume(tmp_path):
+def test_killed_training_is_readable_and_resumes(tmp_path):
     arguments = train("td3", "none", "--steps", "1500", "--jobs", "1")
     checkpoints = (*arguments, "--checkpoint-every", "0")
     process = start(*checkpoints, results=tmp_path)
@@ -82,7 +82,7 @@ def test_killed_while_training_the_database_reads_and_the_runs_resume(tmp_path):
     assert not list(tmp_path.rglob("checkpoint-*"))
 
 
-def test_a_killed_run_of_stable_baselines3_starts_over_and_says_so(tmp_path):
+def test_killed_run_of_stable_baselines3_restarts_with_notice(tmp_path):
     arguments = train("td3", "none", "--steps", "1000", "--seeds", "0", "--engine", "sb3")
     kill_when(start(*arguments, results=tmp_path), lambda: any(tmp_path.rglob("manifest.json")))
     (record,) = Results(tmp_path).scan("run")[0]
@@ -94,7 +94,7 @@ def test_a_killed_run_of_stable_baselines3_starts_over_and_says_so(tmp_path):
     assert (ended.status, ended.rows("episodes")) == ("finished", 10)
 
 
-def test_a_run_that_another_process_is_doing_is_left_to_it_and_named(tmp_path):
+def test_run_of_another_process_is_skipped_with_notice(tmp_path):
     arguments = train("td3", "none", "--steps", "100000", "--seeds", "0", "--checkpoint-every", "0")
     first = start(*arguments, results=tmp_path)
     try:

@@ -1,4 +1,4 @@
-"""The table of processes while runs are trained, and the forecast before."""
+"""Tests of the live table of training processes, and of the forecast before training."""
 
 import io
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ def runs(tmp_path):
 
 
 def shown(view):
-    """The table as a terminal shows it, its lines without the space between columns."""
+    """The printed lines of the table, with single spaces between columns."""
     console = Console(file=io.StringIO(), width=200)
     console.print(view)
     return [" ".join(line.split()) for line in console.file.getvalue().splitlines()]
@@ -33,13 +33,13 @@ def episode(run, steps, episode_return):
 
 @contextmanager
 def trained(runs):
-    """A view while runs are trained; standard error is no terminal."""
+    """A view during training; standard error is not a terminal."""
     view = TrainingView(Output(), lambda *_: None)
     with view.training(runs):
         yield view
 
 
-def test_a_line_for_each_process_with_its_steps_and_last_returns(runs):
+def test_each_process_has_line_with_steps_and_last_returns(runs):
     with trained(runs) as view:
         view.started(runs[:2])
         view.started(runs[2:3])
@@ -54,7 +54,7 @@ def test_a_line_for_each_process_with_its_steps_and_last_returns(runs):
         assert any(line.startswith("0 of 4 runs ended, ") for line in lines)
 
 
-def test_the_published_median_at_the_same_step_stands_beside_the_last_returns(runs):
+def test_published_median_at_same_step_follows_last_returns(runs):
     asked = []
     view = TrainingView(Output(), lambda *request: asked.append(request) or 612.4)
     with view.training(runs):
@@ -65,20 +65,20 @@ def test_the_published_median_at_the_same_step_stands_beside_the_last_returns(ru
     assert asked[-1] == ("face_direction", "td3", "full", 1500.0)
 
 
-def test_the_paper_has_a_median_for_td3_at_a_million_steps(runs):
-    # Figure 9 of the paper, as digitised in published_curves.csv.
+def test_published_median_of_td3_at_million_steps(runs):
+    # Figure 9 of the paper, digitised in published_curves.csv.
     assert live_view._published_median("face_direction", "td3", "full", 1e6) == 953.47
     assert live_view._published_median("face_direction", "td3", "planar12", 1e6) is None
 
 
-def test_a_sparkline_shows_means_of_returns_between_0_and_1000():
+def test_sparkline_shows_means_of_returns_between_0_and_1000():
     assert sparkline([]) == ""
     assert sparkline([-50.0, 0.0, 500.0, 1000.0]) == "▁▁▅█"
     # 16 means of two returns each: 0, 0, 1000, 1000, ...
     assert sparkline([0.0, 0.0, 1000.0, 1000.0] * 8) == "▁█" * 8
 
 
-def test_a_process_that_ends_leaves_its_runs_counted(runs, capsys):
+def test_ended_process_is_removed_and_its_runs_counted(runs, capsys):
     with trained(runs) as view:
         view.started(runs[:2])
         view.message(runs[0], episode(runs[0], 10_000, 50.0))
@@ -93,15 +93,15 @@ def test_a_process_that_ends_leaves_its_runs_counted(runs, capsys):
         )
 
 
-def test_the_speed_of_a_resumed_run_is_measured_from_where_it_resumed(runs):
+def test_speed_of_resumed_run_counts_from_its_checkpoint(runs):
     with trained(runs) as view:
         view.started(runs[:1])
         view.message(runs[0], {"run": runs[0].id, "resumed_at": 6000, "reason": ""})
-        # No step was made yet, so there is no speed.
+        # There is no speed before the first step.
         assert "face_direction td3 full seed 0 6,000/10,000" in shown(view)
 
 
-def test_of_many_seeds_the_mean_and_the_extremes_are_shown(tmp_path):
+def test_many_seeds_are_shown_by_mean_and_extremes(tmp_path):
     runs = runs_of_matrix(write_matrix(tmp_path, seeds="0-7"), tmp_path)
     with trained(runs) as view:
         view.started(runs)
@@ -110,8 +110,8 @@ def test_of_many_seeds_the_mean_and_the_extremes_are_shown(tmp_path):
         assert any("mean 35 [0, 70]" in line for line in shown(view))
 
 
-def test_the_forecast_sums_steps_and_time_over_the_cells(runs, capsys):
-    # 20,000 steps in 40 s on each of 2 processes, and the same again: 500 steps/s, 80 s.
+def test_forecast_sums_steps_and_time_over_cells(runs, capsys):
+    # Two cells of 20,000 steps, each 40 s on 2 processes: 500 steps/s, 80 s.
     cells = [Cell("face_direction", run.algo, "full", [run], "published") for run in runs[1:3]]
     statuses = [CellStatus(cell, 0, 1, 0, 0, 20_000, 80.0, "measured runs") for cell in cells]
     TrainingView(Output()).forecast(statuses, 2)
@@ -123,7 +123,7 @@ def test_the_forecast_sums_steps_and_time_over_the_cells(runs, capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_a_long_forecast_names_what_makes_it_shorter(tmp_path, capsys):
+def test_long_forecast_names_options_that_shorten_it(tmp_path, capsys):
     runs = runs_of_matrix(write_matrix(tmp_path, seeds="0-3", steps=400_000), tmp_path)
     status = CellStatus(
         Cell("face_direction", "td3", "full", runs, "published"),
@@ -131,7 +131,7 @@ def test_a_long_forecast_names_what_makes_it_shorter(tmp_path, capsys):
     )
     TrainingView(Output()).forecast([status], 2)
     printed = capsys.readouterr().out
-    # Four seeds share the two processes, so the cell's 700 s are those of the whole.
+    # Four seeds share the two processes, so the sweep takes the 700 s of the cell.
     assert "about 2,286 steps/s" in printed
     assert printed.endswith(
         "about 11 min 40 s. For less: fewer --steps (such as 300000), or fewer --seeds (such as "
@@ -139,7 +139,7 @@ def test_a_long_forecast_names_what_makes_it_shorter(tmp_path, capsys):
     )
 
 
-def test_a_process_with_several_cells_has_their_number_and_no_published_median(tmp_path):
+def test_process_of_several_cells_shows_their_number(tmp_path):
     runs = runs_of_matrix(write_matrix(tmp_path), tmp_path)
     other = [run.model_copy(update={"task": "move_to_pose"}) for run in runs]
     view = TrainingView(Output(), lambda *_: 612.4)

@@ -1,4 +1,4 @@
-"""Commands whose output can't be written, or whose reader has closed the pipe."""
+"""Tests of commands whose output cannot be written, or whose pipe is closed."""
 
 import signal
 import subprocess
@@ -21,8 +21,8 @@ def start(*arguments, results, **streams):
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_a_reader_that_leaves_is_no_error(format, tmp_path):
-    # As `| head` does, which has read enough.
+def test_closed_pipe_is_no_error(format, tmp_path):
+    # As after `| head`.
     process = start(
         "query", LONG, *format, results=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
@@ -32,7 +32,7 @@ def test_a_reader_that_leaves_is_no_error(format, tmp_path):
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_output_to_a_full_disk_gets_one_sentence(format, tmp_path):
+def test_output_to_full_disk_prints_one_error_line(format, tmp_path):
     with open("/dev/full", "w") as full:
         process = start(
             "query", LONG, *format, results=tmp_path, stdout=full, stderr=subprocess.PIPE
@@ -42,12 +42,12 @@ def test_output_to_a_full_disk_gets_one_sentence(format, tmp_path):
     assert process.wait() == 1
 
 
-def test_the_exit_code_is_right_where_the_error_itself_can_not_be_written(tmp_path):
+def test_exit_code_is_kept_when_error_cannot_be_written(tmp_path):
     with open("/dev/full", "w") as full:
         assert start("runs", results=tmp_path / "missing", stderr=full).wait() == 2
 
 
-def test_ctrl_c_ends_a_query_like_everything_else(tmp_path):
+def test_ctrl_c_interrupts_query(tmp_path):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     here = threading.get_ident()
     interrupt = threading.Timer(0.5, signal.pthread_kill, [here, signal.SIGINT])

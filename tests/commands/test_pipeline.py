@@ -1,6 +1,6 @@
-"""The whole pipeline through the command line, on real physics: once, and then asked about.
+"""Tests of the whole pipeline on real physics: collect, train-dae, train, report and query.
 
-Its episodes are short, as here nothing depends on their length.
+The pipeline runs once, with short episodes; the tests check its results.
 """
 
 import json
@@ -20,7 +20,7 @@ jbench = partial(command_line.jbench, short=True)
 succeed = partial(command_line.succeed, short=True)
 
 ALGOS = ("td3", "ppo")
-"""One that replays transitions, and one that does not; `test_compatibility.py` trains all."""
+"""An off-policy and an on-policy algorithm; `test_compatibility.py` trains all."""
 
 COLLECT = ("collect", "--steps", str(4 * SHORT), "--seed", "3")
 TRAIN_DAE = ("train-dae", "--latent", "5", "--epochs", "2", "--batch", "64")
@@ -32,13 +32,13 @@ def train(algo, encoder):
 
 
 def files(results):
-    """Content of every file but locks, whose times say nothing."""
+    """Content of every file except locks."""
     return {p: p.read_bytes() for p in results.rglob("*") if p.is_file() and p.name != "lock"}
 
 
 @pytest.fixture(scope="module")
 def pipeline(tmp_path_factory):
-    """The whole pipeline, once: two algorithms, two seeds, full and encoded."""
+    """Results of the pipeline: two algorithms, two seeds, full and encoded observations."""
     results = tmp_path_factory.mktemp("pipeline") / "results"
     succeed(*COLLECT, results=results)
     succeed(*TRAIN_DAE, results=results)
@@ -48,7 +48,7 @@ def pipeline(tmp_path_factory):
     return results
 
 
-def test_the_pipeline_leaves_every_run_finished(pipeline):
+def test_pipeline_finishes_every_run(pipeline):
     tables, problems = load(Results(pipeline))
     runs = tables["runs"].to_pandas()
     assert problems == []
@@ -65,7 +65,7 @@ def test_the_pipeline_leaves_every_run_finished(pipeline):
     )
 
 
-def test_each_record_tells_what_was_typed_that_made_it(pipeline):
+def test_each_record_keeps_its_command_line(pipeline):
     store = Results(pipeline)
     records = [one for kind in ("dataset", "encoder", "run") for one in store.scan(kind)[0]]
     typed = {tuple(record.manifest.provenance["command"]) for record in records}
@@ -76,7 +76,7 @@ def test_each_record_tells_what_was_typed_that_made_it(pipeline):
     }
 
 
-def test_the_report_shows_every_cell(pipeline, tmp_path):
+def test_report_shows_every_cell(pipeline, tmp_path):
     done = succeed("report", "--json", "--out", str(tmp_path / "report"), results=pipeline)
     said = json.loads(done.stdout)
     cells = {(row["algo"], row["representation"], row["seeds"]) for row in said["table"]}
@@ -87,7 +87,7 @@ def test_the_report_shows_every_cell(pipeline, tmp_path):
     assert all(Path(path).stat().st_size > 0 for path in said["files"])
 
 
-def test_queries_join_what_the_verbs_wrote(pipeline):
+def test_query_joins_episodes_and_runs(pipeline):
     sql = (
         "SELECT representation, count(*) AS episodes FROM episodes JOIN runs USING (run) "
         "GROUP BY representation ORDER BY representation"
@@ -102,7 +102,7 @@ def test_queries_join_what_the_verbs_wrote(pipeline):
     assert "dae5" in succeed("query", sql, results=pipeline).stdout
 
 
-def test_the_same_commands_again_change_nothing_and_say_so(pipeline):
+def test_repeated_commands_change_nothing_and_report_it(pipeline):
     before = files(pipeline)
     collected = succeed(*COLLECT, results=pipeline)
     trained_dae = succeed(*TRAIN_DAE, results=pipeline)
@@ -125,12 +125,12 @@ def test_only_missing_seeds_are_trained(pipeline):
     shutil.rmtree(pipeline / "runs" / added)
 
 
-def test_train_agent_is_train(pipeline):
+def test_train_agent_is_alias_of_train(pipeline):
     done = succeed("train-agent", *train("td3", "none")[1:], results=pipeline)
     assert "nothing to do" in done.stdout
 
 
-def test_json_is_the_only_thing_on_standard_output(pipeline):
+def test_json_is_only_standard_output(pipeline):
     collected = succeed(*COLLECT, "--json", results=pipeline)
     assert json.loads(collected.stdout)["settings"]["steps"] == 4 * SHORT
     trained = json.loads(succeed(*train("td3", "none"), "--json", results=pipeline).stdout)
@@ -140,7 +140,7 @@ def test_json_is_the_only_thing_on_standard_output(pipeline):
     assert encoders[0]["summary"]["test_mse"] > 0
 
 
-def test_a_damaged_run_is_named_and_all_others_are_reported(pipeline, tmp_path):
+def test_damaged_run_is_named_and_others_are_reported(pipeline, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(pipeline, copy, ignore=shutil.ignore_patterns("ppo", "report"))
     part = next(copy.glob("runs/face_direction/td3/full/s01-*/episodes-*.parquet"))
@@ -161,13 +161,13 @@ def test_a_damaged_run_is_named_and_all_others_are_reported(pipeline, tmp_path):
     assert part.name in queried.stderr
 
 
-@pytest.mark.parametrize(("latent", "says"), [("17", "must be 1 to 16"), ("0", "can't be 0")])
-def test_latents_outside_the_observation_are_refused(pipeline, latent, says, capsys):
+@pytest.mark.parametrize(("latent", "message"), [("17", "must be 1 to 16"), ("0", "can't be 0")])
+def test_invalid_number_of_latents_is_refused(pipeline, latent, message, capsys):
     assert main(["train-dae", "--latent", latent, "--results", str(pipeline)]) == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-def test_an_encoder_of_another_task_is_refused(pipeline, capsys):
+def test_encoder_of_other_task_is_refused(pipeline, capsys):
     (row,) = load(Results(pipeline)).tables["encoders"].to_pylist()
     wanted = ("train", "--task", "move_to_pose", "--encoder", row["encoder"])
     assert main([*wanted, "--results", str(pipeline)]) == 2

@@ -1,4 +1,4 @@
-"""Evaluating, drawing and watching policies through the command line."""
+"""Tests of `jbench evaluate`, `jbench render` and `jbench view`."""
 
 import json
 import os
@@ -29,7 +29,7 @@ def augmented(tmp_path_factory):
     return results, json.loads(done.stdout)["runs"][0]
 
 
-def test_a_policy_on_another_robot_than_its_own_is_said(augmented):
+def test_evaluation_on_other_robot_prints_notice(augmented):
     results, run = augmented
     task = ("--task", "face_direction", "--policy", run, "--episodes", "1")
     other = succeed("evaluate", *task, results=results).stdout
@@ -40,7 +40,7 @@ def test_a_policy_on_another_robot_than_its_own_is_said(augmented):
     )
 
 
-def test_the_rows_are_the_episodes_that_were_printed(tmp_path):
+def test_recorded_episodes_equal_printed_summary(tmp_path):
     done = succeed("evaluate", "--policy", "random", "--episodes", "3", "--json", results=tmp_path)
     said = json.loads(done.stdout)
     ask = "SELECT median(episode_return) AS m, count(*) AS n FROM policy_episodes"
@@ -49,7 +49,7 @@ def test_the_rows_are_the_episodes_that_were_printed(tmp_path):
 
 
 @pytest.mark.usefixtures("rendering")
-def test_render_writes_the_picture_it_names(tmp_path):
+def test_render_writes_reported_file(tmp_path):
     out = tmp_path / "strip.png"
     done = succeed(
         "render", "--out", str(out), "--steps", "20", "--json", results=tmp_path / "none"
@@ -59,11 +59,11 @@ def test_render_writes_the_picture_it_names(tmp_path):
     assert 0 <= said["episode_return"] <= 20
     width, height = Image.open(out).size
     assert width > 2 * height
-    assert not (tmp_path / "none").exists()  # a picture is no result
+    assert not (tmp_path / "none").exists()  # pictures are not results
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("evaluate", "--policy", "best"), "Unknown policy 'best'; choose heuristic, random,"),
         (("evaluate", "--policy", "constant:2"), r"a constant command lies in \[-1, 1\]"),
@@ -85,24 +85,24 @@ def test_render_writes_the_picture_it_names(tmp_path):
         (("collect", "--augment", "-1"), "type a whole number from 0 up"),
     ],
 )
-def test_a_wrong_request_gets_one_sentence_and_exit_code_2(arguments, says, tmp_path, capsys):
+def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, tmp_path, capsys):
     assert main([*arguments, "--results", str(tmp_path / "results")]) == 2
     printed = capsys.readouterr()
-    assert re.search(says, printed.err), printed.err
+    assert re.search(message, printed.err), printed.err
     assert printed.err.startswith("Error: ")
     assert printed.err.count("\n") == 1
     assert not (tmp_path / "results").exists()
 
 
 @pytest.mark.usefixtures("rendering")
-def test_a_trained_policy_is_rendered_in_its_own_task(augmented, tmp_path):
+def test_trained_policy_is_rendered_in_its_task(augmented, tmp_path):
     results, run = augmented  # of face_direction; move_to_pose is the default of render
     out = ("--steps", "20", "--out", str(tmp_path / "strip.png"))
     done = succeed("render", "--policy", run, *out, results=results)
     assert f"render {run} face_direction" in done.stderr
 
 
-def test_a_run_of_another_task_is_refused(augmented):
+def test_run_of_other_task_is_refused(augmented):
     results, run = augmented
     for verb in (("evaluate",), ("render", "--steps", "20")):
         done = jbench(*verb, "--task", "move_to_pose", "--policy", run, results=results)
@@ -113,7 +113,7 @@ def test_a_run_of_another_task_is_refused(augmented):
         )
 
 
-def test_no_rendering_backend_names_the_package(tmp_path):
+def test_render_without_backend_prints_one_error_line(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "jbench.cli", "render", "--out", str(tmp_path / "film.png")],
         env={**os.environ, "MUJOCO_GL": "glfw", "DISPLAY": ":77"},
@@ -125,7 +125,7 @@ def test_no_rendering_backend_names_the_package(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_view_without_a_display_says_what_draws_instead(tmp_path):
+def test_view_without_display_names_render_command(tmp_path):
     bare = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     done = subprocess.run(
         [sys.executable, "-m", "jbench.cli", "view"], env=bare, capture_output=True, text=True

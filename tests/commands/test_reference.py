@@ -1,4 +1,4 @@
-"""`--results reference`: the results shipped with jbench, read-only, from any directory."""
+"""Tests of `--results reference`, the read-only results shipped with jbench."""
 
 import json
 
@@ -10,15 +10,15 @@ from jbench.store.shipped import shipped
 
 
 @pytest.fixture(autouse=True)
-def elsewhere(tmp_path, monkeypatch):
-    """Works in an empty directory; the shipped results must be the same afterwards."""
+def empty_directory(tmp_path, monkeypatch):
+    """Runs a test in an empty directory; checks that the shipped results are unchanged."""
     monkeypatch.chdir(tmp_path)
     before = sorted(shipped().rglob("*"))
     yield
     assert sorted(shipped().rglob("*")) == before
 
 
-def test_shipped_runs_are_read(capsys):
+def test_shipped_runs_are_listed_and_queried(capsys):
     ids = {record.id for record in Results(shipped()).scan("run")[0]}
     assert main(["runs", "--results", "reference", "--json"]) == 0
     assert {run["run"] for run in json.loads(capsys.readouterr().out)["runs"]} == ids
@@ -28,13 +28,13 @@ def test_shipped_runs_are_read(capsys):
     assert main(["datasets", "--results", "reference"]) == 0
 
 
-def test_a_report_of_them_is_written_to_the_working_directory(tmp_path, capsys):
+def test_report_is_written_to_working_directory(tmp_path, capsys):
     arguments = ("--results", "reference", "--task", "face_direction", "--algo", "sac")
     assert main(["report", *arguments, "--format", "svg"]) == 0
     assert (tmp_path / "reference-report" / "index.html").exists()
 
 
-def test_an_evaluation_is_saved_in_the_default_results(tmp_path, capsys):
+def test_evaluation_is_saved_in_default_results(tmp_path, capsys):
     assert main(["evaluate", "--episodes", "1", "--results", "reference"]) == 0
     (record,) = Results(tmp_path / "results").scan("evaluation")[0]
     assert record.status == "finished"
@@ -53,14 +53,14 @@ def test_an_evaluation_is_saved_in_the_default_results(tmp_path, capsys):
         ("export",),
     ],
 )
-def test_a_verb_that_writes_refuses_them(arguments, capsys):
+def test_writing_command_refuses_shipped_results(arguments, capsys):
     assert main([*arguments, "--results", "reference"]) == 2
     printed = capsys.readouterr()
     assert "reference names the results shipped with jbench, which are read-only" in printed.err
     assert (printed.err.count("\n"), printed.out) == (1, "")
 
 
-def test_a_directory_of_that_name_is_meant_where_there_is_one(tmp_path, capsys):
+def test_existing_directory_named_reference_takes_precedence(tmp_path, capsys):
     (tmp_path / "reference").mkdir()
     assert main(["runs", "--results", "reference", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["runs"] == []
@@ -69,7 +69,7 @@ def test_a_directory_of_that_name_is_meant_where_there_is_one(tmp_path, capsys):
     assert not (tmp_path / "results").exists()
 
 
-def test_shipped_runs_are_merged_into_results_of_ones_own(tmp_path, capsys):
+def test_shipped_runs_are_merged_into_other_results(tmp_path, capsys):
     assert main(["merge", "reference", "--results", "mine", "--json"]) == 0
     merged = json.loads(capsys.readouterr().out)["records"]
     assert {one["outcome"] for one in merged} == {"copied"}

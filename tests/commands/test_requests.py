@@ -1,4 +1,4 @@
-"""Wrong requests through the command line, and what help costs."""
+"""Tests of invalid requests, help, and the imports and speed of the command line."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from tests.command_line import jbench, succeed
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("train", "--task", "fly"), "Unknown task 'fly'; choose move_from_origin,"),
         (("train", "--task", "face_direktion"), "did you mean face_direction?"),
@@ -92,12 +92,12 @@ from tests.command_line import jbench, succeed
         (("train", "--set", "tau=abc"), "tau of ddpg can't be 'abc': it should be a valid number."),
     ],
 )
-def test_a_wrong_request_gets_one_sentence_and_exit_code_2(arguments, says, tmp_path, capsys):
-    # In this process: what the console script does is to exit with what main returns.
+def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, tmp_path, capsys):
+    # In this process: the console script exits with the code that main returns.
     (tmp_path / "results").mkdir()
     assert main([*arguments, "--results", str(tmp_path / "results")]) == 2
     printed = capsys.readouterr()
-    assert re.search(says, printed.err), printed.err
+    assert re.search(message, printed.err), printed.err
     assert printed.err.startswith("Error: ")
     assert printed.err.count("\n") == 1
     assert bool(printed.out) == ("--json" in arguments)
@@ -116,7 +116,7 @@ def test_a_wrong_request_gets_one_sentence_and_exit_code_2(arguments, says, tmp_
         ("report", "--compare", "engine=sb3", "engine=batched"),
     ],
 )
-def test_a_results_directory_that_is_not_there_is_an_error(arguments, tmp_path, capsys):
+def test_missing_results_directory_is_refused(arguments, tmp_path, capsys):
     missing = tmp_path / "missing"
     assert main([*arguments, "--results", str(missing)]) == 2
     printed = capsys.readouterr()
@@ -126,7 +126,7 @@ def test_a_results_directory_that_is_not_there_is_an_error(arguments, tmp_path, 
 
 
 @pytest.mark.parametrize("verb", ["collect", "train-dae", "train", "report", "query"])
-def test_a_results_directory_that_is_a_file_is_refused(verb, tmp_path, capsys):
+def test_results_directory_that_is_file_is_refused(verb, tmp_path, capsys):
     path = tmp_path / "results"
     path.write_text("mine")
     more = ("SELECT 1",) if verb == "query" else ()
@@ -135,21 +135,21 @@ def test_a_results_directory_that_is_a_file_is_refused(verb, tmp_path, capsys):
     assert path.read_text() == "mine"
 
 
-def test_a_results_directory_that_can_not_be_written_is_refused(tmp_path):
-    # /proc refuses directories even to root, whom permissions do not stop.
+def test_unwritable_results_directory_is_refused(tmp_path):
+    # /proc refuses new directories even to root, who ignores permissions.
     done = jbench("collect", "--steps", "1000", results="/proc/jbench", short=True)
     assert done.returncode == 2
     assert "can't be made" in done.stderr
 
 
-def test_jbench_alone_shows_its_help(capsys):
+def test_jbench_without_arguments_prints_help(capsys):
     assert main([]) == 0
     printed = capsys.readouterr()
     assert printed.out.startswith("Usage: jbench [OPTIONS] COMMAND")
     assert printed.err == ""
 
 
-def test_each_command_has_a_whole_sentence_and_an_example(capsys, monkeypatch):
+def test_help_has_full_sentence_and_valid_example_per_command(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["--help"]) == 0
     listed = capsys.readouterr().out.partition("Experiment:")[2]
@@ -162,7 +162,7 @@ def test_each_command_has_a_whole_sentence_and_an_example(capsys, monkeypatch):
             capsys.readouterr().out.partition("Example: ")[2].replace("\n ", "")
         )
         assert (program, verb) == ("jbench", name)
-        # Raises an error for an option that the command does not have.
+        # Raises an error for an unknown option.
         commands[name].make_context(name, arguments)
 
 
@@ -176,17 +176,17 @@ def test_each_command_has_a_whole_sentence_and_an_example(capsys, monkeypatch):
         ("1_000", 1000),
     ],
 )
-def test_counts_may_have_a_suffix(text, steps):
+def test_counts_with_suffix_are_parsed(text, steps):
     assert parsing.count("--steps", text) == steps
 
 
 @pytest.mark.parametrize("text", ["k", "1.5", "0.0001k", "1kk", "-5M", "nan", "inf", "1e300M", ""])
-def test_other_counts_are_refused(text):
+def test_invalid_counts_are_refused(text):
     with pytest.raises(RequestError, match="type a positive whole number"):
         parsing.count("--steps", text)
 
 
-def test_algorithms_are_known_in_any_case_and_full_is_no_encoder(tmp_path):
+def test_algorithm_is_case_insensitive_and_full_means_no_encoder(tmp_path):
     arguments = ("train", "--algo", "TD3", "--encoder", "full", "--steps", "0.1k", "--seeds", "0")
     shortest = ("--set", "hidden_layers=[4]", "--evaluate-episodes", "0", "--jobs", "1")
     done = succeed(*arguments, *shortest, "--json", results=tmp_path, short=True)
@@ -196,30 +196,30 @@ def test_algorithms_are_known_in_any_case_and_full_is_no_encoder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "exit_code", "says"),
+    ("arguments", "exit_code", "message"),
     [
         (("runs", "--task", "fly"), 2, "Unknown task 'fly'"),
         (("runs", "--fly"), 2, "No such option: --fly"),
         (("query", "SELECT nothing"), 2, "nothing"),
     ],
 )
-def test_an_error_is_the_document_of_json(arguments, exit_code, says, tmp_path, capsys):
+def test_json_of_failed_command_is_its_error(arguments, exit_code, message, tmp_path, capsys):
     assert main([*arguments, "--json", "--results", str(tmp_path)]) == exit_code
     printed = capsys.readouterr()
     document = json.loads(printed.out)
     assert list(document) == ["error"]
-    assert says in document["error"]
+    assert message in document["error"]
     assert printed.err == f"Error: {document['error']}\n"
 
 
-def test_the_document_of_failed_work_is_printed_once(tmp_path, capsys):
+def test_json_of_failed_verify_is_printed_once(tmp_path, capsys):
     (tmp_path / "runs" / "leftover").mkdir(parents=True)
     (tmp_path / "runs" / "leftover" / "x.parquet").write_bytes(b"x")
     assert main(["verify", "--json", "--results", str(tmp_path)]) == 1
     assert json.loads(capsys.readouterr().out)["findings"]
 
 
-def test_help_and_completion_import_nothing_heavy():
+def test_help_and_completion_import_no_heavy_library():
     script = (
         "import sys\n"
         "from jbench.cli import main\n"
@@ -244,7 +244,7 @@ def test_help_and_completion_import_nothing_heavy():
     assert not imported & {"torch", "mujoco", "pandas", "numpy", "pyarrow"}
 
 
-def test_the_defaults_say_within_seconds_how_long_they_take(tmp_path):
+def test_train_with_defaults_prints_forecast_first(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "jbench.cli", "train", "--results", str(tmp_path)],
         stdout=subprocess.PIPE,
@@ -252,7 +252,7 @@ def test_the_defaults_say_within_seconds_how_long_they_take(tmp_path):
         text=True,
     )
     line = process.stdout.readline()
-    # The line comes before the first run's manifest, from a process of its own.
+    # The forecast is printed before a worker writes the first manifest.
     deadline = time.monotonic() + 60
     while not (manifests := list(tmp_path.rglob("manifest.json"))) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -263,13 +263,13 @@ def test_the_defaults_say_within_seconds_how_long_they_take(tmp_path):
         r"\d+ processes at a time: about \d+ d \d+ h\. For less: fewer --steps .*--seeds",
         line,
     )
-    # What it had begun is the paper's experiment on one task.
+    # By default, it trains the paper's experiment on one task.
     manifest = json.loads(manifests[0].read_text())
     assert manifest["id"].startswith("face_direction/ddpg/full/s0")
     assert manifest["settings"]["hyperparameters"]["hidden_layers"] == [350, 250]
 
 
-def test_a_query_shows_its_first_rows_and_cuts_long_texts(capsys):
+def test_query_prints_first_rows_and_cuts_long_text(capsys):
     assert main(["query", "FROM published LIMIT 101", "--results", "reference"]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("101 rows, the first 100 shown; --csv prints all")
@@ -278,14 +278,14 @@ def test_a_query_shows_its_first_rows_and_cuts_long_texts(capsys):
     assert f"{'x' * 79}…" in capsys.readouterr().out
 
 
-def test_a_leaderboard_takes_its_directory_as_the_other_commands_do(capsys):
+def test_leaderboard_accepts_results_option(capsys):
     assert main(["leaderboard", "reference", "--csv"]) == 0
     named = capsys.readouterr().out
     assert main(["leaderboard", "--results", "reference", "--csv"]) == 0
     assert capsys.readouterr().out == named
 
 
-def test_a_run_that_is_too_short_to_learn_says_so(tmp_path, capsys):
+def test_run_too_short_to_learn_prints_warning(tmp_path, capsys):
     steps = ["--steps", "1500", "--seeds", "0", "--evaluate-episodes", "0"]
     assert main(["train", "--algo", "td3", *steps, "--results", str(tmp_path)]) == 0
     said = capsys.readouterr().err
@@ -298,6 +298,6 @@ def test_a_run_that_is_too_short_to_learn_says_so(tmp_path, capsys):
     assert "Warning" not in capsys.readouterr().err
 
 
-def test_a_setting_says_what_it_is_and_where_its_default_is_from(capsys):
+def test_settings_are_listed_with_description_and_source(capsys):
     assert main(["algorithms", "td3"]) == 0
     assert "control steps before the first update; Table 1" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Update rules of a package that somebody else installed."""
+"""Tests of update rules of an installed third-party package."""
 
 import json
 import re
@@ -15,7 +15,7 @@ from jbench.store import Results, schema
 from jbench.training.batched_run import run_batch
 from tests.agents.killed_run import stack_seeds
 from tests.command_line import SHORT, Process, succeed
-from tests.commands.distributions import assert_fails, install, train_and_sweep, use
+from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "tqc-rule"
@@ -52,7 +52,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture
 def installed(site, monkeypatch):
-    use(site, monkeypatch)
+    make_importable(site, monkeypatch)
 
 
 def run_of(algo="tqc", **changes):
@@ -64,12 +64,12 @@ def run_of(algo="tqc", **changes):
 
 @pytest.fixture(scope="module")
 def swept(site, tmp_path_factory):
-    """Results of a sweep with two seeds, of which `jbench train` had trained the first."""
+    """Results of a sweep with two seeds, the first of them trained by `jbench train`."""
     train = ("--algo", "tqc", *TYPED, "--evaluate-episodes", "1")
     return train_and_sweep(site, tmp_path_factory.mktemp("swept"), train, MATRIX)
 
 
-def test_train_and_sweep_make_the_same_runs(swept):
+def test_train_and_sweep_make_same_runs(swept):
     runs, problems = swept.scan("run")
     assert not problems
     assert sorted(run.settings["seed"] for run in runs) == [0, 1]
@@ -86,7 +86,7 @@ def test_train_and_sweep_make_the_same_runs(swept):
         assert episode["entropy_coefficient"] is None
 
 
-def test_a_trained_policy_is_evaluated_and_reevaluated(swept, installed):
+def test_trained_policy_is_evaluated_and_reevaluated(swept, installed):
     run = swept.scan("run")[0][0]
     typed = partial(succeed, results=swept.path, short=True)
     evaluated = typed("evaluate", "--policy", run.id, "--episodes", "1", "--json")
@@ -95,7 +95,7 @@ def test_a_trained_policy_is_evaluated_and_reevaluated(swept, installed):
     typed("reproduce", run.id, "--episodes", "1")
 
 
-def test_runs_of_a_rule_that_is_not_installed_are_listed_reported_and_verified(swept, capsys):
+def test_runs_of_uninstalled_rule_are_listed_reported_and_verified(swept, capsys):
     here = ("--results", str(swept.path))
     assert main(["runs", "--algo", "tqc", *here]) == 0
     assert "face_direction/tqc/full/s00-" in capsys.readouterr().out
@@ -118,7 +118,7 @@ def test_runs_of_a_rule_that_is_not_installed_are_listed_reported_and_verified(s
         (("tqc", "--precision", "bfloat16"), "tqc does not learn in bfloat16"),
     ],
 )
-def test_a_wrong_request_is_refused(installed, typed, sentence, tmp_path, capsys):
+def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, capsys):
     assert main(["train", "--algo", *typed, "--results", str(tmp_path / "results")]) == 2
     assert re.search(sentence, capsys.readouterr().err)
     assert not (tmp_path / "results").exists()
@@ -132,7 +132,7 @@ def test_a_wrong_request_is_refused(installed, typed, sentence, tmp_path, capsys
         ("agent-settings", "Settings of the rule agent-settings is no subclass of jbench.Off"),
     ],
 )
-def test_an_entry_point_that_is_no_rule_is_refused(installed, algo, sentence, tmp_path, capsys):
+def test_entry_point_that_is_not_a_rule_is_refused(installed, algo, sentence, tmp_path, capsys):
     assert main(["train", "--algo", algo, "--results", str(tmp_path / "results")]) == 1
     assert sentence in capsys.readouterr().err
 
@@ -144,13 +144,13 @@ def test_an_entry_point_that_is_no_rule_is_refused(installed, algo, sentence, tm
         ("not-finite", "its critic_loss is not finite after update 2, at control step 70", 1),
     ],
 )
-def test_a_faulty_rule_fails_its_run(installed, algo, sentence, episodes, tmp_path, monkeypatch):
+def test_faulty_rule_fails_its_run(installed, algo, sentence, episodes, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     assert_fails(run_of(algo), tmp_path, sentence, episodes)
 
 
 @pytest.mark.parametrize("stacked", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_a_killed_run_resumes_to_the_same_bits(installed, stacked, tmp_path, monkeypatch):
+def test_killed_run_resumes_bit_for_bit(installed, stacked, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     if stacked:
         stack_seeds(monkeypatch.setattr)
@@ -170,7 +170,7 @@ def test_a_killed_run_resumes_to_the_same_bits(installed, stacked, tmp_path, mon
     assert records[0].read_file(WEIGHTS) == records[1].read_file(WEIGHTS)
 
 
-def test_rules_are_listed_with_their_settings_and_packages(installed, capsys):
+def test_rules_are_listed_with_settings_and_packages(installed, capsys):
     assert main(["algorithms", "tqc", "--json"]) == 0
     (found,) = json.loads(capsys.readouterr().out)["algorithms"]
     assert (found["engine"], found["package"]) == ("batched", "tqc-rule 2.1")

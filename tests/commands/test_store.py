@@ -1,4 +1,4 @@
-"""The verbs of the results database, as they are typed."""
+"""Tests of the commands on the results database: runs, verify, repair, merge and query."""
 
 import json
 import subprocess
@@ -25,8 +25,8 @@ def results(tmp_path):
 
 
 @pytest.fixture
-def typed(capsys):
-    """Types a command; returns exit code, standard output and standard error."""
+def run_command(capsys):
+    """Returns a function that runs a command: exit code, standard output, standard error."""
 
     def run(*arguments, results):
         code = main([*arguments, "--results", str(results.path)])
@@ -37,14 +37,14 @@ def typed(capsys):
 
 
 def damage(run):
-    """Cuts the last byte off a run's episodes."""
+    """Removes the last byte of a run's episodes."""
     path = run.path / listed(run)[0]
     path.write_bytes(path.read_bytes()[:-1])
     return path
 
 
-def test_runs_are_listed_and_filtered(results, typed):
-    code, out, _ = typed("runs", results=results)
+def test_runs_are_listed_and_filtered(results, run_command):
+    code, out, _ = run_command("runs", results=results)
     assert code == 0
     assert "3 runs" in out
     lines = [line.split() for line in out.splitlines() if "/s0" in line]
@@ -56,42 +56,42 @@ def test_runs_are_listed_and_filtered(results, typed):
         (("--status", "finished", "--representation", "full"), [1]),
         (("--task", "move_to_pose"), []),
     ):
-        code, out, _ = typed("runs", "--json", *options, results=results)
+        code, out, _ = run_command("runs", "--json", *options, results=results)
         assert (code, [run["seed"] for run in json.loads(out)["runs"]]) == (0, seeds)
 
 
-def test_runs_of_names_that_only_the_database_holds_are_listed(results, typed):
+def test_runs_with_unknown_names_are_listed(results, run_command):
     add_whole_run(results, seed=5, algo="dqn", task="fly", representation="mine7")
     for options in (("--algo", "dqn"), ("--task", "fly"), ("--representation", "mine7")):
-        code, out, _ = typed("runs", "--json", *options, results=results)
+        code, out, _ = run_command("runs", "--json", *options, results=results)
         assert (code, [run["seed"] for run in json.loads(out)["runs"]]) == (0, [5])
-    # A name of ours that no run has is no mistake.
+    # A known name without runs is not an error.
     for options in (("--algo", "ppo"), ("--representation", "pca3")):
-        code, out, _ = typed("runs", "--json", *options, results=results)
+        code, out, _ = run_command("runs", "--json", *options, results=results)
         assert (code, json.loads(out)["runs"]) == (0, [])
 
 
 @pytest.mark.parametrize("verb", ["runs", "report"])
-def test_names_that_nobody_holds_are_refused_with_those_of_the_database(verb, results, typed):
-    code, out, err = typed(verb, "--algo", "dqn", results=results)
+def test_unknown_name_without_runs_is_refused_with_names_found(verb, results, run_command):
+    code, out, err = run_command(verb, "--algo", "dqn", results=results)
     assert (code, out) == (2, "")
     assert err == f"Error: Unknown algorithm 'dqn'; the runs in {results.path} have ddpg, sac.\n"
-    code, _, err = typed(verb, "--task", "face_direktion", results=results)
+    code, _, err = run_command(verb, "--task", "face_direktion", results=results)
     assert (code, "did you mean face_direction? The runs in" in err) == (2, True)
 
 
-def test_runs_as_json_have_all_there_is(results, typed):
-    _, out, _ = typed("runs", "--json", "--returns", "--seed", "1", results=results)
+def test_json_of_runs_has_returns_times_and_status(results, run_command):
+    _, out, _ = run_command("runs", "--json", "--returns", "--seed", "1", results=results)
     (run,) = json.loads(out)["runs"]
     # The last quarter of three episodes is the last one.
     assert (run["last_return"], run["episodes"], run["wall_time"]) == (60.0, 3, 7.5)
     assert (run["steps_done"], run["steps"], run["status"]) == (3000, 3000, "finished")
 
 
-def test_runs_that_can_not_be_read_are_named_and_the_others_listed(results, typed):
+def test_unreadable_run_is_reported_and_others_listed(results, run_command):
     run = results.scan("run")[0][0]
     (run.path / "manifest.json").write_bytes(b"{")
-    code, out, err = typed("runs", results=results)
+    code, out, err = run_command("runs", results=results)
     assert code == 1
     assert "2 runs" in out
     assert err.startswith(f"Warning: {run.path}/manifest.json is not a manifest")
@@ -99,7 +99,7 @@ def test_runs_that_can_not_be_read_are_named_and_the_others_listed(results, type
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("runs", "--algo", "dqn"), "Unknown algorithm 'dqn'"),
         (("runs", "--task", "fly"), "Unknown task 'fly'"),
@@ -112,97 +112,97 @@ def test_runs_that_can_not_be_read_are_named_and_the_others_listed(results, type
         (("merge",), "Missing argument 'others'"),
     ],
 )
-def test_wrong_request_gets_one_sentence(results, typed, arguments, says):
-    code, out, err = typed(*arguments, results=results)
+def test_invalid_request_prints_one_error_line(results, run_command, arguments, message):
+    code, out, err = run_command(*arguments, results=results)
     assert (code, out) == (2, "")
-    assert says in err
+    assert message in err
     assert err.count("\n") == 1
 
 
 @pytest.mark.parametrize("verb", ["verify", "repair"])
-def test_results_that_are_not_there_are_not_called_whole(tmp_path, typed, verb):
-    code, _, err = typed(verb, results=Results(tmp_path / "missing"))
+def test_missing_results_are_refused(tmp_path, run_command, verb):
+    code, _, err = run_command(verb, results=Results(tmp_path / "missing"))
     assert (code, "missing does not exist; name another directory" in err) == (2, True)
     assert not (tmp_path / "missing").exists()
 
 
-def test_whole_results_are_verified(results, typed):
-    code, out, err = typed("verify", results=results)
+def test_intact_results_are_verified(results, run_command):
+    code, out, err = run_command("verify", results=results)
     assert code == 0
     assert out.startswith("Checked 6 records, 8 files, ")
     assert out.endswith(" MB: all of them intact.\n")
     assert "100%" in err
-    code, out, _ = typed("verify", "--json", results=results)
+    code, out, _ = run_command("verify", "--json", results=results)
     found = json.loads(out)
     assert (code, found["records"], found["files"], found["findings"]) == (0, 6, 8, [])
 
 
-def test_faults_are_named_run_by_run_and_repaired(results, typed):
+def test_damage_is_reported_by_run_and_repaired(results, run_command):
     broken, whole = results.scan("run")[0][:2]
     path = damage(broken)
     (whole.path / ".writing-x").write_bytes(b"left")
-    code, out, err = typed("verify", results=results)
+    code, out, err = run_command("verify", results=results)
     assert code == 1
     assert f"run {broken.id}\n  {path} is damaged (" in out
     assert f"run {whole.id}\n  {whole.path}/.writing-x is listed by no manifest.\n" in out
-    assert "1 damaged, 1 leftover, 1 warning." in out  # the evaluation of the run is the warning
+    assert "1 damaged, 1 leftover, 1 warning." in out  # the evaluation of the damaged run
     assert "jbench repair sets them aside" in err
 
-    code, out, _ = typed("repair", "--dry-run", results=results)
+    code, out, _ = run_command("repair", "--dry-run", results=results)
     assert code == 0
     assert out.endswith("Would set 4 files aside.\n")
     assert path.exists()
 
-    code, out, _ = typed("repair", "--json", results=results)
+    code, out, _ = run_command("repair", "--json", results=results)
     document = json.loads(out)
     assert (code, document["dry_run"], document["left"]) == (0, False, [])
     assert len(document["moved"]) == 4
     assert all(Path(one["to"]).exists() for one in document["moved"])
 
-    code, out, _ = typed("repair", results=results)
+    code, out, _ = run_command("repair", results=results)
     assert (code, out) == (0, "Nothing to set aside.\n")
-    code, out, _ = typed("verify", results=results)
-    # The evaluation of the run that was set aside is whole, and worth a warning.
+    code, out, _ = run_command("verify", results=results)
+    # The evaluation of the run that was set aside is intact; verify warns of it.
     assert (code, "1 warning." in out) == (0, True)
 
 
-def test_repair_that_leaves_something_alone_says_so(results, typed):
+def test_repair_reports_records_in_use(results, run_command):
     run = results.scan("run")[0][0]
     damage(run)
     with run.lock():
-        code, out, err = typed("repair", results=results)
+        code, out, err = run_command("repair", results=results)
     assert (code, out) == (1, "Nothing to set aside.\n")
     assert f"Warning: Another process is writing the run {run.id};" in err
     assert err.endswith("Error: 1 problems were left as they are; see above.\n")
 
 
-def test_results_are_merged_and_what_differs_is_named(tmp_path, results, typed):
+def test_merge_reports_copied_equal_and_conflicting_records(tmp_path, results, run_command):
     other, mine = Results(tmp_path / "other"), Results(tmp_path / "mine")
     for path, returns in ((other, [1.0]), (mine, [2.0])):
         add_whole_run(path, returns, seed=5)
-    code, out, _ = typed("merge", str(results.path), results=mine)
+    code, out, _ = run_command("merge", str(results.path), results=mine)
     assert code == 0
     assert out == f"Merged into {mine.path}: 6 copied.\n"
-    code, out, err = typed("merge", str(results.path), str(other.path), results=mine)
+    code, out, err = run_command("merge", str(results.path), str(other.path), results=mine)
     assert code == 1
     assert "6 same, 1 refused" in out
     assert "episode_return of episodes, in rows 0 to 0" in err
     assert err.endswith("Error: 1 record is refused, see above; the others are merged.\n")
-    code, out, _ = typed("merge", str(results.path), "--json", results=mine)
+    code, out, _ = run_command("merge", str(results.path), "--json", results=mine)
     assert {one["outcome"] for one in json.loads(out)["records"]} == {"same"}
-    code, _, err = typed("merge", str(tmp_path), results=mine)
+    code, _, err = run_command("merge", str(tmp_path), results=mine)
     assert (code, "holds no results" in err) == (2, True)
 
 
-def test_query_names_what_it_leaves_out(results, typed):
+def test_query_reports_damaged_run(results, run_command):
     damage(results.scan("run")[0][0])
     sql = "SELECT count(DISTINCT run) AS n FROM episodes"
-    code, out, err = typed("query", sql, "--json", results=results)
+    code, out, err = run_command("query", sql, "--json", results=results)
     assert (code, json.loads(out)) == (1, [{"n": 2}])
     assert "is damaged" in err
 
 
-def test_verbs_as_processes_import_no_more_than_they_need(results):
+def test_database_commands_import_no_heavy_library(results):
     done = jbench("verify", "--json", results=results.path, short=True)
     assert (done.returncode, json.loads(done.stdout)["findings"]) == (0, [])
     script = (

@@ -1,6 +1,6 @@
-"""Sweeps through the command line: fresh, failed, interrupted and side by side.
+"""Tests of `jbench sweep`: new, failed, interrupted and concurrent sweeps.
 
-Episodes are short where a sweep is a process of its own.
+Sweeps that are started as processes have short episodes.
 """
 
 import json
@@ -43,7 +43,7 @@ def results(tmp_path):
 
 @pytest.fixture
 def short(monkeypatch):
-    """Allows short runs and datasets in this process too, which reads the matrix."""
+    """Allows short runs and datasets in this process too, as it reads the matrix."""
     for module in ("settings.dataset", "training.request"):
         monkeypatch.setattr(f"jbench.{module}.EPISODE_STEPS", SHORT)
 
@@ -57,7 +57,7 @@ def kill(pid):
 
 
 @pytest.mark.usefixtures("short")
-def test_on_a_fresh_machine_all_is_made_and_a_second_time_nothing(tmp_path, results):
+def test_sweep_makes_prerequisites_and_repeating_it_changes_nothing(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"full", "pca3"')
     done = sweep(matrix, results, "--dry-run", "--json")
     assert done.returncode == 0
@@ -82,7 +82,7 @@ def test_on_a_fresh_machine_all_is_made_and_a_second_time_nothing(tmp_path, resu
     assert done.returncode == 0
     assert "4 of 4 runs are already finished and skipped; nothing to do." in done.stdout
     assert {path: path.read_bytes() for path in results.rglob("manifest.json")} == before
-    # What has been measured tells how long more of it takes.
+    # The forecast of more runs is based on the measured ones.
     done = sweep(matrix, results, "--seeds", "0-2", "--dry-run", "--json")
     assert done.returncode == 0
     cells = json.loads(done.stdout)["cells"]
@@ -93,7 +93,7 @@ def test_on_a_fresh_machine_all_is_made_and_a_second_time_nothing(tmp_path, resu
 
 
 @pytest.mark.usefixtures("short")
-def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, results):
+def test_failed_run_stops_no_other_and_is_retried_by_option(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"pca3", "full"', seeds="0")
     encoded, full = runs_of_matrix(matrix, results)
     succeed("collect", "--steps", str(3 * SHORT), results=results, short=True)
@@ -120,8 +120,8 @@ def test_a_failed_run_stops_no_other_and_is_done_again_when_asked(tmp_path, resu
     assert states([encoded, full], results) == ["finished"] * 2
 
 
-@pytest.mark.usefixtures("brief_judging")
-def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results, monkeypatch):
+@pytest.mark.usefixtures("short_encoder_evaluation")
+def test_encoders_are_trained_on_requested_device(tmp_path, results, monkeypatch):
     matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", steps=1000, dataset=2000)
     # This torch may have no CUDA: computing there would fail.
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
@@ -132,13 +132,13 @@ def test_the_encoders_are_trained_on_the_device_that_was_typed(tmp_path, results
     assert (encoder.status, encoder.manifest.summary["device"]) == ("finished", "cpu")
 
 
-def test_ctrl_c_ends_it_and_typed_again_it_resumes(tmp_path, results):
+def test_sweep_stopped_by_ctrl_c_resumes(tmp_path, results):
     matrix = write_matrix(tmp_path, steps=1000, seeds="0")
     (run,) = runs_of_matrix(matrix, results)
     process = start(matrix, "--checkpoint-every", "0", results=results)
     wait_until(lambda: committed(run, results), process)
     (pid,) = workers(process)
-    os.kill(pid, signal.SIGSTOP)  # so that it is not finished by now
+    os.kill(pid, signal.SIGSTOP)  # so that the run cannot finish
     os.killpg(process.pid, signal.SIGINT)
     printed = ended(process)
     assert process.returncode == 1
@@ -152,7 +152,7 @@ def test_ctrl_c_ends_it_and_typed_again_it_resumes(tmp_path, results):
     assert committed(run, results) == 10
 
 
-def test_a_process_that_dies_is_replaced_a_limited_number_of_times(tmp_path, results):
+def test_killed_worker_is_restarted_limited_number_of_times(tmp_path, results):
     matrix = write_matrix(tmp_path, seeds="0-1", steps=1000)
     runs = runs_of_matrix(matrix, results)
     process = start(matrix, "--jobs", "1", results=results)
@@ -176,7 +176,7 @@ def test_a_process_that_dies_is_replaced_a_limited_number_of_times(tmp_path, res
 
 
 @pytest.mark.slow
-def test_two_sweeps_share_the_runs_and_one_takes_over_what_the_other_leaves(tmp_path, results):
+def test_second_sweep_takes_over_runs_of_killed_sweep(tmp_path, results):
     matrix = write_matrix(tmp_path, algos='"td3", "ppo"', seeds="0", steps=2000)
     td3, ppo = runs = runs_of_matrix(matrix, results)
     first = start(matrix, "--jobs", "1", results=results)
@@ -194,14 +194,14 @@ def test_two_sweeps_share_the_runs_and_one_takes_over_what_the_other_leaves(tmp_
     assert second.returncode == 0
     assert "Another process is training seed 0 of td3 face_direction full; it is wai" in printed
     assert states(runs, results) == ["finished"] * 2
-    # What came out is what one sweep alone finds.
+    # The rows equal those of a single sweep.
     alone = tmp_path / "alone"
     assert sweep(matrix, alone).returncode == 0
     assert rows(runs, results) == rows(runs, alone)
 
 
 @pytest.mark.usefixtures("short")
-def test_two_sweeps_at_the_same_moment_both_end_with_everything_finished(tmp_path, results):
+def test_two_concurrent_sweeps_finish_all_runs(tmp_path, results):
     matrix = write_matrix(tmp_path, representations='"full", "pca3"')
     runs = runs_of_matrix(matrix, results)
     both = [start(matrix, "--jobs", "1", results=results) for _ in range(2)]
@@ -212,7 +212,7 @@ def test_two_sweeps_at_the_same_moment_both_end_with_everything_finished(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("fig6",), "Unknown matrix 'fig6'; did you mean fig"),
         (("smoke", "--executor", "rai"), "Unknown executor 'rai'; did you mean ray?"),
@@ -226,9 +226,9 @@ def test_two_sweeps_at_the_same_moment_both_end_with_everything_finished(tmp_pat
         (("smoke", "--device", "tpu"), "Unknown device 'tpu'"),
     ],
 )
-def test_a_wrong_request_gets_one_sentence(arguments, says, results, capsys):
+def test_invalid_request_prints_one_error_line(arguments, message, results, capsys):
     assert main(["sweep", *arguments, "--results", str(results)]) == 2
     printed = capsys.readouterr()
-    assert says in printed.err
+    assert message in printed.err
     assert (printed.err.count("\n"), printed.out) == (1, "")
     assert not results.exists()

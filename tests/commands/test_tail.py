@@ -1,4 +1,4 @@
-"""Rows are printed, and copied to a tracker, while runs are trained by other processes."""
+"""Tests of `jbench tail`, and of `--log`, which copies rows to an experiment tracker."""
 
 import json
 import signal
@@ -15,7 +15,7 @@ from tests.store.store_rows import listed
 from tests.store.store_whole import add_whole_run
 
 
-def test_tail_prints_each_committed_row_of_a_training_and_ctrl_c_ends_it(tmp_path):
+def test_tail_prints_each_committed_row_until_ctrl_c(tmp_path):
     out = tmp_path / "rows.jsonl"
     (tmp_path / "results").mkdir()
     with out.open("w") as stdout:
@@ -65,7 +65,7 @@ def tail(results, *arguments):
     return main(["tail", "--once", *arguments, "--results", str(results.path)])
 
 
-def test_a_line_for_each_episode_and_the_end_of_a_run(results, capsys):
+def test_tail_prints_line_per_episode_and_final_status(results, capsys):
     assert tail(results, "--algo", "ddpg", "--last", "2") == 0
     (run,) = (run.id for run in results.scan("run")[0] if run.settings["algo"] == "ddpg")
     assert capsys.readouterr().out.splitlines() == [
@@ -78,7 +78,7 @@ def test_a_line_for_each_episode_and_the_end_of_a_run(results, capsys):
     assert line.endswith(": episode 0, return 5.0, 1,000 control steps, 2 s")
 
 
-def test_a_damaged_run_is_reported_and_the_others_are_printed(results, capsys):
+def test_damaged_run_is_reported_and_others_are_printed(results, capsys):
     damaged = results.scan("run")[0][0]
     path = damaged.path / listed(damaged)[0]
     path.write_bytes(path.read_bytes()[:-1])
@@ -91,19 +91,19 @@ def test_a_damaged_run_is_reported_and_the_others_are_printed(results, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("tail", "--last", "-1"), "type 0 or more"),
         (("tail", "--algo", "dqn"), "Unknown algorithm 'dqn'"),
         (("train", "--log", "mlflow"), "Unknown value of --log 'mlflow'; choose tensorboard"),
     ],
 )
-def test_a_wrong_request_is_refused(results, capsys, arguments, says):
+def test_invalid_request_is_refused(results, capsys, arguments, message):
     assert main([*arguments, "--results", str(results.path)]) == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-def test_a_missing_library_is_named_before_anything_is_trained(tmp_path, capsys, monkeypatch):
+def test_missing_library_is_reported_before_training(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "torch.utils.tensorboard", None)
     monkeypatch.delitem(__import__("sys").modules, "jbench.loggers.tensorboard", raising=False)
     arguments = ["train", "--log", "tensorboard", "--seeds", "0"]

@@ -1,4 +1,4 @@
-"""Six episodes of random actions, collected once, in files of two."""
+"""Fixtures of dataset tests: six episodes of random actions in three files."""
 
 import importlib
 
@@ -9,15 +9,15 @@ from jbench.settings import dataset as settings
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 
-# By its name, for the package has a function of the same name.
+# Imported by name, since the package has a function of the same name.
 collecting = importlib.import_module("jbench.datasets.collect")
 
 
 @pytest.fixture(scope="session")
 def shorten_datasets():
-    """Makes the episodes of datasets shorter, with a setter such as that of `monkeypatch`.
+    """Returns a function that sets the length of episodes by a setter like `monkeypatch.setattr`.
 
-    A dataset is read with the length that it was collected with: that of `six_episodes` is 1000.
+    A dataset must be read with the length of its collection: that of `six_episodes` is 1000.
     """
 
     def shorten(set_attribute, steps):
@@ -29,7 +29,7 @@ def shorten_datasets():
 
 @pytest.fixture(scope="session")
 def collect_in_files_of():
-    """Collects with a number of episodes per file."""
+    """Returns a function that collects a dataset with a number of episodes per file."""
 
     def collect_in_files(episodes, path, steps, **options):
         with pytest.MonkeyPatch.context() as patch:

@@ -1,9 +1,9 @@
-"""Collects in processes that are killed (SIGKILL) at random moments, again and again.
+"""Collects datasets in processes that are repeatedly killed (SIGKILL) at random moments.
 
     python -m tests.datasets.killed_collections DIRECTORY KILLS
 
-Prints a JSON document: how many episodes were committed at each kill, and the paths of the
-collections that were finished in the end, after an uninterrupted one.
+Prints a JSON document: the number of committed episodes at each kill, and the paths of the finished
+collections, that of an uninterrupted one first.
 """
 
 import importlib
@@ -20,16 +20,16 @@ from jbench.settings import dataset as dataset_settings
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 
-# By its name, for the package has a function of the same name.
+# Imported by name, since the package has a function of the same name.
 collecting = importlib.import_module("jbench.datasets.collect")
-# Two short episodes in a file, so that most of the time something is being written.
+# Two short episodes per file, so that most kills interrupt a write.
 collecting._PART_EPISODES = 2
 collecting.EPISODE_STEPS = dataset_settings.EPISODE_STEPS = 20
 SETTINGS = DatasetSettings(seed=3, steps=30 * 20)
 
 
 def begin(path: Path, threads: int) -> int:
-    """Returns the number of a process that collects; forked, for importing takes seconds."""
+    """Returns the id of a process that collects; forked, since imports take seconds."""
     process = os.fork()
     if process == 0:
         try:
@@ -42,7 +42,7 @@ def begin(path: Path, threads: int) -> int:
 
 
 def finished(process: int) -> bool:
-    """Waits for a process; says whether it ended by itself, which is without an error."""
+    """Waits for a process; returns whether it ended without a kill, and so without an error."""
     _, status = os.waitpid(process, 0)
     code = os.waitstatus_to_exitcode(status)
     assert code in (0, -signal.SIGKILL), code
@@ -50,7 +50,7 @@ def finished(process: int) -> bool:
 
 
 def kill(process: int, path: Path, moments: random.Random) -> None:
-    """Kills it at a random moment: after a number of new files, and a little later."""
+    """Kills a process a random short time after a random number of new files."""
     expected = files(path) + moments.randrange(7)
     while files(path) < expected and not has_ended(process):
         time.sleep(0.001)

@@ -1,11 +1,11 @@
-"""The command line with a limit on the size of files, as on a full disk."""
+"""Runs commands with a limit on the size of files, which imitates a full disk."""
 
 import importlib
 import resource
 
 from jbench import cli
 
-# By its name, for the package has a function of the same name.
+# Imported by name, since the package has a function of the same name.
 collecting = importlib.import_module("jbench.datasets.collect")
 
 

@@ -1,4 +1,4 @@
-"""A dataset of an augmented robot: its id, its content, and what is refused."""
+"""Tests of datasets of augmented robots: id, content and invalid requests."""
 
 import hashlib
 import json
@@ -44,8 +44,8 @@ def plain(tmp_path_factory):
     return collected(tmp_path_factory.mktemp("plain"))
 
 
-def resimulated(robot, episodes):
-    """The states of the dataset's episodes with a robot, drawn as the dataset documents."""
+def simulate_again(robot, episodes):
+    """Simulates the dataset's episodes with a robot, drawn as documented."""
     quaternions, targets, actions = [], [], []
     for episode in range(episodes):
         random = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(episode,)))
@@ -61,8 +61,8 @@ def kept_state(record):
     return layout.state_of(record.read("steps", schema.STEPS), EPISODE)
 
 
-def test_the_id_of_a_plain_dataset_is_unchanged_by_the_augment_setting(plain):
-    # The documented example, and the JSON of which the hash is one.
+def test_id_of_plain_dataset_ignores_augment_setting(plain):
+    # The documented example, and the JSON that is hashed.
     assert DatasetSettings(steps=100_000).id == "random/s00-d4a8116b"
     kept = {"policy": "random", "robot": "jitterbug", "seed": SEED, "steps": STEPS}
     text = json.dumps(kept, sort_keys=True, separators=(",", ":"))
@@ -70,13 +70,13 @@ def test_the_id_of_a_plain_dataset_is_unchanged_by_the_augment_setting(plain):
     assert plain.settings == kept
 
 
-def test_the_robot_is_in_the_settings_and_the_id(plain, augmented):
+def test_augmented_robot_is_part_of_settings_and_id(plain, augmented):
     assert augmented.settings == {**plain.settings, "augment": AUGMENT}
     ids = {plain.id, augmented.id, DatasetSettings(seed=SEED, steps=STEPS, augment=0).id}
     assert len(ids) == 3
 
 
-def test_actions_and_targets_are_those_of_the_plain_robot_and_states_are_not(plain, augmented):
+def test_augmented_robot_has_same_actions_but_other_states(plain, augmented):
     first, second = (record.read("steps", schema.STEPS) for record in (plain, augmented))
     assert first["action"].equals(second["action"])
     drawn = [
@@ -84,20 +84,20 @@ def test_actions_and_targets_are_those_of_the_plain_robot_and_states_are_not(pla
     ]
     assert drawn[0].equals(drawn[1])
     first, second = kept_state(plain), kept_state(augmented)
-    # They begin alike, and are elsewhere a second later.
+    # Initial positions are equal, those a second later are not.
     np.testing.assert_array_equal(first.position[:, 0], second.position[:, 0])
     apart = np.abs(first.position[:, 100, :3] - second.position[:, 100, :3]).max(axis=1)
     assert (apart > 1e-4).all()
 
 
-def test_states_are_a_simulation_of_the_augmented_robot(augmented):
-    expected, actions = resimulated(load_model(AUGMENT), 2)
+def test_states_equal_simulation_of_augmented_robot(augmented):
+    expected, actions = simulate_again(load_model(AUGMENT), 2)
     found = kept_state(augmented)
     for name in ("position", "velocity", "motor_velocity", "torso_velocity"):
         np.testing.assert_allclose(
             getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-6, err_msg=name
         )
-    # The one task with a target that is not drawn: the origin.
+    # The only task with a fixed target, the origin.
     (block,) = Dataset(augmented).blocks("move_from_origin")
     np.testing.assert_array_equal(block.actions, actions)
     xyz = np.broadcast_to([0, 0, model.REST_HEIGHT], (2, EPISODE + 1, 3))
@@ -106,7 +106,7 @@ def test_states_are_a_simulation_of_the_augmented_robot(augmented):
     np.testing.assert_allclose(block.rewards, rewards, atol=1e-5)
 
 
-def test_a_seed_without_a_robot_is_refused(tmp_path, capsys):
+def test_invalid_augment_seed_is_refused(tmp_path, capsys):
     results = tmp_path / "results"
     command = ["collect", "--steps", "1000", "--augment", "-1", "--results", str(results)]
     assert cli.main(command) == 2
@@ -118,7 +118,7 @@ def test_a_seed_without_a_robot_is_refused(tmp_path, capsys):
     assert not results.exists()
 
 
-def test_the_command_line_collects_with_the_requested_robot(tmp_path, augmented):
+def test_command_collects_with_requested_robot(tmp_path, augmented):
     command = ["collect", "--steps", str(STEPS), "--seed", str(SEED), "--augment", str(AUGMENT)]
     assert cli.main([*command, "--results", str(tmp_path)]) == 0
     (record,), _ = Results(tmp_path).scan("dataset")

@@ -1,4 +1,4 @@
-"""A dataset is the same bytes for the same seed, whatever the threads and the interruptions."""
+"""Tests that a collected dataset depends only on its settings, not on threads or interruptions."""
 
 import hashlib
 import importlib
@@ -16,7 +16,7 @@ from jbench.store import Results
 
 
 class Stopped(BaseException):
-    """What a test stops a collection with, as Ctrl-C would."""
+    """Stops a collection, like Ctrl-C."""
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def short_episodes(shorten_datasets, monkeypatch):
 
 
 def checksums(record):
-    """The SHA-256 of what lies on the disk, by the manifest's names."""
+    """The SHA-256 of each file that the manifest lists."""
     return {
         entry.name: hashlib.sha256((record.path / entry.name).read_bytes()).hexdigest()
         for entry in record.manifest.files
@@ -34,7 +34,7 @@ def checksums(record):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"steps": 1500}, "steps must be a multiple, such as 2000"),
         ({"steps": 1}, "such as 1000"),
@@ -45,19 +45,19 @@ def checksums(record):
         ({"step": 1000}, "Extra inputs are not permitted"),
     ],
 )
-def test_invalid_settings_are_refused(settings, said):
-    with pytest.raises(ValidationError, match=said):
+def test_invalid_settings_are_refused(settings, message):
+    with pytest.raises(ValidationError, match=message):
         DatasetSettings(**settings)
 
 
-def test_settings_are_the_papers_by_default_and_cannot_be_changed():
+def test_default_settings_equal_paper_and_are_frozen():
     settings = DatasetSettings()
     assert (settings.steps, settings.policy, settings.seed) == (5_000_000, "random", 0)
     with pytest.raises(ValidationError, match="frozen"):
         settings.steps = 1000
 
 
-def test_id_is_made_of_the_settings():
+def test_id_is_hash_of_settings():
     text = json.dumps({"policy": "random", "robot": "jitterbug", "seed": 7, "steps": 2000})
     digest = hashlib.sha256(text.replace(" ", "").encode()).hexdigest()
     assert DatasetSettings(seed=7, steps=2000).id == f"random/s07-{digest[:8]}"
@@ -75,7 +75,7 @@ def test_bytes_do_not_depend_on_threads_or_length(tmp_path, collect_in_files_of)
 
 # `test_interruptions.py` kills collections at random moments.
 @pytest.mark.usefixtures("short_episodes")
-def test_stopped_collection_resumes_to_the_same_bytes(tmp_path, collect_in_files_of):
+def test_stopped_collection_resumes_bit_for_bit(tmp_path, collect_in_files_of):
     def stop(steps):
         if steps == 200:
             raise Stopped
@@ -90,7 +90,7 @@ def test_stopped_collection_resumes_to_the_same_bytes(tmp_path, collect_in_files
 
     seen = []
     again = collect_in_files_of(1, tmp_path / "stopped", 400, progress=seen.append)
-    assert seen[0] == 200  # it went on, and did not start over
+    assert seen[0] == 200  # resumed, not restarted
     assert seen[-1] == 400
     assert checksums(left).items() < checksums(again).items()
     whole = collect_in_files_of(1, tmp_path / "whole", 400)
@@ -102,25 +102,25 @@ def test_stopped_collection_resumes_to_the_same_bytes(tmp_path, collect_in_files
     }
 
 
-def test_memory_is_the_same_for_four_times_as_many_files(tmp_path, shorten_datasets, monkeypatch):
+def test_memory_does_not_grow_with_number_of_files(tmp_path, shorten_datasets, monkeypatch):
     collecting = importlib.import_module("jbench.datasets.collect")
     monkeypatch.setattr(collecting, "_PART_EPISODES", 1)
     shorten_datasets(monkeypatch.setattr, 250)
     peaks, held = [], []
-    for episodes in (2, 4, 16):  # the first for what is made once
+    for episodes in (2, 4, 16):  # the first for one-time allocations
         settings = DatasetSettings(seed=3, steps=250 * episodes)
         tracemalloc.start()
         collect(settings, Results(tmp_path), 2)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
         held.append(pyarrow.total_allocated_bytes())
-    # Twelve more trajectories are 0.75 MB, their rows another 0.25; how many are there at a time
-    # depends on the threads.
+    # Twelve more trajectories would be 0.75 MB, their rows another 0.25 MB. The number in memory at
+    # a time depends on the threads.
     assert peaks[2] < peaks[1] + 350_000
     assert held[2] < held[1] + 50_000
 
 
-def test_finished_dataset_is_returned_untouched(six_episodes, collect_in_files_of):
+def test_finished_dataset_is_returned_unchanged(six_episodes, collect_in_files_of):
     def state():
         found = {path.name: path.stat() for path in six_episodes.path.iterdir()}
         return {name: (stat.st_ino, stat.st_mtime_ns) for name, stat in found.items()}
@@ -131,7 +131,7 @@ def test_finished_dataset_is_returned_untouched(six_episodes, collect_in_files_o
     assert (again.id, again.status, seen) == (six_episodes.id, "finished", [])
 
 
-def test_two_processes_do_not_collect_the_same_dataset(tmp_path, collect_in_files_of):
+def test_dataset_in_use_by_other_process_is_refused(tmp_path, collect_in_files_of):
     held = Results(tmp_path).record("dataset", DatasetSettings(seed=3, steps=1000).id)
     with held.lock(), pytest.raises(WorkError, match="Another process is writing the dataset"):
         collect_in_files_of(1, tmp_path, 1000)

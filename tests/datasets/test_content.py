@@ -1,4 +1,4 @@
-"""What a dataset holds: random actions, the states that follow from them, every task's target."""
+"""Tests of the content of datasets: actions, states and targets, against the simulation."""
 
 import math
 
@@ -24,7 +24,7 @@ COLUMNS = (
     *("motor_position", "motor_velocity"),
 )
 COMPARED = 400
-"""Control steps of an episode that are repeated in each task's environment."""
+"""Control steps of an episode that are compared with each task's environment."""
 EVERY_TASK = pytest.mark.parametrize("task", TASKS)
 
 
@@ -46,9 +46,9 @@ def targets(six_episodes):
 
 
 def drawn(model, episode):
-    """The robot at the beginning of an episode, and the tasks' targets.
+    """Draws the robot's initial state and the targets of an episode from its generator.
 
-    Drawn again from the episode's own generator, for the dataset has the pose only in float32.
+    The dataset has the pose in float32 only.
     """
     random = np.random.default_rng(np.random.SeedSequence(3, spawn_key=(episode,)))
     data = mujoco.MjData(model)
@@ -61,7 +61,7 @@ def test_rows_are_whole_episodes_in_order(steps):
     np.testing.assert_array_equal(steps["step"], [np.arange(1001)] * 6)
 
 
-def test_last_state_of_an_episode_has_no_action_and_every_other_has_one(six_episodes):
+def test_only_last_state_of_episode_has_no_action(six_episodes):
     rows = six_episodes.read("steps", schema.STEPS)
     missing = rows["action"].is_null().to_numpy(zero_copy_only=False)
     np.testing.assert_array_equal(missing, rows["step"].to_numpy() == 1000)
@@ -79,7 +79,7 @@ def test_actions_are_uniform_and_independent(steps):
     assert np.abs(np.corrcoef(actions) - np.eye(6)).max() < 0.13  # 4 deviations of 1000 pairs
 
 
-def test_recorded_actions_lead_to_the_recorded_states(steps):
+def test_recorded_actions_reproduce_recorded_states(steps):
     model = load_model()
     (data, _), seen = drawn(model, 5), []
     for action in [*steps["action"][5, :-1], None]:
@@ -95,9 +95,9 @@ def test_recorded_actions_lead_to_the_recorded_states(steps):
 
 
 @EVERY_TASK
-def test_observations_and_rewards_equal_the_environment(task, dataset, steps):
+def test_observations_and_rewards_equal_environment(task, dataset, steps):
     expected = [np.concatenate(parts) for parts in zip(*dataset.blocks(task), strict=True)]
-    # The episode with most to compare in its rewards.
+    # The episode whose rewards vary most.
     episode = np.argmax(np.ptp(expected[2][:, :COMPARED], axis=1))
     env = JitterbugEnv(task)
     env.data, targets = drawn(env.model, episode)
@@ -114,7 +114,7 @@ def test_observations_and_rewards_equal_the_environment(task, dataset, steps):
 
 
 @EVERY_TASK
-def test_observations_are_those_before_each_action(task, dataset):
+def test_observations_precede_actions(task, dataset):
     observations = dataset.observations(task)
     assert (observations.shape, observations.dtype) == ((6, 1000, SIZES[task]), np.float32)
     blocks = np.concatenate([block.observations for block in dataset.blocks(task)])
@@ -123,7 +123,7 @@ def test_observations_are_those_before_each_action(task, dataset):
 
 
 @EVERY_TASK
-def test_targets_lie_within_the_task_s_range(task, targets):
+def test_targets_are_within_range_of_task(task, targets):
     x, y, yaw = targets[task].T
     radius = np.hypot(x, y)
     if task in ("move_to_position", "move_to_pose"):
@@ -139,7 +139,7 @@ def test_targets_lie_within_the_task_s_range(task, targets):
 
 
 @EVERY_TASK
-def test_targets_are_those_that_the_task_draws(task, targets):
+def test_targets_equal_those_drawn_by_task(task, targets):
     model = load_model()
     for episode in range(6):
         _, expected = drawn(model, episode)
@@ -148,12 +148,12 @@ def test_targets_are_those_that_the_task_draws(task, targets):
         assert height == TARGET_HEIGHT
 
 
-def test_episodes_begin_differently(steps):
+def test_episodes_have_different_initial_states(steps):
     heights = [steps[name][:, 0] for name in ("position_x", "position_y", "position_z")]
     np.testing.assert_array_equal(heights, np.float32([[0] * 6, [0] * 6, [0.035] * 6]))
     assert len(np.unique(steps["quaternion_w"][:, 0])) == 6
 
 
-def test_size_on_disk_is_below_twice_the_size_of_the_arrays(six_episodes):
+def test_size_on_disk_is_below_twice_size_of_arrays(six_episodes):
     numbers = 6 * 1001 * 19 * 4  # 18 of the state and the action, float32
     assert sum(entry.bytes for entry in six_episodes.manifest.files) < 2 * numbers

@@ -1,4 +1,4 @@
-"""A dataset in Minari's format is what the dataset holds, and nothing else is touched."""
+"""Tests of the export to Minari, whose reader must load the observations of the dataset."""
 
 import shutil
 import sys
@@ -20,14 +20,14 @@ from tests.command_line import Process
 
 @pytest.fixture
 def root(tmp_path, monkeypatch):
-    """An empty directory of Minari datasets, known to Minari."""
+    """An empty directory that Minari searches for datasets."""
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
     return tmp_path / "minari"
 
 
 @pytest.fixture
 def copied(tmp_path, six_episodes):
-    """A results directory with the six episodes, to be damaged."""
+    """A copy of the results with the six episodes, which tests may damage."""
     shutil.copytree(six_episodes.path.parents[2], tmp_path / "results")
     return tmp_path / "results"
 
@@ -37,7 +37,7 @@ def files(path):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_minari_loads_observations_and_rewards_of_the_task(task, dataset, root):
+def test_minari_loads_observations_and_rewards_of_task(task, dataset, root):
     seen = []
     done = export_minari(dataset, task, root, seen.append)
     assert seen == [2, 4, 6]
@@ -60,17 +60,17 @@ def test_minari_loads_observations_and_rewards_of_the_task(task, dataset, root):
     assert done.path == root / done.id
 
 
-def test_minari_lists_tasks_side_by_side(dataset, root):
+def test_minari_lists_exports_of_several_tasks(dataset, root):
     ids = [export_minari(dataset, task, root).id for task in TASKS[:2]]
     assert list(minari.list_local_datasets()) == sorted(ids)
-    # Nothing is left of the writing.
+    # No temporary file is left.
     assert {path.name for path in root.rglob("*") if path.is_file()} == {
         "metadata.json",
         "main_data.hdf5",
     }
 
 
-def test_an_augmented_robot_is_recovered_with_the_environment(tmp_path, root):
+def test_recovered_environment_has_augmented_robot(tmp_path, root):
     record = collect(DatasetSettings(steps=1000, augment=11), Results(tmp_path / "results"), 1)
     export_minari(Dataset(record), "face_direction", root)
     loaded = minari.load_dataset(minari_id(Dataset(record), "face_direction"))
@@ -79,14 +79,14 @@ def test_an_augmented_robot_is_recovered_with_the_environment(tmp_path, root):
     export_minari(Dataset(record), "move_to_pose", root)
     import gymnasium
 
-    # The environment that everyone else makes is untouched.
+    # The registered environment is unchanged.
     assert gymnasium.spec("AugmentedJitterbug/FaceDirection-v0").kwargs["augment"] == 0
 
 
 def test_existing_export_is_not_overwritten(dataset, root):
     export_minari(dataset, "face_direction", root)
     before = files(root)
-    # As of an export that could not remove its temporary directory in the end.
+    # As after an export that could not remove its temporary directory.
     path = root / minari_id(dataset, "face_direction")
     leftover = path.with_name(f".writing-{path.name}")
     leftover.mkdir()
@@ -97,14 +97,14 @@ def test_existing_export_is_not_overwritten(dataset, root):
     assert not leftover.exists()
 
 
-def test_a_target_in_a_file_is_refused(dataset, tmp_path):
+def test_export_into_file_is_refused(dataset, tmp_path):
     (tmp_path / "mine").write_text("mine")
     with pytest.raises(RequestError, match="is a file, or lies in one"):
         export_minari(dataset, "face_direction", tmp_path / "mine")
     assert (tmp_path / "mine").read_text() == "mine"
 
 
-def test_export_of_a_damaged_dataset_leaves_nothing(copied, root):
+def test_export_of_damaged_dataset_leaves_no_files(copied, root):
     damaged = find_dataset(Results(copied))
     part = damaged.record.path / damaged.record.parts("steps")[2].name
     part.write_bytes(part.read_bytes()[:-1])
@@ -114,7 +114,7 @@ def test_export_of_a_damaged_dataset_leaves_nothing(copied, root):
     assert minari.list_local_datasets() == {}
 
 
-def test_a_killed_export_is_written_again(dataset, root):
+def test_killed_export_is_repeated(dataset, root):
     path = root / minari_id(dataset, "face_direction")
     left = path.with_name(f".writing-{path.name}") / "data"
     left.mkdir(parents=True)
@@ -123,7 +123,7 @@ def test_a_killed_export_is_written_again(dataset, root):
     assert len(minari.load_dataset(path.relative_to(root).as_posix())) == 6
 
 
-def test_a_full_disk_is_reported_and_leaves_nothing(copied, tmp_path):
+def test_full_disk_is_reported_and_leaves_no_files(copied, tmp_path):
     arguments = ("export", "--results", str(copied), "--out", str(tmp_path / "out"))
     done = Process("tests.datasets.limited:main", 100_000, *arguments).finished()
     assert done.returncode == 1
@@ -135,8 +135,8 @@ def test_a_full_disk_is_reported_and_leaves_nothing(copied, tmp_path):
 
 
 @pytest.mark.parametrize("module", ["minari", "h5py"])
-def test_without_minari_the_error_names_the_package(module, copied, tmp_path, monkeypatch, capsys):
-    # What is None here can't be imported: as if it were not installed.
+def test_missing_minari_error_names_package(module, copied, tmp_path, monkeypatch, capsys):
+    # A module that is None can't be imported, as if it were not installed.
     monkeypatch.setitem(sys.modules, module, None)
     assert main(["export", "--results", str(copied), "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err == (

@@ -1,4 +1,4 @@
-"""The dataset that is meant is found, or the sentence says what to type."""
+"""Tests of `find_dataset`: the default, ids, error messages and damaged files."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ from jbench.tasks.features import State
 
 
 def add(results, id, updated="2020", finished=True, **settings):
-    """An empty dataset that was last written then."""
+    """Adds an empty dataset with the time of its last update."""
     record = results.create("dataset", id, settings)
     if finished:
         record.finish({}, compact=False)
@@ -29,7 +29,7 @@ def results(tmp_path):
 
 @pytest.fixture
 def copied(tmp_path, six_episodes):
-    """The six episodes, to be damaged."""
+    """A copy of the six episodes, which tests may damage."""
     shutil.copytree(six_episodes.path.parents[2], tmp_path, dirs_exist_ok=True)
     return find_dataset(Results(tmp_path))
 
@@ -40,7 +40,7 @@ def refusal(results, id=None):
     return str(error.value)
 
 
-def test_newest_finished_dataset_is_the_default(results):
+def test_newest_finished_dataset_is_default(results):
     add(results, "random/a", "2021")
     add(results, "random/b", "2023")
     add(results, "random/c", "2022")
@@ -49,7 +49,7 @@ def test_newest_finished_dataset_is_the_default(results):
     assert find_dataset(results, "random/a").id == "random/a"
 
 
-def test_a_dataset_of_an_augmented_robot_is_selected_only_by_id(results):
+def test_augmented_dataset_is_selected_only_by_id(results):
     add(results, "random/augmented", "2024", augment=3)
     assert "name one with --dataset: random/augmented." in refusal(results)
     add(results, "random/plain", "2021", augment=None)
@@ -57,19 +57,19 @@ def test_a_dataset_of_an_augmented_robot_is_selected_only_by_id(results):
     assert find_dataset(results, "random/augmented").id == "random/augmented"
 
 
-def test_without_a_dataset_the_error_names_the_command(results):
+def test_missing_dataset_error_names_command(results):
     for id in (None, "random/a"):
         assert "run jbench collect first" in refusal(results, id)
     assert str(results.path) in refusal(results)
     assert "--steps 100000 makes a small one" in refusal(results)
 
 
-def test_only_unfinished_datasets_is_an_error(results):
+def test_only_unfinished_datasets_are_refused(results):
     add(results, "random/a", finished=False)
     assert refusal(results).startswith("No finished dataset")
 
 
-def test_unknown_id_is_an_error_that_lists_the_known_ones(results):
+def test_unknown_id_is_refused_with_known_ids(results):
     add(results, "random/a")
     add(results, "random/b")
     assert refusal(results, "random/c") == (
@@ -77,7 +77,7 @@ def test_unknown_id_is_an_error_that_lists_the_known_ones(results):
     )
 
 
-def test_unfinished_dataset_is_refused_with_the_command_to_resume(results):
+def test_unfinished_dataset_is_refused_with_command_to_resume(results):
     add(results, "random/a", finished=False)
     assert refusal(results, "random/a") == (
         "The dataset random/a is unfinished; type the jbench collect command that started it "
@@ -85,7 +85,7 @@ def test_unfinished_dataset_is_refused_with_the_command_to_resume(results):
     )
 
 
-def test_damaged_manifest_is_named_where_it_is_the_only_one(results):
+def test_only_dataset_with_damaged_manifest_is_reported(results):
     add(results, "random/a")
     path = results.path / "datasets" / "random" / "a" / "manifest.json"
     path.write_text("{")
@@ -108,7 +108,7 @@ def test_flipped_byte_is_reported(copied, table):
             read("face_direction")
 
 
-def test_damage_is_reported_when_its_file_is_read(copied):
+def test_missing_file_is_reported_when_it_is_read(copied):
     (copied.record.path / copied.record.parts("steps")[1].name).unlink()
     blocks = copied.blocks("move_to_pose")
     assert next(blocks).rewards.shape == (2, 1000)

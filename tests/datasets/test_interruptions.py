@@ -1,4 +1,4 @@
-"""A collection that is killed or stopped by a full disk resumes to the same bytes."""
+"""Tests that collections interrupted by kills or a full disk resume bit for bit."""
 
 import importlib
 import json
@@ -16,13 +16,13 @@ from tests.forking import ROOT
 
 SETTINGS = DatasetSettings(seed=3, steps=2000)
 
-# The verb, with a short episode to a file.
+# Collects with one short episode per file.
 VERB = """
 import sys
 from tests.datasets.limited import collect
 sys.exit(collect(-1, sys.argv[1]))
 """
-# On a disk of 200 kB, which grows; then what is on it is said.
+# Collects on a disk of 200 kB, enlarges it, collects again and prints the checksums.
 SMALL_DISK = """
 set -e
 mount -t tmpfs -o size=200k tmpfs "$1"
@@ -59,20 +59,20 @@ def uninterrupted(tmp_path_factory):
 
 
 @pytest.mark.parametrize("kills", [8, pytest.param(20, marks=pytest.mark.slow)])
-def test_killed_at_random_moments_the_dataset_has_the_same_bytes(tmp_path, kills):
+def test_collection_killed_at_random_moments_resumes_bit_for_bit(tmp_path, kills):
     done = Process("tests.datasets.killed_collections:main", str(tmp_path), kills).finished()
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert len(said["committed"]) >= kills
-    assert len(set(said["committed"])) > 3  # not all of them before the first file
+    assert len(set(said["committed"])) > 3  # not all kills were before the first file
     uninterrupted, *killed = (finished_dataset(Path(path)) for path in said["paths"])
     assert uninterrupted.rows("steps") == 30 * 21
     for record in killed:
         assert checksums(record) == checksums(uninterrupted)
 
 
-def one_sentence(text):
-    """The error among the lines of progress."""
+def error_line(text):
+    """The only line that is not progress."""
     (line,) = [line for line in text.splitlines() if not line.startswith("collect: ")]
     return line
 
@@ -80,7 +80,7 @@ def one_sentence(text):
 def test_collection_resumes_after_a_file_size_limit(tmp_path, uninterrupted):
     stopped = Process("tests.datasets.limited:collect", 10_000, str(tmp_path)).finished()
     assert stopped.returncode == 1
-    said = one_sentence(stopped.stderr)
+    said = error_line(stopped.stderr)
     assert said.startswith("Error: No room left to write steps-00000-")
     assert said.endswith("what was finished is kept: free some space and type the command again.")
     assert Results(tmp_path).find("dataset", SETTINGS.id).status == "unfinished"
@@ -102,7 +102,7 @@ def test_collection_resumes_after_a_full_disk(tmp_path, uninterrupted):
     code, there, *rest = done.stdout.splitlines()
     assert code == "exit code 1"
     assert 4 <= int(there) < 40  # files of 20 episodes, two each
-    assert one_sentence(done.stderr).startswith("Error: No room left to write ")
+    assert error_line(done.stderr).startswith("Error: No room left to write ")
     files = {entry.name: entry.sha256 for entry in uninterrupted.manifest.files}
     assert sorted(line for line in rest if line.endswith(".parquet")) == sorted(
         f"{sha256}  {SETTINGS.id.split('/')[1]}/{name}" for name, sha256 in files.items()

@@ -1,4 +1,4 @@
-"""Reading file by file, in any order; and what in a file's rows is refused."""
+"""Tests of reading datasets by parts in any order, and of invalid rows."""
 
 import tracemalloc
 
@@ -28,7 +28,7 @@ def tables(six_episodes):
 
 @pytest.fixture
 def altered(tmp_path, tables):
-    """Makes a dataset of these rows, some of them otherwise."""
+    """Returns a function that makes a dataset of these tables, some of them replaced."""
 
     def make(**changed):
         record = Results(tmp_path).create("dataset", "random/a", {})
@@ -40,7 +40,7 @@ def altered(tmp_path, tables):
 
 
 def with_value(table, column, row, value):
-    """The table with another value in one cell."""
+    """Returns the table with another value in one cell."""
     values = table[column].to_pylist()
     values[row] = value
     index = table.column_names.index(column)
@@ -48,13 +48,13 @@ def with_value(table, column, row, value):
     return table.set_column(index, column, pa.array(values, kind, from_pandas=False))
 
 
-def test_parts_are_the_episodes_of_each_file(dataset):
+def test_parts_are_episodes_of_each_file(dataset):
     assert dataset.parts == (range(0, 2), range(2, 4), range(4, 6))
     assert dataset.episodes == 6
 
 
 @pytest.mark.parametrize("parts", [[2, 0], [1], [], iter([0, 1]), [1, 1]])
-def test_chosen_parts_are_read_in_the_order_asked_for(dataset, parts):
+def test_parts_are_read_in_requested_order(dataset, parts):
     parts = list(parts)
     everything = list(dataset.blocks(TASK))
     found = list(dataset.blocks(TASK, parts=iter(parts)))
@@ -64,22 +64,22 @@ def test_chosen_parts_are_read_in_the_order_asked_for(dataset, parts):
             np.testing.assert_array_equal(ours, theirs)
 
 
-def test_a_part_that_is_not_there_is_an_error(dataset):
+def test_missing_part_raises_index_error(dataset):
     with pytest.raises(IndexError):
         next(dataset.blocks(TASK, parts=[3]))
 
 
-def test_one_file_is_in_memory_at_a_time(dataset):
+def test_only_one_file_is_in_memory_at_a_time(dataset):
     # Observations, actions and rewards of two episodes.
     block = 4 * 2 * (1001 * 19 + 1000 + 1000)
-    for _ in dataset.blocks(TASK):  # what is made once
+    for _ in dataset.blocks(TASK):  # one-time allocations
         pass
     tracemalloc.start()
     for _ in dataset.blocks(TASK, parts=[0, 1, 2] * 5):
         pass
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < 10 * block  # of 15 blocks, all that computing one of them needs
+    assert peak < 10 * block  # 15 blocks are read; one needs less than this
 
 
 def test_unaltered_rows_are_read(altered, dataset):
@@ -110,23 +110,23 @@ ALTERATIONS = {
 
 @pytest.mark.parametrize("alteration", ALTERATIONS.values(), ids=ALTERATIONS)
 def test_invalid_rows_are_refused(altered, tables, alteration):
-    table, column, row, value, said = alteration
+    table, column, row, value, message = alteration
     found = altered(**{table: with_value(tables[table], column, row, value)})
     for read in (lambda: list(found.blocks(TASK)), lambda: found.observations(TASK)):
         with pytest.raises(WorkError) as error:
             read()
-        assert said in str(error.value)
+        assert message in str(error.value)
         assert str(error.value).startswith(f"{found.record.parts('steps')[0].name} of the dataset")
         assert str(error.value).endswith(f"; collect it again after deleting {found.record.path}.")
 
 
-def test_half_an_episode_is_refused(altered, tables):
+def test_incomplete_episode_is_refused(altered, tables):
     found = altered(steps=tables["steps"].slice(0, 1500))
     with pytest.raises(WorkError, match="holds other rows than those of whole episodes"):
         found.observations(TASK)
 
 
-def test_a_file_of_one_table_without_the_other_is_refused(altered, tables):
+def test_missing_file_of_one_table_is_refused(altered, tables):
     found = altered(steps=tables["steps"].slice(0, 0))
     with pytest.raises(WorkError, match="The manifest of the dataset random/a lacks files"):
         list(found.blocks(TASK))
@@ -136,16 +136,16 @@ def test_a_file_of_one_table_without_the_other_is_refused(altered, tables):
     ("table", "column"),
     [("steps", "torso_velocity_x"), ("steps", "action"), ("dataset_episodes", f"{TASK}_target_x")],
 )
-def test_a_dataset_of_an_older_schema_is_named_with_what_it_lacks(altered, tables, table, column):
+def test_dataset_without_column_is_refused(altered, tables, table, column):
     found = altered(**{table: tables[table].drop_columns(column)})
     with pytest.raises(WorkError) as error:
         list(found.blocks(TASK))
-    said = f"it has no column {column}: another version of jbench wrote it"
-    assert said in str(error.value)
+    message = f"it has no column {column}: another version of jbench wrote it"
+    assert message in str(error.value)
     assert "of the dataset random/a is damaged" in str(error.value)
 
 
-def test_a_dataset_of_another_type_is_named(altered, tables):
+def test_column_of_wrong_type_is_refused(altered, tables):
     words = pc.cast(tables["steps"]["position_x"], pa.string())
     words = pc.replace_substring(words, "0", "o")
     found = altered(steps=tables["steps"].set_column(2, "position_x", words))

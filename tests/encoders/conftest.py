@@ -1,4 +1,4 @@
-"""A results directory, and an encoder trained once."""
+"""Fixtures of encoder tests: a results directory, and an encoder trained once."""
 
 from types import SimpleNamespace
 
@@ -12,8 +12,8 @@ from tests.encoders.encoder_data import make_dataset
 
 
 @pytest.fixture(autouse=True)
-def _brief_judging(brief_judging):
-    """Each of these tests may judge an encoder."""
+def _short_evaluation(short_encoder_evaluation):
+    """Shortens the evaluation of encoders in all tests of this package."""
 
 
 @pytest.fixture
@@ -22,8 +22,8 @@ def results(tmp_path):
 
 
 @pytest.fixture(scope="session")
-def trained(brief_judging, tmp_path_factory):
-    """A dataset of five episodes and an encoder of it, to look at and not to change."""
+def trained(short_encoder_evaluation, tmp_path_factory):
+    """A dataset of five episodes and an encoder of it; tests must not change them."""
     results = Results(tmp_path_factory.mktemp("trained") / "results")
     dataset = make_dataset(results)
     options = {"epochs": 4, "batch": 500}

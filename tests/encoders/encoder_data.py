@@ -1,4 +1,4 @@
-"""Made-up datasets to train encoders on, and manifests to alter."""
+"""Synthetic datasets to train encoders on, and changes of manifests."""
 
 import json
 
@@ -10,8 +10,8 @@ from jbench.store import schema
 from jbench.tasks.features import State
 
 
-def made_up_states(episodes):
-    """States (episodes, 1001) of robots that wobble about, each in its own way."""
+def random_states(episodes):
+    """Random states (episodes, 1001)."""
     random = np.random.default_rng(episodes)
     shape = (episodes, 1001)
     quaternion = random.normal(size=(*shape, 4))
@@ -26,16 +26,16 @@ def made_up_states(episodes):
     )
 
 
-def made_up_actions(episodes):
-    """Actions (episodes, 1000), each its own."""
+def random_actions(episodes):
+    """Random actions (episodes, 1000)."""
     return np.random.default_rng(episodes + 1).uniform(-1, 1, (episodes, 1000)).astype(np.float32)
 
 
 def make_dataset(results, id="random/a", state=None, episodes=5, each=25):
     """A finished dataset of these states with targets at the origin."""
-    state = made_up_states(episodes) if state is None else state
+    state = random_states(episodes) if state is None else state
     episodes = len(state.motor_position)
-    actions = made_up_actions(episodes)
+    actions = random_actions(episodes)
     record = results.create("dataset", id, {})
     for first in range(0, episodes, each):
         part = slice(first, first + each)
@@ -61,6 +61,6 @@ def observations_of(dataset, task="face_direction"):
 
 
 def alter_manifest(record, **changes):
-    """Writes a manifest with other values, as somebody with an editor would."""
+    """Replaces values of a manifest."""
     path = record.path / "manifest.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))

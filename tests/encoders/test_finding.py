@@ -1,4 +1,4 @@
-"""The encoder that is meant is found; what is damaged or no encoder is refused, and never run."""
+"""Tests of finding and loading encoders; damaged and untrusted files are refused."""
 
 import json
 import pathlib
@@ -26,7 +26,7 @@ from tests.encoders.encoder_data import alter_manifest
 
 
 class Bomb:
-    """Makes a file when it is unpickled."""
+    """Creates a file when it is unpickled."""
 
     def __init__(self, path):
         self.path = path
@@ -36,7 +36,7 @@ class Bomb:
 
 
 def add(results, id, updated, finished=True, **settings):
-    """An encoder without files that was last written then."""
+    """Adds an encoder without files, with the time of its last update."""
     settings = {"kind": "dae", "task": "face_direction", "latents": 12, **settings}
     record = results.create("encoder", id, settings)
     if finished:
@@ -44,8 +44,8 @@ def add(results, id, updated, finished=True, **settings):
     alter_manifest(record, updated=updated)
 
 
-def put_in_place(record, name, content):
-    """Another content of a file, with a manifest that agrees to it."""
+def replace_file(record, name, content):
+    """Replaces a file and updates its checksum in the manifest."""
     (record.path / name).write_bytes(content)
     files = [entry.model_dump() for entry in record.manifest.files]
     for entry in files:
@@ -62,7 +62,7 @@ def refusal(results, expected, task="face_direction"):
 
 @pytest.fixture
 def copied(tmp_path, trained):
-    """The trained encoder, to be damaged."""
+    """A copy of the trained encoder, which tests may damage."""
     shutil.copytree(trained.results.path, tmp_path / "results")
     return Results(tmp_path / "results").find("encoder", trained.record.id)
 
@@ -72,7 +72,7 @@ def results(tmp_path):
     return Results(tmp_path / "results")
 
 
-def test_a_number_selects_the_newest_finished_dae_of_that_size_and_task(results):
+def test_number_selects_newest_finished_dae_of_size_and_task(results):
     add(results, "face_direction/dae12/a", "2021")
     add(results, "face_direction/dae12/c", "2023")
     add(results, "face_direction/dae12/b", "2022")
@@ -92,7 +92,7 @@ def test_encoders_of_augmented_robots_are_selected_only_by_id(results):
     assert find_encoder(results, "12", "face_direction") == "face_direction/dae12/a"
 
 
-def test_kind_and_number_select_the_newest_finished_encoder(results):
+def test_kind_and_number_select_newest_finished_encoder(results):
     add(results, "face_direction/lld-vae12/a", "2021", kind="lld-vae")
     add(results, "face_direction/lld-vae12/b", "2023", kind="lld-vae")
     add(results, "face_direction/lld-vae12/c", "2024", kind="lld-vae", finished=False)
@@ -103,7 +103,7 @@ def test_kind_and_number_select_the_newest_finished_encoder(results):
     assert find_encoder(results, "dae:12", "face_direction") == "face_direction/dae12/e"
 
 
-def test_a_kind_and_a_number_are_accepted_as_tables_write_them(results):
+def test_kind_and_number_without_colon_are_accepted(results):
     add(results, "face_direction/dae12/a", "2021")
     add(results, "face_direction/lld-vae8/b", "2022", kind="lld-vae", latents=8)
     assert find_encoder(results, "dae12", "face_direction") == "face_direction/dae12/a"
@@ -118,7 +118,7 @@ def test_encoder_is_found_by_its_id(trained):
     assert find_encoder(trained.results, trained.record.id, "face_direction") == trained.record.id
 
 
-def test_encoder_of_another_task_is_refused_with_the_command_to_type(trained):
+def test_encoder_of_other_task_is_refused_with_command_to_type(trained):
     id = trained.record.id
     assert refusal(trained.results, id, "move_to_pose") == (
         f"The encoder {id} is for face_direction, not for move_to_pose; type "
@@ -126,7 +126,7 @@ def test_encoder_of_another_task_is_refused_with_the_command_to_type(trained):
     )
 
 
-def test_a_missing_size_is_an_error_with_the_command_to_type(results):
+def test_missing_size_is_refused_with_command_to_type(results):
     add(results, "face_direction/dae11/a", "2020", latents=11)
     assert refusal(results, "12") == (
         f"No dae of 12 latents for face_direction in {results.path}; type "
@@ -141,11 +141,11 @@ def test_a_missing_size_is_an_error_with_the_command_to_type(results):
 @pytest.mark.parametrize(
     ("expected", "task", "most"), [("0", "face_direction", 16), ("20", "move_to_pose", 19)]
 )
-def test_invalid_number_of_latents_is_refused_with_the_range(results, expected, task, most):
+def test_invalid_number_of_latents_is_refused_with_range(results, expected, task, most):
     assert f"encoder of {task} has 1 to {most} latents" in refusal(results, expected, task)
 
 
-def test_unknown_id_is_an_error_that_lists_the_known_ones(results):
+def test_unknown_id_is_refused_with_known_ids(results):
     assert "there is none yet: run jbench train-dae" in refusal(results, "face_direction/x")
     add(results, "face_direction/dae12/a", "2020")
     assert refusal(results, "face_direction/x").startswith(
@@ -156,13 +156,13 @@ def test_unknown_id_is_an_error_that_lists_the_known_ones(results):
 @pytest.mark.parametrize(
     "expected", ["dae:0", "dae17", "dae:17", "dae:", "dae:-1", "pca:1.5", "ae:x"]
 )
-def test_kind_with_an_invalid_number_is_refused_with_the_range(results, expected):
+def test_kind_with_invalid_number_is_refused_with_range(results, expected):
     assert "encoder of face_direction has 1 to 16 latents; type --encoder " in refusal(
         results, expected
     )
 
 
-def test_unknown_kind_is_an_error_that_lists_the_known_ones(results):
+def test_unknown_kind_is_refused_with_suggestion(results):
     assert refusal(results, "aee:3").startswith("Unknown kind of encoder 'aee'; did you mean ae?")
 
 
@@ -220,8 +220,8 @@ FOREIGN_WEIGHTS = {
 
 
 @pytest.mark.parametrize("change", FOREIGN_WEIGHTS.values(), ids=FOREIGN_WEIGHTS)
-def test_invalid_weights_with_a_correct_checksum_are_refused(copied, change):
-    put_in_place(copied, WEIGHTS, change(copied.read_file(WEIGHTS)))
+def test_invalid_weights_with_correct_checksum_are_refused(copied, change):
+    replace_file(copied, WEIGHTS, change(copied.read_file(WEIGHTS)))
     with pytest.raises(
         WorkError, match=f"The encoder {copied.id} can't be read .*; train it again"
     ):
@@ -249,34 +249,34 @@ FOREIGN_DESCRIPTIONS = {
 
 
 @pytest.mark.parametrize("change", FOREIGN_DESCRIPTIONS.values(), ids=FOREIGN_DESCRIPTIONS)
-def test_invalid_description_with_a_correct_checksum_is_refused(copied, change):
+def test_invalid_description_with_correct_checksum_is_refused(copied, change):
     changed = change(json.loads(copied.read_file(DESCRIPTION)))
     content = changed if isinstance(changed, bytes) else json.dumps(changed).encode()
-    put_in_place(copied, DESCRIPTION, content)
+    replace_file(copied, DESCRIPTION, content)
     with pytest.raises(WorkError, match=f"The encoder {copied.id} can't be read"):
         load_encoder(copied_results(copied), copied.id)
 
 
 @pytest.mark.parametrize("name", [WEIGHTS, DESCRIPTION])
-def test_pickle_in_place_of_a_file_is_refused_and_not_run(tmp_path, copied, name):
+def test_pickle_in_place_of_file_is_refused_and_not_run(tmp_path, copied, name):
     made = tmp_path / "made"
     bomb = pickle.dumps(Bomb(made))
-    pickle.loads(bomb)  # noqa: S301 - to see that it would have gone off
+    pickle.loads(bomb)  # noqa: S301 - to check that it would run
     made.unlink()
-    put_in_place(copied, name, bomb)
+    replace_file(copied, name, bomb)
     with pytest.raises(WorkError, match=f"The encoder {copied.id} can't be read"):
         load_encoder(copied_results(copied), copied.id)
     assert not made.exists()
 
 
-def test_link_in_place_of_the_weights_is_refused(tmp_path, copied):
+def test_link_in_place_of_weights_is_refused(tmp_path, copied):
     shutil.move(copied.path / WEIGHTS, tmp_path / "elsewhere")
     (copied.path / WEIGHTS).symlink_to(tmp_path / "elsewhere")
     with pytest.raises(WorkError, match="a link to another place"):
         load_encoder(copied_results(copied), copied.id)
 
 
-def test_environment_with_an_encoder_observes_its_latents(trained):
+def test_encoded_environment_observes_latents(trained):
     encoder, _ = load_encoder(trained.results, trained.record.id)
     plain = gymnasium.make(environment_id("face_direction"))
     encoded = EncodedObservation(gymnasium.make(environment_id("face_direction")), encoder)
@@ -284,7 +284,7 @@ def test_environment_with_an_encoder_observes_its_latents(trained):
     pairs = [(plain.reset(seed=0)[0], encoded.reset(seed=0)[0])]
     for action in np.random.default_rng(0).uniform(-1, 1, (5, 1)).astype(np.float32):
         (seen, *others), (latents, *encoded_others) = plain.step(action), encoded.step(action)
-        assert others == encoded_others  # reward, ends and information are the task's
+        assert others == encoded_others  # reward, end and information are unchanged
         pairs.append((seen, latents))
     for seen, latents in pairs:
         np.testing.assert_array_equal(latents, encoder.encode(seen))
@@ -315,7 +315,7 @@ def by_hand():
     return SavedEncoder(Autoencoder(), WEIGHTS_BY_HAND, Scaling.of(OBSERVATIONS), 2)
 
 
-def test_encoder_is_its_kind_on_scaled_features(by_hand):
+def test_encoder_applies_kind_to_scaled_features(by_hand):
     assert by_hand.latent_size == 2
     found = by_hand.encode(OBSERVATIONS)
     np.testing.assert_allclose(found, LATENTS, atol=1e-6)
@@ -324,7 +324,7 @@ def test_encoder_is_its_kind_on_scaled_features(by_hand):
 
 @pytest.mark.parametrize("shape", [(3,), (1, 3), (4, 3), (2, 5, 3), (0, 3)])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_any_leading_axes_in_numpy_and_torch(by_hand, shape, dtype):
+def test_encode_accepts_any_leading_axes_in_numpy_and_torch(by_hand, shape, dtype):
     batch = np.random.default_rng(0).uniform(-2, 6, shape).astype(np.float32)
     scaled = batch.reshape(-1, 3) * [0.5, 0, 0.5] + [-1, 0, -0.5]
     layer = WEIGHTS_BY_HAND["encoder.weight"].T, WEIGHTS_BY_HAND["encoder.bias"]
@@ -334,7 +334,7 @@ def test_any_leading_axes_in_numpy_and_torch(by_hand, shape, dtype):
     assert isinstance(theirs, torch.Tensor)
     assert theirs.dtype == dtype
     np.testing.assert_allclose(ours, expected, atol=1e-6)
-    exact = 1e-7 if dtype == torch.float64 else 1e-6  # the weights are kept in float32
+    exact = 1e-7 if dtype == torch.float64 else 1e-6  # the weights are float32
     np.testing.assert_allclose(theirs.numpy(), expected, atol=exact)
 
 
@@ -350,7 +350,7 @@ def test_constant_feature_has_no_influence(by_hand):
         *("forward", "contrastive", "dmd", "random-features"),
     ],
 )
-def test_encoder_of_every_kind_is_saved_and_used_as_an_observation(trained, results, kind):
+def test_encoder_of_each_kind_is_saved_and_loaded(trained, results, kind):
     options = {} if kind in ("pca", "random", "dmd", "random-features") else {"epochs": 1}
     settings = encoder_settings(kind, options, dataset=trained.dataset.id, latents=4, seed=2)
     record = train_encoder(settings, trained.states, results)

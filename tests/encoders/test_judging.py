@@ -1,4 +1,4 @@
-"""The errors of encoders equal those computed by numpy on the same states."""
+"""Tests of the reported errors of encoders, against numpy on the same states."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ def weights_of(record):
     return safetensors.numpy.load(record.read_file(WEIGHTS))
 
 
-def judged(record, trained, data):
-    """What a kept encoder reconstructs of (states, size), and what it should."""
+def reconstructions(record, trained, data):
+    """The reconstructions (states, size) of a saved encoder, and their targets."""
     kind = make_kind(record.settings["kind"], record.settings["options"])
     episodes = {
         "test": observations_of(trained.dataset)[split_episodes(5, 2)[1]],
@@ -35,9 +35,9 @@ def judged(record, trained, data):
 
 @pytest.mark.parametrize("data", ["test", "heuristic"])
 @pytest.mark.parametrize("kind", ["dae", "ddae", "vae", "lld-vae", "pca", "random"])
-def test_errors_equal_those_of_the_saved_encoder(trained, results, kind, data):
+def test_errors_equal_those_of_saved_encoder(trained, results, kind, data):
     record = train(trained.states, results, kind)
-    rebuilt, expected = judged(record, trained, data)
+    rebuilt, expected = reconstructions(record, trained, data)
     mse, variance = np.mean((rebuilt - expected) ** 2, axis=0), expected.var(axis=0)
     found = rows(record, "encoder_features")
     np.testing.assert_allclose(found[f"{data}_mse"], mse, rtol=1e-4, atol=1e-9)
@@ -47,7 +47,7 @@ def test_errors_equal_those_of_the_saved_encoder(trained, results, kind, data):
 
 
 @pytest.mark.parametrize("latents", [1, 5, 16])
-def test_baseline_errors_are_those_of_pca_and_random_of_the_same_size(trained, results, latents):
+def test_baseline_errors_equal_those_of_pca_and_random(trained, results, latents):
     beside = rows(train(trained.states, results, "ae", latents), "encoder_features")
     for kind in ("pca", "random"):
         own = rows(train(trained.states, results, kind, latents), "encoder_features")
@@ -58,7 +58,7 @@ def test_baseline_errors_are_those_of_pca_and_random_of_the_same_size(trained, r
             np.testing.assert_allclose(beside[reported], own[expected], rtol=1e-3, atol=1e-9)
 
 
-def test_pca_beats_a_random_projection_and_all_latents_lose_nothing(trained, results):
+def test_pca_beats_random_projection_and_full_size_is_lossless(trained, results):
     errors = [
         rows(train(trained.states, results, "pca", latents), "encoder_errors").iloc[0]
         for latents in (4, 8, 16)
@@ -87,7 +87,7 @@ def test_heuristic_episodes_are_reproducible(task, episodes, monkeypatch):
     assert ((rewards >= 0) & (rewards <= 1)).all()
     assert np.isfinite(observed).all()
     assert (np.abs(actions) <= 1).all()
-    # Episodes begin at the origin at rest, each in a pose of its own.
+    # Episodes begin at the origin at rest, in different poses.
     physical = features.denormalize(task, observed[:, 0].astype(np.float64))
     np.testing.assert_allclose(physical[:, :3], [[0, 0, 0.035]] * episodes, atol=1e-6)
     assert len(np.unique(physical[:, 3])) == episodes

@@ -1,4 +1,4 @@
-"""The learned kinds: their gradients, losses and noise by hand, or against torch's own."""
+"""Tests of the learned kinds: gradients, losses and noise, against numpy or torch."""
 
 import numpy as np
 import pytest
@@ -36,14 +36,14 @@ def rows_of(seed=1, rows=ROWS, size=SIZE):
 
 
 def prepared(kind, seed=3):
-    """A batch as the training loop hands it to a kind."""
+    """A batch prepared as in the training loop."""
     later = rows_of(2) if kind.steps_ahead else rows_of(1)
     actions = rows_of(5, size=1) if kind.uses_actions else None
     return kind.prepare(Batch(rows_of(1), later, actions), LATENTS, generator(seed))
 
 
 def initial(kind, seed=4):
-    """First weights with biases that are not 0."""
+    """Initial weights with nonzero biases."""
     weights = kind.initial(SIZE, LATENTS, generator(seed))
     for value in weights.values():
         value += 0.1 * torch.randn(value.shape, generator=generator(seed))
@@ -71,7 +71,7 @@ def test_hand_written_gradient_equals_autograd(kind):
     assert loss.item() == pytest.approx(reference.item(), rel=1e-5)
     for name in weights:
         torch.testing.assert_close(found[name], expected[name], rtol=1e-4, atol=1e-7)
-    # The batch is not used up: the same one gives the same again.
+    # The batch is unchanged: a second call has the same result.
     for part, was in zip(batch, before, strict=True):
         assert part is was or torch.equal(part, was)
 
@@ -89,7 +89,7 @@ def test_encoding_and_decoding_agree_in_numpy_and_torch(kind):
     np.testing.assert_allclose(kind.decode(in_numpy, latents.numpy()), back.numpy(), atol=1e-6)
 
 
-def test_autoencoder_is_two_tanh_layers_of_glorots_weights_without_biases():
+def test_autoencoder_is_two_tanh_layers_with_glorot_weights():
     weights = Autoencoder().initial(16, 12, generator())
     limit = np.sqrt(6 / (16 + 12))
     inner, outer = (weights[f"{name}.weight"].numpy() for name in ("encoder", "decoder"))
@@ -103,14 +103,14 @@ def test_autoencoder_is_two_tanh_layers_of_glorots_weights_without_biases():
     np.testing.assert_allclose(rebuilt.numpy(), expected, atol=1e-6)
 
 
-def test_glorots_matrix_is_uniform_to_its_limit():
+def test_glorot_matrix_is_uniform_within_limit():
     drawn = glorot(200, 300, generator())
     limit = np.sqrt(6 / 500)
     assert drawn.abs().max().item() == pytest.approx(limit, rel=1e-3)
     assert drawn.std().item() == pytest.approx(limit / np.sqrt(3), rel=0.02)
 
 
-def test_noise_on_the_input_has_the_requested_standard_deviation():
+def test_input_noise_has_requested_standard_deviation():
     clean = rows_of(rows=20_000)
     batch = DenoisingAutoencoder(noise=0.3).prepare(Batch(clean, clean), LATENTS, generator())
     assert batch.later is clean
@@ -137,7 +137,7 @@ def test_dynamic_autoencoder_predicts_at_its_horizon():
     assert kind.loss(weights, batch).item() == pytest.approx(expected.item(), rel=1e-6)
 
 
-def test_variational_loss_is_the_negative_bound_without_its_constant():
+def test_variational_loss_is_negative_bound_without_constant():
     kind = VariationalAutoencoder(hidden=5, observation_sd=0.4)
     weights, batch = initial(kind), prepared(kind)
     mean, log_variance = kind.posterior(weights, batch.now)

@@ -1,4 +1,4 @@
-"""Scaling and moments by hand and against numpy; closed forms against other ways to them."""
+"""Tests of scaling, moments and closed-form encoders, against numpy and hand-computed values."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,13 @@ OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)
 
 
 def correlated(rows=4000, size=6, seed=0):
-    """Rows whose columns depend on each other, around a mean that is not 0."""
+    """Rows of correlated columns with a nonzero mean."""
     random = np.random.default_rng(seed)
     return random.normal(size=(rows, size)) @ random.normal(size=(size, size)) + 3.0
 
 
 def errors(kind, weights, rows):
-    """Mean squared error of each column of what a kind reconstructs."""
+    """Mean squared reconstruction error of each column."""
     return np.mean((kind.decode(weights, kind.encode(weights, rows)) - rows) ** 2, axis=0)
 
 
@@ -31,7 +31,7 @@ def test_scaling_maps_extremes_to_one_and_constants_to_zero():
     )
 
 
-def test_scaling_is_of_all_leading_axes_and_of_all_that_is_merged():
+def test_scaling_covers_all_leading_axes_and_merged_parts():
     stacked = Scaling.of(OBSERVATIONS.reshape(3, 1, 1, 3))
     np.testing.assert_array_equal(stacked.minimum, [0, 5, -1])
     np.testing.assert_array_equal(stacked.maximum, [4, 5, 3])
@@ -41,7 +41,7 @@ def test_scaling_is_of_all_leading_axes_and_of_all_that_is_merged():
 
 
 @pytest.mark.parametrize("cuts", [(), (1,), (10, 10, 2500), (3999,)])
-def test_moments_of_blocks_are_those_of_all_rows(cuts):
+def test_moments_of_blocks_equal_those_of_all_rows(cuts):
     rows = correlated()
     found = Moments.none(6)
     for block in np.split(rows, cuts):
@@ -52,7 +52,7 @@ def test_moments_of_blocks_are_those_of_all_rows(cuts):
     np.testing.assert_allclose(found.variance, rows.var(axis=0), rtol=1e-10)
 
 
-def test_moments_keep_their_digits_far_from_zero():
+def test_moments_are_precise_far_from_zero():
     rows = np.random.default_rng(0).normal(1e6, 1e-2, (10_000, 2))
     found = Moments.none(2)
     for block in np.split(rows, 100):
@@ -60,14 +60,14 @@ def test_moments_keep_their_digits_far_from_zero():
     np.testing.assert_allclose(found.variance, rows.var(axis=0), rtol=1e-6)
 
 
-def test_moments_of_scaled_rows():
+def test_moments_of_scaled_rows_equal_numpy():
     rows, gain, offset = correlated(), np.arange(6.0) - 2, np.arange(6.0)
     expected, found = Moments.of(gain * rows + offset), Moments.of(rows).scaled(gain, offset)
     np.testing.assert_allclose(found.mean, expected.mean, atol=1e-9)
     np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-9)
 
 
-def test_errors_of_an_affine_reconstruction_follow_from_the_moments():
+def test_affine_errors_follow_from_moments():
     random, rows = np.random.default_rng(1), correlated()
     matrix, shift = random.normal(size=(6, 6)), random.normal(size=6)
     expected = np.mean((rows @ matrix.T + shift - rows) ** 2, axis=0)
@@ -75,7 +75,7 @@ def test_errors_of_an_affine_reconstruction_follow_from_the_moments():
 
 
 @pytest.mark.parametrize("latents", [1, 3, 6])
-def test_principal_components_are_those_of_a_singular_value_decomposition(latents):
+def test_principal_components_equal_singular_value_decomposition(latents):
     rows = correlated()
     weights = PrincipalComponents().fit(Moments.of(rows), latents, seed=0)
     _, singular, directions = np.linalg.svd(rows - rows.mean(axis=0), full_matrices=False)
@@ -89,7 +89,7 @@ def test_principal_components_are_those_of_a_singular_value_decomposition(latent
 
 
 @pytest.mark.parametrize("latents", [1, 3, 6])
-def test_random_projection_is_orthonormal_and_goes_back_by_least_squares(latents):
+def test_random_projection_is_orthonormal_with_least_squares_decoder(latents):
     rows = correlated()
     weights = RandomProjection().fit(Moments.of(rows), latents, seed=5)
     projection = weights["projection"]
@@ -100,7 +100,7 @@ def test_random_projection_is_orthonormal_and_goes_back_by_least_squares(latents
     np.testing.assert_allclose(errors(RandomProjection(), weights, rows), expected, atol=1e-9)
 
 
-def test_random_projection_depends_only_on_its_seed():
+def test_random_projection_depends_only_on_seed():
     drawn = [
         RandomProjection().fit(Moments.of(correlated(seed=data)), latents, seed)["projection"]
         for data, latents, seed in ((0, 3, 7), (1, 3, 7), (0, 5, 7), (0, 3, 8))
@@ -110,7 +110,7 @@ def test_random_projection_depends_only_on_its_seed():
     assert not np.allclose(drawn[0], drawn[3])
 
 
-def test_random_directions_prefer_none():
+def test_random_directions_are_uniform():
     moments = Moments.of(correlated())
     # The trace of a rotation drawn uniformly has mean 0 and variance 1.
     traces = [
@@ -121,7 +121,7 @@ def test_random_directions_prefer_none():
 
 
 @pytest.mark.parametrize("kind", [PrincipalComponents(), RandomProjection()])
-def test_constant_column_is_harmless(kind):
+def test_constant_column_is_reconstructed(kind):
     rows = correlated() * [1, 1, 0, 1, 1, 1]
     for latents in (1, 5, 6):
         weights = kind.fit(Moments.of(rows), latents, seed=0)

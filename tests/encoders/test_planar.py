@@ -1,4 +1,4 @@
-"""The planar reduction: what it must not depend on, and that it loses nothing else."""
+"""Tests of the planar reduction: invariance to planar motions, and reconstruction."""
 
 import math
 
@@ -29,7 +29,7 @@ SIZES = {
 
 
 def turned_by(angle, quaternion):
-    """The product of a turn about the vertical and a quaternion."""
+    """Rotates a quaternion about the vertical axis."""
     found = np.zeros(4)
     mujoco.mju_mulQuat(
         found, np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)]), quaternion
@@ -38,13 +38,13 @@ def turned_by(angle, quaternion):
 
 
 def horizontal(angle, vector):
-    """A vector (3,) turned about the vertical."""
+    """Rotates a vector (3,) about the vertical axis."""
     cosine, sine = math.cos(angle), math.sin(angle)
     return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ vector
 
 
 def moved(state, target, angle, shift):
-    """Robot and target after a turn about the vertical at the origin and a shift (3,)."""
+    """Robot and target after a rotation about the vertical axis and a shift (3,)."""
     position = np.concatenate(
         [
             horizontal(angle, state.position[:3]) + shift,
@@ -63,7 +63,7 @@ def moved(state, target, angle, shift):
 
 
 def robot(position, quaternion, velocity, motor, target):
-    """A state and a target of plain numbers."""
+    """A state and a target of given numbers."""
     quaternion = np.array(quaternion) / np.linalg.norm(quaternion)
     position, velocity = np.array([*position, *quaternion]), np.array(velocity)
     state = State(
@@ -84,7 +84,7 @@ def numbers(*bounds):
 robots = st.builds(
     robot,
     numbers(0.2, 0.2, 0.05),
-    # Not upside down, where there is no heading.
+    # Not upside down, which has no heading.
     numbers(1, 1, 1, 1).filter(lambda q: q[0] ** 2 + q[3] ** 2 > 0.01),
     numbers(1, 1, 1, 20, 20, 20),
     numbers(3, 150),
@@ -95,7 +95,7 @@ tasks = st.sampled_from(TASKS)
 
 
 def weights_of(task):
-    """Weights with a scaling that is not that of the observation."""
+    """Weights with another scaling than that of the observation."""
     size = features.TASK_SPECS[task].observation_size
     random = np.random.default_rng(size)
     low, high = -random.uniform(0.2, 1, (2, size)).astype(np.float32)
@@ -113,7 +113,7 @@ def encoded(task, state, target):
 
 
 def at_origin(task, target):
-    """The target where a task puts it: one that draws no place leaves it at the origin."""
+    """The target of a task: at the origin, unless the task draws its position."""
     if features.TASK_SPECS[task].draws_position:
         return target
     return target._replace(position=np.array([0, 0, features.TARGET_HEIGHT]))
@@ -121,7 +121,7 @@ def at_origin(task, target):
 
 @settings(max_examples=200, deadline=None)
 @given(tasks, robots, angles, numbers(3, 3))
-def test_motions_in_the_plane_change_no_latent(task, found, angle, shift):
+def test_latents_are_invariant_to_planar_motions(task, found, angle, shift):
     state, target = found[0], at_origin(task, found[1])
     if task == "move_from_origin":
         shift = (0, 0)
@@ -138,16 +138,16 @@ def test_motions_in_the_plane_change_no_latent(task, found, angle, shift):
 
 @settings(max_examples=200, deadline=None)
 @given(tasks, robots)
-def test_an_observation_is_rebuilt_up_to_a_motion_in_the_plane(task, found):
+def test_observation_is_reconstructed_up_to_planar_motion(task, found):
     state, target = found[0], at_origin(task, found[1])
     weights, _, latents = encoded(task, state, target)
     rebuilt = KIND.decode(weights, latents)
-    # The same robot, turned to heading 0 and, unless that changes the reward, to the origin.
+    # The same robot with heading 0 and, unless that changes the reward, at the origin.
     quaternion = state.position[3:]
     state, target = moved(state, target, -2 * math.atan2(quaternion[3], quaternion[0]), 0)
     if task != "move_from_origin":
         state, target = moved(state, target, 0, -state.position[:3] * [1, 1, 0])
-    if state.position[3] < 0:  # either quaternion is of the same orientation
+    if state.position[3] < 0:  # both signs are the same orientation
         state.position[3:] *= -1
     _, expected, _ = encoded(task, state, target)
     scaling, _ = weights_of(task)
@@ -162,7 +162,7 @@ def test_an_observation_is_rebuilt_up_to_a_motion_in_the_plane(task, found):
 
 
 @given(robots, tasks)
-def test_both_quaternions_of_an_orientation_have_the_same_latents(found, task):
+def test_both_quaternions_of_orientation_have_same_latents(found, task):
     state, target = found
     _, _, before = encoded(task, state, target)
     other = np.concatenate([state.position[:3], -state.position[3:]])
@@ -170,8 +170,8 @@ def test_both_quaternions_of_an_orientation_have_the_same_latents(found, task):
     np.testing.assert_allclose(after, before, atol=1e-9)
 
 
-def test_numbers_of_a_robot_worked_out_by_hand():
-    # It lies on its side: turned by 90 degrees to the left, then by 90 degrees about its own x.
+def test_planar_numbers_equal_values_computed_by_hand():
+    # The robot is on its side: rotated by 90 degrees to the left, then by 90 about its x axis.
     root = math.sqrt(0.5)
     quaternion = turned_by(math.pi / 2, [root, root, 0, 0])
     state, target = robot(
@@ -179,14 +179,14 @@ def test_numbers_of_a_robot_worked_out_by_hand():
     )
     physical = np.concatenate(list(features.features("move_to_pose", state, target).values()))
     found = to_planar("move_to_pose", physical)
-    # North, where it goes at 0.2 m/s and the target is 0.5 m off, is ahead along its heading. Its
-    # y axis points up and its z axis to the right. It faces -y: straight down, or by the yaw of
-    # its x axis east; the target looks there.
+    # The heading is north, in which the velocity is 0.2 m/s and the target is 0.5 m away. The y
+    # axis of the robot points up, its z axis to the right. The robot faces -y, which is down; by
+    # the yaw of its x axis it faces east, and so does the target.
     expected = [0.03, root, 0, 0.2, -0.1, 0.3, 1, -3, 2, 0.5, 7, 0.5, 0, 0]
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_an_upside_down_robot_has_numbers():
+def test_upside_down_robot_has_finite_numbers():
     state, target = robot((0, 0, 0.03), (0, 1, 0, 0), [0] * 6, (0, 0), (0, 0, 0))
     _, _, latents = encoded("face_direction", state, target)
     assert np.isfinite(latents).all()
@@ -208,7 +208,7 @@ def test_numpy_and_torch_agree_for_any_leading_axes(task):
 
 
 def next_numbers(physics, angle, shift):
-    """The planar numbers a control step after a motion of the plane, from 1 s of shaking on."""
+    """The planar numbers one control step after a planar motion, which follows 1 s of shaking."""
     data = mujoco.MjData(physics)
     model.place(data, np.array([1.0, 0, 0, 0]))
     data.ctrl[0] = 0.7
@@ -227,8 +227,8 @@ def next_numbers(physics, angle, shift):
     ("cone", "angle"),
     [("PYRAMIDAL", 0.0), ("PYRAMIDAL", math.pi / 2), ("ELLIPTIC", 1.0), ("ELLIPTIC", -2.5)],
 )
-def test_physics_does_not_depend_on_place_and_heading(cone, angle):
-    # A pyramid of friction lies along the axes of the world: it is the same after quarter turns.
+def test_physics_is_invariant_to_position_and_heading(cone, angle):
+    # A pyramidal friction cone is aligned with the world's axes: it is invariant to quarter turns.
     physics = load_model()
     physics.opt.cone = getattr(mujoco.mjtCone, f"mjCONE_{cone}")
     at_home = next_numbers(physics, 0.0, np.zeros(3))

@@ -1,4 +1,4 @@
-"""What latents tell of the next control step: the probe, and the kinds that learn to foresee it."""
+"""Tests of the probe, which predicts the next control step, and of the predictive kinds."""
 
 import math
 from types import SimpleNamespace
@@ -33,9 +33,9 @@ CPU = torch.device("cpu")
 
 
 @pytest.fixture(scope="module")
-def real(tmp_path_factory):
-    """The states of eight episodes of the real robot."""
-    results = Results(tmp_path_factory.mktemp("real") / "results")
+def simulated(tmp_path_factory):
+    """The states of eight simulated episodes."""
+    results = Results(tmp_path_factory.mktemp("simulated") / "results")
     collect(DatasetSettings(seed=1, steps=8000), results, threads=2)
     states = States(find_dataset(results), "face_direction", 0)
     states.read(CPU)
@@ -43,43 +43,44 @@ def real(tmp_path_factory):
 
 
 def learned(kind, states, latents=12):
-    """Weights of a learned kind, of numpy."""
+    """Trained weights of a kind, as numpy arrays."""
     learner = Learner(kind, states.size, latents, 0, CPU, kind.constants(states))
     for _ in range(kind.epochs):
         learner.epoch(states)
     return {name: value.detach().numpy() for name, value in learner.weights.items()}
 
 
-def test_forward_predicts_the_yaw_rate_better_than_the_denoising_autoencoder(real):
+def test_forward_predicts_yaw_rate_better_than_autoencoder(simulated):
     cheap = {"epochs": 12, "batch": 256}
     forward, dae = (make_kind(name, cheap) for name in ("forward", "dae"))
     found = {
-        type(kind): probe(kind, learned(kind, real), real).r2["yaw_rate"] for kind in (forward, dae)
+        type(kind): probe(kind, learned(kind, simulated), simulated).r2["yaw_rate"]
+        for kind in (forward, dae)
     }
     assert found[type(forward)] > found[type(dae)] + 0.1
 
 
-def test_probe_knows_what_is_in_the_latents_and_nothing_else(real):
-    class One(Scaled):
-        """The motor's speed alone, or nothing."""
+def test_probe_uses_only_information_in_latents(simulated):
+    class MotorSpeed(Scaled):
+        """Encodes only the motor's speed, or a constant."""
 
         seen: bool = True
 
         def encode(self, weights, scaled):
             return scaled[..., 14:15] * self.seen
 
-    whole, one = probe(Scaled(), {}, real), probe(One(), {}, real)
+    whole, one = probe(Scaled(), {}, simulated), probe(MotorSpeed(), {}, simulated)
     assert list(whole.r2) == list(TARGETS)
     assert whole.r2["yaw_rate"] > max(0.5, one.r2["yaw_rate"] + 0.1)
-    nothing = probe(One(seen=False), {}, real)
-    # The action alone drives the yaw rate, and tells nothing of the reward.
+    nothing = probe(MotorSpeed(seen=False), {}, simulated)
+    # The action alone predicts part of the yaw rate, but not the reward.
     assert nothing.r2["yaw_rate"] < whole.r2["yaw_rate"] - 0.1
     assert nothing.r2["reward"] < 0.1
     assert (one.effective_rank, nothing.effective_rank) == (pytest.approx(1), 0)
     assert (whole.learned_rows, whole.test_rows) == (6000, 2000)
-    # Always the same, whatever was drawn before.
+    # The result does not depend on the global random state.
     torch.manual_seed(3)
-    assert probe(Scaled(), {}, real) == whole
+    assert probe(Scaled(), {}, simulated) == whole
 
 
 @pytest.mark.parametrize(
@@ -91,13 +92,13 @@ def test_probe_knows_what_is_in_the_latents_and_nothing_else(real):
         ((0, 0, 0), 0),
     ],
 )
-def test_effective_rank_worked_out_by_hand(spread, expected):
-    # Columns at right angles with a mean of 0, so that their lengths are the singular values.
+def test_effective_rank_equals_value_computed_by_hand(spread, expected):
+    # Orthogonal columns of mean 0, so that their lengths are the singular values.
     signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
     assert effective_rank(signs * spread + 7) == pytest.approx(expected)
 
 
-def test_predictions_are_rows_and_the_rank_is_in_the_table_of_encoders(trained):
+def test_predictions_and_effective_rank_are_in_database(trained):
     found = rows(trained.record, "encoder_predictions")
     assert found["target"].tolist() == list(TARGETS)
     assert found["test_rows"].tolist() == [1000] * 4
@@ -106,7 +107,7 @@ def test_predictions_are_rows_and_the_rank_is_in_the_table_of_encoders(trained):
     assert 1 < row["effective_rank"] <= 3
 
 
-def test_encoders_from_before_the_predictions_are_read_and_shown(trained, results, capsys):
+def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys):
     old = results.create("encoder", trained.record.id, trained.record.settings)
     for name in ("encoder_features", "encoder_errors"):
         old.append({name: trained.record.read(name, getattr(schema, name.upper()))})
@@ -121,9 +122,9 @@ def test_encoders_from_before_the_predictions_are_read_and_shown(trained, result
     assert "R²" not in said
 
 
-def test_changes_of_angles_go_the_shorter_way_and_are_of_unit_variance(real):
-    turns = angle_periods(real)
-    gain, _ = real.scaling.gain_and_offset()
+def test_angle_changes_are_wrapped_and_have_unit_variance(simulated):
+    turns = angle_periods(simulated)
+    gain, _ = simulated.scaling.gain_and_offset()
     # The motor's angle and the angle to the target are observed in units of pi.
     np.testing.assert_allclose(turns, [0] * 13 + [2 * gain[13], 0, 2 * gain[15]], rtol=1e-6)
     now, later = torch.zeros(1, 16), torch.zeros(1, 16)
@@ -133,8 +134,8 @@ def test_changes_of_angles_go_the_shorter_way_and_are_of_unit_variance(real):
     assert changes[0, 13].item() == pytest.approx(0.03 * gain[13], rel=1e-4)
     assert changes[0, 14].item() == pytest.approx(-1.97, rel=1e-4)
     kind = ForwardModel(horizon=3)
-    constants = kind.constants(real)
-    (shard,) = real.learn()
+    constants = kind.constants(simulated)
+    (shard,) = simulated.learn()
     batch = shard.take(torch.arange(shard.pairs(3)), 3, with_actions=True)
     scaled = changes_of(batch, turns) * constants["change.scale"]
     np.testing.assert_allclose(scaled.std(0), 1, rtol=1e-3)
@@ -142,10 +143,10 @@ def test_changes_of_angles_go_the_shorter_way_and_are_of_unit_variance(real):
     assert rewards.std().item() == pytest.approx(1, rel=1e-3)
 
 
-def test_forward_loss_is_that_of_its_three_errors(real):
+def test_forward_loss_is_sum_of_three_errors(simulated):
     kind = ForwardModel(hidden=5, horizon=2)
-    weights = kind.initial(16, 3, torch.Generator().manual_seed(0)) | kind.constants(real)
-    (shard,) = real.learn()
+    weights = kind.initial(16, 3, torch.Generator().manual_seed(0)) | kind.constants(simulated)
+    (shard,) = simulated.learn()
     batch = shard.take(torch.arange(50), 2, with_actions=True)
     w = {name: value.double().numpy() for name, value in weights.items()}
 
@@ -171,37 +172,37 @@ def test_forward_loss_is_that_of_its_three_errors(real):
 
 
 @pytest.mark.parametrize("kind", [ForwardModel(hidden=5), Contrastive(hidden=5)])
-def test_the_decoder_does_not_influence_the_latents(real, kind):
+def test_decoder_has_no_gradient_on_encoder(simulated, kind):
     weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
     weights = {name: value.requires_grad_() for name, value in weights.items()}
-    (shard,) = real.learn()
+    (shard,) = simulated.learn()
     batch = shard.take(torch.arange(50), kind.steps_ahead, with_actions=True)
     found = []
     for factor in (1, 100):
         scaled = weights | {"decoder.weight": weights["decoder.weight"] * factor}
-        loss = kind.loss(scaled | kind.constants(real), batch)
+        loss = kind.loss(scaled | kind.constants(simulated), batch)
         found.append(torch.autograd.grad(loss, weights["encoder.weight"])[0])
     assert torch.equal(*found)
 
 
-def test_contrastive_loss_is_the_nll_of_the_correct_pairs(real):
+def test_contrastive_loss_is_nll_of_correct_pairs(simulated):
     kind = Contrastive(hidden=5, horizon=1)
     weights = kind.initial(16, 3, torch.Generator().manual_seed(0))
     # The query is 0 for every row: all later states are equally likely.
     weights["query.weight"].zero_()
-    (shard,) = real.learn()
+    (shard,) = simulated.learn()
     batch = shard.take(torch.arange(0, 5000, 100), 1, with_actions=True)
     readout = (kind.decode(weights, kind.encode(weights, batch.now)) - batch.now).square().mean()
     loss = kind.loss(weights, batch) - readout
     assert loss.item() == pytest.approx(math.log(50), rel=1e-5)
     cheap = Contrastive(epochs=2, batch=128)
-    better = learned(cheap, real)
+    better = learned(cheap, simulated)
     in_torch = {name: torch.from_numpy(value) for name, value in better.items()}
     assert cheap.loss(in_torch, shard.take(torch.arange(0, 5000, 100), 5, True)) < math.log(50)
 
 
 def linear_system(order, size=10, episodes=3):
-    """Shards of a random linear system of an order, seen in more features with a little noise."""
+    """A shard of a random linear system, observed in more features with little noise."""
     random = np.random.default_rng(0)
     rotation, _ = np.linalg.qr(random.normal(size=(order, order)))
     seen, effect = random.normal(size=(size, order)), random.normal(size=order)
@@ -216,24 +217,24 @@ def linear_system(order, size=10, episodes=3):
 
 
 def states_of(shard):
-    """What a kind needs of `States`."""
+    """The attributes of `States` that a kind needs."""
     return SimpleNamespace(
         learn=lambda: iter([shard]), size=shard.states.shape[-1], device=CPU, seed=0
     )
 
 
 @pytest.mark.parametrize("order", [2, 5])
-def test_dmd_recovers_the_order_of_a_linear_system_in_any_units(order):
+def test_dmd_recovers_order_of_linear_system_in_any_units(order):
     shard = linear_system(order)
     weights = DynamicModes().fit(states_of(shard), order)
     values = weights["singular_values"]
     assert ((values > 0.9).sum(), (values > 0.2).sum()) == (order, order)
     assert DynamicModes().summary(weights)["singular_values"] == np.round(values, 4).tolist()
-    # Its latents give back all features but the noise.
+    # The latents reconstruct all features except the noise.
     rebuilt = DynamicModes().decode(weights, DynamicModes().encode(weights, shard.states.numpy()))
     assert np.abs(rebuilt - shard.states.numpy()).std() < 0.02
     latents = DynamicModes().encode(weights, shard.states.numpy()).reshape(-1, order)
-    # Other units of the features change neither singular values nor, but for signs, latents.
+    # Other units of the features change neither singular values nor, except for signs, latents.
     units = np.geomspace(0.01, 100, 10).astype(np.float32)
     other = DynamicModes().fit(
         states_of(shard._replace(states=shard.states * torch.from_numpy(units))), order
@@ -244,7 +245,7 @@ def test_dmd_recovers_the_order_of_a_linear_system_in_any_units(order):
     np.testing.assert_allclose(along, 1, atol=0.01)
 
 
-def test_an_encoder_with_more_latents_than_features_is_saved_and_evaluated(trained, results):
+def test_encoder_with_more_latents_than_features_is_evaluated(trained, results):
     record = train(trained.states, results, "random-features", 64)
     assert load_encoder(results, record.id)[0].latent_size == 64
     (errors,) = record.read("encoder_errors", encoder_schema.ENCODER_ERRORS).to_pylist()
@@ -252,7 +253,7 @@ def test_an_encoder_with_more_latents_than_features_is_saved_and_evaluated(train
     assert len(rows(record, "encoder_predictions")) == len(TARGETS)
 
 
-def test_random_features_may_outnumber_features_and_lose_little(trained):
+def test_many_random_features_reconstruct_almost_all(trained):
     kind = RandomFeatures()
     weights = kind.fit(trained.states, 64)
     seen = trained.states.scale(observations_of(trained.dataset)).reshape(-1, 16)
@@ -265,7 +266,7 @@ def test_random_features_may_outnumber_features_and_lose_little(trained):
     assert effective_rank(latents) > 16
 
 
-def test_settings_let_random_features_outnumber_features_and_no_linear_kind():
+def test_only_random_features_may_outnumber_features():
     shared = {"dataset": "random/a", "latents": 240}
     settings = encoder_settings("random-features", {}, **shared)
     assert settings.representation == "random-features240"

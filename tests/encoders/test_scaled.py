@@ -1,4 +1,4 @@
-"""Encoders whose size the task determines: `scaled` and `planar`, from a dataset to an agent."""
+"""Tests of `scaled` and `planar`, the encoders whose size the task determines."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from jbench.errors import RequestError
 from tests.encoders.encoder_data import observations_of
 from tests.encoders.test_training import rows, train
 
-# Of every task: features, and numbers up to motions in the plane.
+# Number of features and of planar numbers, by task.
 SIZES = {
     "move_from_origin": (15, 13),
     "face_direction": (16, 12),
@@ -30,7 +30,7 @@ def states_of(trained, task, memory=MEMORY):
 
 
 @pytest.mark.parametrize("task", SIZES)
-def test_scaled_is_each_feature_stretched_by_its_extremes(trained, task):
+def test_scaled_maps_extremes_of_each_feature_to_one(trained, task):
     states = states_of(trained, task)
     encoder = SavedEncoder(Scaled(), {}, states.scaling, SIZES[task][0])
     seen = observations_of(trained.dataset, task).astype(np.float64)
@@ -43,7 +43,7 @@ def test_scaled_is_each_feature_stretched_by_its_extremes(trained, task):
 
 @pytest.mark.parametrize("memory", [MEMORY, 300_000])
 @pytest.mark.parametrize("task", SIZES)
-def test_planar_latents_reach_from_minus_one_to_one(trained, task, memory):
+def test_planar_latents_range_from_minus_one_to_one(trained, task, memory):
     states = states_of(trained, task, memory)
     assert states.in_memory == (memory == MEMORY)
     weights = PlanarReduction().fit(states, SIZES[task][1])
@@ -54,7 +54,7 @@ def test_planar_latents_reach_from_minus_one_to_one(trained, task, memory):
     np.testing.assert_allclose(latents.max((0, 1)), 1, atol=1e-4)
 
 
-def test_a_kind_of_one_size_is_found_by_its_name(trained, results):
+def test_kind_of_fixed_size_is_found_by_name(trained, results):
     for kind in ("scaled", "planar"):
         latents = SIZES["face_direction"][("scaled", "planar").index(kind)]
         record = train(trained.states, results, kind, latents, options={})
@@ -65,7 +65,7 @@ def test_a_kind_of_one_size_is_found_by_its_name(trained, results):
 
 
 @pytest.mark.parametrize(
-    ("expected", "says"),
+    ("expected", "message"),
     [
         ("planar:11", "planar of face_direction has 12 latents; type --encoder planar."),
         ("dae", "dae have 1 to 16 latents on face_direction; type --encoder dae:12, or another"),
@@ -73,6 +73,6 @@ def test_a_kind_of_one_size_is_found_by_its_name(trained, results):
         ("planar:12", "type jbench train-encoder --kind planar --task face_direction to make one."),
     ],
 )
-def test_invalid_size_is_refused_with_the_option_to_type(results, expected, says):
-    with pytest.raises(RequestError, match=says):
+def test_invalid_size_is_refused_with_option_to_type(results, expected, message):
+    with pytest.raises(RequestError, match=message):
         find_encoder(results, expected, "face_direction")

@@ -1,4 +1,4 @@
-"""What an encoder learns from: every state once, in pairs of one episode, however it is read."""
+"""Tests of the training data of encoders: split, scaling, pairs and streaming."""
 
 import numpy as np
 import pytest
@@ -9,14 +9,14 @@ from jbench.encoders.scaling import Scaling
 from jbench.encoders.states import SAMPLE_EPISODES, States, split_episodes
 from jbench.errors import RequestError, WorkError
 from tests.encoders.encoder_data import (
-    made_up_actions,
-    made_up_states,
     make_dataset,
     observations_of,
+    random_actions,
+    random_states,
 )
 
 CPU = torch.device("cpu")
-SMALL = 3 * 2 * 1001 * 16 * 4  # bytes that hold two episodes at a time
+SMALL = 3 * 2 * 1001 * 16 * 4  # bytes of memory, enough for two episodes
 
 
 def generator(seed=0):
@@ -30,13 +30,13 @@ def read(dataset, seed=0, **more):
 
 
 def gathered(shards):
-    """All episodes (episodes, 1001, size), and actions (episodes, 1000), of some shards."""
+    """All episodes (episodes, 1001, size) and actions (episodes, 1000) of shards."""
     states, actions, _ = zip(*shards, strict=True)
     return torch.cat(states).numpy(), torch.cat(actions).numpy()
 
 
 def sorted_(episodes):
-    """Episodes in the order of their first states."""
+    """Episodes sorted by their first states."""
     return episodes[np.lexsort(episodes[:, 0].T)]
 
 
@@ -57,19 +57,19 @@ def scaled(dataset):
 
 
 @pytest.mark.parametrize("episodes", [2, 5, 10, 13, 5000])
-def test_split_is_of_whole_episodes_eighty_to_twenty(episodes):
+def test_split_has_80_percent_of_episodes_for_training(episodes):
     learned, held_out = split_episodes(episodes, 0)
     assert sorted([*learned, *held_out]) == list(range(episodes))
     assert len(held_out) == max(1, round(episodes / 5))
 
 
-def test_split_depends_only_on_the_seed():
+def test_split_depends_only_on_seed():
     splits = [split_episodes(100, seed)[1].tolist() for seed in (0, 0, 1)]
     assert splits[0] == splits[1] != splits[2]
     assert splits[0] != list(range(20))
 
 
-def test_states_are_scaled_by_the_extremes_of_all_of_them(dataset, scaled):
+def test_states_are_scaled_by_extremes_of_dataset(dataset, scaled):
     states = read(dataset)
     observations = observations_of(dataset)
     np.testing.assert_array_equal(states.scaling.minimum, observations.min(axis=(0, 1)))
@@ -77,12 +77,12 @@ def test_states_are_scaled_by_the_extremes_of_all_of_them(dataset, scaled):
     learned, held_out = split_episodes(10, 0)
     found, actions = gathered(states.learn(generator()))
     np.testing.assert_allclose(found, scaled[learned], atol=1e-5)
-    np.testing.assert_array_equal(actions, made_up_actions(10)[learned])
+    np.testing.assert_array_equal(actions, random_actions(10)[learned])
     np.testing.assert_allclose(gathered(states.test())[0], scaled[held_out], atol=1e-5)
     np.testing.assert_allclose(states.scale(observations), scaled, atol=1e-5)
 
 
-def test_moments_are_those_of_the_scaled_states(dataset, scaled):
+def test_moments_equal_those_of_scaled_states(dataset, scaled):
     states = read(dataset)
     for found, chosen in zip((states.learned, states.held_out), split_episodes(10, 0), strict=True):
         expected = Moments.of(scaled[chosen])
@@ -91,7 +91,7 @@ def test_moments_are_those_of_the_scaled_states(dataset, scaled):
         np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-6)
 
 
-def test_a_large_dataset_is_read_file_by_file_in_random_order(dataset):
+def test_large_dataset_is_streamed_by_file_in_random_order(dataset):
     whole, streamed = read(dataset), read(dataset, memory=SMALL)
     assert (whole.in_memory, streamed.in_memory) == (True, False)
     of_whole, orders = gathered(whole.learn(generator()))[0], []
@@ -109,7 +109,7 @@ def test_a_large_dataset_is_read_file_by_file_in_random_order(dataset):
             np.testing.assert_array_equal(one, other)
 
 
-def test_streamed_actions_go_with_their_states(dataset):
+def test_streamed_actions_match_their_states(dataset):
     states, actions = gathered(read(dataset, memory=SMALL).learn(generator()))
     all_states, all_actions = gathered(read(dataset).learn(generator()))
     for state, action in zip(states, actions, strict=True):
@@ -118,7 +118,7 @@ def test_streamed_actions_go_with_their_states(dataset):
 
 
 @pytest.mark.parametrize("ahead", [0, 1, 40])
-def test_pairs_have_the_given_distance_within_an_episode(dataset, ahead):
+def test_pairs_have_given_distance_within_episode(dataset, ahead):
     (shard,) = read(dataset).learn(generator())
     pairs = 8 * (1001 - ahead)
     assert shard.pairs(ahead) == pairs
@@ -137,7 +137,7 @@ def test_pairs_have_the_given_distance_within_an_episode(dataset, ahead):
             assert batch.actions is None
 
 
-def test_batch_is_split_with_all_its_parts(dataset):
+def test_split_of_batch_keeps_all_parts(dataset):
     (shard,) = read(dataset).learn(generator())
     batch = shard.take(torch.arange(25), 1, with_actions=True)
     parts = batch.split(10)
@@ -158,14 +158,14 @@ def test_dataset_is_read_once(results):
         assert len(gathered(shards)[0])
 
 
-def test_sample_is_of_held_out_episodes_and_not_too_many(dataset):
+def test_sample_is_from_held_out_episodes_and_limited(dataset):
     states = read(dataset)
     assert len(states.sample.states) == 2 <= SAMPLE_EPISODES
     np.testing.assert_array_equal(states.sample.states, gathered(states.test())[0])
 
 
-def test_feature_that_never_changes_becomes_zero(results):
-    state = made_up_states(2)
+def test_constant_feature_is_scaled_to_zero(results):
+    state = random_states(2)
     state.velocity[..., 3] = 0.25
     states = read(make_dataset(results, state=state))
     assert not gathered(states.learn(generator()))[0][..., 10].any()
@@ -174,13 +174,13 @@ def test_feature_that_never_changes_becomes_zero(results):
 
 @pytest.mark.parametrize("number", [np.nan, np.inf])
 def test_dataset_with_non_finite_values_is_refused(results, number):
-    state = made_up_states(2)
+    state = random_states(2)
     state.velocity[1, 400, 3] = number
     dataset = make_dataset(results, state=state)
     with pytest.raises(WorkError, match=r"random/a holds .*NaN or infinite"):
         read(dataset)
 
 
-def test_dataset_of_one_episode_is_refused(results):
+def test_dataset_of_single_episode_is_refused(results):
     with pytest.raises(RequestError, match=r"has one episode.*more --steps"):
         States(make_dataset(results, episodes=1), "face_direction", 0)

@@ -1,4 +1,4 @@
-"""Training encoders: learning, saved files, and resuming."""
+"""Tests of the training of encoders: learning, saved files and resuming."""
 
 import hashlib
 import json
@@ -22,10 +22,10 @@ from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, encoder_schema, query, schema
 from jbench.tasks.labels import feature_labels
-from tests.encoders.encoder_data import made_up_states, make_dataset, observations_of
+from tests.encoders.encoder_data import make_dataset, observations_of, random_states
 
 CPU = torch.device("cpu")
-STREAMED = 3 * 2 * 1001 * 16 * 4  # bytes of memory that hold two episodes at a time
+STREAMED = 3 * 2 * 1001 * 16 * 4  # bytes of memory, enough for two episodes
 CHEAP = {"epochs": 5, "batch": 500}
 LEARNED = {"dae": {}, "ddae": {"horizon": 3}, "vae": {"hidden": 8}, "lld-vae": {"hidden": 8}}
 LEARNED |= {"forward": {"hidden": 8, "horizon": 2}, "contrastive": {"hidden": 8}}
@@ -33,7 +33,7 @@ WITHOUT_EPOCHS = ("pca", "random", "scaled", "planar", "dmd", "random-features")
 
 
 class StoppedError(Exception):
-    """What a test stops a training with."""
+    """Stops a training."""
 
 
 def train(states, results, kind="dae", latents=3, seed=2, **more):
@@ -46,7 +46,7 @@ def train(states, results, kind="dae", latents=3, seed=2, **more):
 
 
 def train_until(epoch, *arguments, **more):
-    """Stops a training after this many epochs."""
+    """Trains until an epoch, then stops by an error."""
 
     def stop(done):
         if done == epoch:
@@ -65,7 +65,7 @@ def rows(record, table="encoder_epochs"):
 
 
 def of_rank_two(size=6):
-    """Shards to learn from: two hidden numbers seen in six features."""
+    """Training data of rank two: two hidden variables observed in six features."""
     random = np.random.default_rng(0)
     values = random.uniform(-0.7, 0.7, (2, 1001, 2)) @ random.normal(size=(2, size)) / 2
     states = torch.from_numpy(values.astype(np.float32))
@@ -83,15 +83,15 @@ def learned(kind, epochs, latents=2, seed=0):
     return losses, float(explained)
 
 
-def test_two_latents_explain_data_of_rank_two_and_one_does_not():
+def test_two_latents_suffice_for_data_of_rank_two():
     kind = Autoencoder(epochs=40, batch=64, learning_rate=1e-2)
     assert learned(kind, 40)[1] > 0.95
     assert learned(kind, 40, latents=1)[1] < 0.9
 
 
-def test_loss_of_an_epoch_is_the_mean_over_its_rows_and_falls():
+def test_loss_of_epoch_is_mean_over_rows_and_decreases():
     _, rows = of_rank_two()
-    kind = Autoencoder(batch=len(rows), learning_rate=1e-2)  # one step for each epoch
+    kind = Autoencoder(batch=len(rows), learning_rate=1e-2)  # one step per epoch
     new = Learner(kind, 6, 2, 0, CPU).weights
     losses, _ = learned(kind, 20)
     rebuilt = kind.decode(new, kind.encode(new, rows))
@@ -99,10 +99,10 @@ def test_loss_of_an_epoch_is_the_mean_over_its_rows_and_falls():
     assert losses == sorted(losses, reverse=True)
 
 
-def test_noisy_features_are_not_the_target():
+def test_reconstruction_target_is_free_of_noise():
     losses, _ = learned(DenoisingAutoencoder(noise=0.5, batch=64, learning_rate=1e-2), 30)
-    # Else the noise in the four directions that two latents cannot give back would be left: 4 / 6
-    # of its variance of 0.25.
+    # Otherwise the noise in the four directions that two latents cannot reconstruct would remain:
+    # 4 / 6 of its variance of 0.25.
     assert losses[-1] < 4 / 6 * 0.25 / 2
 
 
@@ -123,7 +123,7 @@ def test_every_row_is_used_once_per_epoch():
     assert torch.equal(found[order[0]], rows[order[1]])
 
 
-def test_global_random_numbers_and_threads_do_not_matter(trained, results, tmp_path):
+def test_training_is_independent_of_global_seed_and_threads(trained, results, tmp_path):
     found = []
     for seed in (5, 6):
         torch.manual_seed(seed)
@@ -142,7 +142,7 @@ def test_global_random_numbers_and_threads_do_not_matter(trained, results, tmp_p
         *(pytest.param(kind, 1e9, marks=pytest.mark.slow) for kind in LEARNED if kind != "dae"),
     ],
 )
-def test_interrupted_training_resumes_to_the_same_weights(trained, tmp_path, kind, commit_every):
+def test_interrupted_training_resumes_to_same_weights(trained, tmp_path, kind, commit_every):
     options = {**CHEAP, **LEARNED[kind]}
     uninterrupted = train(
         trained.states, Results(tmp_path / "uninterrupted"), kind, options=options
@@ -153,7 +153,7 @@ def test_interrupted_training_resumes_to_the_same_weights(trained, tmp_path, kin
         train_until(2 * stop, trained.states, results, kind, **more)
         (begun,) = results.scan("encoder")[0]
         assert begun.status == "unfinished"
-        # A process commits its first epoch at once, the others when it is time.
+        # A process commits its first epoch immediately, later ones at intervals.
         assert begun.rows("encoder_epochs") == (stop if commit_every else 2 * stop)
     seen = []
     done = train(trained.states, results, kind, progress=seen.append, **more)
@@ -166,7 +166,7 @@ def test_interrupted_training_resumes_to_the_same_weights(trained, tmp_path, kin
     assert not done.has_checkpoint(CHECKPOINT)
 
 
-def test_interrupted_streaming_training_resumes_to_the_same_weights(trained, tmp_path):
+def test_interrupted_streaming_training_resumes_to_same_weights(trained, tmp_path):
     dataset = make_dataset(Results(tmp_path / "data"), episodes=10, each=2)
 
     def streamed():
@@ -181,7 +181,7 @@ def test_interrupted_streaming_training_resumes_to_the_same_weights(trained, tmp
     assert errors[0] == pytest.approx(errors[1], rel=0.2)
 
 
-def test_errors_are_committed_once_if_training_stops_after_them(trained, tmp_path):
+def test_errors_are_not_committed_twice_after_interruption(trained, tmp_path):
     uninterrupted = train(trained.states, Results(tmp_path / "uninterrupted"))
     results = Results(tmp_path / "stopped")
     train_until(5, trained.states, results)
@@ -203,8 +203,8 @@ def test_invalid_checkpoint_is_refused(trained, results):
 
 
 @pytest.mark.parametrize("kind", LEARNED)
-def test_random_numbers_are_the_same_on_every_device(trained, kind):
-    # The meta device computes no values, so that this needs no GPU: all random numbers must come
+def test_random_numbers_do_not_depend_on_device(trained, kind):
+    # The meta device computes no values, so that no GPU is needed: all random numbers must come
     # from the generator on the CPU, as many as a training on the CPU draws.
     states = []
     for device in (CPU, torch.device("meta")):
@@ -220,7 +220,7 @@ def test_random_numbers_are_the_same_on_every_device(trained, kind):
     assert torch.equal(*states)
 
 
-def test_checkpoint_with_random_numbers_of_a_gpu_is_refused(trained, results):
+def test_checkpoint_with_gpu_random_state_is_refused(trained, results):
     train_until(2, trained.states, results)
     (begun,) = results.scan("encoder")[0]
     kept = safetensors.numpy.load(begun.read_file(CHECKPOINT))
@@ -232,7 +232,7 @@ def test_checkpoint_with_random_numbers_of_a_gpu_is_refused(trained, results):
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 @pytest.mark.parametrize("kind", LEARNED)
-def test_training_on_cuda_resumes_to_the_same_weights(trained, tmp_path, kind):
+def test_training_on_cuda_resumes_to_same_weights(trained, tmp_path, kind):
     options, cuda = {**CHEAP, **LEARNED[kind]}, torch.device("cuda")
 
     def states():
@@ -254,7 +254,7 @@ def test_training_on_cuda_resumes_to_the_same_weights(trained, tmp_path, kind):
     np.testing.assert_allclose(found.cpu().numpy(), expected, atol=1e-5)
 
 
-def test_each_epoch_and_each_feature_has_a_row(trained):
+def test_each_epoch_and_feature_has_row(trained):
     epochs, features = rows(trained.record), rows(trained.record, "encoder_features")
     assert epochs["epoch"].tolist() == [1, 2, 3, 4]
     assert features["index"].tolist() == list(range(16))
@@ -266,13 +266,13 @@ def test_each_epoch_and_each_feature_has_a_row(trained):
     (total,) = errors.to_dict("records")
     for name in encoder_schema.ENCODER_FEATURES.names[3:]:
         assert features[name].mean() == pytest.approx(total[name])
-    # Five episodes have one held out, of which the error is reported after each epoch too.
+    # One of five episodes is held out; its error is reported after each epoch.
     assert total["test_mse"] == pytest.approx(epochs["test_mse"].iloc[-1], rel=1e-5)
     assert trained.record.manifest.summary["test_mse"] == total["test_mse"]
     assert trained.record.manifest.provenance["device"] == "cpu"
 
 
-def test_kinds_that_do_not_corrupt_have_no_error_on_corrupted_states(trained, results):
+def test_only_denoising_kinds_report_error_on_corrupted_states(trained, results):
     assert rows(train(trained.states, results, "ae"))["test_denoising_mse"].isna().all()
 
 
@@ -282,7 +282,7 @@ def test_closed_form_has_no_epochs(trained, results):
     assert record.status == "finished"
 
 
-def test_loaded_encoder_gives_the_latents_of_the_trained_network(trained):
+def test_loaded_encoder_equals_trained_network(trained):
     encoder, description = load_encoder(Results(trained.results.path), trained.record.id)
     assert encoder.latent_size == description["latents"] == 3
     observations = observations_of(trained.dataset)[0]
@@ -292,7 +292,7 @@ def test_loaded_encoder_gives_the_latents_of_the_trained_network(trained):
     np.testing.assert_allclose(encoder.encode(observations), hidden, atol=1e-5)
 
 
-def test_description_says_what_the_encoder_is_of(trained):
+def test_description_has_kind_task_and_features(trained):
     _, description = load_encoder(trained.results, trained.record.id)
     observations = observations_of(trained.dataset).reshape(-1, 16)
     assert (description["kind"], description["task"]) == ("dae", "face_direction")
@@ -302,7 +302,7 @@ def test_description_says_what_the_encoder_is_of(trained):
     np.testing.assert_array_equal(np.float32(description["maximum"]), observations.max(axis=0))
 
 
-def test_same_settings_give_the_same_files_elsewhere_and_another_seed_others(trained, results):
+def test_files_depend_only_on_settings_and_seed(trained, results):
     again = train_encoder(trained.settings, trained.states, results)
     assert files(again) == files(trained.record)
     assert again.id == trained.record.id
@@ -321,7 +321,7 @@ def test_finished_encoder_is_not_trained_again(trained):
     assert state() == before
 
 
-def test_unfinished_encoder_without_a_checkpoint_starts_over(trained, results):
+def test_unfinished_encoder_without_checkpoint_restarts(trained, results):
     begun = results.create("encoder", trained.settings.id, trained.settings.model_dump())
     old = trained.record.read("encoder_epochs", encoder_schema.ENCODER_EPOCHS).slice(0, 2)
     begun.append({"encoder_epochs": old})
@@ -330,7 +330,7 @@ def test_unfinished_encoder_without_a_checkpoint_starts_over(trained, results):
     assert files(again) == files(trained.record)
 
 
-def test_encoder_is_a_row_of_the_database(trained):
+def test_encoder_is_row_of_database(trained):
     tables = query.load(trained.results).tables
     (row,) = tables["encoders"].to_pylist()
     expected = {
@@ -343,7 +343,7 @@ def test_encoder_is_a_row_of_the_database(trained):
         assert row[name] == trained.record.manifest.summary[name] == errors[name]
 
 
-def test_settings_are_the_papers_by_default():
+def test_default_settings_equal_paper():
     settings = encoder_settings("dae", {}, dataset="random/a")
     assert (settings.latents, settings.task) == (12, "face_direction")
     assert settings.options == {
@@ -355,7 +355,7 @@ def test_settings_are_the_papers_by_default():
 
 
 @pytest.mark.parametrize(
-    ("task", "latents", "said"),
+    ("task", "latents", "message"),
     [
         ("face_direction", 17, "face_direction has 16 features: latents must be 1 to 16"),
         ("move_from_origin", 16, "latents must be 1 to 15"),
@@ -364,13 +364,13 @@ def test_settings_are_the_papers_by_default():
         ("face_direction", -1, "greater than or equal to 1"),
     ],
 )
-def test_latents_beyond_the_features_are_refused(task, latents, said):
-    with pytest.raises(RequestError, match=said):
+def test_invalid_number_of_latents_is_refused(task, latents, message):
+    with pytest.raises(RequestError, match=message):
         encoder_settings("dae", {}, dataset="random/a", task=task, latents=latents)
 
 
 @pytest.mark.parametrize(
-    ("kind", "options", "said"),
+    ("kind", "options", "message"),
     [
         *(("dae", {"noise": value}, "noise of dae can't be") for value in (-0.1, math.nan, "x")),
         ("dae", {"epochs": 0}, "epochs of dae can't be 0"),
@@ -385,13 +385,13 @@ def test_latents_beyond_the_features_are_refused(task, latents, said):
         ("daee", {}, "Unknown kind of encoder 'daee'; did you mean dae"),
     ],
 )
-def test_unknown_options_are_refused(kind, options, said):
-    with pytest.raises(RequestError, match=said):
+def test_invalid_options_are_refused(kind, options, message):
+    with pytest.raises(RequestError, match=message):
         encoder_settings(kind, options, dataset="random/a")
 
 
-def test_unusable_dataset_leaves_nothing_behind(results):
-    state = made_up_states(2)
+def test_invalid_dataset_creates_no_encoder(results):
+    state = random_states(2)
     state.velocity[1, 400, 3] = np.nan
     dataset = make_dataset(results, state=state)
     settings = encoder_settings("dae", {"epochs": 1}, dataset=dataset.id)
@@ -408,12 +408,12 @@ def test_diverged_training_is_reported_and_not_saved(trained, results):
     assert record.status == "unfinished"
 
 
-def test_states_of_another_seed_are_refused(trained, results):
+def test_states_of_other_seed_are_refused(trained, results):
     with pytest.raises(ValueError, match="not the states of"):
         train(trained.states, results, seed=1)
 
 
-def test_two_processes_do_not_train_the_same_encoder(trained, results):
+def test_encoder_in_use_by_other_process_is_refused(trained, results):
     held = results.record("encoder", trained.settings.id)
     with held.lock(), pytest.raises(WorkError, match="Another process is writing the encoder"):
         train_encoder(trained.settings, trained.states, results)
@@ -427,8 +427,8 @@ def test_settings_are_validated():
 def test_held_out_episodes_are_not_used_in_training(results):
     (held_out,) = split_episodes(5, 2)[1]
     records = []
-    for share in (0.5, 0.1):  # slower than the others, so that the scaling is of the others
-        state = made_up_states(5)
+    for share in (0.5, 0.1):  # slower than the others, which determine the scaling
+        state = random_states(5)
         state.velocity[held_out] *= share
         dataset = make_dataset(results, f"random/{share}", state)
         path = Results(results.path / str(share))

@@ -1,15 +1,15 @@
-"""Types the verbs of jbench with a failing system call, and checks what is left.
+"""Runs jbench commands with one failing system call, and checks the results.
 
     python -m tests.faults.fault_harness '{"verbs": {"collect": 8, "merge": null}}'
 
 A number is that of faults drawn at random; null means all. "every_error": true tries each call with
 each error, and "calls": [...] names the kinds of calls that fail.
 
-For each verb that writes, one run without a fault counts its calls below the results directory.
-Then, for the k-th call of each kind and each errno (or one, alternating), the verb starts from the
-same results, meets that fault, and its output and results are checked; see `problems`. Each command
-is a process of its own, forked from this one, which has imported everything; so are the
-workers that a verb starts. Episodes have 20 control steps.
+For each command that writes, one run without a fault counts its calls below the results directory.
+Then, for the k-th call of each kind and each errno (or one, alternating), the command starts from
+the same results with that fault, and its output and results are checked; see `problems`. Commands
+and their workers are processes forked from this one, which has imported all modules. Episodes have
+20 control steps.
 
 It prints a JSON line for each case: {"verb", "call", "fault", "code", "problems"}.
 """
@@ -38,19 +38,19 @@ from jbench.sweeps import executors
 from jbench.training import speed
 from tests.faults.fault_injection import CALLS, Fault
 from tests.faults.fault_verbs import FILES, VERBS
-from tests.faults.forked_commands import ForkedWorker, typed
+from tests.faults.forked_commands import ForkedWorker, run_command
 from tests.forking import import_all
 
 LASTING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-"""Errors that stay: each is tried once alone, and once with all later calls failing as well."""
+"""Persistent errors: each is tried once alone, and once with all later calls failing."""
 
 ERRORS = (*LASTING, errno.EIO, errno.EMFILE)
 
 
 def content(path):
-    """Returns the content of results without times: by record, its status and digests.
+    """Returns status and digests of each record, without times.
 
-    Of a report and an export it has the names of the files, of files set aside the digests.
+    Reports and exports are compared by file names, files set aside by digests.
     """
     found = {}
     results = Results(path)
@@ -82,47 +82,47 @@ def _digest(record, table):
 
 
 def problems(verb, fault, ended, path, expected):
-    """Yields a sentence for each promise that a verb broke when it met a fault.
+    """Yields a message for each guarantee that a command with a fault violated.
 
     Args:
-        verb: that was typed.
-        fault: that it met.
-        ended: how it ended.
-        path: of the results, which change: the command is typed again.
-        expected: `content` of results that no fault disturbed.
+        verb: name of the command.
+        fault: the fault.
+        ended: its exit code and output.
+        path: of the results, which change: the command is repeated.
+        expected: `content` of the results without a fault.
     """
-    errors = [line for line in ended.said.splitlines() if line.startswith("Error: ")]
-    if "Traceback" in ended.said or ended.code not in (0, 1, 2):
-        yield f"exit code {ended.code}: {ended.said[-1500:]}"
+    errors = [line for line in ended.output.splitlines() if line.startswith("Error: ")]
+    if "Traceback" in ended.output or ended.code not in (0, 1, 2):
+        yield f"exit code {ended.code}: {ended.output[-1500:]}"
     elif len(errors) != (ended.code != 0):
-        yield f"exit code {ended.code} with {len(errors)} sentences: {ended.said[-500:]}"
-    first = typed(("verify", "--threads", "1"), path)
-    wrong = [line for line in first.said.splitlines() if line.startswith("  ")]
+        yield f"exit code {ended.code} with {len(errors)} sentences: {ended.output[-500:]}"
+    first = run_command(("verify", "--threads", "1"), path)
+    wrong = [line for line in first.output.splitlines() if line.startswith("  ")]
     damaged = [line for line in wrong if "is listed by no manifest" not in line]
     if damaged and verb != "repair":
         yield f"verify: {damaged}"
     command = VERBS[verb].command + (VERBS[verb].again if ended.code else ())
-    again = typed(command, path)
-    exists = verb == "export" and ended.code == 0  # and is not overwritten
+    again = run_command(command, path)
+    exists = verb == "export" and ended.code == 0  # which is not overwritten
     if again.code != (2 if exists else 0):
-        yield f"typed again, exit code {again.code}: {again.said[-1500:]}"
-    after = typed(("verify", "--threads", "1"), path)
+        yield f"repeated, exit code {again.code}: {again.output[-1500:]}"
+    after = run_command(("verify", "--threads", "1"), path)
     if after.code != 0:
-        yield f"verify, after the command was typed again: {after.said}"
+        yield f"verify, after the repeated command: {after.output}"
     try:
         found = content(path)
     except WorkError as error:
-        yield f"typed again, the results can't be read: {error}"
+        yield f"repeated, the results can't be read: {error}"
         return
-    if verb == "merge":  # what was replaced before the fault is set aside by the second merge too
+    if verb == "merge":  # the second merge also sets aside records replaced before the fault
         found["set aside"] = expected["set aside"] = []
     differences = [name for name in {**found, **expected} if found.get(name) != expected.get(name)]
     if differences:
-        yield f"typed again, other content than without a fault: {differences}"
+        yield f"repeated, other content than without a fault: {differences}"
 
 
 def faults(counts, calls, every_error):
-    """Returns the faults of a verb with these counts of calls: one per call, or one per error."""
+    """Returns the faults of a command with these counts of calls: one per call or per error."""
     made = []
     for call in calls:
         codes = {"read": (errno.EIO,), "close": (errno.EINTR,)}.get(call, ERRORS)
@@ -135,7 +135,7 @@ def faults(counts, calls, every_error):
 
 
 def prepared(name, folder):
-    """Returns a copy of the results that a verb starts from."""
+    """Returns a copy of the results that a command starts from."""
     start = folder / re.sub(r"\W", "_", name) / "start"
     if not start.exists():
         start.mkdir(parents=True)
@@ -145,29 +145,29 @@ def prepared(name, folder):
             if callable(step):
                 step(start)
             else:
-                ended = typed(step, start)
-                assert ended.code == 0, ended.said
+                ended = run_command(step, start)
+                assert ended.code == 0, ended.output
     path = start.parent / "path"
     shutil.rmtree(path, ignore_errors=True)
     shutil.copytree(start, path)
     return path
 
 
-def undisturbed(name, folder):
-    """Types a verb without a fault; returns how often it makes each call, and what came out."""
+def without_fault(name, folder):
+    """Runs a command without a fault; returns its counts of calls and its results."""
     path = prepared(name, folder)
-    ended = typed(VERBS[name].command, path)
-    assert ended.code == 0, ended.said
-    checked = typed(("verify", "--threads", "1"), path)
-    assert checked.code == 0, checked.said
+    ended = run_command(VERBS[name].command, path)
+    assert ended.code == 0, ended.output
+    checked = run_command(("verify", "--threads", "1"), path)
+    assert checked.code == 0, checked.output
     return ended.counts, content(path)
 
 
 def cases(verbs, calls, every_error, folder):
-    """Yields (verb, fault, content without a fault) for all faults of verbs, or a sample."""
+    """Yields (command, fault, content without a fault) for all faults, or a sample."""
     draw = random.Random(0)
     for name, sample in verbs.items():
-        counts, expected = undisturbed(name, folder)
+        counts, expected = without_fault(name, folder)
         all_faults = faults(counts, calls, every_error)
         few = all_faults if sample is None else draw.sample(all_faults, sample)
         for fault in few:
@@ -175,7 +175,7 @@ def cases(verbs, calls, every_error, folder):
 
 
 def run(request):
-    """Tries the cases of a request; yields a dictionary for each."""
+    """Runs the cases of a request; yields a dictionary for each."""
     os.environ |= {"MUJOCO_GL": "disable", "OMP_NUM_THREADS": "1"}
     import_all()
     speed.seconds_per_step = lambda *_: 1e-3
@@ -186,7 +186,7 @@ def run(request):
     with tempfile.TemporaryDirectory() as folder:
         for name, fault, expected in cases(request["verbs"], calls, every_error, Path(folder)):
             path = prepared(name, Path(folder))
-            ended = typed(VERBS[name].command, path, fault)
+            ended = run_command(VERBS[name].command, path, fault)
             found = list(problems(name, fault, ended, path, expected))
             yield {
                 "verb": name,
@@ -200,4 +200,4 @@ def run(request):
 if __name__ == "__main__":
     for case in run(json.loads(sys.argv[1])):
         print(json.dumps(case), flush=True)
-    os._exit(0)  # DuckDB prints a page when an interpreter ends that has imported all of jbench
+    os._exit(0)  # at a normal exit, DuckDB prints a page of errors

@@ -1,9 +1,9 @@
-"""Makes one system call of a process fail: the k-th open, write, rename ... below a directory.
+"""Makes the k-th open, write, rename or other system call below a directory fail.
 
 Python calls an audit hook before each `open`, `mkdir`, `rename`, `unlink`, `flock` and listing of a
-directory, and the hook may raise; `read`, `write`, `fsync` and `close` are wrapped. So this needs
-no compiler, no ptrace and no rights. It does not see files that C++ and Rust code opens; jbench
-reads and writes results only through Python's files.
+directory, and the hook may raise; `read`, `write`, `fsync` and `close` are wrapped. This needs no
+compiler, ptrace or privileges. Files that C++ and Rust code opens are not seen; jbench reads and
+writes results only through Python's files.
 """
 
 import errno
@@ -20,7 +20,7 @@ CALLS = (
     *("open", "write", "fsync", "rename", "flock", "unlink", "mkdir", "listdir"),
     *("read", "close"),
 )
-"""The calls that can fail. `open` is also that of a temporary file and of a lock."""
+"""The calls that can fail. `open` includes temporary files and locks."""
 
 _EVENTS = {
     "open": "open",
@@ -38,7 +38,7 @@ class Fault(NamedTuple):
 
     Attributes:
         call: one of `CALLS`.
-        number: of the call that fails, counted from 1 over a verb and its workers.
+        number: of the call that fails, counted from 1 over a command and its workers.
         code: its errno.
         lasting: whether all later calls of the same kind fail as well, as on a disk that stays
             full.
@@ -58,11 +58,11 @@ class Injector:
     """Counts the calls below a directory and makes one fail, in this process and its children."""
 
     def __init__(self, root, fault=None):
-        """Arms this process; it can't be undone.
+        """Installs the hooks in this process, permanently.
 
         Args:
             root: directory; calls outside of it are not counted and do not fail.
-            fault: what fails; None to count only.
+            fault: the call that fails; None to count only.
         """
         self._root, self._fault = str(Path(root).resolve()), fault
         # Shared with the processes that are forked from this one.

@@ -1,10 +1,10 @@
-"""The verbs that write, as they are typed, and the results that each starts from."""
+"""The commands that write, and the results that each starts from."""
 
 import errno
 from typing import NamedTuple
 
 from tests.faults.fault_injection import Fault
-from tests.faults.forked_commands import typed
+from tests.faults.forked_commands import run_command
 
 SMALL = ("--set", "hidden_layers=[4]", "--set", "batch_size=4")
 OFF_POLICY = ("--set", "learning_starts=20", "--set", "train_freq=10", "--set", "gradient_steps=1")
@@ -55,12 +55,12 @@ FILES = {"small.toml": SWEEP, "curves.csv": CURVES}
 
 
 class Verb(NamedTuple):
-    """A verb to try.
+    """A command to test.
 
     Attributes:
-        command: as it is typed, but for --results; `resume` is `train` that finds a checkpoint.
-        before: what makes the results that it starts from: commands, or a function of their path.
-        again: options that are added when it is typed again after a fault.
+        command: arguments without --results; `resume` is `train` with a checkpoint.
+        before: commands, or a function of the path, that make the results that it starts from.
+        again: options that are added when it is repeated after a fault.
     """
 
     command: tuple[str, ...]
@@ -69,15 +69,15 @@ class Verb(NamedTuple):
 
 
 def resumable(path):
-    """A training that stopped at a full disk, with a checkpoint to resume from."""
-    assert typed(TRAIN, path, Fault("rename", 12, errno.ENOSPC, lasting=True)).code == 1
+    """Makes a run that stopped at a full disk, with a checkpoint."""
+    assert run_command(TRAIN, path, Fault("rename", 12, errno.ENOSPC, lasting=True)).code == 1
     assert list(path.rglob("checkpoint-*")), "the training has no checkpoint to resume from"
 
 
 def another_machine(path):
-    """Results to merge, and an unfinished run that theirs replaces."""
+    """Makes results to merge, and an unfinished run that a finished one replaces."""
     for command in (COLLECT, EVALUATE, TRAIN):
-        assert typed(command, path).code == 0
+        assert run_command(command, path).code == 0
     path.rename(path.parent / "other")
     path.mkdir()
     (path.parent / "other").rename(path / "other")
@@ -85,9 +85,9 @@ def another_machine(path):
 
 
 def broken(path):
-    """A damaged run, a record with leftovers beside its lock, and an intact one."""
+    """Makes a damaged run, a record with an unlisted file, and an intact record."""
     for command in (COLLECT, TRAIN, EVALUATE):
-        assert typed(command, path).code == 0
+        assert run_command(command, path).code == 0
     damaged = next((path / "runs").rglob("episodes-*.parquet"))
     damaged.write_bytes(damaged.read_bytes()[:-1])
     record = next((path / "evaluations").rglob("manifest.json")).parent

@@ -1,4 +1,4 @@
-"""Commands and their workers in processes forked from this one, which has imported everything."""
+"""Runs commands and their workers in forks of this process, which has imported all modules."""
 
 import contextlib
 import json
@@ -15,22 +15,22 @@ from tests.faults.fault_injection import Injector
 
 
 class Ended(NamedTuple):
-    """How a command ended: its exit code, its output, and how often it made each call."""
+    """The exit code, the output and the counts of calls of a command."""
 
     code: int
-    said: str
+    output: str
     counts: dict
 
 
 class ForkedWorker:
-    """Replaces `subprocess.Popen`: a worker forked from this process, with all its imports."""
+    """Replaces `subprocess.Popen` by a worker forked from this process."""
 
     def __init__(self, command, **_):
         to_read, stdin = os.pipe()
         stdout, to_write = os.pipe()
         self.pid, self.returncode = os.fork(), None
         if self.pid == 0:
-            _become(to_read, to_write, (stdin, stdout), command[3:])
+            _run_worker(to_read, to_write, (stdin, stdout), command[3:])
         os.close(to_read)
         os.close(to_write)
         self.stdin, self.stdout = os.fdopen(stdin, "w"), os.fdopen(stdout)
@@ -54,8 +54,8 @@ class ForkedWorker:
             os.kill(self.pid, signal.SIGKILL)
 
 
-def _become(stdin, stdout, others, arguments):
-    """Becomes a worker with these descriptors; does not return."""
+def _run_worker(stdin, stdout, others, arguments):
+    """Runs a worker with these descriptors; does not return."""
     code = 1
     try:
         os.dup2(stdin, 0)
@@ -72,25 +72,25 @@ def _become(stdin, stdout, others, arguments):
         os._exit(code)
 
 
-def typed(command, path, fault=None):
-    """Types a command in a process of its own, with a failing call or without."""
-    with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as counted:
+def run_command(command, path, fault=None):
+    """Runs a command in a new process, with or without a failing call."""
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as counted:
         process = os.fork()
         if process == 0:
-            _type(command, path, fault, said.fileno(), counted.fileno())
+            _run_and_exit(command, path, fault, output.fileno(), counted.fileno())
         _, status = os.waitpid(process, 0)
-        said.seek(0)
+        output.seek(0)
         counted.seek(0)
         counts = json.loads(counted.read() or b"{}")
-        return Ended(os.waitstatus_to_exitcode(status), said.read().decode(), counts)
+        return Ended(os.waitstatus_to_exitcode(status), output.read().decode(), counts)
 
 
-def _type(command, path, fault, said, counted):
-    """Types a command in this process, which ends."""
+def _run_and_exit(command, path, fault, output, counted):
+    """Runs a command in this process, which ends."""
     code = 70
     try:
-        os.dup2(said, 1)
-        os.dup2(said, 2)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
         sys.stdout, sys.stderr = (os.fdopen(n, "w", 1, closefd=False) for n in (1, 2))
         arguments = [word.format(path=path) for word in command]
         sys.argv = ["jbench", *arguments]

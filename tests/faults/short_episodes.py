@@ -1,4 +1,4 @@
-"""Makes all episodes 20 control steps long; to be imported before any other module of jbench."""
+"""Sets the length of episodes to 20 control steps; import it before other modules of jbench."""
 
 import jbench.names
 

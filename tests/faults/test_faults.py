@@ -1,4 +1,7 @@
-"""After any failing call: one sentence, intact results, and the same end at a second try."""
+"""Tests that a command with a failing system call prints one error and loses no results.
+
+The repeated command must have the results of a command without a fault.
+"""
 
 import json
 import subprocess
@@ -9,7 +12,7 @@ import pytest
 from tests.forking import ROOT
 
 SAMPLE = {"collect": 2, "train": 1, "resume": 1, "evaluate": 2, "merge": 2, "repair": 2}
-"""Faults of the verbs of a quick test."""
+"""Number of faults of each command in the quick test."""
 
 LARGER_SAMPLE = {
     **{"collect": 8, "train-dae": 3, "train-encoder": 4, "train": 6, "resume": 8},
@@ -19,8 +22,8 @@ LARGER_SAMPLE = {
 VERBS = (*LARGER_SAMPLE, "sweep", "report")
 
 
-def tried(verbs):
-    """The cases of the harness, by verb."""
+def run_cases(verbs):
+    """Runs the harness; returns its cases by command."""
     command = [sys.executable, "-m", "tests.faults.fault_harness", json.dumps({"verbs": verbs})]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -30,17 +33,17 @@ def tried(verbs):
 
 @pytest.fixture(scope="module")
 def sample():
-    return tried(SAMPLE)
+    return run_cases(SAMPLE)
 
 
 @pytest.mark.parametrize("verb", SAMPLE)
-def test_a_verb_that_meets_a_fault_says_so_and_loses_nothing(sample, verb):
+def test_command_with_fault_reports_error_and_loses_nothing(sample, verb):
     assert len(sample[verb]) == SAMPLE[verb]
     assert [case for case in sample[verb] if case["problems"]] == []
 
 
-def test_the_faults_are_met(sample):
-    # A fault that is armed and never met would pass everything. An interrupted `close` is no error.
+def test_faults_occur(sample):
+    # A fault that never occurs would pass all checks. An interrupted `close` is not an error.
     every = [case for cases in sample.values() for case in cases]
     codes = [case["code"] for case in every if case["call"] != "close"]
     assert codes.count(1) > len(codes) / 2
@@ -48,15 +51,15 @@ def test_the_faults_are_met(sample):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", LARGER_SAMPLE)
-def test_a_verb_that_meets_more_faults_says_so_and_loses_nothing(verb):
-    cases = tried({verb: LARGER_SAMPLE[verb]})[verb]
+def test_command_with_more_faults_reports_error_and_loses_nothing(verb):
+    cases = run_cases({verb: LARGER_SAMPLE[verb]})[verb]
     assert len(cases) == LARGER_SAMPLE[verb]
     assert [case for case in cases if case["problems"]] == []
 
 
 @pytest.mark.faults
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_verb_meets_a_fault_at_each_of_its_calls(verb):
-    cases = tried({verb: None})[verb]
+def test_fault_at_each_call_loses_nothing(verb):
+    cases = run_cases({verb: None})[verb]
     assert len(cases) > 50
     assert [case for case in cases if case["problems"]] == []

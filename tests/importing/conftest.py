@@ -1,4 +1,4 @@
-"""Real files: of stable-baselines3's Monitor and EvalCallback, and of TensorBoard's writer."""
+"""Fixtures of import tests: files written by stable-baselines3, TensorBoard or as W&B does."""
 
 import gymnasium
 import pytest
@@ -11,12 +11,12 @@ from jbench.cli import main
 from jbench.registration import environment_id, register_environments
 
 EPISODES = {1: [100.0, 250.5, 900.0], 2: [50.0, 60.0, 70.0]}
-"""Returns by seed of the files that are written by hand."""
+"""Returns by seed of the synthetic files."""
 
 
 @pytest.fixture(scope="session")
 def sb3_files(tmp_path_factory):
-    """Files of a tiny PPO of seed 3 in two environments with short episodes."""
+    """Files of a small PPO training of seed 3 in two environments with short episodes."""
     register_environments()
     place = tmp_path_factory.mktemp("sb3") / "seed3"
 
@@ -67,7 +67,7 @@ def event_file(tmp_path):
 
 @pytest.fixture
 def monitor_file(tmp_path):
-    """Returns a function that writes a file with stable-baselines3's own writer."""
+    """Returns a function that writes a Monitor file with stable-baselines3's writer."""
     from stable_baselines3.common.monitor import ResultsWriter
 
     def write(seed, returns, **header):
@@ -83,7 +83,7 @@ def monitor_file(tmp_path):
 
 @pytest.fixture
 def wandb_file(tmp_path):
-    """Returns a function that writes a chart's CSV as W&B exports it: without a last line break."""
+    """Returns a function that writes the CSV of a chart as W&B does, with no final line break."""
 
     def write(axis="global_step", metric="charts/episodic_return"):
         names = [f"face__td3__{seed}__169 - {metric}" for seed in EPISODES]
@@ -93,7 +93,7 @@ def wandb_file(tmp_path):
             for position, returns in enumerate(EPISODES.values()):
                 fields = [""] * 6
                 fields[3 * position : 3 * position + 3] = [str(returns[index])] * 3
-                # Each run logs at steps of its own.
+                # Each run logs at different steps.
                 lines.append([str((index + 1) * 1000 + position), *fields])
         path = tmp_path / "wandb_export_2026-11-22T10_00_00.000+00_00.csv"
         path.write_text("\n".join(",".join(f'"{f}"' for f in line) for line in lines))
@@ -104,7 +104,7 @@ def wandb_file(tmp_path):
 
 @pytest.fixture
 def imports(tmp_path, capsys):
-    """Returns a function that imports into results, and returns exit code, output and errors."""
+    """Returns a function that runs `jbench import`: exit code, standard output, standard error."""
 
     def run(form, *files, algo="td3", seed_from=r"(\d+)\D*$", more=()):
         where = ("--results", str(tmp_path / "results"))
@@ -120,7 +120,7 @@ def imports(tmp_path, capsys):
 
 @pytest.fixture
 def rows(tmp_path):
-    """Returns a function that returns the rows of imported curves by seed."""
+    """Returns a function that reads the rows of imported curves by seed."""
     from jbench.store import Results, query
 
     def read(name="import_points"):

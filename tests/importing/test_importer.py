@@ -1,4 +1,4 @@
-"""Imports of files that other programs wrote."""
+"""Tests of `jbench import`, which reads learning curves of other programs."""
 
 import builtins
 import json
@@ -14,19 +14,17 @@ from jbench.store import Results
 from jbench.store.verify import verify
 
 EPISODES = {1: [100.0, 250.5, 900.0], 2: [50.0, 60.0, 70.0]}
-"""As in the files of the fixtures."""
+"""The returns in the files of the fixtures."""
 
 
 def nothing_written(tmp_path):
     return not (tmp_path / "results").exists()
 
 
-# What is read.
+# Reading.
 
 
-def test_a_monitor_of_several_environments_is_read_as_stable_baselines3_reads_it(
-    sb3_files, imports, rows
-):
+def test_monitor_files_are_read_like_stable_baselines3(sb3_files, imports, rows):
     files = sorted(sb3_files.glob("*.monitor.csv"))
     assert len(files) == 2
     assert imports("sb3-monitor", *files, seed_from=r"seed(\d+)")[0] == 0
@@ -38,7 +36,7 @@ def test_a_monitor_of_several_environments_is_read_as_stable_baselines3_reads_it
     assert np.allclose(ours["wall_time"], theirs["t"] - theirs["t"].iloc[0])
 
 
-def test_evaluations_are_read_episode_by_episode(sb3_files, imports, rows):
+def test_evaluations_are_read_by_episode(sb3_files, imports, rows):
     file = sb3_files / "evaluations.npz"
     assert imports("sb3-evaluations", file, seed_from=r"seed(\d+)")[0] == 0
     ours = rows()[3]
@@ -51,7 +49,7 @@ def test_evaluations_are_read_episode_by_episode(sb3_files, imports, rows):
         assert ours["length"].tolist() == arrays["ep_lengths"].ravel().tolist()
 
 
-def test_scalars_of_an_event_file_are_read(event_file, imports, rows):
+def test_scalars_of_event_file_are_read(event_file, imports, rows):
     files = [event_file(seed, returns) for seed, returns in EPISODES.items()]
     assert imports("tensorboard", *files, seed_from=r"td3__(\d+)__")[0] == 0
     for seed, points in rows().items():
@@ -59,15 +57,13 @@ def test_scalars_of_an_event_file_are_read(event_file, imports, rows):
         assert points["control_steps"].tolist() == [1000, 2000, 3000]
 
 
-def test_a_training_that_was_continued_in_another_event_file_is_one_curve(
-    event_file, imports, rows
-):
+def test_training_in_two_event_files_is_one_curve(event_file, imports, rows):
     later, first = event_file(1, [700.0, 800.0], first=3), event_file(1, EPISODES[1])
     assert imports("tensorboard", later, first, seed_from=r"td3__(\d+)__")[0] == 0
     assert rows()[1]["episode_return"].tolist() == [*EPISODES[1], 700, 800]
 
 
-def test_a_tag_of_evaluations_is_a_curve_of_evaluations(event_file, imports, rows):
+def test_evaluation_tag_is_imported_as_evaluation_curve(event_file, imports, rows):
     file = event_file(1, EPISODES[1], "eval/mean_reward")
     code, _, err = imports("tensorboard", file, seed_from=r"td3__(\d+)__")
     assert code == 2
@@ -77,14 +73,14 @@ def test_a_tag_of_evaluations_is_a_curve_of_evaluations(event_file, imports, row
     assert rows("imports")[1]["returns"].tolist() == ["evaluation"]
 
 
-def test_a_chart_of_wandb_is_read_run_by_run(wandb_file, imports, rows):
+def test_wandb_chart_is_read_by_run(wandb_file, imports, rows):
     assert imports("wandb-csv", wandb_file(), seed_from=r"td3__(\d+)__")[0] == 0
     found = rows()
     assert {seed: points["episode_return"].tolist() for seed, points in found.items()} == EPISODES
     assert found[2]["control_steps"].tolist() == [1001, 2001, 3001]
 
 
-def test_the_axis_of_a_chart_of_wandb_must_be_control_steps(wandb_file, imports, rows):
+def test_wandb_chart_requires_axis_of_control_steps(wandb_file, imports, rows):
     file = wandb_file(axis="Step")
     code, _, err = imports("wandb-csv", file, seed_from=r"td3__(\d+)__")
     assert code == 2
@@ -94,7 +90,7 @@ def test_the_axis_of_a_chart_of_wandb_must_be_control_steps(wandb_file, imports,
     assert len(rows()) == 2
 
 
-def test_columns_of_a_csv_file_are_named_by_options(tmp_path, imports, rows):
+def test_options_name_columns_of_csv_file(tmp_path, imports, rows):
     file = tmp_path / "progress.csv"
     # stable-baselines3's logger leaves fields empty.
     file.write_text("run,t,r\n1,1000,100\n2,1000,50\n1,1500,\n1,2000,250.5\n2,2000,60\n")
@@ -104,12 +100,10 @@ def test_columns_of_a_csv_file_are_named_by_options(tmp_path, imports, rows):
     assert rows()[2]["control_steps"].tolist() == [1000, 2000]
 
 
-# What is kept.
+# Records.
 
 
-def test_a_second_import_of_a_file_changes_nothing_and_says_so(
-    monitor_file, imports, tmp_path, capsys
-):
+def test_repeated_import_changes_nothing_and_reports_it(monitor_file, imports, tmp_path, capsys):
     file = monitor_file(1, EPISODES[1])
     assert imports("sb3-monitor", file)[0] == 0
 
@@ -127,7 +121,7 @@ def test_a_second_import_of_a_file_changes_nothing_and_says_so(
     assert state() == before
 
 
-def test_records_keep_the_names_and_checksums_of_their_files(monitor_file, imports, rows):
+def test_records_keep_names_and_checksums_of_files(monitor_file, imports, rows):
     file = monitor_file(1, EPISODES[1])
     code, out, _ = imports("sb3-monitor", file, more=("--json",))
     assert code == 0
@@ -157,7 +151,7 @@ def test_imports_are_listed_verified_merged_and_repaired(monitor_file, imports, 
     assert verify(Results(other), 1).findings == []
 
 
-# What is refused, with nothing written.
+# Invalid files and requests; nothing is written.
 
 
 def cut(file, bytes_=5):
@@ -166,7 +160,7 @@ def cut(file, bytes_=5):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         (lambda text: text[:-4], "line 5: "),
         (lambda text: text[: text.rindex(",")], "line 5: 2 fields, but the header has 3; the file"),
@@ -185,8 +179,8 @@ def cut(file, bytes_=5):
         ),
     ],
 )
-def test_a_monitor_file_that_is_cut_off_mixed_or_empty_is_refused(
-    change, says, monitor_file, imports, tmp_path
+def test_truncated_mixed_or_empty_monitor_file_is_refused(
+    change, message, monitor_file, imports, tmp_path
 ):
     whole, broken = monitor_file(2, EPISODES[2]), monitor_file(1, EPISODES[1])
     with broken.open(newline="") as file:
@@ -195,13 +189,13 @@ def test_a_monitor_file_that_is_cut_off_mixed_or_empty_is_refused(
     code, _, err = imports("sb3-monitor", whole, broken)
     assert code == 2
     assert f"{broken}" in err
-    assert says in err
+    assert message in err
     assert err.count("\n") == 1
     assert nothing_written(tmp_path)
 
 
 @pytest.mark.parametrize("form", ["sb3-monitor", "sb3-evaluations", "tensorboard", "csv"])
-def test_empty_files_and_files_of_another_format_are_refused(form, imports, tmp_path):
+def test_empty_file_and_file_of_other_format_are_refused(form, imports, tmp_path):
     for content, name in ((b"", "empty"), (b"\x89PNG\x00\xff1234567890", "picture")):
         file = tmp_path / f"{name}1"
         file.write_bytes(content)
@@ -211,7 +205,7 @@ def test_empty_files_and_files_of_another_format_are_refused(form, imports, tmp_
         assert nothing_written(tmp_path)
 
 
-def test_evaluations_that_are_cut_off_are_refused(sb3_files, imports, tmp_path):
+def test_truncated_evaluations_are_refused(sb3_files, imports, tmp_path):
     file = tmp_path / "evaluations3.npz"
     content = (sb3_files / "evaluations.npz").read_bytes()
     for length in (10, len(content) // 2, len(content) - 1):
@@ -224,7 +218,7 @@ def test_evaluations_that_are_cut_off_are_refused(sb3_files, imports, tmp_path):
     assert nothing_written(tmp_path)
 
 
-def test_event_files_that_are_cut_off_or_damaged_are_refused(event_file, imports, tmp_path):
+def test_truncated_or_damaged_event_file_is_refused(event_file, imports, tmp_path):
     file = event_file(1, EPISODES[1])
     content = file.read_bytes()
     flipped = bytearray(content)
@@ -237,7 +231,7 @@ def test_event_files_that_are_cut_off_or_damaged_are_refused(event_file, imports
     assert nothing_written(tmp_path)
 
 
-def test_two_trainings_in_event_files_are_not_mixed(event_file, imports, tmp_path):
+def test_event_files_of_two_trainings_are_refused(event_file, imports, tmp_path):
     one, other = event_file(1, EPISODES[1]), event_file(1, EPISODES[1], first=1)
     code, _, err = imports("tensorboard", one, other, seed_from=r"td3__(\d+)__")
     assert code == 2
@@ -249,7 +243,7 @@ def test_two_trainings_in_event_files_are_not_mixed(event_file, imports, tmp_pat
     assert nothing_written(tmp_path)
 
 
-def test_a_chart_of_wandb_that_is_cut_off_is_refused(wandb_file, imports, tmp_path):
+def test_truncated_wandb_chart_is_refused(wandb_file, imports, tmp_path):
     file = wandb_file()
     content = file.read_bytes()
     for fewer in (1, 4, 9):
@@ -262,7 +256,7 @@ def test_a_chart_of_wandb_that_is_cut_off_is_refused(wandb_file, imports, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("control_steps,episode_return\n1000,5\n500,6\n", "line 3: the control steps go back"),
         ("control_steps,episode_return\n1000,5\n1500.5,6\n", "line 3: 1500.5 control steps are"),
@@ -273,17 +267,17 @@ def test_a_chart_of_wandb_that_is_cut_off_is_refused(wandb_file, imports, tmp_pa
         ("a,a\n1,2\n", "two columns 'a'"),
     ],
 )
-def test_a_csv_file_that_is_no_learning_curve_is_refused(text, says, imports, tmp_path):
+def test_invalid_csv_file_is_refused(text, message, imports, tmp_path):
     file = tmp_path / "seed1.csv"
     file.write_text(text)
     code, _, err = imports("csv", file)
     assert code == 2
-    assert says in err
+    assert message in err
     assert nothing_written(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         ({"seed_from": "run([0-9]+)"}, "finds nothing in the path"),
         ({"seed_from": "seed"}, "finds in the path"),
@@ -294,14 +288,14 @@ def test_a_csv_file_that_is_no_learning_curve_is_refused(text, says, imports, tm
         ({"algo": "../td3"}, "type letters, digits"),
     ],
 )
-def test_requests_that_make_no_sense_are_refused(arguments, says, monitor_file, imports, tmp_path):
+def test_invalid_request_is_refused(arguments, message, monitor_file, imports, tmp_path):
     code, _, err = imports("sb3-monitor", monitor_file(1, EPISODES[1]), **arguments)
     assert code == 2
-    assert says in err
+    assert message in err
     assert nothing_written(tmp_path)
 
 
-def test_a_seed_has_one_file(tmp_path, imports, monitor_file):
+def test_second_file_of_seed_is_refused(tmp_path, imports, monitor_file):
     files = [tmp_path / "a1.csv", tmp_path / "b1.csv"]
     for file, value in zip(files, "56", strict=True):
         file.write_text(f"control_steps,episode_return\n1000,{value}\n")
@@ -310,7 +304,7 @@ def test_a_seed_has_one_file(tmp_path, imports, monitor_file):
     assert nothing_written(tmp_path)
 
 
-def test_without_tensorboard_its_files_are_refused(event_file, imports, monkeypatch, tmp_path):
+def test_missing_tensorboard_error_names_package(event_file, imports, monkeypatch, tmp_path):
     original = builtins.__import__
 
     def without(name, *arguments):

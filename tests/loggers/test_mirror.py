@@ -1,4 +1,4 @@
-"""Committed rows arrive in experiment trackers, read back with the trackers' own readers."""
+"""Tests that committed rows are copied to experiment trackers, read by the trackers' readers."""
 
 import json
 import os
@@ -32,7 +32,7 @@ def mirror(results, *runs, name="tensorboard", warn=pytest.fail, during=lambda: 
 
 
 def scalars(results, run, tag):
-    """The (control steps, value) pairs that TensorBoard shows."""
+    """The (control steps, value) pairs that TensorBoard reads."""
     events = EventAccumulator(str(results.path / "tensorboard" / run.id))
     events.Reload()
     return [(event.step, event.value) for event in events.Scalars(tag)]
@@ -47,7 +47,7 @@ def evaluation(run, number, control_steps, returns):
     return {"evaluations": pa.Table.from_pylist(rows, schema.EVALUATIONS)}
 
 
-def test_tensorboard_shows_the_rows_that_are_committed_before_and_during_the_block(results):
+def test_tensorboard_has_rows_committed_before_and_during_block(results):
     run = add_whole_run(results, [1.0, 2.0], finish=False)
     other = add_whole_run(results, [8.0], seed=1)
 
@@ -69,7 +69,7 @@ def test_tensorboard_shows_the_rows_that_are_committed_before_and_during_the_blo
     assert main(["verify", "--results", str(results.path)]) == 0
 
 
-def test_the_log_of_a_resumed_run_is_complete_and_has_no_point_twice(results):
+def test_log_of_resumed_run_has_each_point_once(results):
     run = add_whole_run(results, [1.0], finish=False)
     mirror(results, run)
     run.append({"episodes": episodes(run.id, [0, 2.0]).slice(1)})
@@ -77,7 +77,7 @@ def test_the_log_of_a_resumed_run_is_complete_and_has_no_point_twice(results):
     assert scalars(results, run, "training/episode_return") == [(1000, 1.0), (2000, 2.0)]
 
 
-def test_rows_from_before_a_run_started_over_are_hidden(results):
+def test_rows_before_restart_are_hidden(results):
     run = add_whole_run(results, [1.0, 2.0], finish=False)
     mirror(results, run)
     created = run.manifest.created
@@ -88,7 +88,7 @@ def test_rows_from_before_a_run_started_over_are_hidden(results):
     assert scalars(results, run, "training/episode_return") == [(1000, 5.0)]
 
 
-def test_the_log_of_a_finished_run_is_closed_while_others_train(results):
+def test_log_of_finished_run_is_closed_during_block(results):
     run = add_whole_run(results, [1.0])
     ended = threading.Event()
     logger = make_logger("tensorboard", results.path)
@@ -98,7 +98,7 @@ def test_the_log_of_a_finished_run_is_closed_while_others_train(results):
     assert scalars(results, run, "training/episode_return") == [(1000, 1.0)]
 
 
-def test_a_failing_tracker_ends_the_log_with_a_warning(results):
+def test_failing_tracker_stops_logging_with_warning(results):
     run = add_whole_run(results, [1.0])
     (results.path / "tensorboard").write_text("not a directory")
     warnings = []
@@ -108,17 +108,17 @@ def test_a_failing_tracker_ends_the_log_with_a_warning(results):
 
 
 def records(content):
-    """The records of a file of W&B, which is a log of LevelDB shorter than a block (32 KiB)."""
+    """The records of a W&B file, which is a LevelDB log of one block (32 KiB)."""
     assert len(content) < 32768
     first = 7  # the file's header
     while first < len(content):
         length, kind = struct.unpack_from("<HB", content, first + 4)  # after the checksum
-        assert kind == 1  # a whole record
+        assert kind == 1  # a complete record
         yield content[first + 7 : first + 7 + length]
         first += 7 + length
 
 
-def test_wandb_gets_each_point_in_its_offline_mode(results, monkeypatch):
+def test_wandb_logs_each_point_offline(results, monkeypatch):
     pytest.importorskip("wandb")
     from wandb.proto import wandb_internal_pb2
 
@@ -139,7 +139,7 @@ def test_wandb_gets_each_point_in_its_offline_mode(results, monkeypatch):
     assert points == [(1000, 1.0), (2000, 2.0)]
 
 
-# trackio reads TRACKIO_DIR when it is imported, so a process of its own logs and reads back.
+# trackio reads TRACKIO_DIR when it is imported, so a separate process logs and reads.
 LOGGED_BY_TRACKIO = """
 import json, sys
 from pathlib import Path
@@ -160,7 +160,7 @@ print(json.dumps({"name": found.name, "config": found.config, "logs": logs}))
 """
 
 
-def test_trackio_has_each_point_once_after_the_run_was_logged_twice(results):
+def test_trackio_has_each_point_once_after_logging_twice(results):
     pytest.importorskip("trackio")
     run = add_whole_run(results, [1.0, 2.0], finish=False)
     run.append(evaluation(run, 0, 2000, [10.0, 20.0]))
@@ -172,7 +172,7 @@ def test_trackio_has_each_point_once_after_the_run_was_logged_twice(results):
         env={name: value for name, value in os.environ.items() if name != "TRACKIO_DIR"},
     )
     assert done.returncode == 0, done.stderr
-    # What the library prints is not in the output.
+    # Standard output has no lines of the library.
     found = json.loads(done.stdout)
     assert found["name"] == run.id
     assert found["config"]["algo"] == run.settings["algo"]

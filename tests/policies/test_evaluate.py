@@ -1,4 +1,4 @@
-"""Evaluations are the episodes that the Gymnasium environment would give."""
+"""Tests of policy evaluations, against episodes of the Gymnasium environment."""
 
 import math
 
@@ -36,7 +36,7 @@ def beginning(task, seed, episode):
     return resets.draw_quaternion(random), resets.draw_target(task, random)
 
 
-def test_a_heuristic_gets_what_it_gets_in_the_environment(tmp_path):
+def test_returns_of_heuristic_equal_environment(tmp_path):
     task = "move_to_pose"
     settings = EvaluationSettings(task=task, policy="heuristic", episodes=2, seed=5)
     record = evaluate(settings, Results(tmp_path), threads=2)
@@ -53,7 +53,7 @@ def test_a_heuristic_gets_what_it_gets_in_the_environment(tmp_path):
         assert kept == pytest.approx(total, abs=1e-6)
 
 
-def test_states_are_kept_with_the_rewards_that_make_the_returns(tmp_path):
+def test_rewards_of_recorded_states_sum_to_returns(tmp_path):
     settings = EvaluationSettings(
         task="move_in_direction", policy="random", episodes=2, states=True, target_yaw=math.pi / 4
     )
@@ -73,7 +73,7 @@ def test_states_are_kept_with_the_rewards_that_make_the_returns(tmp_path):
     assert states["action"].std() == pytest.approx(1 / math.sqrt(3), rel=0.05)  # uniform
 
 
-def test_the_same_evaluation_is_not_repeated_and_threads_do_not_matter(tmp_path):
+def test_evaluation_is_skipped_if_finished_and_thread_independent(tmp_path):
     settings = EvaluationSettings(task="face_direction", policy="constant:0.5", episodes=3)
     first = evaluate(settings, Results(tmp_path / "a"), threads=1)
     second = evaluate(settings, Results(tmp_path / "b"), threads=3)
@@ -84,7 +84,7 @@ def test_the_same_evaluation_is_not_repeated_and_threads_do_not_matter(tmp_path)
     assert (first.path / "manifest.json").read_bytes() == before
 
 
-def test_the_command_line_keeps_it_in_the_database(tmp_path, capsys):
+def test_command_records_evaluation_in_database(tmp_path, capsys):
     arguments = ["evaluate", "--policy", "random", "--episodes", "2", "--results", str(tmp_path)]
     assert main(arguments) == 0
     (row,) = run_sql(
@@ -100,7 +100,7 @@ def test_the_command_line_keeps_it_in_the_database(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["--policy", "fly"], "Unknown policy 'fly'; choose heuristic, random, constant:U"),
         (["--policy", "constant:2"], "lies in [-1, 1]"),
@@ -113,15 +113,15 @@ def test_the_command_line_keeps_it_in_the_database(tmp_path, capsys):
         (["--target-yaw", "nan"], "type degrees"),
     ],
 )
-def test_a_wrong_evaluation_is_refused_in_a_sentence(arguments, says, tmp_path, capsys):
+def test_invalid_request_prints_one_error_line(arguments, message, tmp_path, capsys):
     assert main(["evaluate", *arguments, "--results", str(tmp_path)]) == 2
     error = capsys.readouterr().err
-    assert says in error
+    assert message in error
     assert error.count("\n") == 1
 
 
-def test_a_fixed_target_is_where_it_was_asked_for():
-    # 45 degrees: what the paper's Figure 5 fixes; the draw itself is another one.
+def test_drawn_target_differs_from_fixed_target():
+    # The paper's Figure 5 fixes 45 degrees; the drawn target is different.
     _, target = beginning("move_in_direction", 0, 0)
     assert isinstance(target, Target)
     assert target.yaw != pytest.approx(math.pi / 4)

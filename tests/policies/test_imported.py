@@ -1,4 +1,4 @@
-"""Policies of other packages and of modules in the working directory."""
+"""Tests of policies of other packages and of modules in the working directory."""
 
 from pathlib import Path
 
@@ -70,12 +70,12 @@ def policy_of(name):
 OBSERVATIONS = np.ones((3, 16), np.float32)
 
 
-def test_a_function_a_class_and_a_torch_module_act(module):
+def test_function_class_and_torch_module_act(module):
     assert policy_of(f"{module}:half").act(OBSERVATIONS).tolist() == [[0.5]] * 3
     assert policy_of(f"{module}:strong").act(OBSERVATIONS).tolist() == [[1.0]] * 3
     counting = policy_of(f"{module}:Counting")
     counting.reset(3)
-    # The class was called with the task's name, of 14 letters.
+    # The class is called with the task's name, which has 14 letters.
     assert counting.act(OBSERVATIONS) == pytest.approx(np.full((3, 1), 0.14))
     assert counting.act(OBSERVATIONS) == pytest.approx(np.full((3, 1), 0.28))
     assert policy_of(f"{module}:network").act(OBSERVATIONS).shape == (3, 1)
@@ -91,17 +91,17 @@ def test_a_function_a_class_and_a_torch_module_act(module):
         ("wrong", WorkError, r"policy \w+:wrong failed \(IndexError"),
     ],
 )
-def test_a_policy_that_cannot_act_is_refused_before_an_episode(module, name, error, sentence):
+def test_policy_that_cannot_act_is_refused_before_episode(module, name, error, sentence):
     with pytest.raises(error, match=sentence):
         policy_of(f"{module}:{name}")
 
 
-def test_names_of_ours_are_not_looked_up_elsewhere():
+def test_builtin_names_are_not_imported():
     assert not any(is_imported_policy(name) for name in ("constant:0.5", "random", "heuristic"))
     assert code_of("constant:0.5") is None
 
 
-def test_an_evaluation_of_changed_code_is_another_one(module, tmp_path):
+def test_changed_code_changes_id_of_evaluation(module, tmp_path):
     name = f"{module}:half"
     about = {"task": "face_direction", "policy": name}
     before = EvaluationSettings(**about, code=code_of(name))
@@ -112,7 +112,7 @@ def test_an_evaluation_of_changed_code_is_another_one(module, tmp_path):
     assert after.id.startswith(f"face_direction/{module}.half/s00-")
 
 
-def test_evaluations_of_our_policies_keep_their_ids():
-    # As recorded by the first version.
+def test_evaluation_of_builtin_policy_has_no_code():
+    # As in the records of the first version.
     settings = EvaluationSettings(task="face_direction", policy="heuristic", episodes=1)
     assert "code" not in settings.model_dump()

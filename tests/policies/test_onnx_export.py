@@ -1,4 +1,4 @@
-"""ONNX models act as the policies that they were made of, in another library's runtime."""
+"""Tests of the export of policies to ONNX, against ONNX Runtime."""
 
 import json
 
@@ -27,11 +27,11 @@ from tests.training.small_runs import EPISODE, shorten_episodes
 
 TASK = "face_direction"
 RUN = "reference/face_direction/ddpg/full"
-PRECISION = 2e-5  # of an action computed in float32 in another order
+PRECISION = 2e-5  # of an action in float32, whose sums have another order
 
 
 def run_model(path, inputs):
-    """What ONNX Runtime computes."""
+    """The output of a model in ONNX Runtime."""
     session = onnxruntime.InferenceSession(str(path))
     return session.run(["action"], {"observation": np.asarray(inputs, np.float32)})[0]
 
@@ -41,12 +41,12 @@ def random_matrix(*shape):
 
 
 def policy_of(inputs):
-    """A policy of two layers."""
+    """A policy with two layers."""
     weights = [random_matrix(8, inputs) / inputs, random_matrix(1, 8)]
     return Policy(weights, [random_matrix(8), random_matrix(1)], "tanh")
 
 
-def test_the_exported_policy_repeats_the_actions_of_jbench_evaluate(tmp_path, monkeypatch):
+def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     results = tmp_path / "results"
     where = ("--results", str(results))
@@ -56,7 +56,7 @@ def test_the_exported_policy_repeats_the_actions_of_jbench_evaluate(tmp_path, mo
     (record,) = Results(results).scan("evaluation")[0]
     states = record.read("policy_states", schema.POLICY_STATES)
     recorded = states["action"].to_numpy().reshape(EPISODE, 1, 1)
-    # The recorded actions lead through the same states: their rewards are those of the evaluation.
+    # Replaying the recorded actions must reproduce the return of the evaluation.
     seen, episode_return, actions = [], 0.0, iter(recorded)
 
     def replay(observations):
@@ -78,7 +78,7 @@ def test_the_exported_policy_repeats_the_actions_of_jbench_evaluate(tmp_path, mo
 
 @pytest.fixture(scope="module")
 def states(tmp_path_factory):
-    """Made-up states of a dataset, read and scaled."""
+    """Random states of a synthetic dataset, scaled."""
     results = Results(tmp_path_factory.mktemp("onnx") / "results")
     states = States(make_dataset(results), TASK, 2)
     states.read(torch.device("cpu"))
@@ -86,7 +86,7 @@ def states(tmp_path_factory):
 
 
 def make_encoder(name, states):
-    """An encoder with initial weights, or fitted weights if there is no training."""
+    """An encoder with initial weights, or fitted weights if its kind is not trained."""
     kind = make_kind(name, {})
     latents = {"scaled": 16, "planar": 12}.get(name, 3)
     if isinstance(kind, Learned):
@@ -100,7 +100,7 @@ def make_encoder(name, states):
 
 
 @pytest.mark.parametrize("kind", kind_names())
-def test_the_encoder_is_part_of_the_model(kind, states, tmp_path):
+def test_encoder_is_part_of_model(kind, states, tmp_path):
     encoder = make_encoder(kind, states)
     agent = TrainedAgent(TASK, policy_of(encoder.latent_size), encoder)
     export_onnx(agent, "run", tmp_path / "policy.onnx")
@@ -139,7 +139,7 @@ POLICIES = {
 
 
 @pytest.mark.parametrize("policy", POLICIES.values(), ids=POLICIES)
-def test_every_layer_of_a_policy_is_exported(policy, tmp_path):
+def test_every_layer_type_is_exported(policy, tmp_path):
     agent = TrainedAgent(TASK, policy, None)
     export_onnx(agent, "run", tmp_path / "policy.onnx", in_si_units=False)
     observations = np.random.default_rng(5).uniform(-1, 1, (50, 16)).astype("f4")
@@ -148,7 +148,7 @@ def test_every_layer_of_a_policy_is_exported(policy, tmp_path):
     np.testing.assert_allclose(actions, agent.act(observations), atol=PRECISION)
 
 
-def test_the_metadata_name_inputs_and_outputs_with_their_units(tmp_path):
+def test_metadata_has_names_and_units_of_inputs_and_outputs(tmp_path):
     path = tmp_path / "policy.onnx"
     agent = TrainedAgent("move_to_pose", policy_of(19), None)
     export_onnx(agent, "a/run", path)
@@ -171,7 +171,7 @@ def test_the_metadata_name_inputs_and_outputs_with_their_units(tmp_path):
 
 
 class SortingEncoder:
-    """Sorts the observation, which no layer does."""
+    """Sorts the observation, which no layer can do."""
 
     latent_size = 16
 
@@ -179,7 +179,7 @@ class SortingEncoder:
         return np.sort(batch, axis=-1)
 
 
-def test_an_encoder_that_is_more_than_layers_is_refused(tmp_path):
+def test_encoder_that_is_not_layers_is_refused(tmp_path):
     agent = TrainedAgent(TASK, policy_of(16), SortingEncoder())
     with pytest.raises(RequestError, match="The run a/b can't be exported to ONNX"):
         export_onnx(agent, "a/b", tmp_path / "policy.onnx")
@@ -187,7 +187,7 @@ def test_an_encoder_that_is_more_than_layers_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("--format", "onnx"), "type jbench export RUN"),
         (("a/b", "--format", "minari"), "name a dataset with --dataset"),
@@ -197,6 +197,6 @@ def test_an_encoder_that_is_more_than_layers_is_refused(tmp_path):
         (("--format", "tflite"), "Unknown value of --format 'tflite'; choose onnx"),
     ],
 )
-def test_a_wrong_export_is_refused(arguments, says, tmp_path, capsys):
+def test_invalid_request_is_refused(arguments, message, tmp_path, capsys):
     assert main(["export", *arguments, "--results", str(tmp_path)]) == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err

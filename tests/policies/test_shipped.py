@@ -1,4 +1,4 @@
-"""Runs are added to the package with the best policy of each cell, which `--policy` then finds."""
+"""Tests of `benchmarks/ship_reference.py`, and of the shipped policies that `--policy` finds."""
 
 import importlib.util
 import json
@@ -26,7 +26,7 @@ POLICY = Policy([np.ones((1, 16), np.float32)], [np.zeros(1, np.float32)], "tanh
 
 @pytest.fixture(scope="module")
 def script():
-    """The script that adds runs to the package."""
+    """The module of the script that adds runs to the package."""
     path = ROOT / "benchmarks" / "ship_reference.py"
     spec = importlib.util.spec_from_file_location("ship_reference", path)
     module = importlib.util.module_from_spec(spec)
@@ -35,7 +35,7 @@ def script():
 
 
 def add_run(results, seed, evaluations, algo="ddpg", finish=True):
-    """A run with a policy; one mean return for each of its evaluations, of two episodes each."""
+    """Adds a run with a policy; `evaluations` are mean returns of two episodes each."""
     settings = {"task": "face_direction", "algo": algo, "representation": "full"}
     settings |= {"encoder": None, "seed": seed, "steps": 1000, "engine": "batched"}
     id = f"face_direction/{algo}/full/s{seed:02d}-{settings_hash(settings)}"
@@ -66,8 +66,8 @@ def target(tmp_path):
     return Results(tmp_path / "target")
 
 
-def test_the_policy_with_the_best_last_evaluation_is_kept(script, source, target):
-    # The mean of all evaluations, the first and the best of them would choose seed 0.
+def test_policy_with_best_last_evaluation_is_shipped(script, source, target):
+    # By the first, the best or the mean of all evaluations, seed 0 would be chosen.
     for seed, evaluations in enumerate([(900, 990, 300), (100, 100, 800), (100, 100, 700)]):
         add_run(source, seed, evaluations)
     add_run(source, 7, [10], algo="sac")
@@ -77,7 +77,7 @@ def test_the_policy_with_the_best_last_evaluation_is_kept(script, source, target
     assert verify(target, 1).findings == []
 
 
-def test_a_better_run_takes_the_place_of_a_shipped_policy(script, source, target):
+def test_better_run_replaces_shipped_policy(script, source, target):
     first = add_run(source, 0, [500])
     script.ship(source, target)
     add_run(source, 1, [400])
@@ -92,7 +92,7 @@ def test_a_better_run_takes_the_place_of_a_shipped_policy(script, source, target
     assert verify(target, 1).findings == []
 
 
-def test_neither_the_command_nor_a_checkpoint_is_shipped(script, source, target):
+def test_command_and_checkpoint_are_not_shipped(script, source, target):
     run = add_run(source, 0, [500], finish=False)
     run.append({}, {"checkpoint.safetensors": b"weights"})
     assert script.ship(source, target) == [f"{run.id} is left out: it is unfinished."]
@@ -108,7 +108,7 @@ def test_neither_the_command_nor_a_checkpoint_is_shipped(script, source, target)
 @pytest.mark.parametrize(
     "directory", ["/home/ann/out", "see ~/out", "--results=/data/x", r"C:\out"]
 )
-def test_a_run_that_names_a_directory_is_refused(script, source, target, directory):
+def test_run_that_names_directory_is_refused(script, source, target, directory):
     run = add_run(source, 0, [500])
     text = json.loads((run.path / "manifest.json").read_text())
     text["provenance"]["continued"] = [{"at": "now", "changed": {"libraries": [None, directory]}}]
@@ -119,7 +119,7 @@ def test_a_run_that_names_a_directory_is_refused(script, source, target, directo
     assert target.scan("run") == ([], [])
 
 
-def test_a_damaged_run_is_left_out(script, source, target):
+def test_damaged_run_is_left_out(script, source, target):
     run = add_run(source, 0, [500])
     (run.path / "policy.safetensors").write_bytes(b"")
     (note,) = script.ship(source, target)
@@ -127,24 +127,24 @@ def test_a_damaged_run_is_left_out(script, source, target):
     assert target.scan("run") == ([], [])
 
 
-class TestOfTwoCells:
-    """Two seeds on the full observation, and two on 12 latents."""
+class TestShippedTwoCells:
+    """Two seeds on the full observation, and two on 12 latents, are shipped."""
 
     @pytest.fixture
     def database(self, script, demo_results, target, monkeypatch):
-        """What was shipped of them, as the package's own."""
+        """The shipped results, which replace those of the package."""
         assert script.ship(demo_results, target) == []
         monkeypatch.setattr(find, "shipped", lambda: target.path)
         return target
 
-    def test_there_is_nothing_to_warn_of(self, database):
+    def test_shipped_results_verify_without_findings(self, database):
         found = verify(database, 1)
         assert found.findings == []
         assert found.records == 5  # four runs and their encoder, without its dataset
         assert len(find.shipped_policies()) == 2
 
     @pytest.mark.parametrize("representation", ["full", "dae12"])
-    def test_a_shipped_policy_acts_as_the_run_did(
+    def test_shipped_policy_equals_policy_of_run(
         self, database, representation, demo_results, tmp_path, monkeypatch, capsys
     ):
         shorten_episodes(monkeypatch.setattr)
@@ -164,42 +164,40 @@ class TestOfTwoCells:
         assert verify(Results(tmp_path / "other"), 1).findings == []
 
     @pytest.mark.parametrize(
-        ("name", "says"),
+        ("name", "message"),
         [
             ("reference/face_direction/sac", "No policy is shipped as {}; type one of {}."),
             ("reference/face_direction/td3", "{} is not unique; type one of {} (jbench runs"),
         ],
     )
-    def test_a_name_that_is_none_gets_those_that_are(self, database, name, says, capsys):
+    def test_ambiguous_name_is_refused_with_choices(self, database, name, message, capsys):
         there = ", ".join(find.shipped_policies())
         assert main(["evaluate", "--policy", name]) == 2
-        assert says.format(name, there) in capsys.readouterr().err
+        assert message.format(name, there) in capsys.readouterr().err
 
-    def test_a_run_without_its_policy_says_so(self, database, capsys):
+    def test_run_without_policy_is_refused(self, database, capsys):
         (rows, *_) = [run.id for run in database.scan("run")[0] if not has_policy(run)]
         assert main(["evaluate", "--policy", rows, "--results", str(database.path)]) == 2
         assert f"The run {rows} in {database.path} was saved without its policy." in (
             capsys.readouterr().err
         )
 
-    def test_where_none_is_shipped_it_is_said(self, tmp_path, monkeypatch, capsys):
+    def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, capsys):
         monkeypatch.setattr(find, "shipped", lambda: tmp_path / "none")
         assert main(["evaluate", "--policy", "reference/face_direction/td3/full"]) == 2
         assert "this version of jbench ships none" in capsys.readouterr().err
 
-    def test_the_encoder_of_runs_that_are_shipped_already_is_added(
-        self, script, database, demo_results
-    ):
+    def test_missing_encoder_of_shipped_runs_is_added(self, script, database, demo_results):
         (encoder,) = database.scan("encoder")[0]
         shutil.rmtree(encoder.path)
         assert len(verify(database, 1).findings) == 2
         assert script.ship(demo_results, database) == []
         assert verify(database, 1).findings == []
 
-    def test_the_policy_of_a_run_on_another_encoder_is_not_shipped(
+    def test_policy_on_different_encoder_is_not_shipped(
         self, script, database, demo_results, tmp_path
     ):
-        """The encoder of an id, trained on two processors, may differ in its last digits."""
+        """An encoder trained on another processor may differ in its last digits."""
         for record in database.scan("run")[0]:
             shutil.rmtree(record.path)
         (encoder,) = database.scan("encoder")[0]
@@ -212,8 +210,8 @@ class TestOfTwoCells:
         assert kept.settings["representation"] == "full"
 
 
-class TestInThePackage:
-    def test_policies_that_are_shipped_can_be_loaded_and_are_one_a_cell(self):
+class TestPackage:
+    def test_shipped_policies_load_and_are_one_per_cell(self):
         results = Results(shipped())
         runs = [run for run in results.scan("run")[0] if has_policy(run)]
         assert len({variant(run.settings) for run in runs}) == len(runs)
@@ -222,7 +220,7 @@ class TestInThePackage:
             size = {"face_direction": 16, "move_in_direction": 19}[run.settings["task"]]
             assert np.abs(found.act(np.zeros((3, size), np.float32))).max() <= 1
 
-    def test_every_file_that_is_no_code_is_package_data(self):
+    def test_every_noncode_file_is_package_data(self):
         package = ROOT / "jbench"
         text = tomllib.loads((ROOT / "pyproject.toml").read_text())
         patterns = text["tool"]["setuptools"]["package-data"]["jbench"]
@@ -234,5 +232,5 @@ class TestInThePackage:
         }
         assert there - carried == set()
 
-    def test_the_package_is_small(self, script):
+    def test_package_size_is_limited(self, script):
         assert script.size(ROOT / "jbench") < script.LARGEST_PACKAGE

@@ -1,4 +1,4 @@
-"""Programs of users that record a run, for processes of their own; see `tests/forking.py`."""
+"""Programs that record a run, for separate processes; see `tests/forking.py`."""
 
 import os
 import runpy

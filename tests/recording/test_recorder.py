@@ -1,4 +1,4 @@
-"""Training loops of others, recorded as runs: real physics, tiny networks, few steps."""
+"""Tests of `jbench.record`, which records training loops of other libraries as runs."""
 
 import hashlib
 import json
@@ -30,7 +30,7 @@ from tests.command_line import SHORT, Process
 from tests.documentation import ROOT
 from tests.training.small_runs import EPISODE, paths, shorten_episodes
 
-SEED = 7  # in its first episode the robot of `loop` gets rewards
+SEED = 7  # with this seed, `loop` gets rewards in the first episode
 STEPS = 2 * EPISODE
 RUN = {"algo": "mine", "seed": SEED, "steps": STEPS}
 RUN |= {"evaluate_every": EPISODE, "evaluate_episodes": 2}
@@ -50,7 +50,7 @@ def recorded(results, **changes):
 
 
 class Actor(nn.Module):
-    """In the style of CleanRL: the activations are functions, the range of actions a buffer."""
+    """An actor in the style of CleanRL, with functional activations and a buffer for the scale."""
 
     def __init__(self, inputs=16):
         super().__init__()
@@ -65,7 +65,7 @@ class Actor(nn.Module):
 
 
 def loop(recording, actor, episodes=2):
-    """Acts by a sine for some episodes; returns the sums of rewards that it saw."""
+    """Acts by a sine for some episodes; returns the episode returns."""
     env, returns = recording.env(), []
     for _ in range(episodes):
         env.reset()
@@ -83,7 +83,7 @@ def loop(recording, actor, episodes=2):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A finished run, and what its loop saw."""
+    """A finished run, its actor and the returns of its loop."""
     results = tmp_path_factory.mktemp("recorded") / "results"
     torch.manual_seed(0)
     actor = Actor()
@@ -105,18 +105,18 @@ def record_of(results, id):
     return Results(results).find("run", id)
 
 
-def test_rows_are_what_the_environment_returned(finished):
+def test_rows_equal_returns_of_environment(finished):
     results, id, _, returns = finished
     rows = record_of(results, id).read("episodes", schema.EPISODES).to_pylist()
     assert [row["episode_return"] for row in rows] == pytest.approx(returns, rel=1e-6)
     assert returns[0] > 1
     assert [(row["control_steps"], row["length"]) for row in rows] == [(50, 50), (100, 50)]
-    # The losses of the step before the last: that of the last one comes after the episode's end.
+    # The losses of the last step but one: those of the last step follow the end of the episode.
     assert [(row["critic_loss"], row["actor_loss"]) for row in rows] == [(49, -1), (49, -1)]
     assert rows[0]["policy_loss"] is None
 
 
-def test_the_first_episode_is_that_of_the_seed(finished, tmp_path):
+def test_seed_determines_first_episode(finished, tmp_path):
     results, id, actor, returns = finished
     with (
         pytest.raises(jbench.WorkError, match="50 of 100 control steps"),
@@ -131,14 +131,14 @@ def test_the_first_episode_is_that_of_the_seed(finished, tmp_path):
     assert first[:2] == second
 
 
-def test_id_and_settings_are_those_that_were_passed(finished):
+def test_id_and_settings_equal_arguments(finished):
     results, id, _, _ = finished
     record = record_of(results, id)
     wanted = {
         **{"task": "face_direction", "algo": "mine", "representation": "full", "encoder": None},
         **{"seed": SEED, "steps": STEPS, "engine": "external", "time_limit": "bootstrap"},
         **{"evaluate_every": EPISODE, "evaluate_episodes": 2},
-        # The seed and the steps are not part of what two runs have to share.
+        # Seed and steps are not hyperparameters.
         "hyperparameters": {"rate": 0.5, "layers": [8, 8]},
     }
     assert record.settings == wanted
@@ -150,17 +150,17 @@ def test_id_and_settings_are_those_that_were_passed(finished):
     assert {"jbench", "processor", "command", "script_sha256"} <= set(record.manifest.provenance)
 
 
-def test_evaluations_come_when_they_are_due(finished):
+def test_evaluations_are_made_at_interval(finished):
     results, id, _, _ = finished
     rows = record_of(results, id).read("evaluations", schema.EVALUATIONS).to_pylist()
     steps = [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows]
     due = [(0, 50, 0), (0, 50, 1), (1, 100, 0), (1, 100, 1)]
-    # The kept policy is evaluated at the end, so that anyone can repeat its evaluation.
+    # The saved policy is evaluated at the end, so that its evaluation can be repeated.
     assert steps == [*due, (2, 100, 0), (2, 100, 1)]
     assert paths(record_of(results, id)) == {(0, 50): 3, (2, 100): 3}
 
 
-def test_the_kept_policy_acts_as_the_actor(finished, copy, capsys):
+def test_saved_policy_equals_actor(finished, copy, capsys):
     results, id, actor, _ = finished
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
     with torch.no_grad():
@@ -173,13 +173,13 @@ def test_the_kept_policy_acts_as_the_actor(finished, copy, capsys):
     starts = resets.draw_starts("face_direction", [resets.episode_generator(5, i) for i in (0, 1)])
     total = np.zeros(2)
     with Robots(load_model(None), 2, 1) as robots:
-        # Not the torch module itself: its rounding differs, and the motion is chaotic.
+        # The torch module rounds differently, and the motion is chaotic.
         for transition in rollout("face_direction", robots, starts, kept.act):
             total += transition.rewards
     np.testing.assert_array_equal(episodes["episode_return"], total)
 
 
-def test_a_finished_run_is_skipped_and_the_script_continues(finished, copy, capfd):
+def test_finished_run_is_skipped_and_script_continues(finished, copy, capfd):
     _, id, _, _ = finished
     manifest = (copy / "runs" / id / "manifest.json").read_bytes()
     after = []
@@ -194,12 +194,12 @@ def test_a_finished_run_is_skipped_and_the_script_continues(finished, copy, capf
     assert (copy / "runs" / id / "manifest.json").read_bytes() == manifest
 
 
-def test_other_errors_in_the_block_of_a_finished_run_are_raised(copy):
+def test_error_in_block_of_finished_run_is_raised(copy):
     with pytest.raises(KeyError), recorded(copy):
         raise KeyError("other")
 
 
-def test_a_block_that_raises_leaves_a_failed_run_which_can_be_repeated(tmp_path, capfd):
+def test_block_that_raises_fails_run_which_can_restart(tmp_path, capfd):
     with pytest.raises(ZeroDivisionError), recorded(tmp_path, evaluate_episodes=0) as recording:
         loop(recording, None, episodes=1)
         1 / 0  # noqa: B018
@@ -216,7 +216,7 @@ def test_a_block_that_raises_leaves_a_failed_run_which_can_be_repeated(tmp_path,
     assert f"The run {record.id} is failed; it starts over." in capfd.readouterr().err
 
 
-def test_a_block_that_ends_early_leaves_a_failed_run(tmp_path):
+def test_block_that_ends_early_fails_run(tmp_path):
     with (
         pytest.raises(jbench.WorkError, match="50 of 100 control steps"),
         recorded(tmp_path, evaluate_episodes=0) as recording,
@@ -225,7 +225,7 @@ def test_a_block_that_ends_early_leaves_a_failed_run(tmp_path):
     assert record_of(tmp_path, recording.id).status == "failed"
 
 
-def test_an_action_that_is_not_finite_is_a_divergence(tmp_path):
+def test_nonfinite_action_is_divergence(tmp_path):
     with pytest.raises(jbench.WorkError, match="actions are not finite"), recorded(tmp_path) as it:
         env = it.env()
         env.reset()
@@ -235,7 +235,7 @@ def test_an_action_that_is_not_finite_is_a_divergence(tmp_path):
     assert diverged == {"update": None, "control_steps": 1, "what": "actions"}
 
 
-def test_a_killed_run_is_unfinished_and_starts_over(tmp_path):
+def test_killed_run_is_unfinished_and_restarts(tmp_path):
     def program(what):
         target = "tests.recording.programs:record_two_episodes"
         return Process(target, str(tmp_path), what, short=True).finished()
@@ -251,7 +251,7 @@ def test_a_killed_run_is_unfinished_and_starts_over(tmp_path):
     assert (record.status, [row["episode"] for row in rows]) == ("finished", [0, 1])
 
 
-def test_a_model_of_stable_baselines3_is_recorded_by_its_callback(tmp_path):
+def test_callback_records_model_of_stable_baselines3(tmp_path):
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
@@ -262,7 +262,7 @@ def test_a_model_of_stable_baselines3_is_recorded_by_its_callback(tmp_path):
         ppo.learn(STEPS, recording.sb3_callback())
     record = record_of(tmp_path, recording.id)
     rows = record.read("episodes", schema.EPISODES).to_pylist()
-    # Two environments in turn: the first one's episode ends a control step before the second's.
+    # Two environments alternate: the first episode ends one control step before the second.
     assert [row["control_steps"] for row in rows] == [99, 100]
     assert all(0 < row["episode_return"] < EPISODE for row in rows)  # not the normalised rewards
     # The second rollout ends after the first update.
@@ -275,7 +275,7 @@ def test_a_model_of_stable_baselines3_is_recorded_by_its_callback(tmp_path):
     np.testing.assert_allclose(acted, wanted, atol=1e-5)
 
 
-def test_environments_are_encoded(demo_results, tmp_path):
+def test_environment_is_encoded(demo_results, tmp_path):
     shutil.copytree(demo_results.path, tmp_path / "results")
     with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "results", encoder="12") as it:
         env = it.env()
@@ -311,7 +311,7 @@ class Gaussian(Residual):
         (lambda observations: observations, "a function is not a torch module"),
     ],
 )
-def test_a_policy_that_is_no_sequence_of_layers_is_refused(policy, reason, tmp_path):
+def test_policy_that_is_not_sequence_of_layers_is_refused(policy, reason, tmp_path):
     with pytest.raises(jbench.UnsupportedPolicyError) as refused, recorded(tmp_path) as recording:
         recording.keep_policy(policy)
     message = str(refused.value)
@@ -320,7 +320,7 @@ def test_a_policy_that_is_no_sequence_of_layers_is_refused(policy, reason, tmp_p
     assert message.endswith(".")
 
 
-def test_a_complete_run_is_finished_though_its_policy_is_refused(tmp_path):
+def test_complete_run_finishes_when_policy_is_refused(tmp_path):
     with (
         pytest.raises(jbench.UnsupportedPolicyError),
         recorded(tmp_path, evaluate_episodes=0) as it,
@@ -331,7 +331,7 @@ def test_a_complete_run_is_finished_though_its_policy_is_refused(tmp_path):
     assert (record.status, record.rows("episodes")) == ("finished", 2)
 
 
-def test_layers_are_those_of_torch():
+def test_saved_layers_equal_torch():
     torch.manual_seed(1)
     layers = [nn.Linear(16, 8), nn.ELU(), nn.LayerNorm(8), nn.Linear(8, 8), nn.SiLU(), nn.Dropout()]
     layers += [nn.Linear(8, 4), nn.LeakyReLU(0.2), nn.Linear(4, 1), nn.Hardtanh(-0.3, 0.4)]
@@ -343,7 +343,7 @@ def test_layers_are_those_of_torch():
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
+    ("changes", "message"),
     [
         ({"algo": "a/b"}, "algo of the run can't be 'a/b'"),
         ({"steps": 40}, "No episode would end in 40 control steps"),
@@ -353,19 +353,19 @@ def test_layers_are_those_of_torch():
         ({"package": "no-such-package"}, "package='no-such-package' is not an installed"),
     ],
 )
-def test_invalid_arguments_are_refused_in_one_sentence(changes, says, tmp_path):
-    with pytest.raises(jbench.RequestError, match=re.escape(says)):
+def test_invalid_arguments_are_refused(changes, message, tmp_path):
+    with pytest.raises(jbench.RequestError, match=re.escape(message)):
         recorded(tmp_path / "results", **changes)
     assert not (tmp_path / "results").exists()
 
 
-def test_hyperparameters_become_json_values():
+def test_hyperparameters_are_converted_to_json_values():
     values = {"a": np.float32(0.5), "b": (1, None), "c": Path("x/y"), "d": {"e": True}}
     plain = plain_hyperparameters(values, 0, 1000)
     assert plain == {"a": 0.5, "b": [1, None], "c": "x/y", "d": {"e": True}}
 
 
-def test_wrong_uses_of_a_recording_are_refused(tmp_path):
+def test_misuse_of_recording_is_refused(tmp_path):
     recording = recorded(tmp_path)
     with pytest.raises(jbench.RequestError, match="within its block"):
         recording.env()
@@ -385,7 +385,7 @@ def test_environments_in_other_processes_are_refused(tmp_path):
         env.close()
 
 
-def test_commands_show_external_runs(finished, copy, capsys):
+def test_commands_list_and_report_external_runs(finished, copy, capsys):
     _, id, _, returns = finished
     where = ("--results", str(copy), "--json")
     assert main(["runs", *where]) == 0
@@ -404,12 +404,12 @@ def test_commands_show_external_runs(finished, copy, capsys):
     assert curves["q50"].iloc[0] == pytest.approx(returns[0])
 
 
-def test_open_refuses_a_directory_that_does_not_exist(tmp_path):
+def test_open_refuses_missing_directory(tmp_path):
     with pytest.raises(jbench.RequestError, match="does not exist"):
         jbench.open(tmp_path / "none")
 
 
-def test_a_label_of_ours_gets_no_settings_of_ours():
+def test_external_run_named_td3_has_only_its_hyperparameters():
     from jbench.settings.alike import flatten
 
     common = {"task": "face_direction", "algo": "td3", "seed": 0, "steps": 1000}
@@ -429,7 +429,7 @@ EXAMPLES = {
 @pytest.mark.parametrize(
     "example", ["cleanrl_td3", pytest.param("sb3_contrib_tqc", marks=pytest.mark.slow)]
 )
-def test_examples_train_and_differ_from_a_plain_script_in_five_lines(example, tmp_path):
+def test_examples_train_with_at_most_five_jbench_lines(example, tmp_path):
     if "contrib" in example:
         pytest.importorskip("sb3_contrib")
     script = ROOT / "examples" / f"{example}.py"
@@ -440,7 +440,7 @@ def test_examples_train_and_differ_from_a_plain_script_in_five_lines(example, tm
     assert done.returncode == 0, done.stderr
     (record,) = Results(tmp_path / "results").scan("run")[0]
     assert (record.status, record.rows("episodes")) == ("finished", 2)
-    # The kept policy is evaluated at the end.
+    # The saved policy is evaluated at the end.
     assert record.rows("evaluations") == 10
     assert load_agent(Results(tmp_path / "results"), record.id).policy.outputs == 1
 

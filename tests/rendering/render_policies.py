@@ -1,4 +1,4 @@
-"""Policies and readers that the tests of rendering share."""
+"""A policy for the tests of rendering."""
 
 import numpy as np
 
@@ -6,17 +6,17 @@ PAD = "\N{FIGURE SPACE}"
 
 
 class Constant:
-    """One motor command, and a record of what it was asked."""
+    """A constant action; records the observations."""
 
     def __init__(self, command=0.5, fails_at=None):
         self.command, self.fails_at = command, fails_at
-        self.robots, self.asked = [], []
+        self.robots, self.observations = [], []
 
     def reset(self, robots):
         self.robots.append(robots)
 
-    def act(self, observations):
-        if self.fails_at == len(self.asked):
+    def act(self, batch):
+        if self.fails_at == len(self.observations):
             raise KeyboardInterrupt
-        self.asked.append(observations[0].copy())
-        return np.full((len(observations), 1), self.command)
+        self.observations.append(batch[0].copy())
+        return np.full((len(batch), 1), self.command)

@@ -1,4 +1,4 @@
-"""Frames of an episode: how many, of what, and that looking changes nothing."""
+"""Tests of rendered frames, against the same episode without rendering."""
 
 import itertools
 
@@ -16,7 +16,7 @@ SMALL = {"width": 96, "height": 64}
 
 
 @pytest.mark.usefixtures("coarse_pictures")
-def test_frames_are_those_of_the_episode_without_pictures():
+def test_frames_equal_episode_without_rendering():
     policy = Constant()
     frames = list(render_episode(policy, Scene("move_from_origin", seed=3, **SMALL), [0, 5, 12]))
     env = JitterbugEnv("move_from_origin")
@@ -32,7 +32,7 @@ def test_frames_are_those_of_the_episode_without_pictures():
     assert [frame.goal for frame in frames] == [
         goal("move_from_origin", seen[i]) for i in (0, 5, 12)
     ]
-    np.testing.assert_array_equal(policy.asked, seen[:12])  # asked before every step
+    np.testing.assert_array_equal(policy.observations, seen[:12])  # one per step
     assert policy.robots == [1]
     assert {frame.picture.shape for frame in frames} == {(64, 96, 3)}
     for one, other in itertools.combinations(frames, 2):
@@ -40,7 +40,7 @@ def test_frames_are_those_of_the_episode_without_pictures():
 
 
 @pytest.mark.usefixtures("coarse_pictures")
-def test_scene_decides_the_picture():
+def test_scene_determines_picture():
     scenes = [Scene("face_direction", camera=camera, **SMALL) for camera in CAMERAS]
     scenes += [
         Scene("face_direction", seed=1, **SMALL),
@@ -52,13 +52,13 @@ def test_scene_decides_the_picture():
 
 
 @pytest.mark.usefixtures("rendering")
-def test_target_is_seen_at_its_position_from_overhead(monkeypatch):
+def test_overhead_camera_shows_target_at_its_position(monkeypatch):
     target = features.Target(np.array([0.1, -0.05, 0.035]), np.float64(0))
     monkeypatch.setattr(resets, "draw_target", lambda task, random: target)
     scene = Scene("move_to_position", camera="overhead", width=320, height=240)
     red, green, blue = next(render_episode(Constant(), scene, [0])).picture.astype(int).T
     columns, rows = np.nonzero((green > red + 30) & (green > blue + 10))
-    # The camera at 0.75 m sees 2 tan 20° * 0.715 m = 0.5205 m in 240 rows: 461.1 a metre. The
+    # The camera at 0.75 m sees 2 tan 20° * 0.715 m = 0.5205 m in 240 rows: 461.1 per metre. The
     # target, 4.6 pixels in radius, is 46.1 pixels right of the middle and 23.1 below it.
     assert np.hypot(np.median(columns) - (160 + 46.1), np.median(rows) - (120 + 23.1)) < 4.6
     assert 20 < len(rows) < 140  # a disc of 66 pixels, a pointer, and its edges
@@ -73,7 +73,7 @@ def test_target_is_seen_at_its_position_from_overhead(monkeypatch):
         ({"height": 5000}, "No picture of 640 x 5000 pixels; each side has 64 to 4096."),
     ],
 )
-def test_impossible_scene_is_refused(settings, sentence):
+def test_invalid_scene_is_refused(settings, sentence):
     with pytest.raises(RequestError) as caught:
         Scene(**{"task": "face_direction"} | settings)
     assert str(caught.value).startswith(sentence)
@@ -83,17 +83,17 @@ def test_impossible_scene_is_refused(settings, sentence):
     ("settings", "steps", "interval"),
     [
         ((25,), range(0, 1001, 4), 0.04),
-        ((30,), range(0, 1001, 3), 0.03),  # whole control steps apart
+        ((30,), range(0, 1001, 3), 0.03),  # a whole number of control steps apart
         ((100, 1.0, 7), range(8), 0.01),
-        ((25, 0.5, 100), range(0, 101, 2), 0.04),  # slow motion: more of the frames
+        ((25, 0.5, 100), range(0, 101, 2), 0.04),  # slow motion: more frames
         ((25, 2.0, 100), range(0, 101, 8), 0.04),
     ],
 )
-def test_steps_and_interval_of_a_video(settings, steps, interval):
+def test_video_steps_have_requested_rate_and_speed(settings, steps, interval):
     assert video_steps(*settings) == (steps, pytest.approx(interval))
 
 
-def test_strip_goes_from_the_first_step_to_the_last():
+def test_strip_spans_first_to_last_step():
     assert strip_steps(6) == [0, 200, 400, 600, 800, 1000]
     assert strip_steps(4, 100) == [0, 33, 67, 100]
 
@@ -111,7 +111,7 @@ def test_strip_goes_from_the_first_step_to_the_last():
         (lambda: strip_steps(5, 3), "No strip of 5 moments in 3 control steps."),
     ],
 )
-def test_impossible_video_is_refused(call, sentence):
+def test_invalid_video_is_refused(call, sentence):
     with pytest.raises(RequestError) as caught:
         call()
     assert str(caught.value).startswith(sentence)
@@ -132,7 +132,7 @@ def test_impossible_video_is_refused(call, sentence):
         ),
     ],
 )
-def test_goal_in_words(task, values, words):
+def test_goal_is_described_in_words(task, values, words):
     physical = np.zeros(features.TASK_SPECS[task].observation_size)
     physical[list(values)] = list(values.values())
     assert goal(task, features.normalize(task, physical)) == words.replace("_", PAD)

@@ -1,4 +1,4 @@
-"""Videos, animations and strips: read back, they hold the episode's pictures."""
+"""Tests of videos, animations and strips, whose frames must equal the episode's pictures."""
 
 import importlib.util
 import io
@@ -28,7 +28,7 @@ def as_video(frame):
 
 
 @rendering
-def test_strip_is_the_moments_side_by_side(tmp_path):
+def test_strip_has_moments_side_by_side(tmp_path):
     path = tmp_path / "new" / "strip.png"
     done = render_to_file(Constant(), SCENE, path, name="constant", moments=3, steps=16)
     strip = np.asarray(Image.open(path))
@@ -41,7 +41,7 @@ def test_strip_is_the_moments_side_by_side(tmp_path):
 
 
 @rendering
-def test_gif_loops_the_episode_in_real_time(tmp_path):
+def test_gif_loops_episode_in_real_time(tmp_path):
     path = tmp_path / "episode.GIF"
     done = render_to_file(Constant(), SCENE, path, name="half power", steps=16)
     animation = Image.open(path)
@@ -56,14 +56,14 @@ def test_gif_loops_the_episode_in_real_time(tmp_path):
 
 
 @rendering
-def test_mp4_holds_the_episode_in_slow_motion(tmp_path):
+def test_mp4_shows_episode_in_slow_motion(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "episode.mp4"
     reported = []
     render_to_file(Constant(), SCENE, path, name="x", steps=16, speed=0.5, progress=reported.append)
     about, *shown = ffmpeg.read_frames(str(path))
     assert (about["size"], about["fps"], about["codec"]) == ((160, 120), 25, "h264")
-    assert len(shown) == 9  # every second of 16 control steps
+    assert len(shown) == 9  # every other of 16 control steps
     assert reported == list(range(17))
     steps = range(0, 17, 2)
     for content, frame in zip(shown, render_episode(Constant(), SCENE, steps), strict=True):
@@ -73,7 +73,7 @@ def test_mp4_holds_the_episode_in_slow_motion(tmp_path):
         assert np.abs(found - expected).mean() < 8
 
 
-def test_odd_sides_of_a_video_are_made_even(tmp_path):
+def test_odd_video_size_is_padded_to_even(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     grey = np.full((65, 97, 3), 128, np.uint8)
     (tmp_path / "odd.mp4").write_bytes(mp4(iter([grey] * 3), (97, 65), 0.1))
@@ -82,7 +82,7 @@ def test_odd_sides_of_a_video_are_made_even(tmp_path):
     assert np.abs(np.frombuffer(shown[1], np.uint8).astype(int) - 128).max() < 4
 
 
-def test_animation_keeps_the_colours_of_a_target_that_comes_late():
+def test_animation_keeps_colours_of_late_frames():
     blue, green = np.zeros((2, 40, 60, 3), np.uint8)
     blue[...], green[...] = (60, 100, 160), (40, 160, 80)
     animation = Image.open(io.BytesIO(write.gif([blue, blue + 1, green], 0.1)))
@@ -92,7 +92,7 @@ def test_animation_keeps_the_colours_of_a_target_that_comes_late():
 
 @rendering
 @pytest.mark.parametrize("ending", write.SUFFIXES)
-def test_interrupted_writing_leaves_what_was_there(tmp_path, ending):
+def test_interrupted_writing_keeps_old_file(tmp_path, ending):
     if ending == ".mp4":
         pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / f"episode{ending}"
@@ -103,7 +103,7 @@ def test_interrupted_writing_leaves_what_was_there(tmp_path, ending):
     assert path.read_bytes() == b"before"
 
 
-def test_default_sizes_have_one_shape(tmp_path):
+def test_default_sizes_have_same_aspect_ratio(tmp_path):
     sizes = [default_size(tmp_path / f"file{ending}") for ending in write.SUFFIXES]
     assert sizes == [(640, 480), (640, 480), (320, 240)]
     assert {width * 3 for width, _ in sizes} == {height * 4 for _, height in sizes}
@@ -122,9 +122,7 @@ def test_default_sizes_have_one_shape(tmp_path):
         ("file/a.png", {}, "file is a file, or lies in one; name a directory."),
     ],
 )
-def test_impossible_file_is_refused_before_anything_is_simulated(
-    tmp_path, name, settings, sentence
-):
+def test_invalid_file_is_refused_before_simulation(tmp_path, name, settings, sentence):
     (tmp_path / "directory.png").mkdir()
     (tmp_path / "file").touch()
     policy = Constant()
@@ -164,7 +162,7 @@ def test_gif_needs_no_ffmpeg(tmp_path, monkeypatch):
 
 
 @rendering
-def test_same_request_gives_the_same_file(tmp_path):
+def test_same_request_writes_same_file(tmp_path):
     files = [tmp_path / name for name in ("one.png", "other.png", "second.png")]
     for path, seed in zip(files, (1, 1, 2), strict=True):
         scene = Scene("move_to_pose", seed=seed, width=96, height=64)

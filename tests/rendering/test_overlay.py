@@ -1,4 +1,4 @@
-"""Text in pictures: where it is, that it is legible, and what it says."""
+"""Tests of text in pictures: position, legibility and content."""
 
 import numpy as np
 import pytest
@@ -26,10 +26,10 @@ def changed_rows(one, other):
     return rows.min(), rows.max()
 
 
-def test_text_is_on_its_lines_and_nowhere_else():
+def test_text_changes_only_its_lines():
     shown = frame()
     written = video_picture(shown, "face_direction, heuristic", "ego camera")
-    np.testing.assert_array_equal(shown.picture, plain())  # left as it was
+    np.testing.assert_array_equal(shown.picture, plain())  # unchanged
     touched = np.any(written != 128, axis=2)
     top, bottom = MARGIN + 3 * LINE, HEIGHT - MARGIN - LINE
     assert not touched[top:bottom].any()
@@ -41,7 +41,7 @@ def test_text_is_on_its_lines_and_nowhere_else():
 
 
 @pytest.mark.parametrize("grey", [0, 255])
-def test_text_is_readable_on_black_and_on_white(grey):
+def test_text_is_legible_on_black_and_on_white(grey):
     written = write(plain(grey), ["return 914"], [], lines_in_height=24).astype(int)
     assert np.mean(np.abs(written - grey).max(axis=2) > 200) > 0.001
 
@@ -50,7 +50,7 @@ def test_text_is_readable_on_black_and_on_white(grey):
     ("change", "line"),
     [({"step": 260}, 1), ({"episode_return": 99.0}, 1), ({"goal": "other"}, 2)],
 )
-def test_each_line_shows_its_fact(change, line):
+def test_each_line_shows_its_value(change, line):
     one, other = (video_picture(f, "title", "ego camera") for f in (frame(), frame(**change)))
     first, last = changed_rows(one, other)
     assert MARGIN + line * LINE <= first <= last < MARGIN + (line + 1) * LINE
@@ -63,12 +63,12 @@ def test_title_and_camera_are_written():
     assert below[0] >= HEIGHT - MARGIN - LINE
 
 
-def test_numbers_are_equally_wide():
+def test_numbers_have_fixed_width():
     assert times(frame()) == f"{PAD}2.50 s   return {PAD}{PAD}12.3"
     assert times(frame(1000, 914.37)) == "10.00 s   return" + f" {PAD}914.4"
 
 
-def test_moments_have_larger_letters():
+def test_strips_have_larger_letters():
     picture = plain(height=240, width=320)
     moment = strip_picture(frame(picture=picture))
     video = write(picture, ["2.5 s", "return 12"], [], lines_in_height=24)

@@ -1,4 +1,4 @@
-"""Pixels as observations: dm_control's wrapper and Gymnasium's, on our environments."""
+"""Tests of pixel observations by the wrappers of dm_control and Gymnasium."""
 
 import gymnasium
 import numpy as np
@@ -21,7 +21,7 @@ ACTION = np.ones(1, np.float32)
 
 @pytest.fixture
 def load():
-    """dm_control's environments, whose windows are closed in the end."""
+    """Returns a function that loads a dm_control environment with the pixel wrapper."""
     loaded = []
 
     def load(camera="overhead", **settings):
@@ -38,7 +38,7 @@ def load():
 
 @pytest.fixture
 def make():
-    """Gymnasium's environments, closed in the end."""
+    """Returns a function that makes a Gymnasium environment."""
     made = []
 
     def make(**settings):
@@ -64,7 +64,7 @@ def test_dm_control_observes_pixels(load):
     assert np.any(seen[0].observation["pixels"] != shown)  # the robot has moved
 
 
-def test_dm_control_observes_pixels_beside_the_features(load):
+def test_dm_control_observes_pixels_and_features(load):
     env, plain = load(pixels_only=False), suite.load("jitterbug", "move_to_pose", {"random": 3})
     found, expected = env.reset().observation, plain.reset().observation
     assert list(found) == [*expected, "pixels"]
@@ -87,11 +87,11 @@ def test_gymnasium_observes_pixels(make):
     np.testing.assert_array_equal(last, env.render())
     assert np.any(first != last)
     np.testing.assert_array_equal(env.reset(seed=3)[0], first)
-    # As agents take them: torch refuses arrays that run backwards, as Gymnasium's pictures do.
+    # Agents convert them to torch, which refuses negative strides, as Gymnasium's pictures have.
     np.testing.assert_array_equal(torch.from_numpy(last).numpy(), last)
 
 
-def test_gymnasium_observes_pixels_beside_the_features(make):
+def test_gymnasium_observes_pixels_and_features(make):
     env, plain = AddRenderObservation(make(), render_only=False), JitterbugEnv("move_to_pose")
     pairs = [(env.reset(seed=3)[0], plain.reset(seed=3)[0])]
     pairs += [(env.step(ACTION)[0], plain.step(ACTION)[0]) for _ in range(5)]
@@ -104,7 +104,7 @@ def test_gymnasium_observes_pixels_beside_the_features(make):
     Version(gymnasium.__version__) < Version("1.4"),
     reason="this gymnasium can't make the wrapped environment from its spec",
 )
-def test_gymnasiums_checker_accepts_pixels(make, recwarn):
+def test_gymnasium_checker_accepts_pixels(make, recwarn):
     check_env(AddRenderObservation(make()).unwrapped, skip_render_check=True)
     wrapped = AddRenderObservation(make())
     check_env(wrapped, skip_render_check=True)
@@ -112,11 +112,11 @@ def test_gymnasiums_checker_accepts_pixels(make, recwarn):
     assert all("infinity" in kind or "different from the unwrapped" in kind for kind in kinds)
 
 
-def test_pictures_larger_than_the_models_buffer_are_whole():
+def test_pictures_larger_than_offscreen_buffer_are_complete():
     env = JitterbugEnv("move_to_pose", render_mode="rgb_array", width=2000, height=1100)
     env.reset(seed=0)
     picture = env.render()
     env.close()
     assert picture.shape == (1100, 2000, 3)
-    assert picture[0].min() > 50  # sky, and not black
+    assert picture[0].min() > 50  # sky, not black
     assert picture[:, -1].min() > 20

@@ -1,4 +1,4 @@
-"""MuJoCo's window, once under a virtual display, and what is said where no window can be."""
+"""Tests of MuJoCo's window, under a virtual display, and of the errors without a display."""
 
 import shutil
 import subprocess
@@ -14,8 +14,8 @@ from jbench.rendering.episode import Scene
 from jbench.rendering.viewer import view
 from tests.rendering.render_policies import Constant
 
-# At its 60th action the policy takes a picture of the screen and closes the window; the episode,
-# cut to 25 steps, has begun again twice by then.
+# At its 60th action, in the third episode of 25 steps, the policy takes a screenshot and closes the
+# window.
 WATCH = """
 import sys
 import time
@@ -35,8 +35,8 @@ viewer.EPISODE_STEPS = 25
 
 class Closing(Constant):
     def act(self, observations):
-        if len(self.asked) == 59:
-            # The window is drawn by a thread of its own, which a busy machine lets wait.
+        if len(self.observations) == 59:
+            # A separate thread draws the window, which may be late on a busy machine.
             deadline = time.monotonic() + 120
             while time.monotonic() < deadline:
                 picture = ImageGrab.grab()
@@ -54,9 +54,9 @@ print(viewer.view(policy, Scene("face_direction", seed=1)), len(policy.robots))
 
 
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="no virtual display: install xvfb")
-def test_window_shows_the_robot_until_it_is_closed(tmp_path, monkeypatch):
+def test_window_shows_robot_until_closed(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-    monkeypatch.setenv("MUJOCO_GL", "disable")  # as the command line has it
+    monkeypatch.setenv("MUJOCO_GL", "disable")  # as in the command line
     screen = ["xvfb-run", "--auto-servernum", "--server-args", "-screen 0 1280x1024x24"]
     done = subprocess.run(
         [*screen, sys.executable, "-c", WATCH, tmp_path / "screen.png"],
@@ -72,14 +72,14 @@ def test_window_shows_the_robot_until_it_is_closed(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a desktop")
-def test_without_a_display_there_is_no_window(monkeypatch):
+def test_missing_display_is_refused(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(RequestError, match="There is no display to open a window on; jbench re"):
         view(Constant(), Scene("face_direction"))
 
 
-def test_display_that_does_not_open_is_no_window(monkeypatch):
+def test_display_that_cannot_be_opened_is_refused(monkeypatch):
     import glfw
 
     monkeypatch.setenv("DISPLAY", ":77")

@@ -1,4 +1,4 @@
-"""A policy, and agents that are not as they should be, each in one respect."""
+"""A policy, and agents with one defect each."""
 
 import numpy as np
 import torch
@@ -9,7 +9,7 @@ import jbench
 
 
 def bang_bang(observations):
-    """A policy: full speed ahead or back, depending on the angle to the target."""
+    """A policy: maximum action, whose sign depends on the angle to the target."""
     return np.sign(observations[:, -1:])
 
 

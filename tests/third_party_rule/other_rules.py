@@ -1,4 +1,4 @@
-"""Rules that are not as they should be, each in one respect."""
+"""Rules with one defect each."""
 
 from torch import nn
 from tqc import TQC
@@ -14,7 +14,7 @@ class NotFinite(TQC):
 
 
 class NoActor(TQC):
-    """Has no network of the name actor."""
+    """Has no network named actor."""
 
     losses = {"actor_loss": "policy"}  # noqa: RUF012
 

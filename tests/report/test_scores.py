@@ -102,9 +102,7 @@ def test_one_or_two_seeds_have_no_interval(fabric, published):
     assert two.get("final_return", "interquartile_range").estimate.value == 100
 
 
-def test_nan_returns_are_ignored_in_means_and_counts(
-    fabric, published
-):
+def test_nan_returns_are_ignored_in_means_and_counts(fabric, published):
     fabric.run([np.nan, 200.0, 400.0, 600.0], 0)
     fabric.run([100.0, 200.0, 300.0, np.nan], 1)
     (cell,) = fabric.cells()[0]

@@ -31,7 +31,7 @@ def cell(*runs, environments=1):
 TURNS = cell([0, 10] * 4, [10, 0] * 4, [4] * 8)
 
 
-def test_quantile_first_keeps_the_spread_of_single_episodes():
+def test_quantile_first_keeps_spread_of_single_episodes():
     curve = learning_curve(*TURNS, "quantile-first", 2)
     # Each episode has the returns 0, 4 and 10: positions 0.2, 0.5, 1, 1.5 and 1.8 among them.
     expected = np.array([0.8, 2.0, 4.0, 7.0, 8.8])

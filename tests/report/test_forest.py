@@ -109,7 +109,7 @@ class TestHeadline:
             "(These are training returns.)"
         )
 
-    def test_tasks_with_the_same_answer_share_a_clause(self, fabric):
+    def test_tasks_with_same_answer_share_clause(self, fabric):
         for task in ("face_direction", "move_to_pose"):
             add_runs(fabric, [300 + seed for seed in range(6)], task=task)
         assert document(fabric).headline == (
@@ -139,7 +139,7 @@ class TestHeadline:
         said = document(fabric).headline
         assert re.search(r"\(dae12: TD3 -300 \[.*\], TD3 stable-baselines3 -100 \[", said)
 
-    def test_representations_with_one_outcome_share_a_sentence(self, fabric):
+    def test_representations_with_one_outcome_share_sentence(self, fabric):
         ends = {"full": 800, "dae12": 500, "pca4": 300, "planar12": 805}
         for representation, final in ends.items():
             add_runs(fabric, [final + seed for seed in range(6)], representation=representation)

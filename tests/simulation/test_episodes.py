@@ -47,7 +47,7 @@ def plain_loop(model, quaternion, actions):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_threaded_simulation_equals_a_plain_loop(model, given, threads):
+def test_threaded_simulation_equals_plain_loop(model, given, threads):
     found = on_threads(threads, model, *given)
     for episode, (quaternion, actions) in enumerate(zip(*given, strict=True)):
         qpos, qvel = plain_loop(model, quaternion, actions)

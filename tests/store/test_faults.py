@@ -181,7 +181,7 @@ def test_clock_set_back_during_writing_changes_only_dates(results, record):
     assert (line.created, problems) == ("2999-01-01T00:00:00+00:00", [])
 
 
-def test_two_writers_of_one_record_alternate(results):
+def test_two_writers_of_one_record_are_serialized(results):
     script = """
 record = results.record("run", "a/b")
 while True:

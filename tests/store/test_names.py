@@ -120,7 +120,7 @@ def test_repeated_large_texts_are_refused():
         parquet.from_bytes(content, rows)
 
 
-def test_file_that_decompresses_to_more_than_the_limit_is_refused(monkeypatch):
+def test_file_that_decompresses_to_more_than_limit_is_refused(monkeypatch):
     content = parquet.to_bytes(pa.table({"x": [float(n) for n in range(200_000)]}))
     monkeypatch.setattr(parquet, "_MAX_BYTES", 1 << 20)
     with pytest.raises(ValueError, match="it unpacks to 1 MiB"):

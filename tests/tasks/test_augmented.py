@@ -16,7 +16,7 @@ from jbench.tasks.robots import load_model
 NONE = (0.0, 0.0, 0.0)
 EVERY_LEG = pytest.mark.parametrize("leg", LEGS)
 
-# Knees of the plain robot in the torso's frame, and the paper's hinge axes, in centimetres.
+# Knees of the plain robot in the torso's frame, and reference hinge axes, in centimetres.
 KNEES = {
     1: (2.87, 3.28, 3.3),
     2: (2.87, -3.08, 3.5),
@@ -80,7 +80,7 @@ def test_robot_without_shifts_moves_as_plain_robot(plain):
 
 
 @EVERY_LEG
-def test_axes_without_shifts_equal_published_axes(leg):
+def test_axes_without_shifts_equal_reference_axes(leg):
     found = augmented.hinge_axis(leg, np.array(KNEES[leg]) / 100)
     np.testing.assert_allclose(np.array(found) * 100, AXES[leg], rtol=0, atol=1e-12)
 
@@ -90,7 +90,7 @@ def test_axes_without_shifts_equal_published_axes(leg):
     # A knee 3 mm to the left and 2 mm back: (2.32 + .3, -2.68 - .2) for leg 1, and so on.
     [(1, (2.62, -2.88)), (2, (-2.62, -3.48)), (3, (2.02, -3.48)), (4, (-2.02, -2.88))],
 )
-def test_axes_of_shoulder_and_elbow_follow_the_knee(leg, axis):
+def test_axes_of_shoulder_and_elbow_follow_knee(leg, axis):
     robot = augmented.build(Morphology(seed=0, knees=only(leg, (0.003, 0.002, -0.001))))
     for joint in ("shoulder", "elbow"):
         found = robot.joint(f"leg{leg}_{joint}").axis
@@ -188,7 +188,7 @@ def test_gear_changes_torque():
         ("gear", 0.001),
     ],
 )
-def test_shifts_have_published_deviations_and_zero_mean(draws, name, deviations):
+def test_shifts_have_reference_deviations_and_zero_mean(draws, name, deviations):
     shifts = np.array([getattr(morphology, name) for morphology in draws])
     np.testing.assert_allclose(shifts.std(axis=0) / deviations, 1, atol=0.15)
     # The mean of 300 is within 0.2 deviations of zero, which is 3.5 of its standard errors.

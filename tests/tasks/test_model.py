@@ -1,4 +1,4 @@
-"""Tests of the MuJoCo model against the measured masses, positions and sizes of the robot."""
+"""Tests of the MuJoCo model against reference values of masses, positions and sizes."""
 
 import mujoco
 import numpy as np
@@ -144,7 +144,7 @@ def test_hinge_has_its_position_axis_and_spring(robot, at_rest, joint, expected)
         (-3, 100, -0.00833 * 1.6664),  # clipped to -1
     ],
 )
-def test_motor_torque_is_that_of_a_velocity_servo(robot, at_rest, control, speed, torque):
+def test_motor_torque_is_that_of_velocity_servo(robot, at_rest, control, speed, torque):
     at_rest.ctrl[0] = control
     at_rest.qvel[model.MOTOR] = speed
     mujoco.mj_forward(robot, at_rest)

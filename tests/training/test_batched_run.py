@@ -126,7 +126,7 @@ def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
         assert last["target_x"].isna().all()
 
 
-def test_robot_sequence_is_trained_in_order():
+def test_robots_of_sequence_have_equal_shares_of_episodes():
     run = settings("ddpg", robots=2, augment=5, steps=4 * EPISODE)
     first, second = robot_model(run, 0), robot_model(run, 1)
     assert (first.body_pos != second.body_pos).any() or (first.geom_size != second.geom_size).any()

@@ -159,7 +159,7 @@ def test_diverging_stable_baselines3_agent_fails(algo, tmp_path):
     assert episodes["control_steps"][-1].as_py() <= diverged["control_steps"]
 
 
-def test_losses_without_a_column_are_refused(tmp_path):
+def test_losses_without_column_are_refused(tmp_path):
     record = Results(tmp_path).create("run", "a/s00-00000000", {})
     with pytest.raises(Exception, match="no column for kl, q_loss; the losses that it has are act"):
         RunLog(record).episode(1000, 1.0, 1000, {"q_loss": 1.0, "actor_loss": 0.5, "kl": 2.0})

@@ -59,7 +59,7 @@ def test_ofe_is_part_of_settings_and_id(tmp_path):
     for run in (full, few, other):
         assert RunSettings(**json.loads(json.dumps(run.model_dump(mode="json")))) == run
     runs = (full, few, other)
-    # Representations of one algorithm are comparable, whatever their other settings.
+    # Runs that differ only in their representation and its settings are comparable.
     assert len({comparable(run, "representation") for run in runs}) == 1
     assert len({comparable(run) for run in runs}) == 3
     labels = variant_labels({str(i): run for i, run in enumerate(runs[1:])})

@@ -43,7 +43,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def test_request_of_many_seeds_exceeds_argument_limit(tmp_path):
+def test_request_of_many_seeds_may_exceed_argument_limit(tmp_path):
     # Linux limits an argument to 128 KiB. The runs are finished, so nothing is trained.
     results, long = Results(tmp_path), {**TD3, "hidden_layers": [8] * 5000}
     runs = [small_run("td3", long, seed=seed, **SHORT) for seed in range(15)]

@@ -40,7 +40,7 @@ def finished(tmp_path_factory):
     return results, record, reported
 
 
-def test_every_training_episode_is_a_row(finished):
+def test_every_training_episode_is_row(finished):
     _, record, _ = finished
     rows = record.read("episodes", schema.EPISODES).to_pylist()
     assert [row["episode"] for row in rows] == [0, 1, 2]

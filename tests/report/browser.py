@@ -22,7 +22,7 @@ ARGUMENTS = (
 DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 360, "height": 740}
 
 
-class Opened:
+class BrowserPage:
     """A page in the browser, with its errors and its network requests."""
 
     def __init__(self, chromium, path, viewport=DESKTOP, **options):

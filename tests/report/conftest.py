@@ -89,7 +89,7 @@ def evaluations(run, means, seconds=None):
     return rows(columns, schema.EVALUATIONS)
 
 
-class Fabric:
+class FabricatedResults:
     """Adds runs to a results directory."""
 
     def __init__(self, path):
@@ -150,7 +150,7 @@ class Fabric:
 
 @pytest.fixture
 def fabric(tmp_path):
-    return Fabric(tmp_path / "results")
+    return FabricatedResults(tmp_path / "results")
 
 
 @pytest.fixture
@@ -207,7 +207,7 @@ def opened(chromium):
     pages = []
 
     def open_page(path, **options):
-        pages.append(browser.Opened(chromium, path, **options))
+        pages.append(browser.BrowserPage(chromium, path, **options))
         return pages[-1]
 
     yield open_page

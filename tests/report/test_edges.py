@@ -22,7 +22,7 @@ ALL = Request(window=4, claims=True, each_seed=True, formats=("svg",))
 FLAT = np.full(40, 500.0)
 
 
-class Reported:
+class GatheredReport:
     """Data and summary of a report that is not written to files."""
 
     def __init__(self, fabric):
@@ -46,7 +46,7 @@ class Reported:
 def test_one_or_two_seeds_have_no_interval_and_no_verdict(fabric, count):
     for seed in range(count):
         fabric.run(FLAT + 400 + seed, seed)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (row,) = report.rows
     assert row["seeds"] == count
     assert f"only {count} seed" in row["notes"]
@@ -60,7 +60,7 @@ def test_one_or_two_seeds_have_no_interval_and_no_verdict(fabric, count):
 def test_verdict_needs_six_seeds(fabric, count, verdict):
     for seed in range(count):
         fabric.run(FLAT + 450 + seed, seed)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (solved,) = report.findings("g")
     assert solved.verdict == verdict
     assert ("but uncertain" in report.summary) == (count == 5)
@@ -70,7 +70,7 @@ def test_unequal_lengths_are_noted_with_compared_steps(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed)
         fabric.run(FLAT[: 20 + seed], seed, representation="dae12")
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     notes = {row["representation"]: row["notes"] for row in report.rows}
     assert "seeds of unequal length, 20 to 22 episodes" in notes["dae12"]
     (similar,) = report.findings("a")
@@ -82,7 +82,7 @@ def test_unequal_lengths_are_noted_with_compared_steps(fabric):
 def test_failed_or_unfinished_run_is_counted_and_noted(fabric, status):
     fabric.run(FLAT, 0)
     fabric.run(FLAT[:30], 1, status=status, steps=40_000)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (row,) = report.rows
     assert (row["seeds"], row["episodes_min"], row["episodes_max"]) == (2, 30, 40)
     assert f"seed 1 {status} after 30 episodes" in row["notes"]
@@ -93,7 +93,7 @@ def test_non_finite_returns_are_counted_in_notes(fabric):
     fabric.run(np.r_[FLAT[:39], math.nan], 0)
     fabric.run(np.full(40, math.nan), 1)
     fabric.run(np.r_[math.inf, FLAT[:39]], 2)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (row,) = report.rows
     for part in ("seed 0 has 1 returns", "seed 1 has 40 returns", "seed 2 has 1 returns"):
         assert part in row["notes"]
@@ -105,7 +105,7 @@ def test_non_finite_returns_are_counted_in_notes(fabric):
 
 def test_run_with_only_nan_returns_is_reported(fabric, out):
     fabric.run(np.full(40, math.nan))
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     assert math.isnan(report.rows[0]["training_return_median"])
     assert "| TD3 | full | 40k |  |" in report.table("final_returns")
     assert write_report(fabric.results, out, ALL).figures
@@ -114,7 +114,7 @@ def test_run_with_only_nan_returns_is_reported(fabric, out):
 def test_cell_with_one_representation_has_no_comparison(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed, representation="dae12")
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     assert report.data.comparisons == []
     assert not report.findings("a")
     assert not any("ratio" in statistic for _, statistic in report.statistics.index)
@@ -125,7 +125,7 @@ def test_spread_of_identical_seeds_is_undecided(fabric):
     for seed in range(6):
         fabric.run(FLAT, seed)
         fabric.run(FLAT, seed, representation="dae12")
-    (spread,) = Reported(fabric).findings("b")
+    (spread,) = GatheredReport(fabric).findings("b")
     assert math.isnan(spread.effect.value)
     assert spread.verdict == "undecided"
 
@@ -135,7 +135,7 @@ def test_augmented_robots_are_separate_cells_and_test_no_claim(fabric):
         fabric.run(FLAT, seed)
         fabric.run(FLAT + 100, seed, representation="dae12", augment=3)
         fabric.run(FLAT + 100, seed, augment=0, robots=2)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     assert len(report.rows) == 3
     assert not report.findings("a")
     # Claim (g) is tested only on the cell of the unchanged robot.
@@ -148,7 +148,7 @@ def test_two_engines_are_two_variants(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed, engine="sb3")
         fabric.run(FLAT + 100, seed, engine="batched")
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     assert [(row["settings"], row["seeds"]) for row in report.rows] == [
         ("engine=batched", 3),
         ("engine=sb3", 3),
@@ -180,7 +180,7 @@ def test_heuristics_are_judged_by_longest_evaluation_on_unchanged_robot(fabric):
     evaluated(fabric, "heuristic", [950.0, 960.0, 970.0, 940.0, 930.0, 980.0])
     evaluated(fabric, "heuristic", [1.0] * 9, augment=3)
     evaluated(fabric, "random", [2.0] * 9)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (found,) = report.findings("h")
     assert (found.compared, found.seeds, found.verdict) == ("face_direction", 6, "supported")
     assert found.effect.value == 955
@@ -205,6 +205,6 @@ class TestDatabases:
             path = record.path / "manifest.json"
             manifest = json.loads(path.read_text())
             path.write_text(json.dumps({**manifest, "provenance": {"packages": [], "command": 3}}))
-        report = Reported(fabric)
+        report = GatheredReport(fabric)
         assert sum(row["seeds"] for row in report.rows) == 5
         assert len(report.document.provenance) == 5

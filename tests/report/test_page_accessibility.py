@@ -12,7 +12,7 @@ from jbench.report.report import gather
 from jbench.report.request import Request
 from jbench.store import Results
 from jbench.store.shipped import shipped
-from tests.report.conftest import Fabric
+from tests.report.conftest import FabricatedResults
 
 WIDE, NARROW = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 UNFOLD = (
@@ -39,7 +39,7 @@ def written(request, tmp_path_factory):
 
 def fabricated(path):
     """Returns results of two algorithms on two representations."""
-    fabric = Fabric(path)
+    fabric = FabricatedResults(path)
     for algo, representation in itertools.product(("td3", "sac"), ("full", "dae12")):
         for seed in range(2):
             evaluated = {20_000: 300.0 + seed, 40_000: 950.0 + seed}

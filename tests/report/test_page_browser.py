@@ -15,7 +15,7 @@ from jbench.report.document import FigureItem, Section, TableItem
 from jbench.report.figure import Axis, Band, Panel, Series, Style
 from jbench.report.page import colors, render_document
 from tests.report import page_documents as made
-from tests.report.browser import PHONE, Opened
+from tests.report.browser import PHONE, BrowserPage
 
 # matplotlib warns that its font has no control characters.
 pytestmark = pytest.mark.filterwarnings("ignore:Glyph")
@@ -70,7 +70,7 @@ class TestSecurity:
             text = text.replace("Content-Security-Policy", "X-None")
         path = tmp_path / "index.html"
         path.write_text(text)
-        page = Opened(chromium, path)
+        page = BrowserPage(chromium, path)
         page.page.locator("b", has_text=re.compile("^b$")).click()
         if guarded:
             page.page.wait_for_function("window.violations.length >= 5")
@@ -223,7 +223,11 @@ class TestDownload:
     @pytest.mark.parametrize("scripts", [True, False])
     def test_data_of_figure_can_be_downloaded(self, opened, written, tmp_path, scripts, chromium):
         # Without scripts, `assert_quiet` can't be evaluated.
-        page = opened(written) if scripts else Opened(chromium, written, java_script_enabled=False)
+        page = (
+            opened(written)
+            if scripts
+            else BrowserPage(chromium, written, java_script_enabled=False)
+        )
         with page.page.expect_download() as download:
             page.page.locator("#curves .download").click()
         assert download.value.suggested_filename == "curves.csv"
@@ -241,7 +245,7 @@ class TestDownload:
         path = tmp_path / "index.html"
         section = Section("S", [], [item])
         path.write_bytes(render_document(made.document(sections=[section])).encode())
-        page = Opened(chromium, path, java_script_enabled=scripts)
+        page = BrowserPage(chromium, path, java_script_enabled=scripts)
         with page.page.expect_download() as download:
             page.page.locator("#large .download").click()
         assert download.value.suggested_filename == ("large.csv" if scripts else "large.csv.gz")
@@ -350,7 +354,7 @@ class TestAppearance:
         assert {(round(float(w)), round(float(h))) for w, h in sizes} == {(595, 842), (842, 595)}
 
     def test_page_without_scripts_is_plain_document(self, chromium, written):
-        page = Opened(chromium, written, java_script_enabled=False)
+        page = BrowserPage(chromium, written, java_script_enabled=False)
         for text in ("No task is solved.", "668 [659, 676]", "Across seeds.", "jbench report"):
             expect(page.page.get_by_text(text).first).to_be_visible()
         expect(page.page.locator("button")).to_have_count(0)

@@ -80,7 +80,7 @@ def forbid_renames():
         sys.exit(CANNOT)
 
 
-def give_up_rights():
+def drop_privileges():
     """Drops all capabilities, so that permissions also restrict a process of root."""
     version, this_process = 0x20080522, 0
     header = struct.pack("Ii", version, this_process)
@@ -89,7 +89,7 @@ def give_up_rights():
         sys.exit(CANNOT)
 
 
-def leave_room(largest):
+def limit_file_size(largest):
     """Limits the size of files in bytes: a larger write fails as on a full disk."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))

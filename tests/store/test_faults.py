@@ -41,7 +41,7 @@ def test_full_disk_while_writing_manifest_keeps_committed_rows(results, record):
     # The settings make a manifest that is larger than a part, so that only it has no room.
     settings = {"long": "x" * 20_000}
     alter_manifest(record, settings=settings)
-    said = run_script(results, "store_faults.leave_room(8192)\n" + APPENDING)
+    said = run_script(results, "store_faults.limit_file_size(8192)\n" + APPENDING)
     assert said[0].startswith(f"No room left to write manifest.json in {record.path}; what was ")
     assert said[1] == "[1]"
     assert results.find("run", "a/b").settings == settings
@@ -52,7 +52,7 @@ def test_record_can_finish_after_finish_failed_on_full_disk(results, record):
     for n in range(5):
         record.append({"t": numbers(n)})
     script = """
-store_faults.leave_room(8192)
+store_faults.limit_file_size(8192)
 try:
     results.find("run", "a/b").finish({}, {"policy.json": b"x" * 10_000})
 except WorkError as error:
@@ -79,7 +79,7 @@ def test_append_that_cannot_rename_keeps_committed_rows(results, record):
 def test_append_without_write_permission_keeps_committed_rows(results, record):
     record.append({"t": numbers(1)})
     record.path.chmod(0o500)
-    said = run_script(results, "store_faults.give_up_rights()\n" + APPENDING)
+    said = run_script(results, "store_faults.drop_privileges()\n" + APPENDING)
     record.path.chmod(0o700)
     assert said[0].endswith(".parquet can't be written (Permission denied).")
     assert said[1] == "[1]"
@@ -93,7 +93,7 @@ def test_unreadable_record_is_reported_and_others_are_read(results, record, wher
     mode = path.stat().st_mode
     path.chmod(0o000)
     script = """
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 records, problems = results.scan("run")
 print([record.id for record in records], *problems, sep="\\n")
 """
@@ -108,7 +108,7 @@ def test_unreadable_file_is_reported_with_its_record(results, record):
     path = record.path / listed(record)[0]
     path.chmod(0o000)
     script = """
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 try:
     read(results.find("run", "a/b"))
 except WorkError as error:
@@ -122,7 +122,7 @@ def test_unwritable_results_directory_is_refused_on_create(tmp_path, results):
     results.path.mkdir()
     results.path.chmod(0o500)
     script = """
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 try:
     results.create("run", "a/b", {})
 except RequestError as error:

@@ -257,7 +257,7 @@ def test_read_only_source_is_copied(results, other):
         os.chmod(folder, 0o500)
     script = f"""
 from jbench.store.merge import merge
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 (one,) = merge(results, [Results(Path({str(other.path)!r}))])
 print(one.outcome, one.reason)
 """
@@ -272,7 +272,7 @@ def test_copy_that_fills_disk_is_refused_and_others_are_copied(results, other):
     large = add(other, "dataset", "random", {"seed": 1}, {"t": lambda id: incompressible(50_000)})
     script = f"""
 from jbench.store.merge import merge
-store_faults.leave_room(100_000)
+store_faults.limit_file_size(100_000)
 for one in merge(results, [Results(Path({str(other.path)!r}))]):
     print(one.record, one.outcome, one.reason)
 """

@@ -254,7 +254,7 @@ def test_unreadable_file_is_reported_as_foreign(results):
     run = add_whole_run(results)
     script = """
 from jbench.store.verify import verify
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 for finding in verify(results, 2).findings:
     print(finding.severity, finding)
 """

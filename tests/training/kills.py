@@ -36,7 +36,7 @@ from jbench.training.checkpoints import load
 from tests.training.small_runs import shorten_episodes
 
 
-class Squashed(Encoder):
+class TanhEncoder(Encoder):
     """An encoder of few latents: a linear map and tanh."""
 
     def __init__(self, latents):
@@ -52,7 +52,7 @@ class Squashed(Encoder):
         return torch.tanh(observations @ weights)
 
 
-class Deadly:
+class KillingModule:
     """Wraps a module, and kills this process at one of the write points."""
 
     def __init__(self, module, at):
@@ -78,10 +78,10 @@ class Deadly:
 
     def fdopen(self, handle, *mode):
         file = self._module.fdopen(handle, *mode)
-        return DeadlyFile(file, self) if mode == ("wb",) else file
+        return KillingFile(file, self) if mode == ("wb",) else file
 
 
-class DeadlyFile:
+class KillingFile:
     """Wraps a file, and kills this process at one of the write points."""
 
     def __init__(self, file, points):
@@ -113,7 +113,7 @@ class Killer:
         self._path, self._at = Path(request["path"]), request["at"]
         self._wanted, self._every = request.get("kills", 0), request.get("every", 1)
         self._runs = [RunSettings(**run) for run in request["runs"]]
-        self._encoder = Squashed(request["encoder"]) if request.get("encoder") else None
+        self._encoder = TanhEncoder(request["encoder"]) if request.get("encoder") else None
         self._draw, self._longest = random.Random(0), 0.0
         self.kills, self.steps, self.problems = 0, [], []
 
@@ -145,14 +145,14 @@ class Killer:
             findings = verify(results, 1).findings
             self.problems += [str(one) for one in findings if one.severity == "damaged"]
 
-    def _fork(self, path, deadly_point=None):
+    def _fork(self, path, write_point=None):
         process = os.fork()
         if process:
             return process
         code = 1
         try:
-            if deadly_point is not None:
-                files.os = Deadly(os, deadly_point)
+            if write_point is not None:
+                files.os = KillingModule(os, write_point)
             failures = run_batch(self._runs, Results(path), self._encoder, checkpoint_every=0)
             code = 3 if failures else 0
         except BaseException:

@@ -22,8 +22,8 @@ ARGUMENTS = (
 DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 360, "height": 740}
 
 
-class Opened:
-    """A page in the browser, and all that went wrong in it or left it."""
+class BrowserPage:
+    """A page in the browser, with its errors and its network requests."""
 
     def __init__(self, chromium, path, viewport=DESKTOP, **options):
         self.context = chromium.new_context(viewport=viewport, **options)
@@ -47,7 +47,7 @@ class Opened:
         assert [u for u in self.requests if u != self.own and not u.startswith("data:")] == []
 
     def column(self, heading, table="#final-returns table"):
-        """Returns the texts of a column, from its first row to its last."""
+        """Returns the texts of a table column, from top to bottom."""
         headings = self.page.locator(f"{table} thead th").all_inner_texts()
         number = headings.index(heading) + 1
         return self.page.locator(f"{table} tbody tr > :nth-child({number})").all_inner_texts()

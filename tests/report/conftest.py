@@ -1,4 +1,4 @@
-"""Fabricated results."""
+"""Fixtures of the report tests: fabricated results and a browser."""
 
 import json
 
@@ -31,7 +31,7 @@ SETTINGS = {
 
 
 def rows(columns, fields):
-    """Returns rows of a table that have these columns, and nulls in all others."""
+    """Returns rows of a table with these columns and null in all others."""
     count = len(columns["run"])
     return pa.table(
         [
@@ -45,13 +45,13 @@ def rows(columns, fields):
 
 
 def episodes(run, returns, environments=1, seconds=None):
-    """Returns rows of the table `episodes`; environments end theirs together, as PPO's do.
+    """Returns rows of the table `episodes`; parallel environments end theirs together, as in PPO.
 
     Args:
-        run: its id.
-        returns: of the episodes.
-        environments: whose episodes end together.
-        seconds: of processor time between two episodes; None: not recorded.
+        run: id of the run.
+        returns: episode returns.
+        environments: number of parallel environments.
+        seconds: processor time per episode; None: not recorded.
     """
     index = np.arange(len(returns))
     columns = {
@@ -71,9 +71,9 @@ def evaluations(run, means, seconds=None):
     """Returns rows of the table `evaluations`: two episodes each, 5 above and below their mean.
 
     Args:
-        run: its id.
+        run: id of the run.
         means: mean return of each evaluation, by the control steps of the run.
-        seconds: of processor time for each 1000 control steps; None: not recorded.
+        seconds: processor time per 1000 control steps; None: not recorded.
     """
     steps = np.repeat([*means], 2)
     columns = {
@@ -89,7 +89,7 @@ def evaluations(run, means, seconds=None):
     return rows(columns, schema.EVALUATIONS)
 
 
-class Fabric:
+class FabricatedResults:
     """Adds runs to a results directory."""
 
     def __init__(self, path):
@@ -100,12 +100,12 @@ class Fabric:
         """Adds a run with these episode returns and settings; returns its record.
 
         Args:
-            returns: of its training episodes.
-            seed: of the run.
-            status: of the run.
-            environments: that it learns in.
+            returns: returns of its training episodes.
+            seed: seed of the run.
+            status: status of the run.
+            environments: number of parallel environments.
             changes: settings, and `evaluated` (mean returns of its evaluations by control steps),
-                `seconds` (of processor time for an episode) and `diverged` (where it did).
+                `seconds` (processor time per episode) and `diverged` (control step of divergence).
         """
         steps = changes.pop("steps", len(returns) * 1000)
         evaluated, seconds = changes.pop("evaluated", {}), changes.pop("seconds", None)
@@ -120,15 +120,15 @@ class Fabric:
         record.append(tables)
         if diverged is not None:
             record.fail("its critic_loss is not finite")
-            self._say_diverged(record, diverged)
+            self._record_divergence(record, diverged)
         elif status == "finished":
             record.finish({"wall_time": 1.0})
         elif status == "failed":
             record.fail("it broke")
         return record
 
-    def _say_diverged(self, record, control_steps):
-        """Writes into the manifest of a run where it diverged."""
+    def _record_divergence(self, record, control_steps):
+        """Writes the control step of a divergence into the manifest of a run."""
         path = record.path / "manifest.json"
         manifest = json.loads(path.read_text())
         diverged = {"update": 7, "control_steps": control_steps, "what": "critic_loss"}
@@ -136,7 +136,7 @@ class Fabric:
         path.write_text(json.dumps({**manifest, "summary": summary}))
 
     def cells(self, kind=TRAINING):
-        """Returns the cells of all runs, and the notes on runs that are in none."""
+        """Returns the cells of all runs, and notes on runs that belong to no cell."""
         tables = query.load(self.results).tables
         runs = usable_runs(tables["runs"])[0]
         cells, notes = build_cells(runs, tables["episodes"], tables["evaluations"])
@@ -150,7 +150,7 @@ class Fabric:
 
 @pytest.fixture
 def fabric(tmp_path):
-    return Fabric(tmp_path / "results")
+    return FabricatedResults(tmp_path / "results")
 
 
 @pytest.fixture
@@ -160,7 +160,7 @@ def out(tmp_path):
 
 @pytest.fixture
 def no_png(monkeypatch):
-    """Draws no PNG files: drawing is most of the time of a report, and SVG files are drawn too."""
+    """Replaces PNG drawing, which takes most of the time of a report; SVG files are still drawn."""
     monkeypatch.setitem(plotting.FORMATS, "png", lambda drawn, paper=False: b"\x89PNG")
 
 
@@ -178,7 +178,7 @@ def blank():
 
 @pytest.fixture
 def undrawn(monkeypatch, blank):
-    """Draws no figure: for reports of which a test reads tables, names or other text."""
+    """Replaces all drawing, for tests that read only tables, names or text of a report."""
 
     def empty(item, request):
         return {f"{item.name}.{ending}": b"" for ending in request.formats}
@@ -197,17 +197,17 @@ def published():
 
 @pytest.fixture(scope="session")
 def chromium():
-    """Returns a browser; without one the tests that need it are skipped."""
+    """A browser; tests that need it are skipped where none is installed."""
     yield from browser.launch()
 
 
 @pytest.fixture
 def opened(chromium):
-    """Opens pages, and closes them after the test; each must have been quiet to the end."""
+    """Opens pages and closes them after the test; asserts that each has logged no error."""
     pages = []
 
     def open_page(path, **options):
-        pages.append(browser.Opened(chromium, path, **options))
+        pages.append(browser.BrowserPage(chromium, path, **options))
         return pages[-1]
 
     yield open_page

@@ -29,7 +29,7 @@ HOSTILE = (
     "evil\u202egnp.exe\u2066\x00\x1b[31m\ud800",
     "<!--",
 )
-"""Names that nobody should give a run, and anybody could."""
+"""Hostile names of runs: HTML, script and terminal injections."""
 
 CURVES = pd.DataFrame(
     {
@@ -67,7 +67,7 @@ def curves_figure(*panels, notes=("With a band.",)):
 
 
 def log_figure():
-    """Returns two panels: an error over latents on a logarithmic axis, and nothing to read."""
+    """Returns two panels: an empty one, and an error over latents on a logarithmic axis."""
     x, y = np.array([2.0, 4, 8, 12]), np.array([0.5, 0.1, 0.01, 0.002])
     empty = Panel("", Axis("", (0, 1), ticks=()), Axis("", (0, 1)), text="no runs yet")
     error = Panel(
@@ -139,7 +139,7 @@ def provenance(count=3, name="face_direction/td3/full/s{:02d}-1f9a2c4e"):
 
 
 def document(**changes):
-    """Returns a document with every kind of thing in it."""
+    """Returns a document with every kind of content."""
     parts = {
         "title": "Jitterbug learning curves",
         "summary": ["3 runs of TD3 on face_direction.", "No task is solved."],
@@ -168,7 +168,7 @@ def document(**changes):
 
 
 def hostile_document():
-    """Returns a document with hostile names wherever a stranger's text can get."""
+    """Returns a document with hostile names in every place that shows untrusted text."""
     # matplotlib can't set half a surrogate pair.
     drawn = [name.replace("\ud800", "") for name in HOSTILE]
     figures = [
@@ -180,7 +180,7 @@ def hostile_document():
         )
         for name, label in zip(HOSTILE, drawn, strict=True)
     ]
-    # As objects, since pandas' own texts can't hold half a surrogate pair.
+    # As objects, because pandas' string type can't hold half a surrogate pair.
     rows = [HOSTILE, [Value(name, name) for name in HOSTILE], [None] * len(HOSTILE)]
     frame = pd.DataFrame(rows, columns=pd.Index(HOSTILE, dtype=object), dtype=object)
     tables = [TableItem(name, name, name, frame) for name in HOSTILE]

@@ -1,4 +1,4 @@
-"""Figures 4 and 5 show the saved states, and only those."""
+"""Tests of Figures 4 and 5: motor velocities and positions of saved states."""
 
 import math
 
@@ -12,7 +12,7 @@ from jbench.store import Results
 from tests.training.small_runs import EPISODE
 
 
-def made_up(policy="random", **changes):
+def behaviour_of(policy="random", **changes):
     states = {
         "motor_velocity": np.array([90.0, 90.0, -90.0, 0.0], np.float32),
         "x": np.array([0.0, 0.0, 0.3, 0.3], np.float32),
@@ -21,11 +21,11 @@ def made_up(policy="random", **changes):
     return behaviour.Behaviour("face_direction", policy, 100.0, 2, None, **{**states, **changes})
 
 
-def test_motor_velocities_are_shown_as_observed_as_a_density():
-    figure = behaviour.motor_figure("face_direction", [made_up()])
+def test_motor_figure_shows_density_of_observed_velocities():
+    figure = behaviour.motor_figure("face_direction", [behaviour_of()])
     (panel,) = figure.panels
     (series,) = panel.series
-    # Half of the states turn at 90 rad/s, which is observed as 0.5; bins are 0.02 wide.
+    # In half of the states the motor turns at 90 rad/s, observed as 0.5; bins are 0.02 wide.
     (highest,) = np.flatnonzero(np.isclose(series.y, 0.5 / 0.02))
     assert series.y.max() == series.y[highest]
     assert series.edges[highest] <= 0.5 <= series.edges[highest + 1]
@@ -33,8 +33,10 @@ def test_motor_velocities_are_shown_as_observed_as_a_density():
     assert panel.x.opposite == ("rad/s", 180)
 
 
-def test_positions_are_shares_of_all_states_in_their_cells():
-    figure = behaviour.position_figure("face_direction", [made_up(), made_up("heuristic")])
+def test_position_figure_shows_share_of_states_per_bin():
+    figure = behaviour.position_figure(
+        "face_direction", [behaviour_of(), behaviour_of("heuristic")]
+    )
     assert [panel.title.splitlines()[0] for panel in figure.panels] == ["random", "heuristic"]
     heat_map = figure.panels[0].heat_map
     shares = heat_map.values[np.isfinite(heat_map.values)]
@@ -43,15 +45,15 @@ def test_positions_are_shares_of_all_states_in_their_cells():
     assert np.nanmax(heat_map.values[39:41, 39:41]) == 0.5
 
 
-def test_the_worst_and_the_best_are_drawn():
-    ranked = [made_up(name)._replace(median=m) for m, name in enumerate("abcdef")]
+def test_worst_and_three_best_policies_are_drawn():
+    ranked = [behaviour_of(name)._replace(median=m) for m, name in enumerate("abcdef")]
     figures = behaviour.figures([*reversed(ranked)])
     assert list(figures) == ["figure4-face_direction", "figure5-face_direction"]
     panels = figures["figure5-face_direction"].panels
     assert [panel.title.splitlines()[0] for panel in panels] == ["a", "d", "e", "f"]
 
 
-def test_only_evaluations_with_states_are_drawn(short_episodes, tmp_path):
+def test_only_evaluations_with_saved_states_are_drawn(short_episodes, tmp_path):
     results = Results(tmp_path)
     for states in (False, True):
         settings = EvaluationSettings(
@@ -72,7 +74,7 @@ def test_only_evaluations_with_states_are_drawn(short_episodes, tmp_path):
     }
 
 
-def test_a_damaged_evaluation_is_named(short_episodes, tmp_path):
+def test_damaged_evaluation_is_reported(short_episodes, tmp_path):
     results = Results(tmp_path)
     settings = EvaluationSettings(task="face_direction", policy="random", episodes=1, states=True)
     record = evaluate(settings, results, threads=1)
@@ -83,7 +85,7 @@ def test_a_damaged_evaluation_is_named(short_episodes, tmp_path):
     assert part.name in problem
 
 
-def test_an_evaluation_with_impossible_settings_is_named(tmp_path):
+def test_evaluation_with_invalid_settings_is_reported(tmp_path):
     results = Results(tmp_path)
     record = results.create("evaluation", "a/b", {"states": True, "episodes": "many"})
     record.finish({"median": 1.0})

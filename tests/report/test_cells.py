@@ -1,4 +1,4 @@
-"""Grouping of runs into cells, and notes on them."""
+"""Tests of the grouping of runs into cells, of their variants and of notes on them."""
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +13,7 @@ from jbench.settings.variants import variant_labels, variant_words
 from jbench.store import query
 
 
-def test_a_cell_has_the_seeds_of_one_setting(fabric):
+def test_cell_groups_seeds_of_one_setting(fabric):
     fabric.run([1, 2, 3], seed=4)
     fabric.run([5, 6, 7], seed=2)
     (cell,), notes = fabric.cells()
@@ -25,7 +25,7 @@ def test_a_cell_has_the_seeds_of_one_setting(fabric):
     assert notes == []
 
 
-def test_cells_are_in_the_papers_order_full_first(fabric):
+def test_cells_follow_order_of_paper_with_full_first(fabric):
     for task, algo, representation in (
         ("move_to_pose", "sac", "full"),
         ("my_task", "ddpg", "full"),
@@ -45,11 +45,11 @@ def test_cells_are_in_the_papers_order_full_first(fabric):
     ]
 
 
-def test_of_the_same_seed_the_longest_run_is_used_and_said(fabric):
+def test_longest_run_of_seed_is_used_and_noted(fabric):
     fabric.run([1] * 3, seed=0, steps=3000)
     fabric.run([2] * 5, seed=0, steps=5000)
     fabric.run([3] * 5, seed=1, steps=5000)
-    # Asked for more than any, and stopped early: what counts is what there is.
+    # This run was to be the longest but stopped early: recorded episodes count, not `steps`.
     fabric.run([4], seed=1, steps=9000, status="unfinished")
     (cell,), _ = fabric.cells()
     assert cell.returns.tolist() == [[2] * 5, [3] * 5]
@@ -61,7 +61,7 @@ def test_of_the_same_seed_the_longest_run_is_used_and_said(fabric):
     assert not any("unfinished" in note for note in cell.notes)
 
 
-def test_failed_and_unfinished_runs_give_what_they_have_and_are_noted(fabric):
+def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
     fabric.run([1] * 4, seed=0)
     fabric.run([2] * 2, seed=1, status="failed", steps=4000)
     fabric.run([3] * 3, seed=2, status="unfinished", steps=4000)
@@ -84,7 +84,7 @@ def test_few_seeds_are_noted(fabric, seeds, said):
     assert [note.split(":")[0] for note in cell.notes] == ([said] if said else [])
 
 
-def test_returns_that_are_no_numbers_are_noted(fabric):
+def test_non_finite_returns_are_noted(fabric):
     for seed, returns in enumerate(([1, np.nan, 2], [np.inf, -np.inf, 3], [4])):
         fabric.run(returns, seed=seed)
     (cell,), _ = fabric.cells()
@@ -95,14 +95,14 @@ def test_returns_that_are_no_numbers_are_noted(fabric):
     ]
 
 
-def test_a_run_without_episodes_is_in_no_cell_but_is_noted(fabric):
+def test_run_without_episodes_is_skipped_and_noted(fabric):
     fabric.run([], status="unfinished", steps=1000)
     cells, notes = fabric.cells()
     assert cells == []
     assert notes == ["The run face_direction/r0001 (unfinished) has no episodes yet."]
 
 
-def test_a_run_that_says_no_task_is_a_problem(fabric):
+def test_run_without_task_is_reported_as_problem(fabric):
     fabric.run([1], task=None)
     fabric.run([1])
     runs, problems = usable_runs(query.load(fabric.results).tables["runs"])
@@ -111,7 +111,7 @@ def test_a_run_that_says_no_task_is_a_problem(fabric):
     assert "face_direction/r0001" in problems[0]
 
 
-def test_episodes_are_aligned_by_their_index_whatever_the_order_of_rows(fabric):
+def test_episodes_are_aligned_by_index_not_row_order(fabric):
     fabric.run([1, 2, 3], seed=0)
     fabric.run([4, 5], seed=1)
     tables = query.load(fabric.results).tables
@@ -134,7 +134,7 @@ RUN = {
 
 
 class TestSettings:
-    def test_ours_are_read_and_others_are_kept_as_they_are_recorded(self):
+    def test_unknown_settings_are_kept_as_recorded(self):
         assert read_run(RUN) == RunSettings(**RUN)
         newer = {**RUN, "seed": "none", "augment": 3, "gravity": -1.62}
         for values in (
@@ -150,7 +150,7 @@ class TestSettings:
         assert (run.algo, run.seed, run.steps) == ("td3", None, 1000)
         assert (run.augment, run.robots, run.hyperparameters) == (3, 1, {"tau": 0.005})
 
-    def test_what_is_omitted_is_what_it_means(self):
+    def test_omitted_setting_equals_its_default(self):
         said = {**RUN, **RunSettings.omitted()}
         assert alike(read_run(said), ()) == alike(read_run(RUN), ())
         foreign = {**RUN, "algo": "my agent"}
@@ -159,12 +159,12 @@ class TestSettings:
             read_run(RUN), ("steps",)
         )
 
-    def test_what_follows_from_a_free_setting_is_free_too(self):
+    def test_settings_implied_by_free_setting_are_ignored(self):
         encoded = read_run({**RUN, "representation": "dae12", "encoder": "e"})
         assert comparable(encoded, "representation") == comparable(read_run(RUN), "representation")
         assert alike(encoded, ("representation",)) != alike(read_run(RUN), ("representation",))
 
-    def test_the_engine_follows_from_an_algorithm_of_another_package(self):
+    def test_engine_is_implied_by_third_party_algorithm(self):
         others = [
             {"algo": "own", "engine": "plugin", "package": "their-agents", "hyperparameters": {}},
             {"algo": "sb3_contrib:TQC", "engine": "sb3", "hyperparameters": {}},
@@ -175,12 +175,12 @@ class TestSettings:
             assert isinstance(run, RunSettings)
             assert comparable(run, "algo") == comparable(ours, "algo")
             assert comparable(run, "task") != comparable(ours, "task")
-        # An engine of ours does not follow from the algorithm.
+        # An algorithm of jbench does not imply its engine.
         assert comparable(read_run({**RUN, "engine": "sb3"}), "algo") != comparable(ours, "algo")
 
 
 class TestVariants:
-    def test_each_is_a_cell_of_its_own_and_named_by_what_differs(self, fabric):
+    def test_each_variant_is_cell_labelled_by_its_differences(self, fabric):
         for rate in (1e-3, 1e-4, 1e-5):
             fabric.run([1], hyperparameters={"learning_rate": rate, "batch_size": 256})
         cells, _ = fabric.cells()
@@ -191,28 +191,28 @@ class TestVariants:
         ]
         assert len({cell.variant for cell in cells}) == 3
 
-    def test_a_setting_of_other_tasks_and_representations_is_not_named(self, fabric):
+    def test_label_ignores_differences_to_other_tasks_and_representations(self, fabric):
         fabric.run([1], task="face_direction", engine="cpu")
         fabric.run([1], task="move_to_pose", engine="gpu")
         fabric.run([1], task="move_to_pose", engine="cpu", representation="dae12")
         assert [cell.label for cell in fabric.cells()[0]] == ["", "", ""]
 
-    def test_what_is_missing_in_one_is_said(self):
+    def test_setting_missing_in_one_variant_is_labelled_not_set(self):
         labels = variant_labels({"a": {"noise": {"sigma": 0.1}}, "b": {}})
         assert labels == {"a": "sigma=0.1", "b": "sigma=(not set)"}
 
-    def test_what_a_run_keeps_only_where_it_is_unusual_is_said(self):
+    def test_default_of_omitted_run_setting_is_labelled(self):
         labels = variant_labels({"a": read_run({}), "b": read_run({"precision": "bfloat16"})})
         assert labels == {"a": "precision=float32", "b": "precision=bfloat16"}
 
-    def test_what_an_algorithm_keeps_only_where_it_is_unusual_is_said(self):
+    def test_default_of_omitted_hyperparameter_is_labelled(self):
         runs = {
             name: read_run({"algo": "ppo", "hyperparameters": {"gamma": 0.9, **more}})
             for name, more in {"a": {}, "b": {"shared_layers": True}}.items()
         }
         assert variant_labels(runs) == {"a": "shared_layers=false", "b": "shared_layers=true"}
 
-    def test_hyperparameters_of_the_authors_script_are_named_by_their_option(self):
+    def test_hyperparameter_sets_are_labelled_by_their_option(self):
         runs = {}
         for base in ("published", "script", "sb3"):
             chosen = algorithm_settings("ppo", base)
@@ -226,7 +226,7 @@ class TestVariants:
             "sb3": "settings=sb3",
         }
 
-    def test_one_changed_setting_of_the_script_is_named_as_a_change_of_the_published_ones(self):
+    def test_changed_hyperparameter_is_labelled_by_name(self):
         changes = [algorithm_settings("td3", "script", {"tau": tau}) for tau in (0.1, 0.2)]
         runs = {
             str(i): read_run({"algo": "td3", "hyperparameters": values.model_dump(mode="json")})
@@ -234,13 +234,13 @@ class TestVariants:
         }
         assert variant_labels(runs) == {"0": "tau=0.1", "1": "tau=0.2"}
 
-    def test_that_is_what_the_settings_of_a_run_leave_out(self):
+    def test_flattened_defaults_equal_omitted_settings(self):
         omitted = flatten(read_run({}))
         assert omitted == {(name,): value for name, value in RunSettings.omitted().items()}
         whole = RunSettings(**RUN, **RunSettings.omitted())
         assert not {path[0] for path in omitted} & set(whole.values)
 
-    def test_names_that_would_be_the_same_are_written_in_full(self):
+    def test_ambiguous_names_are_written_with_full_path(self):
         settings = {
             "a": {"actor": {"lr": 1}, "critic": {"lr": 1}},
             "b": {"actor": {"lr": 2}, "critic": {"lr": 3}},
@@ -248,13 +248,13 @@ class TestVariants:
         labels = variant_labels(settings)
         assert labels == {"a": "actor.lr=1, critic.lr=1", "b": "actor.lr=2, critic.lr=3"}
 
-    def test_seed_and_steps_are_no_difference(self):
+    def test_seed_and_steps_are_not_labelled(self):
         assert variant_labels({"a": {"seed": 1, "steps": 2}, "b": {"seed": 3, "x": 1}}) == {
             "a": "x=(not set)",
             "b": "x=1",
         }
 
-    def test_labels_stay_apart_when_there_is_no_room_for_all_that_differs(self):
+    def test_truncated_labels_are_unique(self):
         many = {c: dict.fromkeys("pqrst", c) for c in "ab"}
         assert variant_labels(many) == {
             "a": "p=a, q=a, r=a, s=a, … (a)",
@@ -264,11 +264,11 @@ class TestVariants:
         assert len(set(variant_labels(long).values())) == 2
 
 
-def test_names_come_in_the_known_order_then_in_the_alphabets():
+def test_known_names_precede_others_in_alphabetical_order():
     assert in_order(["z", "b", "a", "y", "b"], ("y", "z")) == ["y", "z", "a", "b"]
 
 
-def test_a_file_name_stays_in_its_directory_and_stays_apart():
+def test_file_names_are_unique_and_contain_no_slash():
     assert file_name("comparison", "face_direction", "ddpg") == "comparison-face_direction-ddpg"
     names = [("x", "../../a"), ("x", "__/../a"), ("x", "a-b", "c"), ("x", "a", "b-c"), ("x" * 999,)]
     written = [file_name(*parts) for parts in names]

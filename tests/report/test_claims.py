@@ -1,4 +1,4 @@
-"""Verdicts on the paper's claims, on fabricated runs whose truth is known."""
+"""Tests of the verdicts on the paper's claims, with fabricated runs of known outcome."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from jbench.report.analysis.statistics import Estimate
 
 
 def learn(fabric, finals, *, algo="ddpg", task="face_direction", **more):
-    """Adds a run for each seed that has its final return from half of its episodes on."""
+    """Adds a run per seed with return 0, then from half of its episodes on its final return."""
     for seed, final in enumerate(finals):
         fabric.run(np.repeat([0.0, final], 40), seed, algo=algo, task=task, **more)
 
@@ -22,7 +22,7 @@ NARROW = 700 + np.linspace(-10, 10, 10)
 WIDE = 700 + np.linspace(-200, 200, 10)
 
 
-def test_equal_rewards_and_smaller_spread_are_found(fabric):
+def test_equal_returns_and_smaller_spread_are_supported(fabric):
     learn(fabric, WIDE)
     learn(fabric, NARROW, representation="dae12")
     (similar,) = findings(fabric, "a")
@@ -33,7 +33,7 @@ def test_equal_rewards_and_smaller_spread_are_found(fabric):
     assert spread.compared == "face_direction ddpg dae12 against full"
 
 
-def test_the_other_way_round_is_contradicted(fabric):
+def test_different_returns_and_larger_spread_are_contradicted(fabric):
     learn(fabric, NARROW)
     learn(fabric, WIDE + 300, representation="dae12")
     assert [f.verdict for f in findings(fabric, "a")] == ["contradicted"]
@@ -44,7 +44,7 @@ def test_the_other_way_round_is_contradicted(fabric):
     assert faster.effect.value == pytest.approx(150)
 
 
-def test_too_few_seeds_leave_it_open_and_say_how_many_would_do(fabric):
+def test_too_few_seeds_are_undecided_with_seeds_needed(fabric):
     learn(fabric, [600, 700, 800])
     learn(fabric, [620, 730, 810], representation="dae12")
     (faster,) = findings(fabric, "c")
@@ -55,7 +55,7 @@ def test_too_few_seeds_leave_it_open_and_say_how_many_would_do(fabric):
     assert (few.verdict, few.seeds, few.seeds_needed) == ("undecided", 2, None)
 
 
-def test_the_harder_task_gains_more(fabric):
+def test_larger_gain_on_harder_task_is_supported(fabric):
     learn(fabric, NARROW)
     learn(fabric, NARROW + 20, representation="dae12")
     learn(fabric, NARROW, task="move_in_direction")
@@ -65,7 +65,7 @@ def test_the_harder_task_gains_more(fabric):
     assert gain.verdict == "supported"
 
 
-def test_off_policy_against_ppo(fabric):
+def test_off_policy_algorithms_are_compared_with_ppo(fabric):
     learn(fabric, WIDE + 200, algo="td3")
     learn(fabric, NARROW, algo="ppo")
     (higher,) = findings(fabric, "e")
@@ -74,7 +74,7 @@ def test_off_policy_against_ppo(fabric):
     assert (wider.effect.value, wider.verdict) == (pytest.approx(20), "supported")
 
 
-def test_solved_tasks(fabric):
+def test_solved_tasks_are_supported_and_unsolved_contradicted(fabric):
     learn(fabric, NARROW + 250, algo="sac")  # 940 to 960
     learn(fabric, NARROW, algo="td3")
     verdicts = {f.compared.split()[1]: f.verdict for f in findings(fabric, "g")}
@@ -84,14 +84,14 @@ def test_solved_tasks(fabric):
     assert examine.examine_heuristic("move_to_pose", returns - 200).verdict == "contradicted"
 
 
-def test_runs_of_unequal_length_are_compared_over_what_both_have(fabric):
+def test_runs_of_unequal_length_are_compared_over_common_steps(fabric):
     fabric.run(np.full(40, 100.0), 0)
     fabric.run(np.repeat([100.0, 900.0], 40), 0, representation="dae12")
     (similar,) = findings(fabric, "a")
     assert similar.effect.value == 0
 
 
-def test_augmented_robots_and_other_settings_are_not_compared(fabric):
+def test_cells_of_other_robots_or_algorithms_are_not_compared(fabric):
     learn(fabric, NARROW)
     learn(fabric, NARROW, representation="dae12", augment=3)
     learn(fabric, NARROW, algo="ppo", representation="dae12")
@@ -99,7 +99,7 @@ def test_augmented_robots_and_other_settings_are_not_compared(fabric):
     assert not findings(fabric, "e")
 
 
-def test_a_ratio_needs_as_many_seeds_as_its_logarithm_says():
+def test_seeds_needed_for_ratio_use_its_logarithm():
     # ln 0.8 = -0.223 of a standard error of 0.2 / 0.8 = 0.25: (2.8016 * 0.25 / 0.223)^2 = 9.85.
     effect = Estimate(0.8, 0.5, 1.2, 0.2)
     assert examine.decide(effect, 10, 1.0, logarithmic=True) == (

@@ -1,4 +1,4 @@
-"""Aggregation across seeds, against numbers worked out by hand."""
+"""Tests of the aggregation of learning curves across seeds, against hand-computed numbers."""
 
 import numpy as np
 import pytest
@@ -27,18 +27,18 @@ def cell(*runs, environments=1):
     return returns, control_steps, lengths
 
 
-# Two seeds that take turns and one that is steady: single episodes differ, averages hardly do.
+# Two alternating seeds and a constant one: single episodes differ, averages hardly do.
 TURNS = cell([0, 10] * 4, [10, 0] * 4, [4] * 8)
 
 
-def test_quantile_first_keeps_the_spread_of_single_episodes():
+def test_quantile_first_keeps_spread_of_single_episodes():
     curve = learning_curve(*TURNS, "quantile-first", 2)
     # Each episode has the returns 0, 4 and 10: positions 0.2, 0.5, 1, 1.5 and 1.8 among them.
     expected = np.array([0.8, 2.0, 4.0, 7.0, 8.8])
     np.testing.assert_allclose(curve.quantiles, np.tile(expected[:, None], 9))
 
 
-def test_smooth_first_loses_it():
+def test_smooth_first_averages_out_spread_of_single_episodes():
     curve = learning_curve(*TURNS, "smooth-first", 2)
     # Each whole window has the means 4, 5 and 5.
     expected = np.array([4.2, 4.5, 5.0, 5.0, 5.0])
@@ -46,7 +46,7 @@ def test_smooth_first_loses_it():
 
 
 @pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
-def test_points_are_at_the_centres_of_windows_from_the_first_episode_to_the_last(order):
+def test_points_are_at_window_centres_between_first_and_last_episode(order):
     curve = learning_curve(*TURNS, order, 2)
     assert curve.control_steps.tolist() == [*(1000, 1500, 2500, 3500, 4500, 5500, 6500, 7500, 8000)]
     assert curve.seeds.tolist() == [3] * 9
@@ -55,7 +55,7 @@ def test_points_are_at_the_centres_of_windows_from_the_first_episode_to_the_last
 
 
 @pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
-def test_windows_are_cut_off_at_the_ends_of_a_run(order):
+def test_windows_are_truncated_at_both_ends(order):
     run = np.arange(20.0) ** 2
     curve = learning_curve(*cell(run), order, 5)
     assert curve.control_steps.tolist() == [1000 * i for i in range(1, 21)]
@@ -63,18 +63,18 @@ def test_windows_are_cut_off_at_the_ends_of_a_run(order):
     assert curve.quantile(50)[:3].tolist() == [5 / 3, 14 / 4, 30 / 5]  # of 0, 1, 4, 9, 16
     assert curve.quantile(50)[-1] == (17**2 + 18**2 + 19**2) / 3
     assert curve.full.tolist() == [False] * 2 + [True] * 16 + [False] * 2
-    # Between the ends nothing else than the published definition: the mean over whole windows.
+    # Between the ends the published definition holds: the mean over full windows.
     np.testing.assert_allclose(curve.quantile(50)[2:-2], np.convolve(run, np.ones(5) / 5, "valid"))
 
 
-def test_several_environments_end_their_episodes_together():
+def test_parallel_environments_end_episodes_at_same_control_step():
     curve = learning_curve(*cell(range(16), environments=8), "quantile-first", 4)
     assert curve.control_steps[:2].tolist() == [8000, 8000]
     assert curve.control_steps[6:10].tolist() == [8000, 10000, 12000, 14000]
     assert curve.control_steps[-1] == 16000
 
 
-def test_one_seed_is_its_own_every_quantile_in_both_orders():
+def test_all_quantiles_of_one_seed_equal_its_average():
     run = [1.0, 5.0, 3.0, NAN, 9.0, 2.0, 2.0, 8.0]
     expected = [1.0, 3.0, 4.0, 3.0, 9.0, 5.5, 2.0, 5.0, 8.0]
     for order in ("quantile-first", "smooth-first"):
@@ -86,25 +86,25 @@ def test_one_seed_is_its_own_every_quantile_in_both_orders():
 class TestUnequalLengths:
     RUNS = cell([0] * 8, [10] * 12, [20] * 12)
 
-    def test_quantile_first_takes_the_seeds_that_reached_each_episode(self):
+    def test_quantile_first_uses_seeds_that_reached_each_episode(self):
         curve = learning_curve(*self.RUNS, "quantile-first", 2)
         # Median 10 of three seeds in 8 episodes, then 15 of two; the window between has both.
         assert curve.quantile(50).tolist() == [10.0] * 8 + [12.5] + [15.0] * 4
         assert curve.quantile(10).tolist() == pytest.approx([2.0] * 8 + [6.5] + [11.0] * 4)
 
-    def test_smooth_first_takes_the_seeds_with_a_full_window(self):
+    def test_smooth_first_uses_seeds_with_full_window(self):
         curve = learning_curve(*self.RUNS, "smooth-first", 2)
         assert curve.quantile(50).tolist() == [10.0] * 8 + [15.0] * 5
 
     @pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
-    def test_each_point_says_how_many_seeds_it_has(self, order):
+    def test_each_point_has_its_number_of_seeds(self, order):
         curve = learning_curve(*self.RUNS, order, 2)
         assert curve.seeds.tolist() == [3] * 8 + [2] * 5
         middle = [1500 + 1000 * i for i in range(11)]
         assert curve.control_steps.tolist() == [1000, *middle, 12_000]
 
 
-def test_nan_is_left_out_of_quantiles_and_a_seed_with_nothing_else_is_not_counted():
+def test_nan_is_ignored_and_seeds_with_only_nan_are_not_counted():
     runs = cell([1] * 8, [3] * 4 + [NAN] * 4)
     for order in ("quantile-first", "smooth-first"):
         curve = learning_curve(*runs, order, 2)
@@ -115,7 +115,7 @@ def test_nan_is_left_out_of_quantiles_and_a_seed_with_nothing_else_is_not_counte
     assert smooth_first.tolist() == [2.0] * 5 + [1.0] * 4
 
 
-def test_a_window_without_any_return_has_no_quantiles():
+def test_quantiles_of_window_without_returns_are_nan():
     curve = learning_curve(*cell([1, 1, 1, NAN, NAN, 1, 1, 1]), "quantile-first", 2)
     assert np.isnan(curve.quantiles[:, 4]).all()
     assert curve.seeds.tolist() == [1, 1, 1, 1, 0, 1, 1, 1, 1]
@@ -133,30 +133,30 @@ def test_a_window_without_any_return_has_no_quantiles():
         ([5000], 1, 1),
     ],
 )
-def test_short_runs_get_a_quarter_of_the_longest(lengths, window, expected):
+def test_window_of_short_runs_is_quarter_of_longest(lengths, window, expected):
     assert fitting_window(np.array(lengths), window) == expected
 
 
 @pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
-def test_a_window_longer_than_the_run_shrinks_and_the_curve_says_so(order):
+def test_curve_reports_window_shortened_to_run(order):
     curve = learning_curve(*cell(range(10), range(10)), order, 100)
     assert curve.window == 2
     assert curve.quantile(50).tolist() == [0.0, *(0.5 + i for i in range(9)), 9.0]
 
 
-def test_a_run_of_one_episode_is_one_point():
+def test_run_of_one_episode_is_one_point():
     curve = learning_curve(*cell([7.0]))
     assert (curve.window, curve.control_steps.tolist()) == (1, [1000])
     assert curve.quantiles.tolist() == [[7.0]] * 5
 
 
-def test_moving_average_leaves_no_rounding_behind():
+def test_moving_average_accumulates_no_rounding_error():
     values = np.array([[1e6 / 3] * 5 + [0.0] * 5])
     assert moving_average(values, 3)[0, -3:].tolist() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_quantiles_are_numpys_linear_ones(seed):
+def test_quantiles_equal_numpy_nanquantile(seed):
     rng = np.random.default_rng(seed)
     values = rng.normal(size=(7, 40))
     values[rng.random(values.shape) < 0.3] = NAN
@@ -165,7 +165,7 @@ def test_quantiles_are_numpys_linear_ones(seed):
     np.testing.assert_allclose(quantiles_across_seeds(values), expected, rtol=1e-13)
 
 
-def test_final_return_is_the_mean_of_the_last_quarter_but_of_no_more_than_100():
+def test_final_return_averages_last_quarter_capped_at_100():
     runs = cell([0] * 900 + [5] * 100, [0] * 9 + [1, 2, 6], [9, 9, 1])
     returns, control_steps = final_returns(*runs)
     assert returns.tolist() == [5.0, 3.0, 1.0]
@@ -173,7 +173,7 @@ def test_final_return_is_the_mean_of_the_last_quarter_but_of_no_more_than_100():
 
 
 @pytest.mark.parametrize("lengths", [(5000, 5000), (4990, 4700), (401, 399), (130, 7), (3, 1)])
-def test_final_returns_are_rounded_as_means_over_whole_rows(lengths):
+def test_final_returns_equal_means_over_whole_rows_exactly(lengths):
     rng = np.random.default_rng(0)
     arrays = cell(*(rng.normal(500, 99, size=length) for length in lengths))
     returns, centres = final_returns(*arrays)
@@ -184,7 +184,7 @@ def test_final_returns_are_rounded_as_means_over_whole_rows(lengths):
             assert found[row] == moving_average(whole, len(whole))[0]
 
 
-def test_final_return_leaves_nan_out_and_is_nan_without_any_return():
+def test_final_return_ignores_nan_and_is_nan_without_returns():
     returns, _ = final_returns(*cell([0] * 6 + [NAN, 4], [0] * 6 + [NAN, NAN]))
     assert returns[0] == 4.0
     assert np.isnan(returns[1])

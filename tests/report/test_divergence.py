@@ -1,4 +1,4 @@
-"""Runs that diverged are results: they count with return 0 from there on."""
+"""Tests of diverged runs in the report: they count with return 0 from their divergence on."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ FLAT = np.full(40, 500.0)
 LAST = {20_000: 400.0, 40_000: 600.0}
 
 
-def test_a_diverged_seed_counts_with_zero_up_to_the_end_of_the_others(fabric):
+def test_diverged_seed_counts_with_zero_until_end_of_others(fabric):
     fabric.run(FLAT, 0, evaluated=LAST)
     fabric.run(FLAT[:12], 1, steps=40_000, diverged=12_400)
     fabric.run(FLAT, 2, evaluated=LAST)
@@ -31,14 +31,14 @@ def test_a_diverged_seed_counts_with_zero_up_to_the_end_of_the_others(fabric):
     assert cell.returns.tolist() == [[400, 600], [0, 0], [400, 600]]
 
 
-def test_what_it_was_evaluated_before_stays(fabric):
+def test_evaluations_before_divergence_are_kept(fabric):
     fabric.run(FLAT, 0, evaluated=LAST)
     fabric.run(FLAT[:30], 1, steps=40_000, diverged=30_000, evaluated={20_000: 400.0})
     (cell,), _ = fabric.cells(EVALUATION)
     assert cell.returns.tolist() == [[400, 600], [400, 0]]
 
 
-def test_where_all_diverged_they_count_up_to_the_steps_asked_for(fabric):
+def test_cell_whose_seeds_all_diverged_counts_until_requested_steps(fabric):
     fabric.run(FLAT[:10], 0, steps=40_000, diverged=10_300)
     fabric.run([], 1, steps=40_000, diverged=200)
     (cell,), notes = fabric.cells()
@@ -48,7 +48,7 @@ def test_where_all_diverged_they_count_up_to_the_steps_asked_for(fabric):
     assert scores_of(cell).final.tolist() == [0, 0]
 
 
-def test_where_all_diverged_before_they_were_evaluated_their_evaluations_count_too(fabric):
+def test_seeds_diverged_before_first_evaluation_have_zero_evaluations(fabric):
     for seed in range(3):
         more = {"steps": 40_000, "diverged": 1100, "evaluate_episodes": 5}
         fabric.run(FLAT[:1], seed, **more)
@@ -59,7 +59,7 @@ def test_where_all_diverged_before_they_were_evaluated_their_evaluations_count_t
     assert cell.control_steps.tolist() == [[40_000]] * 3
 
 
-def test_cells_count_them_and_say_how_they_are_treated(fabric):
+def test_report_counts_diverged_seeds_and_explains_their_treatment(fabric):
     for seed in range(10):
         if seed in (3, 7):
             fabric.run(FLAT[:5], seed, steps=40_000, diverged=5000, evaluated={})
@@ -87,7 +87,7 @@ def test_cells_count_them_and_say_how_they_are_treated(fabric):
     assert "A seed that diverged counts with return 0" in drawn["figure9"].figure.caption
 
 
-def test_what_a_stranger_says_of_a_divergence_does_no_harm(fabric):
+def test_invalid_divergence_entry_is_tolerated(fabric):
     for seed, said in enumerate(("x", -1, [2], True, 1 << 80)):
         fabric.run(FLAT, seed, diverged=said)
     (cell,), _ = fabric.cells()

@@ -1,4 +1,4 @@
-"""Figures of statistics: profiles, processor time, the matrix; single seeds, sizes, formats."""
+"""Tests of statistics figures (profiles, processor time, matrix), single seeds and file formats."""
 
 import itertools
 import re
@@ -32,14 +32,14 @@ def line(panel, start):
 
 
 class TestProfiles:
-    def test_a_line_is_the_share_of_seeds_above_each_return(self, fabric):
+    def test_line_is_share_of_seeds_above_each_return(self, fabric):
         seeds(fabric, [101, 301, 501, 701])
         figure = profiles.profiles_figure(cells(fabric))
         drawn = line(figure.panels[0], "TD3")
         share = dict(zip(drawn.x, drawn.y, strict=True))
         assert [share[x] for x in (0, 100, 200, 400, 600, 800)] == [1, 1, 0.75, 0.5, 0.25, 0]
 
-    def test_its_band_is_an_interval_and_two_seeds_have_none(self, fabric):
+    def test_band_is_interval_and_needs_three_seeds(self, fabric):
         seeds(fabric, [101, 301, 501, 701])
         seeds(fabric, [100, 200], algo="sac")
         (panel,) = profiles.profiles_figure(cells(fabric)).panels
@@ -49,7 +49,7 @@ class TestProfiles:
         (at_400,) = np.flatnonzero(line(panel, "TD3").x == 400)
         assert (band.low[at_400], band.high[at_400]) == (0, 1)
 
-    def test_tasks_count_the_same_where_all_are_together(self, fabric):
+    def test_tasks_have_equal_weight_in_panel_of_all_tasks(self, fabric):
         seeds(fabric, [500])
         seeds(fabric, [100, 100, 100], task="move_to_pose")
         seeds(fabric, [100], task="move_to_pose", algo="sac")
@@ -61,14 +61,14 @@ class TestProfiles:
         assert together.y[together.x == 200].tolist() == [0.5]
         assert len(figure.panels[2].labels) == 1
 
-    def test_a_page_filters_its_lines_by_task(self, fabric):
+    def test_lines_are_tagged_with_their_task(self, fabric):
         seeds(fabric, [500])
         seeds(fabric, [500], task="move_to_pose")
         panels = profiles.profiles_figure(cells(fabric)).panels
         tasks = [[one.tags.get("task") for one in panel.series] for panel in panels]
         assert tasks == [["face_direction"], ["move_to_pose"], [None]]
 
-    def test_the_frame_is_what_is_drawn(self, fabric):
+    def test_frame_holds_drawn_values(self, fabric):
         seeds(fabric, [101, 301])
         frame = profiles.profiles_frame(cells(fabric))
         assert len(frame) == len(profiles.THRESHOLDS)
@@ -77,7 +77,7 @@ class TestProfiles:
 
 
 class TestProcessorTime:
-    def test_the_median_return_is_at_the_median_time_of_the_seeds(self, fabric):
+    def test_median_return_is_drawn_at_median_time_of_seeds(self, fabric):
         for seed, seconds in enumerate((1.0, 2.0, 6.0)):
             fabric.run(RETURNS, seed, seconds=seconds)
         (item,) = fabric.learned(window=4)
@@ -93,7 +93,7 @@ class TestProcessorTime:
         assert figure.panels[0].y.label == "training return\n(exploration included)"
         assert "a processor" in figure.caption
 
-    def test_it_ends_where_the_first_seed_does(self, fabric):
+    def test_curve_ends_with_first_seed_that_ends(self, fabric):
         fabric.run(RETURNS, 0, seconds=1.0)
         fabric.run(RETURNS[:20], 1, seconds=1.0)
         (item,) = fabric.learned(window=4)
@@ -101,11 +101,11 @@ class TestProcessorTime:
         assert processor.timed_curve(item)[0][-1] == 18.5
 
     @pytest.mark.usefixtures("undrawn")
-    def test_runs_that_did_not_record_it_are_left_out_and_named(self, fabric, out):
+    def test_runs_without_processor_time_are_skipped_and_noted(self, fabric, out):
         fabric.run(RETURNS, 0)
         (item,) = fabric.learned(window=4)
         assert processor.processor_time_figure([item], []) is None
-        # One seed of two: the median at a point is that of all seeds.
+        # Only one of two seeds recorded it: the median would not be that of all seeds.
         fabric.run(RETURNS, 1, seconds=1.0)
         fabric.run(RETURNS, 0, algo="sac", seconds=1.0)
         report = write_report(fabric.results, out, Request(formats=("svg",)))
@@ -115,7 +115,7 @@ class TestProcessorTime:
 
 
 class TestMatrix:
-    def test_a_field_says_median_spread_and_n(self, fabric):
+    def test_field_shows_median_spread_steps_and_n(self, fabric):
         seeds(fabric, np.arange(0, 1100, 100))
         seeds(fabric, [5], task="move_to_pose", algo="sac")
         (panel,) = heat_map.matrix_figure(cells(fabric)).panels
@@ -129,7 +129,7 @@ class TestMatrix:
         }
         np.testing.assert_array_equal(panel.heat_map.values, [[500, np.nan], [np.nan, 5]])
 
-    def test_long_names_are_cut_and_leave_room(self, fabric):
+    def test_long_names_are_truncated_and_leave_room_for_panel(self, fabric):
         seeds(fabric, [1], task="t" * 300, algo="a" * 300)
         drawn = plotting.draw(heat_map.matrix_figure(cells(fabric)))
         plotting.to_png(drawn)
@@ -138,7 +138,7 @@ class TestMatrix:
 
 
 class TestEachSeed:
-    def test_every_seed_is_a_thin_line_without_a_label(self, fabric, published):
+    def test_every_seed_is_thin_line_without_label(self, fabric, published):
         for seed in range(3):
             fabric.run(RETURNS + 10 * seed, seed)
         plain, thin = (
@@ -156,7 +156,7 @@ class TestEachSeed:
         assert "ours: a single seed" in dict(thin.key)
         assert "ours: a single seed" not in dict(plain.key)
 
-    def test_a_seed_that_ended_early_ends_early(self, fabric, published):
+    def test_line_of_shorter_seed_ends_early(self, fabric, published):
         fabric.run(RETURNS, 0)
         fabric.run(RETURNS[:20], 1)
         (item,) = fabric.learned(window=4)
@@ -165,9 +165,7 @@ class TestEachSeed:
 
 class TestSizesAndFormats:
     @pytest.mark.parametrize(("columns", "width"), [(1, 3.5), (2, 7.15)])
-    def test_figures_are_as_wide_as_columns_and_nothing_is_cut_or_covered(
-        self, fabric, published, columns, width
-    ):
+    def test_figures_have_column_width_and_no_overlaps(self, fabric, published, columns, width):
         for algo, task in itertools.product(("td3", "ppo"), ("face_direction", "move_to_pose")):
             seeds(fabric, [500, 600, 700], task=task, algo=algo)
         seeds(fabric, [500, 600, 700], representation="dae12")
@@ -193,7 +191,7 @@ class TestSizesAndFormats:
             assert not [1 for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
 
     @pytest.mark.usefixtures("undrawn")
-    def test_only_the_formats_asked_for_are_written_and_earlier_ones_go(self, fabric, out):
+    def test_only_requested_formats_are_written_and_others_removed(self, fabric, out):
         seeds(fabric, [500, 600, 700])
         write_report(fabric.results, out)
         report = write_report(fabric.results, out, Request(formats=("pdf",)))
@@ -201,7 +199,7 @@ class TestSizesAndFormats:
         assert sorted(report.files) == sorted(out.iterdir())
 
     @pytest.mark.parametrize("name", ["svg", "pdf", "png"])
-    def test_a_figure_is_the_same_bytes_each_time(self, fabric, name):
+    def test_figure_is_reproducible_byte_for_byte(self, fabric, name):
         seeds(fabric, [500, 600, 700])
         figure = profiles.profiles_figure(cells(fabric))
         made = [plotting.FORMATS[name](plotting.draw(figure)) for _ in range(2)]
@@ -216,14 +214,14 @@ class TestSizesAndFormats:
             ({"formats": ()}, "need a format"),
         ],
     )
-    def test_what_there_is_not(self, wrong, said):
+    def test_invalid_columns_or_formats_are_refused(self, wrong, said):
         from jbench.errors import RequestError
 
         with pytest.raises(RequestError, match=said):
             Request(**wrong)
 
 
-def test_a_figure_is_drawn_with_and_without_the_text_around_its_panels(fabric, published):
+def test_figure_is_drawn_with_and_without_surrounding_text(fabric, published):
     seeds(fabric, [500])
     figure = grid_figure(fabric.learned(), published, Request())
     whole, bare = (plotting.draw(figure, text=text) for text in (True, False))
@@ -235,7 +233,7 @@ def test_a_figure_is_drawn_with_and_without_the_text_around_its_panels(fabric, p
 
 
 @pytest.mark.parametrize(("last", "log"), [(7000, False), (9000, True)])
-def test_evaluations_of_runs_of_very_different_lengths_have_a_logarithmic_axis(fabric, last, log):
+def test_evaluations_of_very_different_lengths_have_logarithmic_axis(fabric, last, log):
     fabric.run([1.0], 0, algo="sac", evaluated={500: 10.0, 1000: 20.0})
     fabric.run([1.0] * 9, 0, algo="ppo", evaluated={1000: 10.0, last: 20.0})
     figure = grid_figure(fabric.learned(kind=EVALUATION), [], Request())
@@ -251,7 +249,7 @@ def test_evaluations_of_runs_of_very_different_lengths_have_a_logarithmic_axis(f
 
 @pytest.mark.parametrize("sheet", layout.SHEETS.values(), ids=map(str, layout.SHEETS))
 @pytest.mark.parametrize("count", [1, 2, 6])
-def test_long_names_of_rows_leave_room_for_the_panels(sheet, count):
+def test_long_row_names_leave_room_for_panels(sheet, count):
     names = [f"ppo full, {'setting=0.123456, ' * 20}{row}" for row in range(3)]
     y = Axis("", (2.6, -0.6), ticks=range(3), names=names)
     figure = Figure("", [Panel("", Axis("return", (0.0, 1000.0)), y, [], [])] * count, [], [])

@@ -1,4 +1,4 @@
-"""Unusual results are reported correctly, and nothing crashes."""
+"""Tests of the report on unusual results: few seeds, unequal lengths, NaN, untrusted values."""
 
 import json
 import math
@@ -22,7 +22,7 @@ ALL = Request(window=4, claims=True, each_seed=True, formats=("svg",))
 FLAT = np.full(40, 500.0)
 
 
-class Reported:
+class GatheredReport:
     """Data and summary of a report that is not written to files."""
 
     def __init__(self, fabric):
@@ -43,10 +43,10 @@ class Reported:
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_one_and_two_seeds_have_no_interval_no_band_and_no_verdict(fabric, count):
+def test_one_or_two_seeds_have_no_interval_and_no_verdict(fabric, count):
     for seed in range(count):
         fabric.run(FLAT + 400 + seed, seed)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (row,) = report.rows
     assert row["seeds"] == count
     assert f"only {count} seed" in row["notes"]
@@ -57,20 +57,20 @@ def test_one_and_two_seeds_have_no_interval_no_band_and_no_verdict(fabric, count
 
 
 @pytest.mark.parametrize(("count", "verdict"), [(5, "undecided"), (6, "supported")])
-def test_five_seeds_decide_nothing_and_six_may(fabric, count, verdict):
+def test_verdict_needs_six_seeds(fabric, count, verdict):
     for seed in range(count):
         fabric.run(FLAT + 450 + seed, seed)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (solved,) = report.findings("g")
     assert solved.verdict == verdict
     assert ("but uncertain" in report.summary) == (count == 5)
 
 
-def test_unequal_lengths_are_named_and_what_is_compared_is_said(fabric):
+def test_unequal_lengths_are_noted_with_compared_steps(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed)
         fabric.run(FLAT[: 20 + seed], seed, representation="dae12")
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     notes = {row["representation"]: row["notes"] for row in report.rows}
     assert "seeds of unequal length, 20 to 22 episodes" in notes["dae12"]
     (similar,) = report.findings("a")
@@ -79,66 +79,66 @@ def test_unequal_lengths_are_named_and_what_is_compared_is_said(fabric):
 
 
 @pytest.mark.parametrize("status", ["failed", "unfinished"])
-def test_a_run_that_failed_or_is_unfinished_counts_and_is_named(fabric, status):
+def test_failed_or_unfinished_run_is_counted_and_noted(fabric, status):
     fabric.run(FLAT, 0)
     fabric.run(FLAT[:30], 1, status=status, steps=40_000)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (row,) = report.rows
     assert (row["seeds"], row["episodes_min"], row["episodes_max"]) == (2, 30, 40)
     assert f"seed 1 {status} after 30 episodes" in row["notes"]
     assert f"Of all runs, 1 {status}." in report.summary
 
 
-def test_returns_that_are_no_numbers_are_counted_out_aloud(fabric):
+def test_non_finite_returns_are_counted_in_notes(fabric):
     fabric.run(np.r_[FLAT[:39], math.nan], 0)
     fabric.run(np.full(40, math.nan), 1)
     fabric.run(np.r_[math.inf, FLAT[:39]], 2)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (row,) = report.rows
     for part in ("seed 0 has 1 returns", "seed 1 has 40 returns", "seed 2 has 1 returns"):
         assert part in row["notes"]
     assert row["training_return_median"] == 500
-    # Seed 1 has no final return at all: n says so.
+    # Seed 1 has no final return and is not counted in n.
     assert report.statistics.loc[("final_return", "median"), "seeds"] == 2
     assert "500 [500, 500], n = 2" in report.table("final_returns")
 
 
-def test_nothing_but_returns_that_are_no_numbers(fabric, out):
+def test_run_with_only_nan_returns_is_reported(fabric, out):
     fabric.run(np.full(40, math.nan))
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     assert math.isnan(report.rows[0]["training_return_median"])
     assert "| TD3 | full | 40k |  |" in report.table("final_returns")
     assert write_report(fabric.results, out, ALL).figures
 
 
-def test_a_cell_in_one_representation_only_has_no_ratio_and_no_comparison(fabric):
+def test_cell_with_one_representation_has_no_comparison(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed, representation="dae12")
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     assert report.data.comparisons == []
     assert not report.findings("a")
     assert not any("ratio" in statistic for _, statistic in report.statistics.index)
     assert "| TD3 | dae12 | 40k | 500" in report.table("final_returns")
 
 
-def test_seeds_that_are_all_alike_decide_nothing_about_their_spread(fabric):
+def test_spread_of_identical_seeds_is_undecided(fabric):
     for seed in range(6):
         fabric.run(FLAT, seed)
         fabric.run(FLAT, seed, representation="dae12")
-    (spread,) = Reported(fabric).findings("b")
+    (spread,) = GatheredReport(fabric).findings("b")
     assert math.isnan(spread.effect.value)
     assert spread.verdict == "undecided"
 
 
-def test_augmented_robots_are_cells_of_their_own_and_test_no_claim(fabric):
+def test_augmented_robots_are_separate_cells_and_test_no_claim(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed)
         fabric.run(FLAT + 100, seed, representation="dae12", augment=3)
         fabric.run(FLAT + 100, seed, augment=0, robots=2)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     assert len(report.rows) == 3
     assert not report.findings("a")
-    # Of the three, only the cell on the plain robot.
+    # Claim (g) is tested only on the cell of the unchanged robot.
     assert len(report.findings("g")) == 1
     all_notes = [row["notes"] for row in report.rows]
     assert sum("trained on 2 augmented robots in sequence" in notes for notes in all_notes) == 1
@@ -148,7 +148,7 @@ def test_two_engines_are_two_variants(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed, engine="sb3")
         fabric.run(FLAT + 100, seed, engine="batched")
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     assert [(row["settings"], row["seeds"]) for row in report.rows] == [
         ("engine=batched", 3),
         ("engine=sb3", 3),
@@ -174,13 +174,13 @@ def evaluated(fabric, policy, returns, **settings):
     record.finish({"median": float(np.median(returns))})
 
 
-def test_the_heuristics_are_judged_by_their_longest_evaluation_on_the_plain_robot(fabric):
+def test_heuristics_are_judged_by_longest_evaluation_on_unchanged_robot(fabric):
     fabric.run(FLAT)
     evaluated(fabric, "heuristic", [100.0] * 4)
     evaluated(fabric, "heuristic", [950.0, 960.0, 970.0, 940.0, 930.0, 980.0])
     evaluated(fabric, "heuristic", [1.0] * 9, augment=3)
     evaluated(fabric, "random", [2.0] * 9)
-    report = Reported(fabric)
+    report = GatheredReport(fabric)
     (found,) = report.findings("h")
     assert (found.compared, found.seeds, found.verdict) == ("face_direction", 6, "supported")
     assert found.effect.value == 955
@@ -189,22 +189,22 @@ def test_the_heuristics_are_judged_by_their_longest_evaluation_on_the_plain_robo
 
 
 class TestDatabases:
-    def test_an_empty_one_says_what_to_type(self, fabric, out):
+    def test_empty_database_reports_command_to_type(self, fabric, out):
         with pytest.raises(RequestError, match="run `jbench train"):
             write_report(fabric.results, out, ALL)
 
-    def test_a_damaged_one_says_what_to_do(self, fabric, out):
+    def test_damaged_database_reports_repair_command(self, fabric, out):
         record = fabric.run(FLAT)
         (record.path / "manifest.json").write_text("{")
         with pytest.raises(WorkError, match="`jbench repair` sets it aside"):
             write_report(fabric.results, out, ALL)
 
-    def test_settings_and_provenance_of_a_stranger_may_say_anything(self, fabric):
+    def test_invalid_settings_and_provenance_are_tolerated(self, fabric):
         for seed, robots in enumerate((0, "many", [1], None, -3)):
             record = fabric.run(FLAT, seed, augment="x", robots=robots, steps=40_000)
             path = record.path / "manifest.json"
             manifest = json.loads(path.read_text())
             path.write_text(json.dumps({**manifest, "provenance": {"packages": [], "command": 3}}))
-        report = Reported(fabric)
+        report = GatheredReport(fabric)
         assert sum(row["seeds"] for row in report.rows) == 5
         assert len(report.document.provenance) == 5

@@ -1,4 +1,4 @@
-"""The figure and the table of errors against latents: what is in them, from made-up encoders."""
+"""Tests of the figure and the table of encoder errors against latents, with made-up encoders."""
 
 import json
 
@@ -26,7 +26,7 @@ EXPLAINED = {
 
 
 def add(results, kind, latents, explained, *, task="face_direction", seed=0, **more):
-    """A finished encoder that explains so much of the variance."""
+    """A finished encoder that explains this fraction of the variance."""
     options = more.pop("options", {})
     settings = {"kind": kind, "task": task, "latents": latents, "seed": seed, "dataset": "d"}
     name = f"s{seed:02d}-{abs(hash(json.dumps(options, sort_keys=True))) % 10**8:08d}"
@@ -54,7 +54,7 @@ def results(tmp_path):
     return Results(tmp_path / "results")
 
 
-def test_a_row_is_a_kind_and_a_size_with_medians_across_seeds(results):
+def test_row_holds_medians_across_seeds_of_kind_and_size(results):
     for seed, explained in enumerate((0.5, 0.6, 0.9)):
         add(results, "dae", 4, explained, seed=seed)
     add(results, "pca", 4, 0.9)
@@ -67,7 +67,7 @@ def test_a_row_is_a_kind_and_a_size_with_medians_across_seeds(results):
     assert fractions == pytest.approx([0.4, 0.1, 0.5, 0.6, 0.7])
 
 
-def test_rows_are_in_the_order_of_tasks_kinds_and_sizes(results):
+def test_rows_are_ordered_by_task_kind_and_size(results):
     for task in ("move_to_pose", "face_direction"):
         for kind in ("random", "zeta", "pca", "dae", "alpha"):
             for latents in (10, 2):
@@ -83,7 +83,7 @@ def test_rows_are_in_the_order_of_tasks_kinds_and_sizes(results):
     assert set(table_of(results, "move_to_pose")["task"]) == {"move_to_pose"}
 
 
-def test_encoders_of_other_options_are_lines_of_their_own(results):
+def test_encoders_with_other_options_are_separate_lines(results):
     for horizon in (1, 5):
         for latents in (2, 4):
             add(results, "ddae", latents, 0.5, options={"horizon": horizon, "noise": 0.1})
@@ -93,13 +93,13 @@ def test_encoders_of_other_options_are_lines_of_their_own(results):
     assert figure.panels[0].labels == ["ddae horizon=1", "ddae horizon=5"]
 
 
-def test_unfinished_encoders_are_left_out(results):
+def test_unfinished_encoders_are_skipped(results):
     add(results, "dae", 4, 0.5)
     results.create("encoder", "face_direction/dae5/a", {"kind": "dae", "task": "face_direction"})
     assert table_of(results)["latents"].tolist() == [4]
 
 
-def test_a_panel_for_each_task_with_a_line_for_each_kind_and_data(results):
+def test_figure_has_panel_per_task_and_line_per_kind(results):
     for latents, explained in ((2, 0.5), (8, 0.9), (16, 1.0)):
         add(results, "pca", latents, explained)
         add(results, "their-own", latents, explained / 2)
@@ -109,7 +109,7 @@ def test_a_panel_for_each_task_with_a_line_for_each_kind_and_data(results):
     assert (panel.title, other.title) == ("face_direction", "move_to_pose")
     test, heuristic, their_own = panel.series[:3]
     np.testing.assert_array_equal(test.x, [2, 8, 16])
-    # What loses nothing is drawn at the floor: a logarithmic scale has no 0.
+    # An error of 0 is drawn at the lower limit, because a logarithmic scale has no 0.
     np.testing.assert_allclose(test.y, [0.5, 0.1, 1e-3])
     np.testing.assert_allclose(heuristic.y, [0.6] * 3)
     assert panel.y.log
@@ -121,14 +121,14 @@ def test_a_panel_for_each_task_with_a_line_for_each_kind_and_data(results):
     assert len(figure.key) == 2
 
 
-def test_every_kind_of_ours_has_a_colour_and_a_marker_of_its_own():
+def test_every_encoder_kind_has_unique_colour_and_marker():
     looks = list(encoders._LOOKS.values())
     assert set(encoders._LOOKS) == {*encoders.ENCODER_KINDS, OFE}
     for part in zip(*[*looks, encoders._OTHER], strict=True):
         assert len(set(part)) == len(looks) + 1
 
 
-def test_the_report_holds_figure_and_table_without_any_run(results, tmp_path):
+def test_report_without_runs_has_encoder_figure_and_table(results, tmp_path):
     for latents, explained in ((2, 0.5), (4, 0.75)):
         add(results, "vae", latents, explained)
     report = write_report(results, tmp_path / "report")
@@ -140,19 +140,19 @@ def test_the_report_holds_figure_and_table_without_any_run(results, tmp_path):
     assert "0.2500" in page
 
 
-def test_encoders_of_another_task_do_not_make_a_report(results, tmp_path):
+def test_encoders_of_another_task_give_no_report(results, tmp_path):
     add(results, "vae", 2, 0.5)
     with pytest.raises(RequestError, match="There are no runs"):
         write_report(results, tmp_path / "report", Request(task="move_to_pose"))
 
 
-def test_without_encoders_there_is_no_figure(results):
+def test_no_encoders_give_no_figure(results):
     assert table_of(results).empty
     assert list(figure_items.of_encoders(table_of(results))) == []
 
 
 def add_predictions(record, yaw_rate, rank):
-    """Rows of what an encoder's latents tell of the next control step."""
+    """Adds the R² with which an encoder's latents predict the next control step."""
     r2 = {"yaw_rate": yaw_rate, "tilt_rate": 0.5, "forward_speed": -0.2, "reward": None}
     rows = [
         {"encoder": record.id, "target": target, "r2": value, "effective_rank": rank}
@@ -164,7 +164,7 @@ def add_predictions(record, yaw_rate, rank):
     record.finish({"effective_rank": rank})
 
 
-def test_predictions_are_drawn_beside_the_errors_where_they_were_measured(results, tmp_path):
+def test_measured_predictions_are_drawn_beside_errors(results, tmp_path):
     for seed, yaw_rate in enumerate((0.2, 0.4, 0.9)):
         add_predictions(add(results, "dae", 4, 0.5, seed=seed), yaw_rate, 3.5)
     add(results, "pca", 4, 0.9)
@@ -181,7 +181,7 @@ def test_predictions_are_drawn_beside_the_errors_where_they_were_measured(result
     ]
     heights = [series.y[0] for panel in panels for series in panel.series]
     assert {*(series.label for panel in panels for series in panel.series)} == {"dae"}
-    # What is worse than the mean is drawn at 0, and what does not vary is not drawn.
+    # A negative R² is drawn at 0; a target without variance is not drawn.
     np.testing.assert_allclose(heights, [0.4, 0, 0.5, np.nan])
     write_report(results, tmp_path / "report")
     page = (tmp_path / "report" / "index.html").read_text()

@@ -1,4 +1,4 @@
-"""What the figures of learning curves show, as data, and their files."""
+"""Tests of the figures of learning curves: their data, styles, texts and files."""
 
 import io
 import itertools
@@ -71,7 +71,7 @@ class TestGrid:
         seeds(fabric, 1)
         assert titles(grid()) == ["face_direction"]
 
-    def test_two_tasks_have_all_five_in_the_papers_order(self, fabric, grid):
+    def test_two_tasks_have_panels_of_all_five_tasks(self, fabric, grid):
         seeds(fabric, 1, task="move_to_pose")
         seeds(fabric, 1, task="face_direction")
         figure = grid()
@@ -82,12 +82,12 @@ class TestGrid:
             for task in TASKS
         }
 
-    def test_a_task_of_the_users_own_follows(self, fabric, grid):
+    def test_panel_of_custom_task_is_last(self, fabric, grid):
         seeds(fabric, 1, task="face_direction")
         seeds(fabric, 1, task="dance")
         assert titles(grid()) == [*TASKS, "dance"]
 
-    def test_the_line_of_a_solved_task_is_thin_and_grey_at_900_in_every_panel(self, fabric, grid):
+    def test_every_panel_has_grey_line_of_solved_tasks(self, fabric, grid):
         seeds(fabric, 1, task="move_to_pose")
         seeds(fabric, 1)
         figure = grid()
@@ -97,28 +97,28 @@ class TestGrid:
         assert (SOLVED_LINE.at, style.color, style.width) == (900, "#8a8a8a", 0.8)
         assert "solved (900)" in key(figure)
 
-    def test_a_curve_is_the_median_and_says_its_seeds_and_window(self, fabric, grid):
+    def test_curve_is_median_with_seeds_and_window_in_detail(self, fabric, grid):
         seeds(fabric, 3)
         drawn = panel(grid(), "face_direction")
         assert drawn.labels == ["TD3"]
         median = series(drawn, "TD3")
         assert median.detail == "3 seeds, window 4"
-        # Of a ramp plus 0, 1 and 2, the median is the ramp plus 1, whatever the window.
+        # The median of a ramp plus 0, 1 and 2 is the ramp plus 1, for every window.
         assert median.x.tolist() == [1000, *(1500 + 1000 * i for i in range(39)), 40_000]
         ramp = np.interp(median.x, np.arange(1, 41) * 1000, RETURNS)
         np.testing.assert_allclose(median.y[2:-2], ramp[2:-2] + 1)
-        # At the ends half of the window is left: two episodes.
+        # At the ends, windows are truncated to two episodes.
         assert median.y[0] == pytest.approx(RETURNS[:2].mean() + 1)
         assert median.y[-1] == pytest.approx(RETURNS[-2:].mean() + 1)
 
-    def test_long_curves_are_drawn_with_fewer_points_but_to_their_end(self, fabric, grid):
+    def test_long_curves_are_thinned_and_keep_both_ends(self, fabric, grid):
         seeds(fabric, 1, returns=np.zeros(3000))
         (learned,) = fabric.learned(window=100)
         drawn = series(panel(grid(window=100), "face_direction"), "TD3")
         assert len(drawn.x) < 1000 < len(learned.curve.control_steps)
         assert drawn.x[[0, -1]].tolist() == learned.curve.control_steps[[0, -1]].tolist()
 
-    def test_a_band_is_drawn_from_three_seeds_up(self, fabric, grid):
+    def test_band_needs_three_seeds(self, fabric, grid):
         seeds(fabric, 2, algo="ddpg")
         seeds(fabric, 3, algo="sac")
         drawn = panel(grid(), "face_direction")
@@ -130,7 +130,7 @@ class TestGrid:
         assert band.low[0] == pytest.approx(RETURNS[:2].mean() + 0.2)
         assert band.high[-1] == pytest.approx(RETURNS[-2:].mean() + 1.8)
 
-    def test_a_band_ends_where_fewer_than_three_seeds_are_left(self, fabric, grid):
+    def test_band_ends_where_fewer_than_three_seeds_remain(self, fabric, grid):
         seeds(fabric, 2)
         fabric.run(np.zeros(20), seed=9)
         (band,) = panel(grid(), "face_direction").series[0].bands
@@ -139,7 +139,7 @@ class TestGrid:
         assert x[there][-1] == 18_500
         assert np.isnan(band.high[~there]).all()
 
-    def test_an_algorithm_keeps_its_colour_whoever_else_is_there(self, fabric, grid):
+    def test_colour_of_algorithm_is_independent_of_other_algorithms(self, fabric, grid):
         seeds(fabric, 1, algo="sac")
         alone = series(panel(grid(), "face_direction"), "SAC").style.color
         for algo in ("ddpg", "ppo", "td3", "another"):
@@ -148,7 +148,7 @@ class TestGrid:
         assert series(drawn, "SAC").style.color == alone
         assert len({series(drawn, label).style.color for label in drawn.labels}) == 5
 
-    def test_the_paper_is_dashed_thin_and_of_the_same_colour(self, fabric, grid, published):
+    def test_published_curve_is_dashed_in_colour_of_algorithm(self, fabric, grid, published):
         seeds(fabric, 3)
         drawn = panel(grid(), "face_direction")
         (dashed,) = [series for series in drawn.series if series.style.dash == "--"]
@@ -165,7 +165,7 @@ class TestGrid:
         ]
         assert {edge.style.color for edge in edges(drawn)} == {ours.style.color}
 
-    def test_dotted_where_not_all_seeds_are_left(self, fabric, grid):
+    def test_curve_is_dotted_after_first_seed_ends(self, fabric, grid):
         seeds(fabric, 2)
         assert not panel(grid(), "face_direction").series[0].partial.any()
         fabric.run(np.zeros(20), seed=9)
@@ -186,7 +186,7 @@ class TestGrid:
         ends = [x[0].get_xdata()[np.isfinite(x[0].get_ydata())][[0, -1]] for x in (solid, dotted)]
         assert [end.tolist() for end in ends] == [[1000, 18_500], [18_500, 40_000]]
 
-    def test_variants_have_a_line_style_each_and_a_label_that_says_why(self, fabric, grid):
+    def test_each_variant_has_line_style_and_label(self, fabric, grid):
         for rate in (1e-4, 1e-3, 1e-2, 2e-2, 5e-2):
             seeds(fabric, 1, hyperparameters={"learning_rate": rate})
         drawn = panel(grid(), "face_direction")
@@ -195,9 +195,7 @@ class TestGrid:
         assert len({style.color for style in styles}) == 1
         assert len({(style.dash, style.marker) for style in styles}) == 5
 
-    def test_encoded_runs_stand_in_only_where_there_are_none_with_full_observations(
-        self, fabric, grid
-    ):
+    def test_encoded_runs_are_drawn_only_without_full_runs(self, fabric, grid):
         seeds(fabric, 1, algo="sac", representation="dae12")
         seeds(fabric, 1, algo="td3", representation="dae12")
         seeds(fabric, 1, algo="td3")
@@ -218,7 +216,7 @@ class TestGrid:
         drawn = plotting.draw(grid()).axes[0]
         assert drawn.xaxis.get_major_formatter()(episodes * 1000, 0) == last
 
-    def test_the_notes_say_what_the_curves_are(self, fabric, grid):
+    def test_caption_explains_order_window_and_band(self, fabric, grid):
         seeds(fabric, 1)
         text = grid("smooth-first", 4).caption
         assert "Order: smooth-first, a moving average per seed, then quantiles" in text
@@ -230,18 +228,18 @@ class TestGrid:
         assert "PPO" not in text
         assert "Order: quantile-first" in grid().caption
 
-    def test_the_notes_warn_of_the_papers_steps_of_ppo(self, fabric, grid):
+    def test_caption_warns_about_published_steps_of_ppo(self, fabric, grid):
         seeds(fabric, 1, algo="ppo", environments=8)
         assert "probably those of one of 8 environments" in grid().caption
 
-    def test_a_run_of_one_point_shows(self, fabric, grid):
+    def test_run_of_one_point_is_drawn_as_marker(self, fabric, grid):
         seeds(fabric, 1, returns=[300])
         point = series(panel(grid(), "face_direction"), "TD3")
         assert (point.style.marker, point.style.every, point.y.tolist()) == ("o", 1, [300])
 
 
 class TestComparison:
-    def test_there_is_one_where_there_is_something_to_compare(self, fabric, comparisons):
+    def test_comparison_needs_runs_or_published_curve_to_compare(self, fabric, comparisons):
         seeds(fabric, 1, task="move_to_pose", algo="sac")
         seeds(fabric, 1, task="face_direction", algo="ppo", representation="dae12")
         assert comparisons() == {}
@@ -249,9 +247,7 @@ class TestComparison:
         seeds(fabric, 1, task="move_in_direction", algo="ddpg")
         assert list(comparisons()) == [("move_in_direction", "ddpg"), ("move_to_pose", "sac")]
 
-    def test_a_representation_has_its_color_of_all_figures_and_none_of_an_algorithm(
-        self, fabric, comparisons
-    ):
+    def test_colours_of_representations_differ_from_those_of_algorithms(self, fabric, comparisons):
         for representation in ("full", "ae3", "dae12", "vae6"):
             seeds(fabric, 1, representation=representation)
         (drawn,) = comparisons()["face_direction", "td3"].panels
@@ -262,7 +258,7 @@ class TestComparison:
         taken = {color.lower() for color in ALGORITHM_COLORS.values()}
         assert not taken & {color.lower() for color in colors.values()}
 
-    def test_two_bands_of_quantiles(self, fabric, comparisons):
+    def test_comparison_has_two_quantile_bands(self, fabric, comparisons):
         seeds(fabric, 3)
         seeds(fabric, 2, representation="dae12")
         (drawn,) = comparisons()["face_direction", "td3"].panels
@@ -272,11 +268,11 @@ class TestComparison:
         assert inner.low[0] == pytest.approx(start + 0.5)
         assert list(drawn.series[1].bands) == []
 
-    def test_figure_8_is_drawn_beside_with_its_quartiles(self, fabric, comparisons, published):
+    def test_published_figure_8_is_drawn_with_its_quartiles(self, fabric, comparisons, published):
         seeds(fabric, 3, task="move_in_direction", algo="ddpg")
         figure = comparisons()["move_in_direction", "ddpg"]
         drawn = panel(figure, "move_in_direction, DDPG")
-        # The published curve of ours' representation is of its color, without another entry.
+        # The published curve shares the color and the legend entry of our representation.
         assert drawn.labels == ["full", "dae12"]
         ours, theirs = (one for one in drawn.series if "full" in one.entries and one.detail)
         assert theirs.detail == "published full (Figure 8, 10 seeds)"
@@ -291,7 +287,7 @@ class TestComparison:
         assert [edge.y.tolist() for edge in edges(drawn)] == quartiles
         assert "Published Figure 8: training returns, 10 seeds, smooth-first" in figure.caption
 
-    def test_figure_7_is_of_single_seeds(self, fabric, comparisons):
+    def test_published_figure_7_is_drawn_as_single_seeds(self, fabric, comparisons):
         seeds(fabric, 1, algo="ddpg", representation="dae12")
         figure = comparisons()["face_direction", "ddpg"]
         drawn = panel(figure, "face_direction, DDPG")
@@ -301,21 +297,21 @@ class TestComparison:
         assert "published: one seed" in key(figure)
 
 
-def test_further_algorithms_take_colours_that_are_left():
+def test_other_algorithms_take_unused_colours():
     colors = algorithm_colors(["zeta", "ppo", "alpha"])
     assert {name: colors[name] for name in ALGORITHMS} == ALGORITHM_COLORS
     assert len(set(colors.values())) == 6
 
 
 class TestFiles:
-    def test_svg_is_the_same_bytes_and_has_no_date(self, fabric, grid):
+    def test_svg_is_reproducible_and_has_no_date(self, fabric, grid):
         seeds(fabric, 3)
         first, second = (plotting.to_svg(plotting.draw(grid())) for _ in range(2))
         assert first == second
         assert b"dc:date" not in first
         assert b"Matplotlib v" not in first
 
-    def test_png_has_no_time_and_no_version_and_150_dots_an_inch(self, fabric, grid):
+    def test_png_has_150_dpi_and_no_metadata(self, fabric, grid):
         seeds(fabric, 1)
         figure = plotting.draw(grid())
         png = io.BytesIO(plotting.to_png(figure))
@@ -329,7 +325,7 @@ class TestFiles:
         size = struct.unpack(">II", chunks[b"IHDR"][:8])
         assert size == pytest.approx(figure.get_size_inches() * 150, abs=1)
 
-    def test_no_text_is_cut_or_covers_another_or_a_panel(self, fabric, grid, comparisons):
+    def test_texts_and_panels_are_inside_figure_without_overlap(self, fabric, grid, comparisons):
         for rate in (1e-4, 1e-3, 1e-2):
             seeds(
                 fabric, 1, algo="ddpg", encoder="face_direction/dae12/s00-12345678",
@@ -352,8 +348,8 @@ class TestFiles:
                 assert box.y1 <= drawn.bbox.y1
             assert not [1 for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
 
-    def test_names_with_dollars_and_braces_are_drawn_as_they_are(self, fabric, published):
-        # No record may hold such a name; names of other sources might.
+    def test_names_with_mathtext_characters_are_drawn_literally(self, fabric, published):
+        # The store refuses such names in records, but other sources may contain them.
         name = "$\\frac{a$}"
         seeds(fabric, 1)
         order, window = "quantile-first", 4

@@ -1,4 +1,4 @@
-"""Files of a report."""
+"""Tests of the files of a report."""
 
 import csv
 import html
@@ -22,7 +22,7 @@ FLAT = np.full(400, 500.0)
 
 
 @pytest.mark.usefixtures("no_png")
-def test_all_files_are_written_and_named(fabric, out):
+def test_all_files_are_written_and_listed(fabric, out):
     for seed in range(3):
         fabric.run(FLAT, seed=seed, algo="ddpg")
         fabric.run(FLAT, seed=seed, algo="ddpg", representation="dae12")
@@ -55,7 +55,7 @@ def test_all_files_are_written_and_named(fabric, out):
 
 
 @pytest.mark.usefixtures("no_png")
-def test_the_same_results_give_the_same_bytes(fabric, tmp_path):
+def test_same_results_give_identical_files(fabric, tmp_path):
     for seed in range(3):
         fabric.run(FLAT + seed, seed=seed)
     first = write_report(fabric.results, tmp_path / "a")
@@ -65,7 +65,7 @@ def test_the_same_results_give_the_same_bytes(fabric, tmp_path):
 
 
 class TestAggregate:
-    def test_a_row_for_each_point_sorted_by_names(self, fabric):
+    def test_aggregate_has_sorted_row_per_point(self, fabric):
         for task, algo in (("move_to_pose", "ddpg"), ("face_direction", "td3")):
             for representation in ("full", "dae12"):
                 for seed in range(2):
@@ -79,7 +79,7 @@ class TestAggregate:
         assert set(frame["window"]) == {*range(25, 51)}
 
     @pytest.mark.usefixtures("undrawn")
-    def test_the_files_hold_the_same_numbers(self, fabric, out):
+    def test_csv_and_parquet_hold_same_numbers(self, fabric, out):
         rng = np.random.default_rng(0)
         for seed in range(3):
             fabric.run(rng.uniform(0, 1000, 400 - 50 * seed), seed=seed)
@@ -90,7 +90,7 @@ class TestAggregate:
         pd.testing.assert_frame_equal(text, report.data.aggregate, check_dtype=False, rtol=1e-12)
         assert set(report.data.aggregate["seeds"]) == {1, 2, 3}
 
-    def test_the_order_is_the_one_asked_for(self, fabric):
+    def test_aggregate_uses_requested_order(self, fabric):
         turns = np.tile([0.0, 10.0], 4)
         for seed, returns in enumerate((turns, 10 - turns, np.full(8, 4.0))):
             fabric.run(returns, seed=seed)
@@ -99,13 +99,13 @@ class TestAggregate:
             assert set(frame["order"]) == {order}
             assert frame["q50"].tolist()[1:-1] == [median] * 7
 
-    def test_window_larger_than_the_run(self, fabric):
+    def test_window_larger_than_run_is_reduced_and_noted(self, fabric):
         fabric.run(np.arange(12.0))
         report = gather(fabric.results, Request(window=1000))
         assert set(report.aggregate["window"]) == {2, 3}
         assert any("window of 3 instead of 1000 episodes" in note for note in report.notes)
 
-    def test_a_note_on_several_cells_is_one_sentence(self, fabric):
+    def test_same_note_on_several_cells_is_merged(self, fabric):
         for algo in ("ddpg", "sac", "td3"):
             fabric.run(np.arange(12.0), algo=algo)
         notes = gather(fabric.results, Request(window=1000)).notes
@@ -115,7 +115,7 @@ class TestAggregate:
 
 @pytest.mark.usefixtures("undrawn")
 class TestTable:
-    def test_a_row_of_numbers_beside_the_papers(self, fabric, out):
+    def test_row_has_own_and_published_numbers(self, fabric, out):
         for seed, end in enumerate((900.0, 950.0, 1000.0)):
             fabric.run(np.r_[np.zeros(4900), np.full(100, end)], seed=seed)
         row = write_report(fabric.results, out).data.table.iloc[0]
@@ -132,7 +132,7 @@ class TestTable:
             (written,) = csv.DictReader(file)
         assert float(written["training_return_median"]) == 950
 
-    def test_the_paper_is_left_blank_where_it_does_not_reach(self, fabric, out):
+    def test_published_columns_are_blank_without_published_curve(self, fabric, out):
         fabric.run(np.zeros(20))
         fabric.run(np.zeros(400), algo="sac", representation="dae12")
         table = write_report(fabric.results, out).data.table
@@ -141,14 +141,14 @@ class TestTable:
         with (out / "table.csv").open() as file:
             assert {row["published_median"] for row in csv.DictReader(file)} == {""}
 
-    def test_ppo_says_what_the_papers_steps_probably_are(self, fabric):
+    def test_row_of_ppo_notes_published_steps(self, fabric):
         fabric.run(FLAT, algo="ppo", environments=8)
         fabric.run(FLAT, algo="sac")
         notes = gather(fabric.results, Request()).table.set_index("algo")["notes"]
         assert "probably those of one of 8 environments" in notes["ppo"]
         assert "environments" not in notes["sac"]
 
-    def test_unequal_failed_and_repeated_runs_are_in_the_notes(self, fabric, out):
+    def test_unequal_failed_and_repeated_runs_are_noted(self, fabric, out):
         fabric.run(FLAT, seed=0)
         fabric.run(FLAT[:200], seed=0)
         fabric.run(FLAT[:300], seed=1, status="failed")
@@ -174,7 +174,7 @@ class TestTable:
 
 @pytest.mark.usefixtures("undrawn")
 class TestDamage:
-    def test_a_damaged_run_is_named_and_the_others_are_reported(self, fabric, out):
+    def test_damaged_run_is_reported_and_others_are_used(self, fabric, out):
         damaged = fabric.run(FLAT, seed=0)
         fabric.run(FLAT, seed=1)
         (file,) = damaged.path.glob("*.parquet")
@@ -188,7 +188,7 @@ class TestDamage:
         assert report.data.table["seeds"].tolist() == [1]
         assert html.escape(report.data.problems[0]) in (out / "index.html").read_text()
 
-    def test_nothing_but_damaged_runs(self, fabric, out):
+    def test_only_damaged_runs_are_refused(self, fabric, out):
         damaged = fabric.run(FLAT)
         (damaged.path / "manifest.json").write_text("{")
         with pytest.raises(WorkError, match=r"can be reported.*manifest\.json"):
@@ -198,13 +198,13 @@ class TestDamage:
 
 @pytest.mark.usefixtures("undrawn")
 class TestRequests:
-    def test_an_empty_database(self, fabric, out):
+    def test_empty_database_reports_train_command(self, fabric, out):
         command = "`jbench train --task face_direction --steps 100000 --seeds 0-1`"
         with pytest.raises(RequestError, match=command):
             write_report(fabric.results, out)
         assert not out.exists()
 
-    def test_evaluated_policies_are_drawn_without_any_run(self, fabric, short_episodes, out):
+    def test_evaluated_policies_are_drawn_without_runs(self, fabric, short_episodes, out):
         settings = EvaluationSettings(
             task="move_in_direction", policy="constant:0.5", episodes=1, states=True
         )
@@ -219,7 +219,7 @@ class TestRequests:
         with pytest.raises(RequestError, match="There are no runs"):
             write_report(fabric.results, out, Request(task="move_to_pose"))
 
-    def test_runs_without_an_episode(self, fabric, out):
+    def test_runs_without_episodes_are_refused(self, fabric, out):
         fabric.run([], status="unfinished", steps=1000)
         with pytest.raises(RequestError, match=r"No run has an episode yet.*r0001"):
             write_report(fabric.results, out)
@@ -233,7 +233,7 @@ class TestRequests:
             ({"task": ""}, "task ''"),
         ],
     )
-    def test_a_filter_that_nothing_matches_names_what_there_is(self, fabric, filters, asked):
+    def test_filter_without_match_lists_available_cells(self, fabric, filters, asked):
         fabric.run(FLAT, algo="td3")
         fabric.run(FLAT, algo="sac")
         fabric.run(FLAT, task="move_to_pose", algo="ddpg")
@@ -242,7 +242,7 @@ class TestRequests:
         assert asked in str(error.value)
         assert "face_direction with sac, td3; move_to_pose with ddpg" in str(error.value)
 
-    def test_a_filter_leaves_the_rest_out(self, fabric):
+    def test_filter_excludes_other_cells(self, fabric):
         fabric.run(FLAT, algo="td3")
         fabric.run(FLAT, algo="ddpg")
         fabric.run(FLAT, task="move_to_pose", algo="ddpg")
@@ -258,11 +258,11 @@ class TestRequests:
             ({"order": "random"}, "quantile-first or smooth-first"),
         ],
     )
-    def test_a_wrong_window_or_order(self, wrong, said):
+    def test_invalid_window_or_order_is_refused(self, wrong, said):
         with pytest.raises(RequestError, match=said):
             Request(**wrong)
 
-    def test_a_file_has_the_path_of_the_report(self, fabric, out):
+    def test_report_path_that_is_file_is_refused(self, fabric, out):
         fabric.run(FLAT)
         out.write_text("mine")
         with pytest.raises(RequestError, match="is a file"):
@@ -274,7 +274,7 @@ HOSTILE = '<script>alert("1")</script>&amp;<img src=x onerror=alert(1)>'
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_names_that_records_may_have_name_no_file_elsewhere(fabric, out):
+def test_names_with_path_separators_write_no_file_outside(fabric, out):
     for name in ("face_direction", "x/../../../etc/passwd"):
         for representation in ("full", "x/../../y"):
             fabric.run(FLAT[:4], task=name, algo=name, representation=representation)
@@ -284,7 +284,7 @@ def test_names_that_records_may_have_name_no_file_elsewhere(fabric, out):
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("setting", ["task", "algo", "representation", "engine"])
-def test_a_record_with_a_hostile_name_is_left_out_and_reported(fabric, out, setting):
+def test_record_with_hostile_name_is_skipped_and_reported(fabric, out, setting):
     fabric.run(FLAT[:4])
     manifest = fabric.run(FLAT[:4], seed=1).path / "manifest.json"
     content = json.loads(manifest.read_text())
@@ -298,7 +298,7 @@ def test_a_record_with_a_hostile_name_is_left_out_and_reported(fabric, out, sett
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_page_shows_the_table_and_explains_the_orders(fabric, out):
+def test_page_shows_table_and_explains_orders(fabric, out):
     for seed in range(3):
         fabric.run(np.full(5000, 910.0 + seed), seed=seed)
     write_report(fabric.results, out)

@@ -1,4 +1,4 @@
-"""The forest plot and the sentence of the first screen."""
+"""Tests of the overview of a report: forest plot, learning curves, headline and inventory."""
 
 import re
 
@@ -12,7 +12,7 @@ from jbench.report.request import Request
 ROWS = ["DDPG", "SAC"]
 
 
-def ran(fabric, finals, **settings):
+def add_runs(fabric, finals, **settings):
     for seed, final in enumerate(finals):
         fabric.run(np.full(40, float(final)), seed, **settings)
 
@@ -27,7 +27,7 @@ def forest(fabric):
 
 
 def means(panel):
-    """Returns the interquartile mean and its interval by row of a panel."""
+    """Returns the interquartile mean and its interval for each row of a panel."""
     found = {}
     for series in panel.series:
         if series.entries == ("interquartile mean, 95% interval",):
@@ -37,14 +37,14 @@ def means(panel):
 
 
 class TestForest:
-    def test_a_row_has_its_mean_its_interval_and_its_seeds(self, fabric):
+    def test_row_shows_mean_interval_and_seeds(self, fabric):
         finals = [700, 800, 820, 840, 860, 990]
-        ran(fabric, finals, algo="sac")
-        ran(fabric, [500, 600], algo="ddpg")
+        add_runs(fabric, finals, algo="sac")
+        add_runs(fabric, [500, 600], algo="ddpg")
         (panel,) = forest(fabric).panels
         assert panel.y.names == ROWS
         found = means(panel)
-        # Of six seeds, one is left out at each end; two have no interval.
+        # Of six seeds, one is trimmed at each end; two seeds have no interval.
         assert found["SAC"][0] == 830
         assert found["DDPG"] == (550, [])
         expected = st.estimate(st.interquartile_mean, [np.array(finals, float)])
@@ -52,78 +52,78 @@ class TestForest:
         (dots,) = [s for s in panel.series if s.entries == ("one seed",) and s.y[0] > 1]
         assert sorted(dots.x) == finals
 
-    def test_the_published_median_is_dashed_in_its_row(self, fabric):
+    def test_published_median_is_dashed_line_in_its_row(self, fabric):
         for seed in range(3):
             fabric.run(np.full(300, 500.0), seed, algo="sac")
         (panel,) = forest(fabric).panels
         (dashed,) = [series for series in panel.series if series.style.dash == "--"]
-        # SAC on face_direction has learned it by then (Figure 9).
+        # In Figure 9, SAC exceeds 900 on face_direction by then.
         assert dashed.x[0] == dashed.x[1] > 900
         assert dashed.y.mean() == 0
 
-    def test_all_tasks_count_the_same_and_need_runs_on_each(self, fabric):
-        ran(fabric, [900, 900, 900], algo="sac")
-        ran(fabric, [300, 300, 300], algo="sac", task="move_to_pose")
-        ran(fabric, [500, 500, 500], algo="ddpg")
+    def test_all_tasks_panel_weights_tasks_equally_and_needs_every_task(self, fabric):
+        add_runs(fabric, [900, 900, 900], algo="sac")
+        add_runs(fabric, [300, 300, 300], algo="sac", task="move_to_pose")
+        add_runs(fabric, [500, 500, 500], algo="ddpg")
         panels = forest(fabric).panels
         assert [panel.title for panel in panels] == ["face_direction", "move_to_pose", "all tasks"]
-        # Of the six runs at 900 and 300, one of each is left out; a resample draws within a task.
+        # Of three runs at 900 and three at 300, one each is trimmed; resampling is within tasks.
         assert means(panels[2]) == {"SAC": (600, [(600, 600)])}
 
 
 class TestLearningCurvesOfTheOverview:
-    def test_the_title_says_that_encoded_observations_are_elsewhere(self, fabric):
-        ran(fabric, [800, 810])
+    def test_title_names_full_observation_if_encoded_runs_exist(self, fabric):
+        add_runs(fabric, [800, 810])
         assert document(fabric).overview[0].title.startswith("Learning curves: ")
-        ran(fabric, [500, 510], representation="dae12")
+        add_runs(fabric, [500, 510], representation="dae12")
         title = document(fabric).overview[0].title
         assert title.startswith("Learning curves on the full observation: ")
 
-    def test_the_title_names_no_observation_if_one_is_encoded(self, fabric):
-        ran(fabric, [800, 810])
-        ran(fabric, [500, 510], representation="dae12")
-        ran(fabric, [500, 510], algo="sac", representation="dae12")
+    def test_title_names_no_observation_if_encoded_curve_is_drawn(self, fabric):
+        add_runs(fabric, [800, 810])
+        add_runs(fabric, [500, 510], representation="dae12")
+        add_runs(fabric, [500, 510], algo="sac", representation="dae12")
         assert document(fabric).overview[0].title.startswith("Learning curves: ")
 
 
 class TestHeadline:
-    def test_it_says_who_solves_what_by_when(self, fabric):
-        ran(fabric, [950 + seed for seed in range(6)], algo="sac")
-        ran(fabric, [300 + seed for seed in range(6)], algo="ppo")
+    def test_headline_reports_algorithms_that_solve_tasks(self, fabric):
+        add_runs(fabric, [950 + seed for seed in range(6)], algo="sac")
+        add_runs(fabric, [300 + seed for seed in range(6)], algo="ppo")
         said = document(fabric).headline
         assert said.startswith("SAC solves face_direction (median return 952; 900 after ")
         assert "PPO does not solve face_direction (median return 302; 6 seeds)" in said
 
-    def test_few_seeds_decide_nothing(self, fabric):
-        ran(fabric, [950, 960, 970], algo="sac")
+    def test_headline_of_few_seeds_is_undecided(self, fabric):
+        add_runs(fabric, [950, 960, 970], algo="sac")
         assert document(fabric).headline.startswith(
             "Whether SAC solves face_direction is undecided (median return 960; 900 after "
         )
         assert document(fabric).headline.endswith("; 3 seeds). (These are training returns.)")
 
-    def test_cells_with_few_seeds_are_left_out_beside_those_with_enough(self, fabric):
-        ran(fabric, [300 + seed for seed in range(6)], algo="ppo")
-        ran(fabric, [950, 960, 970], algo="sac")
+    def test_cells_with_few_seeds_are_omitted_beside_others(self, fabric):
+        add_runs(fabric, [300 + seed for seed in range(6)], algo="ppo")
+        add_runs(fabric, [950, 960, 970], algo="sac")
         assert document(fabric).headline == (
             "PPO does not solve face_direction (median return 302; 6 seeds). "
             "(These are training returns.)"
         )
 
-    def test_tasks_with_the_same_answer_share_a_clause(self, fabric):
+    def test_tasks_with_same_answer_share_clause(self, fabric):
         for task in ("face_direction", "move_to_pose"):
-            ran(fabric, [300 + seed for seed in range(6)], task=task)
+            add_runs(fabric, [300 + seed for seed in range(6)], task=task)
         assert document(fabric).headline == (
             "TD3 does not solve face_direction and move_to_pose (median returns 302; 6 seeds "
             "each). (These are training returns.)"
         )
 
-    def test_what_reduction_costs(self, fabric):
-        ran(fabric, [800 + seed for seed in range(6)])
-        ran(fabric, [500 + seed for seed in range(6)], representation="dae12")
-        ran(fabric, [700 + seed for seed in range(6)], algo="sac")
-        ran(fabric, [500 + seed for seed in range(6)], algo="sac", representation="dae12")
+    def test_headline_reports_cost_of_reduction(self, fabric):
+        add_runs(fabric, [800 + seed for seed in range(6)])
+        add_runs(fabric, [500 + seed for seed in range(6)], representation="dae12")
+        add_runs(fabric, [700 + seed for seed in range(6)], algo="sac")
+        add_runs(fabric, [500 + seed for seed in range(6)], algo="sac", representation="dae12")
         said = document(fabric).headline
-        # The first sentence is the answer to the paper's question, for both algorithms.
+        # The first sentence answers the paper's question for both algorithms.
         assert re.match(
             r"On face_direction, agents end lower with dae12 than with the full observation "
             r"\(dae12: SAC -200 \[.*\], TD3 -300 \[.*\]; 90% intervals; 6 seeds\)\. "
@@ -131,45 +131,45 @@ class TestHeadline:
             said,
         )
 
-    def test_variants_are_named(self, fabric):
+    def test_headline_names_variants(self, fabric):
         for engine, lower in (("batched", 300), ("sb3", 100)):
-            ran(fabric, [800 + seed for seed in range(6)], engine=engine)
+            add_runs(fabric, [800 + seed for seed in range(6)], engine=engine)
             finals = [800 - lower + seed for seed in range(6)]
-            ran(fabric, finals, representation="dae12", engine=engine)
+            add_runs(fabric, finals, representation="dae12", engine=engine)
         said = document(fabric).headline
         assert re.search(r"\(dae12: TD3 -300 \[.*\], TD3 stable-baselines3 -100 \[", said)
 
-    def test_representations_with_one_outcome_share_a_sentence(self, fabric):
+    def test_representations_with_one_outcome_share_sentence(self, fabric):
         ends = {"full": 800, "dae12": 500, "pca4": 300, "planar12": 805}
         for representation, final in ends.items():
-            ran(fabric, [final + seed for seed in range(6)], representation=representation)
+            add_runs(fabric, [final + seed for seed in range(6)], representation=representation)
         lower, similar, _ = document(fabric).headline.split(". ", 2)
         assert "agents end lower with dae12 or pca4 than with" in lower
         assert re.search(r"\(dae12: TD3 -300 \[.*\]; pca4: TD3 -500 \[", lower)
         assert "agents end similarly with planar12 and with" in similar
 
-    def test_a_faster_representation_is_named_even_if_its_final_return_is_undecided(self, fabric):
+    def test_faster_representation_is_reported_with_undecided_final_return(self, fabric):
         for seed, final in enumerate(range(700, 940, 40)):
             for representation, early in (("full", 100), ("dae12", 700)):
                 returns = [early] * 6 + [final] * 2
                 fabric.run(returns, seed, algo="td3", representation=representation)
         said = document(fabric).headline
-        # 600 more in six of eight episodes.
+        # The return is higher by 600 in six of eight episodes: 450 on average.
         assert said.startswith(
             "On face_direction, agents learn faster with dae12 than with the full observation; "
             "whether they end similarly is undecided (dae12: TD3 +450 ["
         )
         assert "]; means over the run, 95% interval; 6 seeds)." in said
 
-    def test_an_interval_is_named_only_if_there_is_one(self, fabric):
-        ran(fabric, [800 + seed for seed in range(6)])
-        ran(fabric, [820], representation="dae12")
+    def test_headline_without_interval_mentions_none(self, fabric):
+        add_runs(fabric, [800 + seed for seed in range(6)])
+        add_runs(fabric, [820], representation="dae12")
         said = document(fabric).headline
         assert "similarly with dae12 and with the full observation (dae12: TD3 +18; 1" in said
 
-    def test_the_inventory_counts_runs_settings_tasks_and_steps(self, fabric):
-        ran(fabric, [500, 600])
-        ran(fabric, [500], algo="sac", task="move_to_pose")
+    def test_inventory_counts_runs_settings_tasks_and_steps(self, fabric):
+        add_runs(fabric, [500, 600])
+        add_runs(fabric, [500], algo="sac", task="move_to_pose")
         assert document(fabric).inventory == [
             ("3", "runs"),
             ("2", "settings"),

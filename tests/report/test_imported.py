@@ -1,4 +1,4 @@
-"""Reports of imported learning curves, alone and beside runs."""
+"""Tests of reports on imported learning curves, alone and together with runs."""
 
 import json
 import shutil
@@ -59,7 +59,7 @@ def imported(two_imported, tmp_path):
     return shutil.copytree(two_imported, tmp_path / "imported")
 
 
-def test_a_report_of_imports_alone_has_their_statistics(imported, tmp_path):
+def test_report_of_imports_alone_has_statistics(imported, tmp_path):
     request = Request(formats=("svg",))
     written = write_report(Results(imported), tmp_path / "report", request)
     assert list(written.data.table["source"].unique()) == [IMPORTED]
@@ -80,7 +80,7 @@ def test_a_report_of_imports_alone_has_their_statistics(imported, tmp_path):
     assert IMPORTED in (tmp_path / "report" / "index.html").read_text()
 
 
-def test_evaluations_alone_are_reported(tmp_path):
+def test_imports_with_evaluations_only_are_reported(tmp_path):
     path = tmp_path / "imported"
     add(path, tmp_path, "fast", RETURNS["fast"], more=("--returns", "evaluation"))
     data = gather(Results(path), Request())
@@ -93,7 +93,7 @@ def test_evaluations_alone_are_reported(tmp_path):
     assert document.inventory == counts
 
 
-def test_runs_with_evaluations_only_are_counted_beside_trained_ones(imported, tmp_path):
+def test_imports_with_evaluations_only_are_counted_beside_training(imported, tmp_path):
     add(imported, tmp_path, "other", {0: 500.0, 1: 510.0}, more=("--returns", "evaluation"))
     document = contents.document(gather(Results(imported), Request()))
     assert document.summary[0].startswith("14 runs in 3 cells on 1 task: ")
@@ -101,7 +101,7 @@ def test_runs_with_evaluations_only_are_counted_beside_trained_ones(imported, tm
     assert document.inventory == counts
 
 
-def test_training_and_evaluation_of_a_label_are_one_cell(tmp_path):
+def test_training_and_evaluation_of_label_are_one_cell(tmp_path):
     path = tmp_path / "imported"
     add(path, tmp_path, "fast", RETURNS["fast"])
     add(path, tmp_path, "fast", {0: 900, 1: 910}, "other", more=("--returns", "evaluation"))
@@ -111,7 +111,7 @@ def test_training_and_evaluation_of_a_label_are_one_cell(tmp_path):
     assert "4 of 6 seeds have no evaluation" in row["notes"]
 
 
-def test_the_longest_import_of_a_seed_is_used(tmp_path):
+def test_longest_import_of_seed_is_used(tmp_path):
     path = tmp_path / "imported"
     add(path, tmp_path, "fast", RETURNS["fast"])
     add(path, tmp_path, "fast", {0: 500}, "longer", episodes=12)
@@ -120,7 +120,7 @@ def test_the_longest_import_of_a_seed_is_used(tmp_path):
     assert any(note.startswith("1 imported curves are not used") for note in data.notes)
 
 
-def test_seeds_with_points_at_different_control_steps_have_a_note(tmp_path):
+def test_seeds_with_points_at_different_control_steps_are_noted(tmp_path):
     path, file = tmp_path / "imported", tmp_path / "curves.csv"
     file.write_text("seed,at,value\n0,1000,10\n0,2000,20\n1,1300,30\n1,2200,40\n")
     typed = ("--from", "csv", "--task", "face_direction", "--algo", "td3", "--seed-column", "seed")
@@ -130,7 +130,7 @@ def test_seeds_with_points_at_different_control_steps_have_a_note(tmp_path):
     assert "the points of its seeds are up to 300 control steps apart" in row["notes"]
 
 
-def test_imports_beside_runs_change_none_of_their_numbers_and_no_claim(demo, imported, tmp_path):
+def test_imports_change_no_number_or_claim_of_runs(demo, imported, tmp_path):
     request = Request(claims=True)
     alone = gather(Results(demo), request)
     assert main(["merge", str(imported), "--results", str(demo)]) == 0
@@ -145,7 +145,7 @@ def test_imports_beside_runs_change_none_of_their_numbers_and_no_claim(demo, imp
     assert len([pair for pair in pairs if pair[0] == "ours"]) == len(alone.comparisons)
 
 
-def test_a_baseline_is_drawn_dashed_in_every_panel_of_its_task(imported):
+def test_baseline_is_drawn_dashed_in_panel_of_its_task(imported):
     data = gather(Results(imported), Request(baseline="slow"))
     figures = [item for item in contents.document(data).items if item.name == "figure9"]
     (panel,) = figures[0].figure.panels
@@ -173,7 +173,7 @@ def test_requests_without_curves_are_refused(typed, says, imported, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_damaged_imports_are_left_out_and_named(imported):
+def test_damaged_imports_are_skipped_and_reported(imported):
     part = sorted(imported.rglob("import_points-*.parquet"))[0]
     part.write_bytes(b"cut")
     data = gather(Results(imported), Request())
@@ -182,7 +182,7 @@ def test_damaged_imports_are_left_out_and_named(imported):
     assert sorted(data.table["seeds"]) == [5, 6]
 
 
-def test_imports_whose_manifest_lacks_their_length_are_left_out_and_named(imported):
+def test_imports_without_length_are_skipped_and_reported(imported):
     manifest = sorted(imported.rglob("manifest.json"))[0]
     manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "summary": {}}))
     data = gather(Results(imported), Request())

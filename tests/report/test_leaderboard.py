@@ -1,4 +1,4 @@
-"""The leaderboard: ranks by intervals that cross, other entries, and the command."""
+"""Tests of the leaderboard: ranks by overlapping intervals, kinds of entries, and the command."""
 
 import dataclasses
 import json
@@ -21,12 +21,12 @@ def entry(value, low, high, count=6):
     )
 
 
-def test_entries_share_a_rank_if_their_intervals_cross_that_of_its_first():
+def test_entries_with_overlapping_intervals_share_rank():
     entries = [
         entry(960, 955, 970),
         entry(900, 700, 950),  # below the first
-        entry(880, 870, 890),  # crosses the second
-        entry(870, 600, 960),  # crosses the first, but the second's rank has begun
+        entry(880, 870, 890),  # overlaps with the second
+        entry(870, 600, 960),  # overlaps with the first, but the second's rank has begun
         entry(860, np.nan, np.nan, 2),  # no interval
         entry(850, 840, 990, 5),  # too few seeds
         entry(690, 680, 699),
@@ -43,12 +43,12 @@ def curve(median, steps, figure="fig9", sequence=False):
     )
 
 
-def test_published_curves_and_hand_written_policies_are_entries_of_their_own():
+def test_published_curves_and_hand_written_policies_are_separate_entries():
     by_hand = {"face_direction": np.arange(100.0)}
     published = [curve(700.0, 3e6), curve(650.0, 5e6), curve(640.0, 5e6, "fig8")]
     published.append(curve(990.0, 9e6, sequence=True))
     best, other = leaderboard.entries([], by_hand, published)
-    # The longest curve counts; that of a sequence of robots is none of the plain robot.
+    # The longest curve counts; a curve on a sequence of robots is no entry.
     assert (best.source, best.median.value, best.trained) == ("published", 650.0, (5e6, 5e6))
     assert best.rank is None
     assert (other.source, other.median.value, other.count) == ("hand-written", 49.5, 100)
@@ -59,7 +59,7 @@ def test_published_curves_and_hand_written_policies_are_entries_of_their_own():
     ]
 
 
-def test_a_table_has_exact_numbers_and_marks_its_entries():
+def test_table_has_exact_numbers_and_kind_of_entry():
     first = dataclasses.replace(entry(960, 955, 970), rank=1)
     item = leaderboard.table([first], EVALUATION)
     (row,) = item.frame.to_dict("records")
@@ -77,7 +77,7 @@ def directories(fabric, tmp_path):
     return fabric.results.path
 
 
-def test_the_command_ranks_the_runs_of_directories(directories, capsys):
+def test_command_ranks_runs_of_directories(directories, capsys):
     assert main(["leaderboard", str(directories), "reference", "--json"]) == 0
     entries = json.loads(capsys.readouterr().out)["entries"]
     ours = [one for one in entries if one["source"] == str(directories)]
@@ -88,12 +88,12 @@ def test_the_command_ranks_the_runs_of_directories(directories, capsys):
     assert {one["source"] for one in entries} == {str(directories), "reference", "published"}
     ranked = {(one["source"], one["algo"]): one["rank"] for one in entries if one["rank"]}
     assert ranked[str(directories), "td3"] == 1
-    # Ours is below TD3 and eight shipped cells of six seeds; the interval of the last of them, DDPG
-    # on dae12, contains ours, but shares the rank of a cell whose interval does not.
+    # SAC is below TD3 and eight shipped cells of six seeds. The interval of the last of them, DDPG
+    # on dae12, contains that of SAC, but DDPG shares the rank of a cell whose interval does not.
     assert ranked[str(directories), "sac"] == 10
 
 
-def test_the_command_prints_markdown_and_csv(directories, capsys):
+def test_command_prints_markdown_and_csv(directories, capsys):
     assert main(["leaderboard", str(directories), "--markdown", "--returns", "training"]) == 0
     printed = capsys.readouterr().out
     assert "| face_direction | 1 | runs | TD3 | full | 902 [" in printed
@@ -113,6 +113,6 @@ def test_the_command_prints_markdown_and_csv(directories, capsys):
         (["reference", "--task", "move_to_pose"], "No run in reference has evaluation returns"),
     ],
 )
-def test_the_command_refuses(arguments, sentence, capsys):
+def test_command_refuses_invalid_arguments(arguments, sentence, capsys):
     assert main(["leaderboard", *arguments]) == 2
     assert sentence in capsys.readouterr().err

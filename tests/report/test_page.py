@@ -1,4 +1,4 @@
-"""The page's text: what is in it, and what never is. The page in a browser has tests of its own."""
+"""Tests of the HTML of a report's page, without a browser: elements, policy, values, downloads."""
 
 import base64
 import gzip
@@ -20,12 +20,12 @@ from jbench.report.page import colors, downloads, render_document, tables, text,
 from jbench.report.page.items import share_each
 from tests.report import page_documents as made
 
-# matplotlib says that its font has no control characters.
+# matplotlib warns that its font has no control characters.
 pytestmark = pytest.mark.filterwarnings("ignore:Glyph")
 
 
 class Page(HTMLParser):
-    """Elements of a page: names with their attributes, and the text in scripts and styles."""
+    """The elements of a page with their attributes, and the text of scripts and styles."""
 
     def __init__(self, page):
         super().__init__()
@@ -61,11 +61,11 @@ def page(rendered):
     return Page(rendered)
 
 
-class TestWhole:
-    def test_the_same_document_gives_the_same_bytes(self, rendered):
+class TestPage:
+    def test_page_is_reproducible_byte_for_byte(self, rendered):
         assert render_document(made.document()) == rendered
 
-    def test_every_element_is_closed_and_every_id_is_there_once(self, page):
+    def test_elements_are_closed_and_ids_are_unique(self, page):
         assert page.open == []
         ids = page.values_of("id")
         assert len(ids) == len(set(ids))
@@ -76,13 +76,13 @@ class TestWhole:
         assert clips
         assert {link.removeprefix("url(#").removesuffix(")") for link in clips} <= set(ids)
 
-    def test_the_summary_comes_first_and_provenance_last(self, rendered):
+    def test_summary_is_first_and_provenance_last(self, rendered):
         order = ["<h1>", "No task is solved.", "The run a/b can", ">Final returns</h2>",
                  ">Curves</h2>", "Only 2 seeds", ">Runs</h2>"]  # fmt: skip
         positions = [rendered.index(part) for part in order]
         assert positions == sorted(positions)
 
-    def test_the_policy_allows_this_style_and_script_and_nothing_else(self, page):
+    def test_security_policy_permits_only_own_style_and_script(self, page):
         (policy,) = [
             attrs["content"]
             for tag, attrs in page.elements
@@ -102,28 +102,28 @@ class TestWhole:
             "form-action 'none'",
         ]
 
-    def test_nothing_is_loaded_from_anywhere(self, page, rendered):
+    def test_page_loads_no_external_resource(self, page, rendered):
         assert not re.search(r"https?://|//[a-z]|@import", rendered.partition("<body>")[2])
         assert set(page.values_of("src")) == set()
         assert {link[:5] for link in page.values_of("href")} <= {"data:", *("#" + i[:4] for i in page.values_of("id"))}  # fmt: skip # noqa: E501
         assert "style" not in {name for _, attrs in page.elements for name in attrs}
 
-    def test_the_command_that_made_it_is_said_once(self, page):
+    def test_command_is_shown_once(self, page):
         assert page.text.count("jbench report --window 5 --results 'my results'") == 1
 
-    def test_items_of_one_name_have_ids_of_their_own(self):
+    def test_items_with_same_name_have_different_ids(self):
         item = TableItem("same", "Same", "", pd.DataFrame({"a": [1]}))
         page = Page(render_document(made.document(sections=[Section("Same", [], [item, item])])))
         assert [i for i in page.values_of("id") if i.startswith("same")] == ["same", "same-2"]
 
-    def test_no_name_takes_the_id_of_another_part(self):
+    def test_names_never_collide_with_ids_of_page_parts(self):
         frame = pd.DataFrame({"a": [1]})
         names = ("Summary", "Notes", "to-summary", "to provenance", "?")
         sections = [Section(n, [], [TableItem(n, n, "", frame)]) for n in names]
         ids = Page(render_document(made.document(sections=sections))).values_of("id")
         assert len(ids) == len(set(ids))
 
-    def test_an_empty_document_is_a_page(self):
+    def test_empty_document_is_valid_page(self):
         empty = made.document(
             summary=[], problems=[], notes=[], sections=[], provenance=pd.DataFrame()
         )
@@ -134,17 +134,17 @@ class TestWhole:
 
 
 class TestHostile:
-    def test_names_of_strangers_are_text_and_nothing_else(self):
+    def test_hostile_names_are_escaped(self):
         page = Page(render_document(made.hostile_document()))
         assert page.open == []
         assert [tag for tag, _ in page.elements if tag in ("img", "b")] == []
         assert [name for _, attrs in page.elements for name in attrs if name.startswith("on")] == []
-        # The page's own script, one of values for each figure, and no more.
+        # The page's own script and one script of values per figure.
         assert len(page.scripts) == 1 + len(made.HOSTILE)
         for name in made.HOSTILE:
             assert text.plain(name) in page.text
 
-    def test_it_can_be_written_and_is_without_control_characters(self):
+    def test_page_has_no_control_characters(self):
         written = render_document(made.hostile_document()).encode().decode()
         assert not re.search("[\x00-\x08\x0b-\x1f\u202a-\u202e\u2066-\u2069]", written)
         assert "evil\\u202egnp.exe\\u2066\\u0000\\u001b[31m\\ud800" in written
@@ -159,20 +159,20 @@ class TestHostile:
             ("שלום é 🦾", "שלום é 🦾"),
         ],
     )
-    def test_control_characters_are_written_out(self, given, shown):
+    def test_control_characters_are_shown_as_escapes(self, given, shown):
         assert text.html(given) == shown
 
-    def test_json_can_not_end_its_element(self):
+    def test_json_cannot_close_its_element(self):
         assert text.json_block(["</script>", "<!--"]) == '["\\u003c/script>","\\u003c!--"]'
 
 
 class TestDrawing:
-    def test_styles_become_attributes_and_the_drawing_keeps_its_numbers(self):
+    def test_drawing_has_attributes_instead_of_styles_and_exact_coordinates(self):
         drawing = vector.element(made.curves_figure(), "a-", "Title")
         assert "style" not in drawing.svg
         assert "<!--" not in drawing.svg
-        # A panel of 4.9 - 0.68 - 0.16 - 0.06 = 4 by 2.5 inches, 0.76 from the left; below it there
-        # are 0.24 inches for numbers and 0.15 for the label, above it 0.3 for its title.
+        # A panel of 4.9 - 0.68 - 0.16 - 0.06 = 4 by 2.5 inches, 0.76 from the left, with 0.24 for
+        # tick labels and 0.15 for the axis label below it, and 0.3 for its title above it.
         assert drawing.svg.startswith('<svg role="img" aria-label="Title" width="352.8pt"')
         assert 'viewBox="0 0 352.8 ' in drawing.svg
         (box,) = drawing.boxes
@@ -183,7 +183,7 @@ class TestDrawing:
         # 54.72 + 288 / 30, and 201.6 - (20.25 + 15) / 1030 * 180 = 195.44.
         assert "M 64.3 195.4 " in drawing.svg
 
-    def test_panels_are_numbered_although_one_has_a_second_scale(self):
+    def test_panels_are_numbered_despite_second_scale(self):
         panel = made.curves_panel()
         second = replace(panel, x=replace(panel.x, opposite=("episodes", 0.001)))
         svg = vector.element(made.curves_figure(second, panel), "a-", "").svg
@@ -194,21 +194,21 @@ class TestDrawing:
         )
         assert first == 2 * other > 0
 
-    def test_the_same_figure_gives_the_same_element(self):
+    def test_drawing_is_reproducible(self):
         for figure in (made.curves_figure(), made.matrix_figure()):
             assert vector.element(figure, "a-", "") == vector.element(figure, "a-", "")
 
-    def test_the_numbers_in_a_heat_map_keep_their_colour(self):
+    def test_colours_in_heat_map_are_not_themed(self):
         drawing = vector.element(made.matrix_figure(), "a-", "")
         assert drawing.svg.count('"rgb(26,26,26)"') == 5
         assert "#1a1a1a" not in drawing.svg
-        # And so do the ground of the cells without runs, 0.93 of white, and its hatching, 0.75.
+        # Nor are the ground of cells without runs (0.93 of white) and its hatching (0.75).
         (pattern,) = re.findall("<pattern.*?</pattern>", drawing.svg)
         assert '"rgb(191,191,191)"' in pattern
         assert not re.search('"#[0-9a-f]{6}"', pattern)
         assert {"#bfbfbf", "#ededed"} & drawing.colors == set()
 
-    def test_the_white_ground_of_a_cell_without_a_colour_is_white_on_a_dark_page(self):
+    def test_white_ground_of_framed_cell_is_not_themed(self):
         figure = made.matrix_figure()
         heat_map = figure.panels[0].heat_map
         texts = [replace(text, framed=True) for text in heat_map.texts[:1]]
@@ -217,18 +217,18 @@ class TestDrawing:
         assert "rgb(153,153,153)" in svg  # the frame, 0.6 of white
         assert "rgb(255,255,255)" in svg
 
-    def test_a_large_heat_map_is_a_picture(self):
+    def test_large_heat_map_is_raster_image(self):
         values = np.random.default_rng(0).uniform(size=(80, 80))
         axis, edges = Axis("", (0, 80)), np.arange(81.0)
         heat_map = HeatMap(edges, edges, values, "", (0, 1), is_map=True)
         figure = Figure("", [Panel("", axis, axis, heat_map=heat_map)])
         svg = vector.element(figure, "a-", "").svg
-        # One more is matplotlib's colour bar.
+        # The second image is matplotlib's colour bar.
         assert svg.count("<image") == 2
         assert 'href="data:image/png;base64,' in svg
         assert len(svg) < 200_000
 
-    def test_lines_of_too_many_points_are_a_picture(self):
+    def test_lines_with_too_many_points_are_raster_image(self):
         # Three lines of 30 points, and a band of 30 above and 30 below.
         figure = made.curves_figure()
         assert figure.corners == 3 * 30 + 2 * 30
@@ -237,11 +237,11 @@ class TestDrawing:
 
 
 class TestColors:
-    def test_black_and_white_are_exchanged(self):
+    def test_dark_theme_swaps_black_and_white(self):
         assert colors.on_dark("#ffffff") == "#181b21"
         assert colors.on_dark("#000000") == "#e6e9ed"
 
-    def test_colours_with_contrast_stay_and_others_are_lightened(self):
+    def test_dark_theme_lightens_colours_with_low_contrast(self):
         # Contrast with #181b21 (luminance 0.0108), by hand: #e69f00 has a luminance of 0.436, so
         # 0.486 / 0.0608 = 8.0; #0000ff one of 0.0722, so 2.0.
         assert colors.on_dark("#e69f00") == "#e69f00"
@@ -249,7 +249,7 @@ class TestColors:
         assert lighter.endswith("ff")
         assert lighter > "#4"
 
-    def test_the_style_sheet_has_the_same_paper(self, rendered):
+    def test_style_sheet_has_same_theme_colours(self, rendered):
         for color in (colors.PAPER, colors.INK):
             name = "#" + "".join(f"{part:02x}" for part in color)
             assert re.search(rf"--(paper|ink): light-dark\(#\w+, {name}\)", rendered)
@@ -259,15 +259,15 @@ BOX = (43.2, 28.8, 410.4, 244.8)
 
 
 def values_of(*series, y=None):
-    """Returns the panel of values of these series."""
+    """Returns the tooltip values of a panel with these series."""
     x = Axis("latents", (0, 10))
     figure = made.curves_figure(Panel("", x, y or Axis("error", (0, 10)), series))
     (panel,) = tooltips.panels(figure, [BOX])
     return panel
 
 
-class TestValues:
-    def test_lines_bands_and_axes(self):
+class TestTooltipValues:
+    def test_panel_has_values_of_lines_bands_and_axes(self):
         (panel,) = tooltips.panels(made.curves_figure(), [BOX])
         assert panel["title"] == "face_direction"
         assert panel["box"] == [*BOX]
@@ -279,7 +279,7 @@ class TestValues:
             "opposite": None,
             "ticks": None,
         }
-        # A series without a label has no values, nor has a threshold.
+        # A series without a label and a threshold have no values.
         td3, ddpg = panel["lines"]
         assert (td3["label"], ddpg["label"]) == ("TD3 (10 seeds)", "DDPG (10 seeds)")
         assert td3["color"].startswith("light-dark(#cc79a7,")
@@ -288,7 +288,7 @@ class TestValues:
         assert td3["bands"] == [made.CURVES[["td3_low", "td3_high"]].to_numpy().tolist()]
         assert ddpg["bands"] == []
 
-    def test_missing_values_are_left_out(self):
+    def test_missing_values_are_omitted(self):
         nan = np.nan
         x, y = np.array([1, 2, 3, np.inf]), np.array([5.0, nan, 7.0, 8.0])
         band = Band(np.array([4.0, nan, nan, nan]), np.array([6.0, nan, nan, nan]))
@@ -296,14 +296,14 @@ class TestValues:
         assert (line["x"], line["y"]) == ([1, 3], [5, 7])
         assert line["bands"] == [[[4, 6], None]]
 
-    def test_a_curve_that_is_dotted_in_part_is_one(self):
+    def test_partly_dotted_curve_is_one_line(self):
         x, y = np.arange(4.0), np.array([5.0, 6, 7, 8])
         partial = np.array([False, False, True, True])
         (line,) = values_of(Series(x, y, Style("0.2"), "a", partial=partial))["lines"]
         assert (line["x"], line["y"]) == ([0, 1, 2, 3], [5, 6, 7, 8])
 
     @pytest.mark.parametrize(("count", "most"), [(1, 400), (400, 400), (401, 400), (4901, 400)])
-    def test_long_lines_are_thinned_evenly_and_keep_their_ends(self, count, most):
+    def test_long_lines_are_thinned_evenly_and_keep_both_ends(self, count, most):
         kept = tooltips.thinned(np.arange(count), most)
         assert len(kept) <= most
         assert (kept[0], kept[-1]) == (0, count - 1)
@@ -311,7 +311,7 @@ class TestValues:
         assert len(set(steps[:-1])) <= 1
         assert len(kept) > min(count, most) / 2
 
-    def test_a_height_of_0_is_not_on_a_logarithmic_axis(self):
+    def test_zero_is_omitted_on_logarithmic_axis(self):
         bins = Series(
             np.array([0.5, 1.5, 3, 6]),
             np.array([2.0, 1, 0, 3]),
@@ -324,13 +324,13 @@ class TestValues:
         (line,) = values_of(bins, y=Axis("", (0.5, 4), log=True))["lines"]
         assert (line["x"], line["y"]) == ([0.5, 1.5, 6], [2, 1, 3])
 
-    def test_many_lines_share_the_points_of_a_page(self):
+    def test_many_lines_share_point_budget_of_page(self):
         # Each figure has two labelled series.
         figures = [made.curves_figure()] * 100
         assert tooltips.points_each(figures[:1]) == 400
         assert tooltips.points_each(figures) == 300
 
-    def test_a_heat_map_has_the_names_of_its_ticks(self):
+    def test_heat_map_has_tick_names_and_values(self):
         (panel,) = tooltips.panels(made.matrix_figure(), [BOX])
         assert panel["x"]["ticks"] == [[0, "DDPG"], [1, "TD3"]]
         assert panel["x"]["unit"] == 1
@@ -339,7 +339,7 @@ class TestValues:
         assert panel["grid"]["x"] == [-0.5, 0.5, 1.5]
         assert panel["grid"]["values"] == [[910, 12.5], [450, None], [0, 668.25]]
 
-    def test_a_panel_without_data_has_no_values(self):
+    def test_panel_without_data_has_no_values(self):
         (panel,) = tooltips.panels(made.log_figure(), [BOX, BOX])
         assert panel["x"]["label"] == "latents"
 
@@ -350,14 +350,14 @@ class TestDownloads:
         assert re.fullmatch(r"[\x20-\x7e]*", address)
         return pd.read_csv(io.StringIO(unquote(address.replace("&#x27;", "'"))))
 
-    def test_a_link_holds_the_rows(self):
+    def test_link_holds_all_rows(self):
         frame = pd.DataFrame({"name": ["a, b", 'c"d', "e\nf", "50% #1&2"], "x": [1, 0.1 + 0.2, np.nan, 1e-9]})  # fmt: skip # noqa: E501
         link = downloads.link("my data", frame, 100)
         assert 'download="my data.csv"' in link
         assert "(CSV, 1 KB)" in link
         pd.testing.assert_frame_equal(self.read(link), frame, rtol=1e-9)
 
-    def test_values_give_their_numbers(self):
+    def test_formatted_values_are_written_as_numbers(self):
         read = self.read(downloads.link("t", made.TABLE, 1000))
         assert list(read) == [
             "algorithm",
@@ -368,13 +368,13 @@ class TestDownloads:
         ]
         assert read.iloc[1, 1:3].tolist() == [1000, 9]
 
-    def test_a_large_table_is_thinned_and_says_so(self):
+    def test_large_table_is_thinned_and_labelled(self):
         frame = pd.DataFrame({"a": range(1000), "b": 1.5})
         link = downloads.link("t", frame, 500)
         assert "row 1 of every 4 of 1,000, to keep the page small" in link
         assert self.read(link)["a"].tolist() == list(range(0, 1000, 4))
 
-    def test_large_data_are_packed(self):
+    def test_large_data_are_compressed(self):
         frame = pd.DataFrame({"a": np.linspace(0, 1, 10_000), "b": ["text"] * 10_000})
         link = downloads.link("t", frame, 20_000)
         assert 'download="t.csv.gz"' in link
@@ -385,7 +385,7 @@ class TestDownloads:
             pd.read_csv(io.BytesIO(content)), frame, check_dtype=False, rtol=1e-8
         )
 
-    def test_numbers_have_nine_digits(self):
+    def test_numbers_are_rounded_to_nine_digits(self):
         values = [0.1 + 0.2, 1 / 3, -2e9 / 3, 1e300 / 3, 5e-324, 0.0, math.nan, math.inf, 4950500]
         flat = downloads.flat(pd.DataFrame({"a": values}))["a"].tolist()
         assert flat[:4] == [0.3, 0.333333333, -666666667, 3.33333333e299]
@@ -393,20 +393,20 @@ class TestDownloads:
         assert math.isnan(flat[6])
         assert flat[7:] == [math.inf, 4950500]
 
-    def test_an_empty_table_has_no_link(self):
+    def test_empty_table_has_no_link(self):
         assert downloads.link("t", pd.DataFrame({"a": []}), 10) == ""
 
     @pytest.mark.parametrize(
         ("sizes", "total", "share"),
-        # 10 + 20 fit whole and leave 70 for two; all fit; one alone; none at all.
+        # 10 + 20 fit and leave 70 for two items; all fit; a single item; no item.
         [((500, 10, 20, 90), 100, 35), ((5, 5), 100, 5), ((500,), 100, 100), ((), 100, 1)],
     )
-    def test_large_ones_share_what_small_ones_leave(self, sizes, total, share):
+    def test_large_items_share_budget_left_by_small_items(self, sizes, total, share):
         assert share_each(sizes, total) == share
 
 
 class TestTables:
-    def test_cells_say_what_they_are_sorted_by(self):
+    def test_cells_have_sort_keys(self):
         table = tables.table(made.TABLE, "Final returns")
         assert '<th scope="col" class="number">seeds</th>' in table
         assert '<th scope="row">td3</th>' in table
@@ -429,10 +429,10 @@ class TestTables:
             (-0.0, "0"),
         ],
     )
-    def test_numbers_are_short(self, value, shown):
+    def test_numbers_are_shortened(self, value, shown):
         assert tables.number_text(value) == shown
 
-    def test_strange_cells_are_shown(self):
+    def test_cells_of_unusual_types_are_shown(self):
         frame = pd.DataFrame(
             {"a": [float("inf"), True, pd.NaT, pd.Timestamp("2026-11-21"), [1], Value("x", "y")]},
             dtype=object,
@@ -440,20 +440,20 @@ class TestTables:
         shown = re.findall(r'<th scope="row"[^>]*>(.*?)</th>', tables.table(frame, ""))
         assert shown == ["inf", "yes", "", "2026-11-21 00:00:00", "[1]", "x"]
 
-    def test_rows_are_filtered_by_whole_sources_and_by_representations_without_settings(self):
+    def test_rows_are_tagged_with_source_and_representation(self):
         frame = pd.DataFrame(
             {"observation": ["full, bfloat16"], "runs": ["imported, not verified"]}
         )
         row = '<tr data-tags data-representation="full" data-source="imported, not verified">'
         assert row in tables.table(frame, "")
 
-    def test_columns_may_have_one_name(self):
+    def test_columns_may_share_name(self):
         frame = pd.DataFrame([[1, 2]], columns=["a", "a"])
         assert tables.table(frame, "").count(">a</th>") == 2
         assert list(downloads.flat(frame)) == ["a", "a'"]
 
 
-def test_no_figure_or_table_costs_another_its_place():
+def test_figures_have_separate_path_ids():
     items = [FigureItem(f"f{i}", "F", made.curves_figure(), made.CURVES) for i in range(2)]
     page = Page(render_document(made.document(sections=[Section("S", [], items)])))
     paths = [attrs["href"] for tag, attrs in page.elements if tag == "use"]

@@ -1,4 +1,4 @@
-"""axe-core finds nothing to mend in the page of a report."""
+"""Accessibility tests of a report's page with axe-core: it finds no violation."""
 
 import itertools
 
@@ -12,14 +12,14 @@ from jbench.report.report import gather
 from jbench.report.request import Request
 from jbench.store import Results
 from jbench.store.shipped import shipped
-from tests.report.conftest import Fabric
+from tests.report.conftest import FabricatedResults
 
 WIDE, NARROW = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 UNFOLD = (
     "document.querySelectorAll('main details, dialog details').forEach((one) => one.open = true)"
 )
 
-# What is drawn is hidden from screen readers by the role of its element; without it this is faster.
+# The role of a drawing hides its content from screen readers; removing the content saves time.
 DROP = "document.querySelectorAll('.drawing svg > *').forEach((one) => one.remove())"
 
 
@@ -28,7 +28,7 @@ SHIPPED = pytest.param("shipped", marks=pytest.mark.slow)
 
 @pytest.fixture(scope="module", params=["fabricated", SHIPPED])
 def written(request, tmp_path_factory):
-    """The page of a few fabricated runs, or of the shipped ones: more of the same elements."""
+    """The page of a few fabricated runs, or of the shipped runs."""
     folder = tmp_path_factory.mktemp("page")
     results = Results(shipped()) if request.param == "shipped" else fabricated(folder / "results")
     made = document(gather(results, Request(claims=True)))
@@ -39,7 +39,7 @@ def written(request, tmp_path_factory):
 
 def fabricated(path):
     """Returns results of two algorithms on two representations."""
-    fabric = Fabric(path)
+    fabric = FabricatedResults(path)
     for algo, representation in itertools.product(("td3", "sac"), ("full", "dae12")):
         for seed in range(2):
             evaluated = {20_000: 300.0 + seed, 40_000: 950.0 + seed}
@@ -49,7 +49,7 @@ def fabricated(path):
 
 
 def violations(page, **context):
-    """Returns the rules that axe-core finds violated, with the elements."""
+    """Returns the rules that axe-core reports as violated, with the elements."""
     page.page.evaluate(UNFOLD)
     page.page.evaluate(DROP)
     response = Axe().run(page.page, **context).response
@@ -69,7 +69,7 @@ def violations(page, **context):
         pytest.param(NARROW, "light", marks=pytest.mark.slow),
     ],
 )
-def test_the_page_its_filter_and_a_run(opened, written, viewport, scheme):
+def test_page_filter_and_run_dialog_have_no_violation(opened, written, viewport, scheme):
     page = opened(written, viewport=viewport, color_scheme=scheme)
     assert violations(page) == {}
     page.page.locator(".filters summary").click()
@@ -79,7 +79,7 @@ def test_the_page_its_filter_and_a_run(opened, written, viewport, scheme):
     assert violations(page, context="dialog") == {}
 
 
-def test_what_is_wrong_is_found(opened, written):
+def test_missing_button_label_is_reported(opened, written):
     page = opened(written)
     page.page.evaluate("document.querySelector('.theme').removeAttribute('aria-label')")
     page.page.evaluate("document.querySelector('.theme').removeAttribute('title')")

@@ -1,4 +1,4 @@
-"""The report's page in a real browser: what it shows, what it does, and that nothing leaves it."""
+"""Tests of a report's page in a real browser: security, tables, figures, downloads, themes."""
 
 import io
 import re
@@ -15,19 +15,19 @@ from jbench.report.document import FigureItem, Section, TableItem
 from jbench.report.figure import Axis, Band, Panel, Series, Style
 from jbench.report.page import colors, render_document
 from tests.report import page_documents as made
-from tests.report.browser import PHONE, Opened
+from tests.report.browser import PHONE, BrowserPage
 
-# matplotlib says that its font has no control characters.
+# matplotlib warns that its font has no control characters.
 pytestmark = pytest.mark.filterwarnings("ignore:Glyph")
 
 SLOW = pytest.mark.slow
 EXACT = 5e-5
-"""Relative: values under the pointer are shown with 5 digits."""
+"""Relative tolerance: values under the pointer are shown with 5 digits."""
 
 
 @pytest.fixture
 def listener():
-    """A server on this machine that notes what it is asked for."""
+    """A local HTTP server that records the requested paths."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self):
@@ -54,9 +54,9 @@ def written(tmp_path_factory):
     return path
 
 
-class TestNothingLeaves:
+class TestSecurity:
     @pytest.mark.parametrize("guarded", [True, False])
-    def test_the_policy_stops_what_is_put_into_the_page(
+    def test_security_policy_blocks_injected_content(
         self, chromium, written, tmp_path, listener, guarded
     ):
         here = f"http://127.0.0.1:{listener.server_port}"
@@ -66,11 +66,11 @@ class TestNothingLeaves:
             f'<b style="color: red" onclick="window.hacked = 1">b</b>'
             f'<iframe src="{here}/b"></iframe>',
         )
-        if not guarded:  # the same without the policy, to see that it is the policy that stops it
+        if not guarded:  # without the policy the content is not blocked
             text = text.replace("Content-Security-Policy", "X-None")
         path = tmp_path / "index.html"
         path.write_text(text)
-        page = Opened(chromium, path)
+        page = BrowserPage(chromium, path)
         page.page.locator("b", has_text=re.compile("^b$")).click()
         if guarded:
             page.page.wait_for_function("window.violations.length >= 5")
@@ -81,7 +81,7 @@ class TestNothingLeaves:
         assert sorted(listener.asked) == ([] if guarded else ["/a.png", "/b"])
         page.context.close()
 
-    def test_hostile_names_stay_text(self, opened, tmp_path):
+    def test_hostile_names_are_shown_as_text(self, opened, tmp_path):
         path = tmp_path / "index.html"
         path.write_bytes(render_document(made.hostile_document()).encode())
         page = opened(path)
@@ -95,7 +95,7 @@ class TestNothingLeaves:
             figures.nth(i).focus()
             page.page.keyboard.press("ArrowLeft")
             expect(page.page.locator(".tip .near span").nth(1)).not_to_be_empty()
-        # Nothing in the page is turned about: right-to-left controls are written out.
+        # Right-to-left controls are shown as escapes and do not reverse any text.
         assert "evil\\u202egnp.exe" in page.page.locator("h1").inner_text()
 
 
@@ -112,7 +112,7 @@ class TestTables:
             ("verdict", ["contradicted", "supported", "undecided", "not tested", ""]),
         ],
     )
-    def test_headings_sort_up_down_and_back(self, opened, written, heading, rising):
+    def test_heading_sorts_ascending_descending_and_resets(self, opened, written, heading, rising):
         page = opened(written)
         before = page.column(heading)
         head = page.page.locator("#final-returns th", has_text=heading)
@@ -128,7 +128,7 @@ class TestTables:
         expect(head).to_have_attribute("aria-sort", "none")
         assert page.column(heading) == before
 
-    def test_the_keyboard_sorts_and_one_column_is_sorted_at_a_time(self, opened, written):
+    def test_keyboard_sorts_one_column_at_a_time(self, opened, written):
         page = opened(written)
         headings = page.page.locator("#final-returns thead th")
         headings.nth(0).locator("button").focus()
@@ -139,7 +139,7 @@ class TestTables:
         assert sorts == ["none", "ascending", "none", "none", "none"]
         assert page.column("algorithm") == ["sac", "td10", "td3", "ddpg", "PPO"]
 
-    def test_rows_stay_whole(self, opened, written):
+    def test_sorting_keeps_rows_together(self, opened, written):
         page = opened(written)
         page.page.locator("#final-returns th", has_text="seeds").locator("button").click()
         row = page.page.locator("#final-returns tbody tr").nth(3).locator("th, td")
@@ -149,7 +149,7 @@ class TestTables:
 
 class TestFigures:
     @pytest.mark.parametrize("row", [11, *(pytest.param(row, marks=SLOW) for row in (0, 29))])
-    def test_the_pointer_shows_the_numbers_of_the_data(self, opened, written, row):
+    def test_tooltip_shows_values_at_pointer(self, opened, written, row):
         page = opened(written)
         figure = made.curves_figure()
         data = made.CURVES.iloc[row]
@@ -166,7 +166,7 @@ class TestFigures:
         near = page.page.locator(".tip .near span").nth(1)
         expect(near).to_have_text("TD3 (10 seeds)")
 
-    def test_beside_the_panel_nothing_is_shown(self, opened, written):
+    def test_tooltip_is_hidden_outside_panel(self, opened, written):
         page = opened(written)
         figure = made.curves_figure()
         assert page.point("curves", figure, 15_000, 500) != []
@@ -174,13 +174,13 @@ class TestFigures:
         expect(page.page.locator(".tip")).to_be_hidden()
         expect(page.page.locator(".mark")).to_have_count(0)
 
-    def test_a_logarithmic_axis(self, opened, written):
+    def test_tooltip_on_logarithmic_axis(self, opened, written):
         page = opened(written)
         figure = made.log_figure()
         tip = page.point("errors", figure, 7.9, 0.011, panel=1)
         assert tip == ["latents: 8", "pca", "0.01"]
 
-    def test_the_cells_of_a_heat_map(self, opened, written):
+    def test_tooltip_shows_cells_of_heat_map(self, opened, written):
         page = opened(written)
         figure = made.matrix_figure()
         for (row, column), value in np.ndenumerate(made.MATRIX):
@@ -188,7 +188,7 @@ class TestFigures:
             names = [made.ALGORITHMS[column], made.TASKS[row], f"final return: {value:g}"]
             assert tip == (names if np.isfinite(value) else [])
 
-    def test_the_keyboard_goes_through_values_and_panels(self, opened, written):
+    def test_arrow_keys_move_through_values(self, opened, written):
         page = opened(written)
         page.page.locator("#curves .drawing").focus()
         page.page.keyboard.press("ArrowLeft")
@@ -201,7 +201,7 @@ class TestFigures:
         page.page.keyboard.press("ArrowRight")
         assert page.tip() == ["TD3", "face_direction", "final return: 12.5"]
 
-    def test_the_tip_stays_in_the_window(self, opened, written):
+    def test_tooltip_stays_inside_window(self, opened, written):
         page = opened(written, viewport=PHONE)
         page.page.locator("#curves .drawing").focus()
         for _ in range(35):
@@ -210,7 +210,7 @@ class TestFigures:
             assert box["x"] >= 0
             assert box["x"] + box["width"] <= PHONE["width"]
 
-    def test_the_tip_does_not_cover_the_panel_on_a_phone(self, opened, written):
+    def test_tooltip_does_not_cover_panel_on_phone(self, opened, written):
         page = opened(written, viewport=PHONE)
         page.point("curves", made.curves_figure(), 15_000, 500)
         panel = page.page.locator("#curves svg[role]").bounding_box()
@@ -221,9 +221,13 @@ class TestFigures:
 
 class TestDownload:
     @pytest.mark.parametrize("scripts", [True, False])
-    def test_the_data_are_in_the_page(self, opened, written, tmp_path, scripts, chromium):
-        # Without scripts there is nothing that could say whether it was quiet.
-        page = opened(written) if scripts else Opened(chromium, written, java_script_enabled=False)
+    def test_data_of_figure_can_be_downloaded(self, opened, written, tmp_path, scripts, chromium):
+        # Without scripts, `assert_quiet` can't be evaluated.
+        page = (
+            opened(written)
+            if scripts
+            else BrowserPage(chromium, written, java_script_enabled=False)
+        )
         with page.page.expect_download() as download:
             page.page.locator("#curves .download").click()
         assert download.value.suggested_filename == "curves.csv"
@@ -235,13 +239,13 @@ class TestDownload:
             page.context.close()
 
     @pytest.mark.parametrize("scripts", [True, False])
-    def test_large_data_are_unpacked_where_scripts_run(self, chromium, tmp_path, scripts):
+    def test_large_data_are_decompressed_if_scripts_run(self, chromium, tmp_path, scripts):
         frame = pd.DataFrame({"name": ["é, 🦾"] * 20_000, "x": np.linspace(0, 1, 20_000)})
         item = FigureItem("large", "Large", made.curves_figure(), frame)
         path = tmp_path / "index.html"
         section = Section("S", [], [item])
         path.write_bytes(render_document(made.document(sections=[section])).encode())
-        page = Opened(chromium, path, java_script_enabled=scripts)
+        page = BrowserPage(chromium, path, java_script_enabled=scripts)
         with page.page.expect_download() as download:
             page.page.locator("#large .download").click()
         assert download.value.suggested_filename == ("large.csv" if scripts else "large.csv.gz")
@@ -251,7 +255,7 @@ class TestDownload:
         assert page.trouble == []
         page.context.close()
 
-    def test_every_table_has_its_data(self, opened, written, tmp_path):
+    def test_every_table_can_be_downloaded(self, opened, written, tmp_path):
         page = opened(written)
         names = page.page.locator(".download").evaluate_all("(all) => all.map((a) => a.download)")
         assert names == ["final_returns.csv", "curves.csv", "provenance.csv"]
@@ -265,8 +269,8 @@ def _contrast(one, other):
     return colors._contrast(one, other)
 
 
-class TestLooks:
-    def test_light_and_dark_differ_and_text_is_read_in_both(self, opened, written):
+class TestAppearance:
+    def test_text_has_contrast_in_light_and_dark_theme(self, opened, written):
         papers = []
         for scheme in ("light", "dark"):
             page = opened(written, color_scheme=scheme)
@@ -274,7 +278,7 @@ class TestLooks:
             papers.append(paper)
             for selector in ("p", "h1", ".soft", ".made", "td", "thead button", ".best strong"):
                 assert _contrast(page.color(selector, "color"), paper) >= 4.5, (scheme, selector)
-            # The figure's own ground is the item's, and its text is on it.
+            # The background of a figure is that of its item.
             ground = page.color("#curves .drawing [fill='#ffffff']", "fill")
             assert ground == paper
             assert _contrast(page.color("#curves .drawing svg", "fill"), ground) >= 4.5
@@ -286,12 +290,12 @@ class TestLooks:
                     shown = line.evaluate("(element) => getComputedStyle(element).stroke")
                     rgb = tuple(int(part) for part in re.findall(r"\d+", shown)[:3])
                     assert _contrast(rgb, ground) >= 3
-            # The numbers in a heat map are on its colours, which are the same.
+            # Numbers in a heat map are not themed, because its colours are not.
             assert page.color("#matrix [fill='rgb(26,26,26)']", "fill") == (26, 26, 26)
         assert papers == [(255, 255, 255), colors.PAPER]
 
     @pytest.mark.parametrize("figure", ["curves", "errors"])
-    def test_nothing_in_a_dark_figure_is_darker_than_its_ground(self, opened, written, figure):
+    def test_no_pixel_of_dark_figure_is_darker_than_background(self, opened, written, figure):
         page = opened(written, color_scheme="dark")
         picture = page.page.locator(f"#{figure} .drawing").first.screenshot()
         pixels = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), dtype=int)
@@ -299,13 +303,13 @@ class TestLooks:
         assert (pixels == ground).all(axis=2).mean() > 0.5
         assert pixels.max(axis=2).min() >= ground.min()
 
-    def test_the_button_turns_light_to_dark_and_back(self, opened, written):
+    def test_button_toggles_theme(self, opened, written):
         page = opened(written)
         for paper in (colors.PAPER, (255, 255, 255)):
             page.page.locator("button.theme").click()
             assert page.color(".item", "backgroundColor") == paper
 
-    def test_a_phone_has_no_page_wider_than_itself(self, opened, written, tmp_path):
+    def test_page_fits_width_of_phone(self, opened, written, tmp_path):
         hostile = tmp_path / "hostile.html"
         hostile.write_bytes(render_document(made.hostile_document()).encode())
         for path in (written, hostile):
@@ -317,14 +321,14 @@ class TestLooks:
             )
             assert wide > 0
 
-    def test_a_phone_shows_figures_whole_or_scrolls_them(self, opened, written):
+    def test_figures_fit_or_scroll_on_phone(self, opened, written):
         page = opened(written, viewport=PHONE)
         for box in page.page.locator(".drawing").all():
             figure = box.locator("xpath=ancestor::figure")
             fits = box.evaluate("(one) => one.scrollWidth <= one.clientWidth")
             assert fits or "scrolls" in figure.get_attribute("class").split()
 
-    def test_paper_shows_all_in_black_on_white(self, opened, written):
+    def test_print_shows_all_content_in_light_theme(self, opened, written):
         page = opened(written, color_scheme="dark")
         page.page.locator("button.theme").click()
         page.page.locator("button.theme").click()
@@ -341,16 +345,16 @@ class TestLooks:
         assert page.color(".item", "backgroundColor") == (255, 255, 255)
         assert _contrast(page.color("main p", "color"), (255, 255, 255)) >= 7
 
-    def test_it_can_be_printed(self, opened, written):
+    def test_page_prints_on_a4(self, opened, written):
         page = opened(written)
         printed = page.page.pdf(prefer_css_page_size=True)
         assert printed.startswith(b"%PDF-")
-        # A4 upright, and on its side for the tables and figures that are wide.
+        # A4 portrait, and landscape for wide tables and figures.
         sizes = set(re.findall(rb"/MediaBox ?\[0 0 ([\d.]+) ([\d.]+)\]", printed))
         assert {(round(float(w)), round(float(h))) for w, h in sizes} == {(595, 842), (842, 595)}
 
-    def test_without_scripts_it_is_a_plain_document(self, chromium, written):
-        page = Opened(chromium, written, java_script_enabled=False)
+    def test_page_without_scripts_is_plain_document(self, chromium, written):
+        page = BrowserPage(chromium, written, java_script_enabled=False)
         for text in ("No task is solved.", "668 [659, 676]", "Across seeds.", "jbench report"):
             expect(page.page.get_by_text(text).first).to_be_visible()
         expect(page.page.locator("button")).to_have_count(0)
@@ -359,9 +363,8 @@ class TestLooks:
 
 
 @pytest.mark.parametrize(("figures", "size"), [(1, 5e6), pytest.param(5, 10e6, marks=SLOW)])
-def test_a_page_of_200_long_runs_is_small_and_works(opened, tmp_path, figures, size):
-    # 20 cells of 10 seeds and 5000 episodes in each figure, at the points that a curve is drawn
-    # with.
+def test_page_of_200_long_runs_is_small_and_works(opened, tmp_path, figures, size):
+    # Each figure has 20 cells of 10 seeds and 5000 episodes, thinned as for drawing.
     rng = np.random.default_rng(0)
     steps = np.arange(1, 4902, 8) * 1000.0
     items = []
@@ -385,7 +388,7 @@ def test_a_page_of_200_long_runs_is_small_and_works(opened, tmp_path, figures, s
     assert path.stat().st_size < size
     page = opened(path)
     tip = page.point(f"figure{figures - 1}", figure, 2.5e6, 500)
-    # 13 lines of 20; the others are counted.
+    # 13 of 20 lines are shown; the others are counted.
     assert tip[0] == "face_direction"
     assert tip[-1] in ("and 6 more", "and 7 more")
     page.page.locator("#runs th", has_text="wall time").locator("button").dblclick()

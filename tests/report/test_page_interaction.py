@@ -1,4 +1,4 @@
-"""Interactions with the page of a report in a real browser: legends, filters, links, saving."""
+"""Tests of interactions with a report's page in a real browser: legends, filters, links, saving."""
 
 from xml.etree import ElementTree
 
@@ -67,7 +67,7 @@ def entry(page, name):
 
 
 def lines(page):
-    """Returns the algorithm and task of the lines that are visible."""
+    """Returns algorithm and task of the visible lines."""
     shown = page.page.locator("#tagged [data-of]:not(.gone)")
     pairs = shown.evaluate_all(
         "(all) => all.filter((one) => one.checkVisibility())"
@@ -87,7 +87,7 @@ def choose(page, name):
 
 
 class TestLegend:
-    def test_an_entry_hides_its_lines_in_every_panel_and_shows_them_again(self, opened, written):
+    def test_legend_entry_toggles_its_lines_in_every_panel(self, opened, written):
         page = opened(written)
         assert len(lines(page)) == 4
         entry(page, "SAC").click()
@@ -96,14 +96,14 @@ class TestLegend:
         entry(page, "SAC").press("Enter")
         assert len(lines(page)) == 4
 
-    def test_a_hidden_line_has_no_values(self, opened, written):
+    def test_hidden_line_is_not_in_tooltip(self, opened, written):
         page = opened(written)
         entry(page, "SAC").click()
         page.page.locator("#tagged .drawing").focus()
         page.page.keyboard.press("ArrowLeft")
         assert page.tip() == ["face_direction", "control steps: 1,000", "TD3 (6 seeds)", "500"]
 
-    def test_a_hidden_line_stays_hidden_in_a_zoomed_panel(self, opened, written):
+    def test_hidden_line_stays_hidden_in_zoomed_panel(self, opened, written):
         page = opened(written)
         state = "#view:in+tagged=SAC&zoom+tagged+1=200+600"
         page.page.evaluate(f"location.hash = {state!r}")
@@ -114,7 +114,7 @@ class TestLegend:
         assert lines(page) == {("TD3", "face_direction")}
         assert "zoom+tagged+1=200+600" in page.page.evaluate("location.hash")
 
-    def test_focus_makes_the_other_lines_faint(self, opened, written):
+    def test_focus_on_entry_fades_other_lines(self, opened, written):
         page = opened(written)
         entry(page, "TD3").focus()
         faint = page.page.locator("#tagged .faint")
@@ -126,14 +126,14 @@ class TestLegend:
 
 
 class TestFilters:
-    def test_one_bar_filters_figures_and_tables(self, opened, written):
+    def test_filter_applies_to_figures_and_tables(self, opened, written):
         page = opened(written)
         choose(page, "TD3")
         assert lines(page) == {("SAC", "face_direction"), ("SAC", "move_to_pose")}
         assert rows(page) == ["SAC"]
         expect(page.page.locator(".filters summary")).to_have_text("Filter (1 hidden)")
 
-    def test_the_legend_names_only_what_is_left(self, opened, written):
+    def test_legend_lists_only_visible_lines(self, opened, written):
         page = opened(written)
         legend = page.page.locator("#tagged .legend")
         choose(page, "TD3")
@@ -141,25 +141,25 @@ class TestFilters:
         page.page.locator(".filters label", has_text="TD3").locator("input").click()
         assert legend.inner_text().split() == ["SAC", "TD3", "median"]
 
-    def test_it_fits_on_a_phone(self, opened, written):
+    def test_filter_fits_on_phone(self, opened, written):
         page = opened(written, viewport=PHONE)
         page.page.locator(".filters summary").click()
         box = page.page.locator(".filters form").bounding_box()
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= PHONE["width"]
 
-    def test_the_panel_of_a_hidden_task_goes(self, opened, written):
+    def test_panel_of_hidden_task_is_hidden(self, opened, written):
         page = opened(written)
         choose(page, "move_to_pose")
         assert lines(page) == {("SAC", "face_direction"), ("TD3", "face_direction")}
         expect(page.page.locator("#tagged svg[role]").nth(1)).to_be_hidden()
 
-    def test_what_all_have_in_common_is_no_filter(self, opened, written):
+    def test_common_properties_have_no_filter(self, opened, written):
         page = opened(written)
         names = page.page.locator(".filters legend").all_text_contents()
         assert names == ["task", "algorithm", "source"]
 
-    def test_a_source_has_one_checkbox_for_figures_and_tables(self, opened, written):
+    def test_source_has_one_checkbox_for_figures_and_tables(self, opened, written):
         page = opened(written)
         boxes = page.page.locator(".filters input[name=source]")
         assert boxes.evaluate_all("(all) => all.map((box) => box.value)") == [IMPORTED, "ours"]
@@ -168,7 +168,7 @@ class TestFilters:
         assert len(lines(page)) == 3
         assert rows(page) == ["SAC", "TD3"]
 
-    def test_a_link_shows_what_one_sees(self, opened, written):
+    def test_link_restores_filter_and_hidden_lines(self, opened, written):
         page = opened(written)
         choose(page, "move_to_pose")
         page.page.keyboard.press("Escape")
@@ -183,7 +183,7 @@ class TestFilters:
 
 
 class TestSaving:
-    def test_the_svg_has_what_is_shown_and_its_legend(self, opened, written, tmp_path):
+    def test_saved_svg_has_visible_lines_and_legend(self, opened, written, tmp_path):
         page = opened(written, color_scheme="dark")
         entry(page, "SAC").click()
         with page.page.expect_download() as download:
@@ -197,7 +197,7 @@ class TestSaving:
         texts = [one.text for one in root.iter("{http://www.w3.org/2000/svg}text")]
         assert texts == ["TD3", "median"]
 
-    def test_the_png_is_a_picture_of_288_dots_an_inch(self, opened, written, tmp_path):
+    def test_saved_png_has_288_dpi(self, opened, written, tmp_path):
         page = opened(written)
         with page.page.expect_download() as download:
             page.page.get_by_role("button", name="Save PNG").click()
@@ -211,14 +211,14 @@ class TestSaving:
 
 
 class TestFirstScreen:
-    def test_the_answer_and_the_figure_are_on_the_first_screen(self, opened, written):
+    def test_headline_and_figure_are_on_first_screen(self, opened, written):
         page = opened(written, viewport={"width": 1280, "height": 800})
         expect(page.page.locator(".headline")).to_be_in_viewport()
         box = page.page.locator("#tagged .drawing").bounding_box()
         assert box["y"] + box["height"] <= 800
         assert page.page.locator(".inventory div").all_inner_texts() == ["3\nruns", "1\ntask"]
 
-    def test_numbers_in_parentheses_are_fainter_than_the_words(self, opened, tmp_path):
+    def test_numbers_in_parentheses_are_fainter_than_words(self, opened, tmp_path):
         headline = "12 numbers (dae12) lower the return (-332 [-491, -214]; 6 seeds)."
         (tmp_path / "index.html").write_text(render_document(made.document(headline=headline)))
         asides = opened(tmp_path / "index.html").page.locator(".headline span")
@@ -229,7 +229,7 @@ class TestFirstScreen:
         )
         assert soft != plain
 
-    def test_a_phone_stacks_the_panels(self, opened, written):
+    def test_panels_are_stacked_on_phone(self, opened, written):
         page = opened(written, viewport=PHONE)
         panels = page.page.locator("#tagged svg[role]")
         first, second = (panels.nth(i).bounding_box() for i in range(2))
@@ -237,7 +237,7 @@ class TestFirstScreen:
         for box in (first, second):
             assert box["x"] + box["width"] <= PHONE["width"]
 
-    def test_the_first_column_of_a_table_stays_on_a_phone(self, opened, written):
+    def test_first_column_of_table_is_sticky_on_phone(self, opened, written):
         page = opened(written, viewport=PHONE)
         box = page.page.locator("#returns .scroll")
         box.evaluate("(one) => { one.scrollLeft = 200; }")

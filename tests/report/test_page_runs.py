@@ -1,4 +1,4 @@
-"""The runs of a report's page, one by one, in a real browser."""
+"""Tests of the run dialog of a report's page in a real browser."""
 
 import re
 
@@ -17,7 +17,7 @@ NAMES = made.provenance()["run"].tolist()
 
 
 NO_TARGET = np.full(3, np.nan)
-# 20 cm along x with a target beyond its end, and a smaller one to its left.
+# LAST moves 20 cm along x and has a target beyond its end; FIRST moves 5 cm along y.
 FIRST = RunPath(20_000.0, 12.0, np.array([[0, 0], [0, 0.05]]), np.pi / 2, NO_TARGET)
 LAST = RunPath(
     60_000.0,
@@ -63,7 +63,7 @@ def cells(table):
     return [each.locator("th, td").all_inner_texts() for each in table.locator("tbody tr").all()]
 
 
-def test_a_row_opens_its_run_beside_the_first_other_of_its_cell(opened, written):
+def test_row_opens_run_compared_with_first_other_of_cell(opened, written):
     page = opened(written)
     row(page, NAMES[2]).locator("td").first.click()
     dialog = page.page.get_by_role("dialog", name=NAMES[2])
@@ -72,7 +72,7 @@ def test_a_row_opens_its_run_beside_the_first_other_of_its_cell(opened, written)
     assert cells(dialog.locator("table").first) == [["seed", "2", "0"], ["tau", "0.01", "0.005"]]
 
 
-def test_another_run_can_be_chosen(opened, written):
+def test_compared_run_can_be_changed(opened, written):
     page = opened(written)
     dialog = open_run(page, NAMES[0])
     expect(dialog.locator("select")).to_have_value(NAMES[2])
@@ -90,14 +90,14 @@ def test_another_run_can_be_chosen(opened, written):
     expect(dialog.locator("svg[role] g")).to_have_count(2)
 
 
-def test_its_curve_is_drawn_and_read(opened, written):
+def test_curve_of_run_is_drawn_with_tooltip(opened, written):
     page = opened(written)
     dialog = open_run(page, NAMES[0])
     dialog.locator("select").select_option(NAMES[1])
     svg = dialog.locator("svg[role]")
     assert svg.locator("text").all_text_contents()[:4] == ["0", "10", "20", "30"]
-    # Evaluations at 20, 40 and 60 thousand steps: thirds of the axis; a return of 500 is in the
-    # middle of -15 to 1015.
+    # Evaluations at 20, 40 and 60 thousand steps are at thirds of the axis; a return of 500 is in
+    # the middle of -15 to 1015.
     right = float(svg.get_attribute("width")) - 12
     path = svg.locator(".this.line0 path").get_attribute("d").removeprefix("M").split("L")
     x, y = np.array([[float(number) for number in point.split()] for point in path]).T
@@ -112,7 +112,7 @@ def test_its_curve_is_drawn_and_read(opened, written):
     assert values[:2] == ["this run: evaluation return", "400"]
 
 
-def test_the_keyboard_opens_and_closes_it(opened, written):
+def test_keyboard_opens_and_closes_run(opened, written):
     page = opened(written)
     button = row(page, NAMES[1]).locator("button")
     button.focus()
@@ -122,12 +122,12 @@ def test_the_keyboard_opens_and_closes_it(opened, written):
     page.page.keyboard.press("Escape")
     expect(dialog).to_be_hidden()
     expect(button).to_be_focused()
-    # Values are shown beside figures again.
+    # Tooltips of figures are shown again.
     assert page.point("curves", made.curves_figure(), 15_000, 500) != []
     expect(page.page.locator(".tip")).to_be_visible()
 
 
-def test_a_button_and_a_click_beside_it_close_it(opened, written):
+def test_button_or_click_outside_closes_run(opened, written):
     page = opened(written)
     dialog = open_run(page, NAMES[0])
     dialog.get_by_role("button", name="Close").click()
@@ -137,7 +137,7 @@ def test_a_button_and_a_click_beside_it_close_it(opened, written):
     expect(dialog).to_be_hidden()
 
 
-def test_a_link_opens_the_run_and_back_closes_it(opened, written):
+def test_link_opens_run_and_unknown_run_closes_it(opened, written):
     page = opened(written)
     dialog = open_run(page, NAMES[2])
     dialog.locator("select").select_option(NAMES[1])
@@ -154,7 +154,7 @@ def test_a_link_opens_the_run_and_back_closes_it(opened, written):
     expect(dialog).to_be_hidden()
 
 
-def test_settings_and_provenance_unfold(opened, written):
+def test_settings_and_provenance_can_be_expanded(opened, written):
     page = opened(written)
     dialog = open_run(page, NAMES[1])
     dialog.get_by_text("All 4 settings").click()
@@ -163,7 +163,7 @@ def test_settings_and_provenance_unfold(opened, written):
     assert ["wall time (s)", "101.5"] in cells(dialog.locator("table").last)
 
 
-def test_a_sorted_table_opens_the_same_run(opened, written):
+def test_sorted_table_opens_same_run(opened, written):
     page = opened(written)
     page.page.locator("#to-provenance th", has_text="wall time").locator("button").dblclick()
     dialog = open_run(page, NAMES[2])
@@ -172,7 +172,7 @@ def test_a_sorted_table_opens_the_same_run(opened, written):
     assert ["wall time (s)", "102.5"] in cells(dialog.locator("table").last)
 
 
-def test_the_filter_hides_runs(opened, written):
+def test_filter_hides_runs(opened, written):
     page = opened(written)
     page.page.locator(".filters summary").click()
     page.page.locator(".filters").get_by_text("SAC", exact=True).click()
@@ -180,7 +180,7 @@ def test_the_filter_hides_runs(opened, written):
     expect(row(page, NAMES[0])).to_be_visible()
 
 
-def test_a_run_fits_on_a_phone(opened, written):
+def test_run_fits_on_phone(opened, written):
     page = opened(written, viewport=PHONE)
     dialog = open_run(page, NAMES[0])
     assert dialog.evaluate("(one) => one.scrollWidth <= one.clientWidth")
@@ -206,13 +206,13 @@ def numbers(element, *names):
     return [float(element.get_attribute(name)) for name in names]
 
 
-def test_the_paths_of_the_first_and_the_last_evaluation_are_drawn(opened, moved):
+def test_paths_of_first_and_last_evaluation_are_drawn(opened, moved):
     page = opened(moved)
     dialog = open_run(page, NAMES[0])
     svg = dialog.get_by_role("img", name=f"Path of the robot of {NAMES[0]}")
     lines = svg.locator("g > path:not(.goal, .end)")
     scale, first, last = (lines.nth(i).get_attribute("d") for i in range(3))
-    # From 0 to 25 cm along x: 280 pixels less 24 at each end; y from -5 to 5 cm, upwards.
+    # x from 0 to 25 cm spans 280 pixels less 24 at each end; y from -5 to 5 cm points upwards.
     pixels = (280 - 2 * 24) / 0.25
     start = np.array([24, 140])
     read = [np.fromstring(d[1:].replace("L", " "), sep=" ").reshape(-1, 2) for d in (first, last)]
@@ -222,7 +222,7 @@ def test_the_paths_of_the_first_and_the_last_evaluation_are_drawn(opened, moved)
         start + pixels * np.array([0.25, 0.05])
     )
     expect(svg.locator(".first .goal")).to_have_count(0)
-    # The largest round length below a third of the drawing, which is 10.06 cm.
+    # The scale bar is the largest round length below a third of the drawing (10.06 cm).
     assert svg.locator("text").all_text_contents() == ["10 cm"]
     assert f"h{0.1 * pixels:g}" in scale
     ends = [svg.locator(f".{kind} .end").get_attribute("transform") for kind in ("first", "this")]
@@ -237,25 +237,25 @@ def test_the_paths_of_the_first_and_the_last_evaluation_are_drawn(opened, moved)
 
 
 @pytest.mark.parametrize(("page", "shown"), [("moved", True), ("written", False)])
-def test_the_hint_above_the_runs_names_the_path_if_one_is_recorded(opened, page, shown, request):
+def test_hint_mentions_path_if_one_is_recorded(opened, page, shown, request):
     section = opened(request.getfixturevalue(page)).page.locator("section")
     hint = section.get_by_text("Open a run to see")
     expect(hint).to_have_count(1)
     assert ("the path of its robot" in hint.inner_text()) is shown
 
 
-def test_a_run_without_paths_has_no_drawing(opened, moved):
+def test_run_without_paths_has_no_path_drawing(opened, moved):
     dialog = open_run(opened(moved), NAMES[1])
     expect(dialog.locator("svg[role]")).to_have_count(1)
     expect(dialog.get_by_text("Path of the robot")).to_have_count(0)
 
 
-def test_a_target_without_a_position_is_a_direction_from_the_start(opened, moved):
+def test_target_without_position_is_drawn_as_direction(opened, moved):
     dialog = open_run(opened(moved), NAMES[2])
     goal = dialog.locator(".paths .goal")
     expect(goal).to_have_count(1)
     numbers = [float(one) for one in re.split("[Ml ]", goal.get_attribute("d"))[1:]]
-    # A third of the drawing to the left, from the start at its lower edge.
+    # The line points left from the start at the lower edge and is a third of the drawing long.
     assert numbers == pytest.approx([140, 256, -280 / 3, 0], abs=0.1)
     expect(dialog.locator(".paths figcaption")).to_contain_text(
         "episode of the evaluation after 20,000 control steps. A circle"
@@ -263,7 +263,7 @@ def test_a_target_without_a_position_is_a_direction_from_the_start(opened, moved
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_paths_fit_on_a_phone_and_stand_out(opened, moved, scheme):
+def test_paths_fit_on_phone_and_have_contrast(opened, moved, scheme):
     page = opened(moved, viewport=PHONE, color_scheme=scheme)
     dialog = open_run(page, NAMES[0])
     assert dialog.evaluate("(one) => one.scrollWidth <= one.clientWidth")

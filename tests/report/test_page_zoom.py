@@ -1,4 +1,4 @@
-"""Zooming into the figures of a report's page in a real browser."""
+"""Tests of zooming into the figures of a report's page in a real browser."""
 
 import re
 from xml.etree import ElementTree
@@ -25,7 +25,7 @@ def written(tmp_path_factory):
 
 
 def pixel(page, steps, low=0.0, high=30_000.0):
-    """Returns where control steps are on the screen, in the middle of the panel's height."""
+    """Returns the screen position of control steps at half of the panel's height."""
     svg = page.page.locator("#curves svg[role]")
     svg.scroll_into_view_if_needed()
     box = svg.bounding_box()
@@ -60,7 +60,7 @@ def zoomed(opened, written, state="zoom+curves+0=10000+20000", **options):
     return page
 
 
-def test_a_drag_zooms_and_the_address_keeps_it(opened, written):
+def test_drag_zooms_and_updates_address(opened, written):
     page = opened(written)
     drag(page, 20_000, 10_000)
     assert limits(page) == pytest.approx([10_000, 20_000], abs=100)
@@ -69,11 +69,11 @@ def test_a_drag_zooms_and_the_address_keeps_it(opened, written):
     expect(page.page.locator("#curves [data-tick=y]").first).to_be_visible()
 
 
-def test_lines_are_drawn_between_the_new_limits(opened, written):
+def test_zoomed_lines_are_clipped_to_new_limits(opened, written):
     page = zoomed(opened, written)
     lines = page.page.locator("#curves [data-of] > path")
     x = [float(part) for part in re.findall(r"([\d.-]+) [\d.-]+", lines.first.get_attribute("d"))]
-    # 30 points from 1000 to 30,000 steps; 12,000 is the twelfth, a fifth of the way.
+    # 30 points from 1000 to 30,000 steps; the twelfth, 12,000, is at a fifth of the new axis.
     assert len(x) == 30
     assert x[11] == pytest.approx(LEFT + 0.2 * (RIGHT - LEFT), abs=0.4)
     assert x[0] == pytest.approx(LEFT - 0.9 * (RIGHT - LEFT), abs=0.4)
@@ -81,7 +81,7 @@ def test_lines_are_drawn_between_the_new_limits(opened, written):
     assert float(clip.get_attribute("x")) == pytest.approx(LEFT)
 
 
-def test_bands_and_markers_move_with_their_lines(opened, written):
+def test_bands_and_markers_are_zoomed_with_lines(opened, written):
     page = zoomed(opened, written)
     band = page.page.locator("#curves [data-of] defs path").first.get_attribute("d")
     assert f"{LEFT + 0.2 * (RIGHT - LEFT):.1f} " in band
@@ -94,7 +94,7 @@ def test_bands_and_markers_move_with_their_lines(opened, written):
     assert ticks(page, "errors") == ["4", "6", "8", "10", "12"]
 
 
-def test_the_pointer_and_the_arrow_keys_read_what_is_shown(opened, written):
+def test_pointer_and_arrow_keys_read_zoomed_values(opened, written):
     page = zoomed(opened, written)
     page.page.mouse.move(*pixel(page, 12_000, 10_000, 20_000))
     assert page.tip()[:2] == ["face_direction", "control steps (thousands): 12"]
@@ -106,7 +106,7 @@ def test_the_pointer_and_the_arrow_keys_read_what_is_shown(opened, written):
     assert page.tip()[1] == "control steps (thousands): 10"
 
 
-def test_a_double_click_shows_all_again(opened, written):
+def test_double_click_resets_zoom(opened, written):
     page = zoomed(opened, written)
     page.page.mouse.dblclick(*pixel(page, 15_000))
     assert (ticks(page), page.page.evaluate("location.hash")) == ([], "")
@@ -115,13 +115,13 @@ def test_a_double_click_shows_all_again(opened, written):
     assert line.get_attribute("d").startswith("M 64.3 195.4 ")
 
 
-def test_a_click_is_no_drag(opened, written):
+def test_click_does_not_zoom(opened, written):
     page = opened(written)
     page.page.mouse.click(*pixel(page, 15_000))
     assert page.page.evaluate("location.hash") == ""
 
 
-def test_escape_ends_a_drag(opened, written):
+def test_escape_cancels_drag(opened, written):
     page = opened(written)
     page.page.mouse.move(*pixel(page, 10_000))
     page.page.mouse.down()
@@ -133,7 +133,7 @@ def test_escape_ends_a_drag(opened, written):
     assert limits(page) is None
 
 
-def test_the_keyboard_zooms_and_reaches_the_button(opened, written):
+def test_keyboard_zooms_and_resets(opened, written):
     page = opened(written)
     button = page.page.locator("#curves").get_by_role("button", name="Reset zoom")
     expect(button).to_be_hidden()
@@ -141,7 +141,7 @@ def test_the_keyboard_zooms_and_reaches_the_button(opened, written):
     for _ in range(15):
         page.page.keyboard.press("ArrowLeft")
     page.page.keyboard.press("+")
-    # A half of the axis about 15,000 steps.
+    # Half of the axis, centred at 15,000 steps.
     assert limits(page) == [7500, 22500]
     assert page.tip()[1] == "control steps (thousands): 15"
     for _ in range(9):
@@ -167,28 +167,28 @@ def test_the_keyboard_zooms_and_reaches_the_button(opened, written):
         ),
     ],
 )
-def test_an_address_with_limits_that_make_no_sense_shows_the_whole_panel(opened, written, typed):
+def test_address_with_invalid_limits_shows_whole_panel(opened, written, typed):
     assert ticks(zoomed(opened, written, f"zoom+curves+0={typed}")) == []
 
 
-def test_limits_that_are_too_close_or_outside_are_moved(opened, written):
-    # A twentieth of the axis, 1500 steps, about 15,000.
+def test_limits_too_close_or_outside_are_adjusted(opened, written):
+    # A twentieth of the axis, 1500 steps, centred at 15,000.
     page = zoomed(opened, written, "zoom+curves+0=15000+15001")
     assert ticks(page) == ["14.5", "15", "15.5"]
-    # 12,000 steps, the last ones: from 18,000.
+    # The last 12,000 steps, from 18,000.
     page = zoomed(opened, written, "zoom+curves+0=28000+40000")
     assert ticks(page) == ["20", "22.5", "25", "27.5", "30"]
 
 
 def sizes_figure():
-    """Returns points of two representations at each of four sizes, beside the sizes' ticks."""
+    """Returns points of two representations at four sizes, offset from the ticks of the sizes."""
     sizes = Axis("size", (-0.5, 3.5), ticks=range(4), names=["2", "4", "8", "16"])
     at, style = np.arange(4.0), Style("#cc79a7", marker="o")
     series = [Series(at - 0.2, 100 * at, style, "pca"), Series(at + 0.2, 200 * at, style, "dae")]
     return Figure("Sizes", [Panel("", sizes, Axis("return", (-15, 1015)), series)])
 
 
-def test_named_ticks_zoom_and_name_the_values_beside_them(opened, tmp_path):
+def test_named_ticks_are_zoomed_and_shown_in_tooltip(opened, tmp_path):
     section = Section("Sizes", [], [FigureItem("sizes", "Sizes", sizes_figure())])
     path = tmp_path / "index.html"
     path.write_bytes(render_document(made.document(sections=[section])).encode())
@@ -205,7 +205,7 @@ def test_heat_maps_do_not_zoom(opened, written):
     expect(page.page.locator("#matrix").get_by_text("Reset zoom")).to_have_count(0)
 
 
-def test_the_saved_figure_is_zoomed(opened, written, tmp_path):
+def test_saved_figure_is_zoomed(opened, written, tmp_path):
     page = zoomed(opened, written)
     with page.page.expect_download() as download:
         page.page.locator("#curves").get_by_role("button", name="Save SVG").click()
@@ -216,7 +216,7 @@ def test_the_saved_figure_is_zoomed(opened, written, tmp_path):
     assert [one for one in root.iter() if one.get("data-tick") == "x"] == []
 
 
-def test_a_finger_scrolls_the_page_and_does_not_zoom(opened, written):
+def test_touch_scrolls_page_and_does_not_zoom(opened, written):
     page = opened(written, viewport=PHONE, has_touch=True, is_mobile=True)
     x, y = pixel(page, 15_000)
     session = page.context.new_cdp_session(page.page)

@@ -1,4 +1,4 @@
-"""Files that several processes make."""
+"""Tests of drawing files in several processes."""
 
 import os
 import signal
@@ -14,19 +14,19 @@ FORKS = pytest.mark.skipif(sys.platform != "linux", reason="one process elsewher
 
 @pytest.fixture(autouse=True)
 def without_other_threads(monkeypatch):
-    """Earlier tests in this process may have left threads, beside which nothing is forked."""
+    """Hides threads left by earlier tests, because a process with threads is not forked."""
     monkeypatch.setattr(parallel.threading, "active_count", lambda: 1)
 
 
 def makes(name, content=b""):
-    """Returns a task that makes one file with the number of its process and a content."""
+    """Returns a task that makes one file, which holds its process id and a content."""
     return lambda: {name: b"%d %b" % (os.getpid(), content)}
 
 
 def waits(name, folder=None):
-    """Returns a task that takes long enough for another process to take one too.
+    """Returns a task that lasts long enough for another process to start one too.
 
-    With a folder it waits until tasks with this folder were begun by two processes.
+    With a folder, it waits until two processes have started tasks with this folder.
     """
 
     def task():
@@ -43,7 +43,7 @@ def waits(name, folder=None):
 
 
 @pytest.mark.parametrize("processes", [1, 2, 3, 8])
-def test_files_are_in_the_order_of_their_tasks(processes):
+def test_files_are_in_order_of_tasks(processes):
     contents = [bytes([i]) * (i << 14) for i in range(6)]
     tasks = [makes(str(i), content) for i, content in enumerate(contents)]
     files = parallel.files_of(tasks, processes)
@@ -60,7 +60,7 @@ def test_tasks_are_distributed_over_processes(tmp_path):
 
 
 @FORKS
-def test_a_task_whose_process_dies_is_repeated():
+def test_task_of_killed_process_is_repeated():
     own = os.getpid()
 
     def dies_elsewhere():
@@ -74,7 +74,7 @@ def test_a_task_whose_process_dies_is_repeated():
 
 
 @FORKS
-def test_one_process_makes_the_files_if_there_is_no_space_for_temporary_ones(monkeypatch):
+def test_one_process_makes_files_without_temporary_space(monkeypatch):
     def full():
         raise OSError(28, "No space left on device")
 
@@ -83,7 +83,7 @@ def test_one_process_makes_the_files_if_there_is_no_space_for_temporary_ones(mon
     assert {int(content) for content in files.values()} == {os.getpid()}
 
 
-def test_an_error_is_raised_and_no_process_is_left(monkeypatch):
+def test_error_is_raised_and_no_process_remains(monkeypatch):
     started, fork = [], parallel._fork
     monkeypatch.setattr(
         parallel, "_fork", lambda *given: started.append(fork(*given)) or started[-1]

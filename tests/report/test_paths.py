@@ -1,4 +1,4 @@
-"""Paths of robots are read for the runs of a report."""
+"""Tests of reading the robots' paths for the runs of a report."""
 
 import numpy as np
 import pyarrow as pa
@@ -27,7 +27,7 @@ def read(*paths, evaluated=None):
     return run_paths(table, evaluations("a", evaluated or {}))
 
 
-def test_each_run_has_its_paths_with_the_return_of_their_episode():
+def test_paths_have_points_target_and_episode_return():
     found = read(
         path("b", 3, [0, 1]),
         path("a", 0, [0, 0.25, 0.5], target_yaw=0.5),
@@ -40,24 +40,24 @@ def test_each_run_has_its_paths_with_the_return_of_their_episode():
     assert (first.control_steps, first.heading) == (1000, 1.0)
     np.testing.assert_array_equal(first.target, [np.nan, np.nan, 0.5])
     np.testing.assert_array_equal(last.target, [0.125, -0.25, np.nan])
-    # The first of two episodes, 5 below their mean.
+    # The return of the first of two episodes is 5 below their mean.
     assert (first.episode_return, last.episode_return) == (95.0, 295.0)
     (other,) = found["b"]
     assert np.isnan(other.episode_return)
 
 
-def test_there_are_none_in_older_runs():
+def test_runs_without_paths_give_none():
     assert read() == {}
 
 
 @pytest.mark.parametrize("x", [[0.0], [0.0, np.nan], [np.inf, None]])
-def test_less_than_two_points_are_no_path(x):
+def test_fewer_than_two_points_are_no_path(x):
     rows = path("a", 0, [0.0] * len(x))
     index = rows.schema.get_field_index("x")
     assert read(rows.set_column(index, rows.schema.field("x"), pa.array(x, pa.float32()))) == {}
 
 
-def test_the_runs_of_a_report_have_theirs(fabric):
+def test_report_assigns_paths_to_runs(fabric):
     with_path, without = (fabric.run([1.0, 2.0], seed=seed) for seed in (0, 1))
     with_path.append({"paths": path(with_path.id, 0, [0, 0.5])})
     made = {one.name: one.paths for one in document(gather(fabric.results, Request())).runs}

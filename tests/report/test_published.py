@@ -1,4 +1,4 @@
-"""The paper's curves, against the table of end medians in the reference sheet."""
+"""Tests of the paper's published curves against final medians and quantiles read from it."""
 
 import pytest
 
@@ -17,7 +17,7 @@ END = {
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_the_ends_of_figure_9(published, task, algo):
+def test_final_quantiles_of_figure_9(published, task, algo):
     (curve,) = [c for c in published if (c.figure, c.task, c.algo) == ("fig9", task, algo)]
     median, q10, q90 = END[task][ALGORITHMS.index(algo)]
     assert curve.representation == "full"
@@ -27,13 +27,13 @@ def test_the_ends_of_figure_9(published, task, algo):
     assert curve.median_at(curve.control_steps[-1]) == curve.quantiles[50][-1]
 
 
-def test_the_early_medians_of_face_direction(published):
+def test_early_medians_of_face_direction(published):
     for algo, median in (("td3", 945), ("sac", 943), ("ddpg", 814)):
         found, figure = best_median(published, "face_direction", algo, "full", 0.5e6)
         assert (round(found), figure) == (median, "fig9")
 
 
-def test_the_best_of_several_figures_is_taken(published):
+def test_best_median_of_several_figures_is_used(published):
     # DDPG with the full observation ended at 632 in Figure 9, and at 295 in Figure 8.
     value, figure = best_median(published, "move_in_direction", "ddpg", "full", 4.95e6)
     assert (round(value), figure) == (632, "fig9")
@@ -41,22 +41,22 @@ def test_the_best_of_several_figures_is_taken(published):
     assert (round(value), figure) == (392, "fig8")
 
 
-def test_between_two_points_it_is_interpolated(published):
+def test_median_is_interpolated_between_points(published):
     (curve,) = [c for c in published if (c.figure, c.task, c.algo) == ("fig9", TASKS[1], "td3")]
     x, y = curve.control_steps[:2], curve.quantiles[50][:2]
     assert curve.median_at(x[0] + 0.25 * (x[1] - x[0])) == pytest.approx(0.75 * y[0] + 0.25 * y[1])
 
 
-def test_beyond_its_ends_a_curve_says_nothing(published):
+def test_no_median_beyond_ends_of_curve(published):
     args = (published, "face_direction", "td3", "full")
     assert best_median(*args, 40_000) is None
     assert best_median(*args, 6e6) is None
-    # 5000 episodes end in a window around step 4,950,500: the paper counts it as 4,950,000.
+    # The last window of 5000 episodes is centred at step 4,950,500; the paper writes 4,950,000.
     assert round(best_median(*args, 4_950_500)[0]) == 963
     assert best_median(published, "move_to_pose", "sac", "dae12", 1e6) is None
 
 
-def test_augmented_robots_and_estimated_bands_are_not_compared(published):
+def test_augmented_robots_and_estimated_bands_are_excluded(published):
     assert {curve.figure for curve in published} == {"fig7", "fig8", "fig9"}
     quantiles = {curve.figure: set(curve.quantiles) for curve in published}
     assert quantiles == {"fig7": {50}, "fig8": {25, 50, 75}, "fig9": {10, 50, 90}}

@@ -1,4 +1,4 @@
-"""Does reduction help: representations against full and scaled, on runs whose truth is known."""
+"""Tests of comparisons of representations with full and scaled, on runs of known outcome."""
 
 import numpy as np
 import pandas as pd
@@ -25,7 +25,7 @@ FINALS = {
 
 
 def learn(fabric, finals=FINALS, steps=80, **settings):
-    """Adds a run for each seed that has its final return from half of its episodes on."""
+    """Adds a run per seed with return 0, then from half of its episodes on its final return."""
     for representation, numbers in finals.items():
         for seed, final in enumerate(numbers):
             returns = np.repeat([0.0, final], steps // 2)
@@ -42,7 +42,7 @@ def test_each_representation_is_compared_with_both_baselines(fabric):
     reduced = {
         (name, base) for name in ("planar12", "dae12", "pca4") for base in ("full", "scaled")
     }
-    # The effect of scaling alone.
+    # scaled16 against full shows the effect of scaling alone.
     assert {*found} == {*reduced, ("scaled16", "full")}
     outcomes = {
         key: [reduction_items.outcome(finding) for finding in one.findings]
@@ -55,11 +55,11 @@ def test_each_representation_is_compared_with_both_baselines(fabric):
     planar = found["planar12", "scaled"].findings
     assert planar[0].effect.value == pytest.approx(180)  # 800 - 620
     assert found["dae12", "full"].findings[1].effect.value == pytest.approx(10)
-    # Over the whole run the mean is half of the final return.
+    # The mean over the whole run is half of the final return.
     assert planar[2].effect.value == pytest.approx(90)
 
 
-def test_the_sentence_names_each_outcome_with_interval_and_seeds(fabric):
+def test_answer_has_outcomes_with_interval_and_seeds(fabric):
     learn(fabric, {name: FINALS[name] for name in ("full", "scaled16", "planar12", "dae12")})
     against_full, against_scaled = reduction_items.answers("a", found_in(fabric))
     assert against_full.startswith(
@@ -70,7 +70,7 @@ def test_the_sentence_names_each_outcome_with_interval_and_seeds(fabric):
     assert "TD3 on planar12 (+180 [" in against_scaled
 
 
-def test_the_sentence_names_seeds_and_tasks_where_they_differ(fabric):
+def test_answer_names_seeds_and_tasks_if_they_differ(fabric):
     learn(fabric, {"full": FINALS["full"], "dae12": FINALS["dae12"][:6]})
     learn(fabric, {name: FINALS[name] for name in ("full", "dae12")}, task="move_to_pose")
     (said,) = reduction_items.answers("a", found_in(fabric))
@@ -78,13 +78,13 @@ def test_the_sentence_names_seeds_and_tasks_where_they_differ(fabric):
     assert "; n = 6, 8), TD3 on dae12 on move_to_pose (-200 [" in said
 
 
-def test_few_seeds_decide_nothing(fabric):
+def test_few_seeds_are_undecided(fabric):
     learn(fabric, {name: FINALS[name][:5] for name in ("full", "planar12")})
     (one,) = found_in(fabric)
     assert [reduction_items.outcome(finding) for finding in one.findings] == ["undecided"] * 3
 
 
-def test_cells_that_differ_in_more_than_their_representation_are_not_compared(fabric):
+def test_cells_with_other_differences_are_not_compared(fabric):
     learn(fabric, {"full": FINALS["full"]})
     for seed, final in enumerate(FINALS["planar12"]):
         fabric.run([0.0, final], seed, representation="planar12", engine="batched")
@@ -93,7 +93,7 @@ def test_cells_that_differ_in_more_than_their_representation_are_not_compared(fa
     assert reduction.groups(cells) == []
 
 
-def test_a_figure_compares_at_the_step_of_most_cells_and_names_what_is_short(fabric):
+def test_figure_compares_at_common_step_and_lists_shorter_cells(fabric):
     learn(fabric)
     learn(fabric, {"random12": 500 + CLOSE}, steps=20)
     (group,) = reduction.groups(fabric.cells()[0])
@@ -102,7 +102,7 @@ def test_a_figure_compares_at_the_step_of_most_cells_and_names_what_is_short(fab
     points = {point.cell.representation: point for point in group.points}
     assert {*points} == {*FINALS}
     assert (points["planar12"].numbers, points["full"].numbers) == (12, None)
-    # 6 of 8 seeds are left between the quarters; symmetric about 800.
+    # The interquartile mean of final returns that are symmetric about 800.
     assert points["planar12"].estimate.value == pytest.approx(800)
     figure = reduction_figure([group])
     (panel,) = figure.panels
@@ -126,7 +126,7 @@ def test_a_figure_compares_at_the_step_of_most_cells_and_names_what_is_short(fab
     assert "random12" in figure.caption
 
 
-def test_returns_are_drawn_against_what_latents_predict(fabric):
+def test_returns_are_drawn_against_r2_of_predictions(fabric):
     learn(fabric)
     groups = reduction.groups(fabric.cells()[0])
     r2 = {"planar12": 0.9, "dae12": 0.4, "pca4": -0.2, "vae8": 0.5}
@@ -143,17 +143,17 @@ def test_returns_are_drawn_against_what_latents_predict(fabric):
         f"R² of the {name}" for name in ("yaw rate", "forward speed", "tilt rate", "reward")
     ]
     drawn = {series.label: (series.x[0], series.y[0]) for series in panels[0].series}
-    # Interquartile means of the final returns; a network worse than the mean is drawn at 0.
+    # Interquartile means of the final returns; a negative R² is drawn at 0.
     assert drawn == {
         "planar12": pytest.approx((0.9, 800)),
         "dae12": pytest.approx((0.4, 400)),
         "pca4": pytest.approx((0, 610)),
     }
-    # With two encoders named dae12, two representations are left: too few for a relation.
+    # With two encoders named dae12, only two representations remain, too few for a figure.
     assert returns_figure(groups, pd.concat([table, table[table["kind"] == "dae"]])) is None
 
 
-def test_the_report_answers_by_evaluations_first(fabric, out):
+def test_report_answers_by_evaluation_returns_first(fabric, out):
     for name, numbers in FINALS.items():
         for seed, final in enumerate(numbers):
             evaluated = {1000: 0.0, 2000: final}
@@ -174,7 +174,7 @@ def test_the_report_answers_by_evaluations_first(fabric, out):
     assert len(numbers) == 1 + 2 * len(FINALS)  # by both kinds of return
 
 
-def test_numbers_that_an_agent_sees():
+def test_number_of_inputs_of_agent():
     assert kind_of("lld-vae12") == "lld-vae"
     assert reduction.numbers_seen("lld-vae12", "face_direction") == 12
     assert reduction.numbers_seen("full", "face_direction") is None

@@ -1,4 +1,4 @@
-"""Evaluation returns beside training returns: one kind of cell, curve and statistic for both."""
+"""Tests of evaluation and training returns: cells, curves, statistics, claims and files of both."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ RISING = {10_000: 100.0, 20_000: 300.0, 30_000: 600.0, 40_000: 950.0}
 
 
 def evaluated(last):
-    """Returns mean returns of four evaluations, the last of them this."""
+    """Returns the mean returns of four evaluations, of which the last is `last`."""
     return {**RISING, 40_000: last}
 
 
@@ -31,12 +31,12 @@ def table(data, name):
 
 
 class TestCells:
-    def test_a_point_is_an_evaluation_and_stands_at_its_control_steps(self, fabric):
+    def test_point_is_evaluation_at_its_control_steps(self, fabric):
         for seed in range(3):
             fabric.run(FLAT, seed, evaluated=evaluated(900.0 + 10 * seed))
         (cell,), _ = fabric.cells(EVALUATION)
         assert cell.control_steps.tolist() == [[*RISING]] * 3
-        # Two episodes each, 5 above and 5 below.
+        # Each evaluation has two episodes, 5 above and 5 below its mean.
         assert cell.returns[:, 0].tolist() == [100, 100, 100]
         assert scores_of(cell).final.tolist() == [900, 910, 920]
         assert scores_of(cell).area[0] == (100 + 300 + 600 + 900) / 4
@@ -47,7 +47,7 @@ class TestCells:
         assert scores_of(training).final.tolist() == [500] * 3
         assert training.key == cell.key
 
-    def test_seeds_are_aligned_by_their_control_steps(self, fabric):
+    def test_seeds_are_aligned_by_control_steps(self, fabric):
         fabric.run(FLAT, 0, evaluated={10_000: 1.0, 30_000: 3.0})
         fabric.run(FLAT, 1, evaluated={20_000: 20.0, 30_000: 30.0})
         fabric.run(FLAT, 2)
@@ -61,7 +61,7 @@ class TestCells:
             "seeds were evaluated after different numbers of control steps",
         )
 
-    def test_an_evaluation_that_is_no_number_is_left_out_and_noted(self, fabric):
+    def test_nan_evaluation_is_ignored_and_noted(self, fabric):
         for seed, last in enumerate((np.nan, 910.0)):
             fabric.run(FLAT, seed, evaluated=evaluated(last))
         (cell,), _ = fabric.cells(EVALUATION)
@@ -70,17 +70,17 @@ class TestCells:
 
 
 class TestStatistics:
-    def test_statistics_serve_both(self, fabric, published):
+    def test_evaluations_have_same_statistics_as_training(self, fabric, published):
         for seed in range(3):
             fabric.run(FLAT, seed, evaluated=evaluated(900.0 + 10 * seed))
         (summary,) = summaries(fabric.learned(kind=EVALUATION), published)
         one = summary.get("final_return", "median")
         assert (one.estimate.value, one.estimate.low, one.estimate.high) == (910, 900, 920)
         assert summary.get("steps_to_solved", "median").estimate.value == 40_000
-        # What is published are training returns: no threshold is made of them.
+        # Published returns are training returns and give no threshold for evaluations.
         assert summary.get("steps_to_half_best", "median") is None
 
-    def test_cells_are_compared_at_the_last_step_that_both_have(self, fabric):
+    def test_cells_are_compared_at_last_common_step(self, fabric):
         for seed in range(3):
             fabric.run(FLAT, seed, evaluated=evaluated(950.0))
             short = {10_000: 150.0, 20_000: 350.0}
@@ -89,19 +89,19 @@ class TestStatistics:
         assert (one.control_steps, one.cut) == (20_000, 20_000)
         assert one.difference.value == -50 if one.ours.representation == "full" else 50
 
-    def test_training_is_compared_over_the_last_quarter_up_to_that_step(self, fabric):
+    def test_training_is_compared_over_last_quarter_before_common_step(self, fabric):
         ramp = np.arange(40.0)
         for seed in range(3):
             fabric.run(ramp, seed)
             fabric.run(np.zeros(20), seed, representation="dae12")
         (one,) = within(fabric.cells()[0])
         assert one.control_steps == 20_000
-        # The last quarter of the first 20 episodes: 15 to 19.
+        # The last quarter of the first 20 episodes is 15 to 19, with mean 17.
         assert abs(one.difference.value) == 17
 
 
 class TestClaims:
-    def test_they_are_asked_of_both_and_what_differs_is_said(self, fabric):
+    def test_verdicts_that_differ_between_returns_are_reported(self, fabric):
         for seed in range(6):
             fabric.run(FLAT + seed, seed, evaluated=evaluated(950.0 + seed))
         data = gather(fabric.results, Request(claims=True, formats=("svg",)))
@@ -120,25 +120,25 @@ class TestClaims:
         assert solved["ours, evaluation"].text == "\N{CHECK MARK} supported"
         assert solved["ours, training"].text == "\N{BALLOT X} contradicted"
 
-    def test_where_both_agree_nothing_is_said(self, fabric):
+    def test_no_disagreement_is_reported_if_verdicts_agree(self, fabric):
         for seed in range(6):
             fabric.run(FLAT + seed, seed, evaluated=evaluated(400.0 + seed))
         said = contents.document(gather(fabric.results, Request(claims=True))).summary
         assert not [sentence for sentence in said if "disagree" in sentence]
 
-    def test_the_power_of_a_test_is_distinguished_from_the_rule_of_six_seeds(self, fabric):
+    def test_seeds_needed_name_power_or_six_seed_rule(self, fabric):
         for seed, final in enumerate((700.0, 800.0, 1000.0)):
             fabric.run(np.full(40, final), seed)
             fabric.run(FLAT, seed, algo="sac", evaluated=evaluated(400.0 + seed))
         request = Request(claims=True)
         data = gather(fabric.results, request)
         needed = {f.compared.split()[1]: f.seeds_needed for f in examine(fabric.cells()[0])}
-        # Of TD3 the median lies 100 below 900, with a large spread; of SAC all are alike.
+        # The median of TD3 is 100 below 900 with a large spread; all seeds of SAC are equal.
         assert needed["td3"].rule == "80% power"
         assert needed["td3"].seeds > 6
         rows = files.to_markdown(table(data, "claims"))
         assert f"{needed['td3'].seeds} (80% power)" in rows
-        # Evaluated at 400, 401 and 402: 900 is so far that power asks for fewer than six.
+        # Evaluation returns of 400 to 402 are so far below 900 that power needs fewer than six.
         assert "6 (six-seed rule)" in rows
 
 
@@ -152,7 +152,7 @@ class TestReport:
         fabric.run(FLAT, 0, algo="sac")
         return fabric
 
-    def test_both_are_in_the_files_and_evaluations_lead(self, both, out):
+    def test_report_has_both_returns_and_evaluations_first(self, both, out):
         report = write_report(both.results, out, Request(formats=("svg",)))
         names = {path.name for path in report.files}
         assert {"evaluations.svg", "figure9.svg", "evaluations-face_direction-ddpg.svg"} <= names
@@ -165,7 +165,7 @@ class TestReport:
         assert "face_direction sac full" in note
         assert "evaluation return of the deterministic policy" in (out / "index.html").read_text()
 
-    def test_published_curves_stand_beside_training_only(self, both, published):
+    def test_published_curves_are_drawn_only_with_training_returns(self, both, published):
         for kind, dashed in ((EVALUATION, 0), (TRAINING, 2)):
             learned = both.learned(window=4, kind=kind)
             figure = learning_curves.grid_figure(learned, published, Request(window=4))
@@ -175,7 +175,7 @@ class TestReport:
             assert kind.long in figure.caption
             assert ("Published" in figure.caption) == bool(dashed)
 
-    def test_every_caption_says_which_return_it_is_of(self, both):
+    def test_every_caption_names_its_return(self, both):
         document = contents.document(gather(both.results, Request(window=4)))
         for section in document.sections:
             if section.title.startswith(("Final", "Learning", "Comparisons")):
@@ -195,7 +195,7 @@ class TestLengths:
         assert drawn.texts[0].text == "500 [500, 500]\n120k steps\nn = 1"
         assert "Only cells of 40k control steps are coloured" in heat_map.caption(cells)
 
-    def test_tables_have_the_steps(self, fabric):
+    def test_tables_have_control_steps(self, fabric):
         fabric.run(FLAT, algo="sac")
         fabric.run(np.full(30, 500.0), algo="td3", status="unfinished", steps=99_000)
         fabric.run(np.full(300, 500.0), 1, algo="td3")

@@ -1,4 +1,4 @@
-"""The runs of a report one by one: settings and learning curves."""
+"""Tests of the details of single runs in a report: settings, learning curves and paths."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def details(fabric):
     return made.runs
 
 
-def test_a_run_has_the_curves_of_its_seed(details):
+def test_run_has_evaluation_and_training_curves(details):
     first, second, third = details
     evaluated, trained = first.curves
     assert evaluated.label == "evaluation return"
@@ -30,7 +30,7 @@ def test_a_run_has_the_curves_of_its_seed(details):
         [4000, 8000],
         [300, 700],
     )
-    # A window of a quarter of 8 episodes; the first and the last are cut off.
+    # The window is a quarter of 8 episodes; the first and the last window are truncated.
     assert trained.label == "training return, mean over 2 episodes"
     assert trained.returns.tolist() == [0, 50, 150, 250, 350, 450, 550, 650, 700]
     assert [curve.returns.tolist() for curve in second.curves] == [
@@ -39,12 +39,12 @@ def test_a_run_has_the_curves_of_its_seed(details):
     assert [curve.returns.tolist() for curve in third.curves] == [[5]]
 
 
-def test_settings_are_named_by_their_path_and_omitted_ones_are_there(details):
+def test_settings_are_named_by_path_and_include_omitted_ones(details):
     first, second, third = details
     assert first.settings["seed"] == "0"
     assert first.settings["hyperparameters.learning_rate"] == "1e-04"
     assert third.settings["hyperparameters.learning_rate"] == "3e-04"
-    assert first.settings["precision"] == "float32"  # which the record omits
+    assert first.settings["precision"] == "float32"  # the record omits this default
     assert [*first.settings][:5] == ["task", "algo", "representation", "encoder", "seed"]
     differing = {name for name in first.settings if first.settings[name] != second.settings[name]}
     assert differing == {"seed"}
@@ -52,11 +52,11 @@ def test_settings_are_named_by_their_path_and_omitted_ones_are_there(details):
     assert third.tags["algorithm"] == "DDPG"
 
 
-def test_packed_runs_share_what_they_have_in_common(details):
+def test_packed_runs_share_common_values(details):
     packed = runs.packed(details)
     one, other, third = packed["runs"]
     assert (one["cell"], other["cell"], third["cell"]) == (0, 0, 1)
-    # Two curves of 8 episodes, one of two evaluations, one of a single episode.
+    # Steps of curves of 8 episodes (shared), of two evaluations and of a single episode.
     assert packed["steps"][0] == (4000, 8000)
     assert packed["steps"][1] == (1000, 1500, 2500, 3500, 4500, 5500, 6500, 7500, 8000)
     assert len(packed["steps"]) == 3
@@ -75,18 +75,18 @@ def test_paths_are_packed_in_tenths_of_millimetres(details, monkeypatch):
     wanted = [4000, 12.3, [0, 0, 100, -200, 1234, 0], -0.5, [0.1, None, 2.0]]
     assert one["paths"] == [wanted, [4000, None, *wanted[2:]]]
     assert other["paths"] == []
-    # Two paths of two points each, the first and the last.
+    # Both paths are thinned to two points, the first and the last.
     monkeypatch.setattr(runs, "PAGE_POINTS", 4)
     thin = runs.packed([replace(details[0], paths=[path, path])])
     assert [one[2] for one in thin["runs"][0]["paths"]] == [[0, 0, 1234, 0]] * 2
 
 
-def test_many_runs_share_the_points_of_a_page(details):
+def test_many_runs_share_point_budget_of_page(details):
     long = (
         details[0].curves[1]._replace(control_steps=np.arange(1000.0), returns=np.full(1000, 1 / 3))
     )
     many = [details[0].__class__("a", ("", ""), {}, [long] * 400, {})]
     (only,) = runs.packed(many)["runs"]
-    # 20,000 points over 400 curves.
+    # 20,000 points are shared by 400 curves.
     assert {len(returns) for _, _, returns in only["curves"]} <= set(range(25, 51))
     assert only["curves"][0][2][0] == 0.3

@@ -1,4 +1,4 @@
-"""Statistics of a cell's seeds, worked out by hand."""
+"""Tests of the statistics and comparisons of cells against hand-computed numbers."""
 
 import math
 
@@ -14,7 +14,7 @@ HALF_OF_THE_BEST = 963.4 / 2  # TD3 on face_direction, Figure 9
 
 
 def flat(fabric, finals, episodes=40, **settings):
-    """Adds a run for each seed whose every return is the same."""
+    """Adds a run of constant returns for each seed."""
     for seed, final in enumerate(finals):
         fabric.run(np.full(episodes, float(final)), seed, **settings)
 
@@ -27,11 +27,11 @@ def value(summary, measure, statistic):
     return summary.get(measure, statistic).estimate.value
 
 
-def test_location_and_spread_by_hand(fabric, published):
+def test_location_and_spread_match_hand_computed_values(fabric, published):
     flat(fabric, range(0, 880, 80))  # 0, 80, … 800: eleven seeds
     (summary,) = summarised(fabric, published)
     assert value(summary, "final_return", "median") == 400
-    # A quarter of eleven is two at each end: 160 … 640.
+    # Two of eleven seeds are trimmed at each end: 160 … 640 remain.
     assert value(summary, "final_return", "interquartile_mean") == 400
     assert value(summary, "final_return", "interquartile_range") == 400  # 200 to 600
     assert value(summary, "final_return", "ten_to_ninety") == 640  # 80 to 720
@@ -42,7 +42,7 @@ def test_location_and_spread_by_hand(fabric, published):
     assert summary.baseline is None
 
 
-def test_the_area_is_the_mean_over_training_and_the_final_return_that_of_its_end(fabric, published):
+def test_area_is_mean_over_whole_training(fabric, published):
     for seed in range(3):
         fabric.run(np.repeat([100.0, 300.0], 40), seed)
     (summary,) = summarised(fabric, published)
@@ -50,24 +50,24 @@ def test_the_area_is_the_mean_over_training_and_the_final_return_that_of_its_end
     assert value(summary, "final_return", "median") == 300
 
 
-def test_seeds_that_never_get_there_are_kept_as_later_than_all_others(fabric, published):
+def test_seeds_that_never_reach_threshold_count_as_infinite(fabric, published):
     for seed, top in enumerate((950.0, 950.0, 600.0)):
         fabric.run(np.repeat([0.0, top], 20), seed)
     (summary,) = summarised(fabric, published)
     solved = summary.get("steps_to_solved", "median")
     assert (solved.reached, solved.seeds, solved.threshold) == (2, 3, 900)
-    # The window of 4 episodes that is the first to hold only the 950s: centred at episode 22.5.
+    # The first window of 4 episodes with only returns of 950 is centred at episode 22.5.
     assert solved.estimate.value == 22_500
     assert solved.estimate.high == math.inf
     half = summary.get("steps_to_half_best", "median")
     assert half.threshold == pytest.approx(HALF_OF_THE_BEST, abs=0.1)
     assert half.reached == 3
-    # Half of the best is in the window where two (950) or three of four (600) are late returns.
+    # Half of the best is reached where two (950) or three (600) of the window's four are late.
     assert half.estimate.value == 21_500
     assert math.isinf(summary.get("steps_to_solved", "interquartile_mean").estimate.value)
 
 
-def test_ratios_are_to_the_same_runs_on_the_full_observation(fabric, published):
+def test_ratios_are_relative_to_matching_full_cell(fabric, published):
     flat(fabric, [500 + 10 * i for i in range(10)])
     flat(fabric, [500 + 20 * i for i in range(10)], representation="dae12", encoder="e/1")
     flat(fabric, [500, 600, 700], representation="pca12", hyperparameters={"batch_size": 1})
@@ -75,12 +75,12 @@ def test_ratios_are_to_the_same_runs_on_the_full_observation(fabric, published):
     assert by_name["dae12"].baseline is by_name["full"].cell
     for spread in ("interquartile_range", "standard_deviation", "ten_to_ninety"):
         assert value(by_name["dae12"], "final_return", f"{spread}_ratio") == pytest.approx(2)
-    # Of other hyperparameters: no baseline, so no ratio.
+    # Other hyperparameters have no baseline and no ratio.
     assert by_name["pca12"].baseline is None
     assert by_name["pca12"].get("final_return", "standard_deviation_ratio") is None
 
 
-def test_a_ratio_is_over_the_episodes_that_all_seeds_have(fabric, published):
+def test_ratio_uses_episodes_common_to_all_seeds(fabric, published):
     flat(fabric, [100, 300], episodes=40)
     for seed, start in enumerate((100.0, 500.0)):
         fabric.run(np.r_[np.full(40, start), np.full(40, 999.0)], seed, representation="dae12")
@@ -89,7 +89,7 @@ def test_a_ratio_is_over_the_episodes_that_all_seeds_have(fabric, published):
     assert (one.estimate.value, one.control_steps) == (pytest.approx(2), 40_000)
 
 
-def test_one_and_two_seeds_have_no_interval_and_one_no_spread(fabric, published):
+def test_one_or_two_seeds_have_no_interval(fabric, published):
     flat(fabric, [500])
     flat(fabric, [500, 700], algo="sac")
     two, one = summarised(fabric, published)
@@ -102,35 +102,33 @@ def test_one_and_two_seeds_have_no_interval_and_one_no_spread(fabric, published)
     assert two.get("final_return", "interquartile_range").estimate.value == 100
 
 
-def test_returns_that_are_no_numbers_are_left_out_of_means_and_a_seed_without_any_of_n(
-    fabric, published
-):
+def test_nan_returns_are_ignored_in_means_and_counts(fabric, published):
     fabric.run([np.nan, 200.0, 400.0, 600.0], 0)
     fabric.run([100.0, 200.0, 300.0, np.nan], 1)
     (cell,) = fabric.cells()[0]
-    # The last quarter of seed 1 holds no number; the area of seed 0 is of three numbers.
+    # The last quarter of seed 1 is NaN; the area of seed 0 is the mean of three numbers.
     found = scores_of(cell, 4000)
     assert (found.final.tolist(), found.area.tolist()) == ([600.0], [400.0])
     (summary,) = summarised(fabric, published)
     assert summary.get("final_return", "median").seeds == 1
 
 
-def test_robots_in_turn_have_no_steps_to_a_return(fabric, published):
+def test_robot_sequence_has_no_steps_to_threshold(fabric, published):
     flat(fabric, [950, 960, 970], augment=0, robots=2)
     (summary,) = summarised(fabric, published)
     assert summary.get("steps_to_solved", "median") is None
     assert value(summary, "final_return", "median") == 960
 
 
-def test_the_steps_of_eight_environments_are_counted_over_all(fabric, published):
+def test_steps_of_eight_environments_are_summed(fabric, published):
     for seed in range(3):
         fabric.run(np.repeat([0.0, 950.0], 40), seed, algo="ppo", environments=8)
     (summary,) = summarised(fabric, published, window=8)
-    # The 41st to 48th episode end together after 48 episodes' steps, whatever their order.
+    # Episodes 41 to 48 end together after the steps of 48 episodes.
     assert value(summary, "steps_to_solved", "median") == 48_000
 
 
-def test_the_frame_holds_every_statistic_with_its_n(fabric, published):
+def test_frame_has_every_statistic_with_seeds(fabric, published):
     flat(fabric, [500, 600, 950])
     frame = statistics_frame(summarised(fabric, published))
     assert set(frame["measure"]) == {
@@ -143,13 +141,13 @@ def test_the_frame_holds_every_statistic_with_its_n(fabric, published):
     assert set(solved["reached"]) == {1}
 
 
-def test_the_best_published_median_of_a_task_is_that_at_the_end(published):
+def test_best_published_median_is_that_at_end(published):
     assert best_at_end(published, "move_to_pose") == pytest.approx(232, abs=0.5)
     assert best_at_end(published, "my_task") is None
 
 
 class TestComparisons:
-    def test_only_what_differs_in_one_thing_is_compared(self, fabric):
+    def test_only_cells_that_differ_in_one_setting_are_compared(self, fabric):
         flat(fabric, [1, 2, 3])
         flat(fabric, [1, 2, 3], representation="dae12", encoder="x")
         flat(fabric, [1, 2, 3], algo="sac", hyperparameters={"other": 1})
@@ -171,7 +169,7 @@ class TestComparisons:
             frozenset({(face, "td3", "full", "cpu"), (face, "td3", "full", "batched")}),
         }
 
-    def test_variants_are_paired_with_the_first_of_another_algorithm_and_of_their_own(self, fabric):
+    def test_variants_are_compared_with_first_of_each_algorithm(self, fabric):
         for algo in ("sac", "td3"):
             for rate in (1, 2, 3):
                 flat(fabric, [1], algo=algo, hyperparameters={"rate": rate})
@@ -186,23 +184,23 @@ class TestComparisons:
             *((("td3", rate), ("td3", 1)) for rate in (2, 3)),
         ]
 
-    def test_the_numbers_by_hand(self, fabric):
+    def test_comparison_matches_hand_computed_values(self, fabric):
         flat(fabric, [10, 20, 30, 40])
         flat(fabric, [25, 30, 50, 60], representation="dae12")
         (one,) = within(fabric.cells()[0])
-        # Of 16 pairs: 25 beats two, 30 two and ties with one, 50 and 60 all.
+        # Of 16 pairs: 25 is above two, 30 above two with one tie, 50 and 60 above all.
         assert one.improvement.value == pytest.approx((2 + 2.5 + 4 + 4) / 16)
         assert one.difference.value == pytest.approx(40 - 25)
         assert one.medians.value == pytest.approx(40 - 25)
         assert (one.seeds, one.control_steps, one.cut) == ((4, 4), 40_000, 0)
 
-    def test_unequal_lengths_are_cut_to_what_all_have_and_it_is_said(self, fabric):
+    def test_unequal_lengths_are_cut_to_common_steps(self, fabric):
         flat(fabric, [10, 20, 30], episodes=40)
         flat(fabric, [10, 20, 30], episodes=30, representation="dae12")
         (one,) = within(fabric.cells()[0])
         assert (one.control_steps, one.cut) == (30_000, 10_000)
 
-    def test_the_best_is_named_only_where_every_interval_says_so(self, fabric):
+    def test_best_cell_needs_separated_intervals(self, fabric):
         flat(fabric, np.linspace(880, 920, 8), algo="td3")
         flat(fabric, np.linspace(680, 720, 8), algo="sac")
         cells = fabric.cells()[0]
@@ -211,7 +209,7 @@ class TestComparisons:
         assert best_of(fabric.cells()[0]) is None
         assert best_of(cells[:1]) is None
 
-    def test_five_seeds_name_no_best_however_far_ahead(self, fabric):
+    def test_five_seeds_never_mark_best_cell(self, fabric):
         flat(fabric, [900, 901, 902, 903, 904], algo="td3")
         flat(fabric, [1, 2, 3, 4, 5], algo="sac")
         assert best_of(fabric.cells()[0]) is None

@@ -1,4 +1,4 @@
-"""Learning through several robots: its own figure, each robot's episodes averaged alone."""
+"""Tests of the figure of robot sequences: curves are averaged within each robot's episodes."""
 
 import numpy as np
 import pytest
@@ -19,14 +19,14 @@ def sequences():
     return read_sequences(query.published())
 
 
-def test_no_average_reaches_over_a_change_of_robots(fabric):
+def test_windows_never_span_change_of_robots(fabric):
     for seed in range(3):
         fabric.run(RETURNS + seed, seed, **SAC)
     ((cell, _),) = fabric.learned()
     assert (cell.robots, cell.robot_episodes) == (2, 80)
     curve = sequence_curve(cell, "quantile-first")
-    # 61 whole windows of 20 in each robot's 80, and 10 at each end; seeds 0, 1, 2 give a median
-    # of 1 more.
+    # Each robot's 80 episodes have 61 full windows of 20, and 10 truncated ones at each end; the
+    # median of seeds 0, 1 and 2 adds 1.
     assert curve.window == 20
     assert curve.quantile(50).tolist() == [101.0] * 81 + [301.0] * 81
     # From the first to the last episode of each robot.
@@ -34,14 +34,14 @@ def test_no_average_reaches_over_a_change_of_robots(fabric):
     assert curve.widths[[0, 9, 10, 80, 81]].tolist() == [10, 19, 20, 10, 10]
 
 
-def test_a_run_still_on_its_first_robot_keeps_the_planned_changes(fabric):
+def test_run_on_first_robot_uses_planned_changes(fabric):
     fabric.run(RETURNS[:40], 0, status="unfinished", steps=160_000, **SAC)
     ((cell, _),) = fabric.learned()
     assert cell.robot_episodes == 80
     assert sequence_curve(cell, "smooth-first").quantile(50).tolist() == [100.0] * 41
 
 
-def test_the_figure_holds_ours_theirs_and_the_changes(fabric, sequences):
+def test_figure_shows_own_and_published_curves_and_robot_changes(fabric, sequences):
     fabric.run(RETURNS, 0, **SAC)
     fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
     ((key, figure),) = sequence_figures(fabric.learned(), sequences, Request()).items()
@@ -59,7 +59,7 @@ def test_the_figure_holds_ours_theirs_and_the_changes(fabric, sequences):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_grid_has_one_robot_only(fabric, out):
+def test_grid_excludes_robot_sequences(fabric, out):
     fabric.run(RETURNS, 0, **SAC)
     names = {path.name for path in write_report(fabric.results, out).figures}
     drawn = ("forest", "matrix", "robots-move_in_direction-sac")

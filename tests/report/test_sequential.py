@@ -1,4 +1,4 @@
-"""The group-sequential test against hand-worked examples, scipy, and its own error rate."""
+"""Tests of the group-sequential test: hand-computed examples, scipy, and error rates."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def bounded(random, shape):
 @pytest.mark.parametrize(
     ("ours", "theirs", "p"),
     [
-        # Of the six ways to choose ours from 9, 8, 2 and 1, the differences of the means are
+        # For the six ways to choose ours from 9, 8, 2 and 1, the differences of the means are
         # 7 (9, 8), 1 (9, 2), 0 (9, 1), 0 (8, 2), -1 (8, 1) and -7 (2, 1).
         ([9, 8], [1, 2], 1 / 6),
         ([9, 2], [8, 1], 2 / 6),
@@ -36,12 +36,12 @@ def bounded(random, shape):
         ([9, 8, 9, 2], [1, 2, 8, 1], 3 / 36),
     ],
 )
-def test_it_rejects_where_the_p_value_worked_by_hand_is_within_the_error_rate(ours, theirs, p):
+def test_rejection_agrees_with_hand_computed_p_value(ours, theirs, p):
     ours, theirs = np.array(ours, float), np.array(theirs, float)
     blocks = len(ours) // 2
 
     def last_look_rejects(rate):
-        # Where the looks before it may spend nothing, the last one has the whole rate.
+        # If earlier looks reject no relabelling, the last one has the whole rate.
         return first_above(ours, theirs, rate, blocks, block=2) == blocks
 
     if blocks == 1:
@@ -52,7 +52,7 @@ def test_it_rejects_where_the_p_value_worked_by_hand_is_within_the_error_rate(ou
         assert not last_look_rejects(p - 0.01)
 
 
-def test_what_an_earlier_look_rejects_is_no_longer_left():
+def test_error_rate_spent_by_earlier_look_is_not_available():
     # 2 looks, rate 2/6: the first may reject one of six relabellings, which is 6 of the 36 of both
     # blocks; 12 are allowed up to the second, so 6 are left for it, of the 30 others. Their largest
     # sums are 8 (1 + 7), 7, 7 (0 + 7), 6 (-1 + 7), 2 (1 + 1), and then 1, four times.
@@ -70,7 +70,7 @@ def test_what_an_earlier_look_rejects_is_no_longer_left():
     assert look([first, nine_one], [theirs, eight_two]) == 0  # 1: from the sixth to the ninth
 
 
-def test_one_look_at_five_seeds_is_the_exact_permutation_test_of_scipy():
+def test_single_look_equals_permutation_test_of_scipy():
     random = np.random.default_rng(0)
     for _ in range(20):
         ours, theirs = random.normal(1.5, 1, 5), random.normal(0, 1, 5)
@@ -88,7 +88,7 @@ def test_one_look_at_five_seeds_is_the_exact_permutation_test_of_scipy():
 @pytest.mark.parametrize(
     "distribution", [normal, skewed, pytest.param(bounded, marks=pytest.mark.slow)]
 )
-def test_of_equal_cells_at_most_the_error_rate_is_found_different(distribution):
+def test_false_positives_do_not_exceed_error_rate(distribution):
     random, repetitions = np.random.default_rng(1), 2000
     ours, theirs = (distribution(random, (repetitions, 5 * LOOKS)) for _ in range(2))
     rate = 0.05
@@ -97,12 +97,12 @@ def test_of_equal_cells_at_most_the_error_rate_is_found_different(distribution):
         for pair in ((ours, theirs), (theirs, ours))
     ]
     found = np.mean(above[0] | above[1])
-    # Three standard errors of the estimate are 0.015. Well below the rate it would waste seeds.
+    # Three standard errors of the estimate are 0.015. A rate well below would waste seeds.
     error = 3 * np.sqrt(rate * (1 - rate) / repetitions)
     assert rate - 2 * error < found < rate + error
 
 
-def test_looking_again_and_again_at_an_ordinary_test_finds_differences_where_there_are_none():
+def test_repeated_t_tests_exceed_error_rate():
     random = np.random.default_rng(1)
     ours, theirs = (normal(random, (2500, 30)) for _ in range(2))
     found = [stats.ttest_ind(ours[:, :n], theirs[:, :n], axis=1).pvalue < 0.05 for n in _seeds()]
@@ -113,7 +113,7 @@ def _seeds():
     return range(5, 5 * LOOKS + 1, 5)
 
 
-def test_a_known_shift_is_found_and_a_larger_one_with_fewer_seeds():
+def test_larger_shift_is_detected_with_fewer_seeds():
     random = np.random.default_rng(2)
     theirs = normal(random, (200, 30))
     needed = []
@@ -127,9 +127,9 @@ def test_a_known_shift_is_found_and_a_larger_one_with_fewer_seeds():
 
 
 @pytest.mark.parametrize("difference", [50, -50])
-def test_cells_that_differ_by_the_margin_are_seldom_found_equal(difference):
+def test_cells_that_differ_by_margin_are_rarely_equal(difference):
     random, repetitions = np.random.default_rng(3), 500
-    # Spread enough less than the margin that equality can be found at all.
+    # The spread is small enough compared with the margin that equality can be found.
     ours, theirs = (random.normal(500, 25, (repetitions, 30)) for _ in range(2))
     looks = first_looks(ours + difference, theirs, 50, 0.05, LOOKS, relabellings=1000)
     assert np.mean(looks["equal"] > 0) < 0.025 + 3 * np.sqrt(0.025 / repetitions)
@@ -137,12 +137,12 @@ def test_cells_that_differ_by_the_margin_are_seldom_found_equal(difference):
     assert np.mean(same["equal"] > 0) > 0.9
 
 
-def test_seeds_without_any_difference_never_reject():
+def test_identical_seeds_never_reject():
     same = np.full(30, 1000.0)
     assert first_above(same, same, 0.99, LOOKS) == 0
 
 
-def test_the_order_of_the_seeds_in_a_block_makes_no_difference():
+def test_result_is_independent_of_seed_order_in_block():
     random = np.random.default_rng(4)
     ours, theirs = normal(random, 30) + 60, normal(random, 30)
     expected = compare(ours, theirs, 50, 0.05, LOOKS)
@@ -153,7 +153,7 @@ def test_the_order_of_the_seeds_in_a_block_makes_no_difference():
         assert found[1:] == pytest.approx(expected[1:])
 
 
-def test_a_decision_is_what_its_interval_says_and_is_kept():
+def test_decision_agrees_with_interval_and_is_final():
     random = np.random.default_rng(5)
     verdicts = set()
     for shift, spread in ((200, 100), (-200, 100), (0, 15), (20, 100), (30, 5)):
@@ -165,7 +165,7 @@ def test_a_decision_is_what_its_interval_says_and_is_kept():
         assert (found.verdict == "equal") == (within and not outside)
         assert found.low < found.difference < found.high
         assert found.spent == pytest.approx(0.05 * found.seeds / 30)
-        # More seeds than the decision needed change nothing; fewer do not decide.
+        # Additional seeds change nothing; fewer seeds are undecided.
         assert compare(ours[: found.seeds], theirs, 50, 0.05, LOOKS) == found
         fewer = compare(ours[: found.seeds - 1], theirs, 50, 0.05, LOOKS)
         assert fewer.verdict == "undecided"
@@ -173,7 +173,7 @@ def test_a_decision_is_what_its_interval_says_and_is_kept():
     assert verdicts == {"larger", "smaller", "equal", "undecided"}
 
 
-def test_five_seeds_can_not_decide_where_the_error_rate_is_shared_by_many():
+def test_five_seeds_are_undecided_with_shared_error_rate():
     # The smallest p-value of 5 + 5 seeds is 1/252.
     ours, theirs = np.arange(10.0) + 1000, np.arange(10.0)
     found = compare(ours[:5], theirs[:5], 50, 0.05 / 16, LOOKS)
@@ -184,5 +184,5 @@ def test_five_seeds_can_not_decide_where_the_error_rate_is_shared_by_many():
     assert compare(ours[:4], theirs, 50, 0.05, LOOKS)[:2] == ("undecided", 0)
 
 
-def test_the_error_rate_is_spent_in_proportion_to_the_seeds():
+def test_error_rate_is_spent_in_proportion_to_seeds():
     assert [spent(look, 0.06, 3) for look in (1, 2, 3)] == pytest.approx([0.02, 0.04, 0.06])

@@ -1,4 +1,4 @@
-"""Whose runs are reported: those since a date, two sides, the shipped ones."""
+"""Tests of the sources of a report: runs since a date, two compared sides, shipped runs."""
 
 import json
 import re
@@ -27,7 +27,7 @@ def learned(data):
     ]
 
 
-def begun(record, when):
+def set_created(record, when):
     path = record.path / "manifest.json"
     manifest = json.loads(path.read_text())
     path.write_text(json.dumps({**manifest, "created": when}))
@@ -37,23 +37,23 @@ class TestSince:
     @pytest.fixture
     def dated(self, fabric):
         for seed, when in enumerate(("2026-11-19T23:59:59+00:00", "2026-11-20T00:00:00+00:00")):
-            begun(fabric.run(FLAT, seed), when)
+            set_created(fabric.run(FLAT, seed), when)
         return fabric.results
 
     @pytest.mark.parametrize(
         ("since", "seeds"),
         [("2026-11-19", [0, 1]), ("2026-11-20", [1]), ("2026-11-20T01:00:00+01:00", [1])],
     )
-    def test_runs_begun_earlier_are_left_out_and_it_is_said(self, dated, since, seeds):
+    def test_earlier_runs_are_skipped_and_noted(self, dated, since, seeds):
         data = gather(dated, Request(since=since))
         assert data.views[0].learned[0].cell.seeds.tolist() == seeds
         assert any("begun before" in note for note in data.notes) == (len(seeds) == 1)
 
-    def test_nothing_since_then(self, dated):
+    def test_no_run_since_date_is_refused(self, dated):
         with pytest.raises(RequestError, match="No run was begun since 2026-12-01; 2 runs"):
             gather(dated, Request(since="2026-12-01"))
 
-    def test_what_is_no_date(self):
+    def test_invalid_date_is_refused(self):
         with pytest.raises(RequestError, match="--since yesterday: type a date"):
             Request(since="yesterday")
 
@@ -67,16 +67,16 @@ class TestCompare:
             fabric.run(FLAT, seed, engine="sb3", hyperparameters={"tau": 0.25})
         return fabric.results
 
-    def test_two_values_of_a_setting(self, both):
+    def test_two_values_of_setting_are_compared(self, both):
         data = gather(both, Request(compare=("engine=batched", "engine=sb3")))
         (one,) = data.comparisons
         assert (one.ours.source, one.theirs.source) == ("engine=batched", "engine=sb3")
         assert (one.difference.value, one.improvement.value) == (100, 1)
-        # The runs of another tau have no counterpart, and are shown for what they are.
+        # Runs with another tau have no counterpart; they are shown and noted.
         assert len(data.views[0].learned) == 3
         assert any(note.startswith("Only in engine=sb3:") for note in data.notes)
 
-    def test_a_setting_that_is_kept_only_where_it_is_unusual(self, fabric):
+    def test_omitted_setting_is_compared_by_its_default(self, fabric):
         fabric.run(FLAT)
         fabric.run(FLAT + 10, precision="bfloat16")
         compare = ("precision=bfloat16", "precision=float32")
@@ -84,7 +84,7 @@ class TestCompare:
         assert (one.ours.source, one.difference.value) == ("precision=bfloat16", 10)
 
     @pytest.mark.parametrize("typed", ["tau=0.25", "tau=2.5e-1", "hyperparameters.tau=0.25"])
-    def test_a_setting_of_the_algorithm_by_its_last_name(self, both, typed):
+    def test_hyperparameter_is_found_by_short_or_full_name(self, both, typed):
         other = f"{typed.split('=')[0]}=0.5, engine=sb3"
         (one,) = gather(both, Request(compare=(typed, other))).comparisons
         assert one.ours.settings.hyperparameters == {"tau": 0.25}
@@ -100,15 +100,15 @@ class TestCompare:
             (("tau=0.25, engine=batched", "tau=0.5"), "no run with an episode of tau=0.25"),
         ],
     )
-    def test_what_can_not_be_compared(self, both, compare, said):
+    def test_invalid_comparison_is_refused(self, both, compare, said):
         with pytest.raises(RequestError, match=said):
             gather(both, Request(compare=compare))
 
-    def test_the_same_twice_is_refused(self):
+    def test_comparison_of_equal_sides_is_refused(self):
         with pytest.raises(RequestError, match="type two different ones"):
             Request(compare=("a", "a"))
 
-    def test_two_directories(self, fabric, tmp_path, out):
+    def test_two_directories_are_compared(self, fabric, tmp_path, out):
         other = type(fabric)(tmp_path / "other")
         for seed in range(3):
             fabric.run(FLAT, seed)
@@ -124,7 +124,7 @@ class TestCompare:
         assert "the interquartile means differ by +200" in page
         assert "comparison-face_direction-td3.png" in {path.name for path in report.figures}
 
-    def test_a_near_miss_says_what_differs(self, fabric, tmp_path):
+    def test_refused_comparison_reports_setting_that_differs(self, fabric, tmp_path):
         other = type(fabric)(tmp_path / "other")
         fabric.run(FLAT)
         other.run(FLAT, time_limit="terminal")
@@ -132,7 +132,7 @@ class TestCompare:
         with pytest.raises(RequestError, match=r"time_limit=bootstrap.*time_limit=terminal"):
             gather(fabric.results, Request(compare=sides))
 
-    def test_a_directory_without_runs(self, fabric, tmp_path):
+    def test_directory_without_runs_is_refused(self, fabric, tmp_path):
         fabric.run(FLAT)
         (tmp_path / "empty").mkdir()
         sides = str(tmp_path / "results"), str(tmp_path / "empty")
@@ -141,7 +141,7 @@ class TestCompare:
 
 
 class TestReference:
-    def test_shipped_runs_are_cells_of_their_own(self, fabric, tmp_path):
+    def test_shipped_runs_are_separate_cells(self, fabric, tmp_path):
         shipped = type(fabric)(tmp_path / "reference")
         for seed in range(2):
             fabric.run(FLAT, seed)
@@ -155,13 +155,13 @@ class TestReference:
         assert sources.reference(Request(algo="td3"), tmp_path / "reference").cells != []
         assert sources.reference(Request(algo="ppo"), tmp_path / "reference").cells == []
 
-    def test_a_version_without_them_says_so(self, tmp_path):
+    def test_missing_reference_runs_are_noted(self, tmp_path):
         for directory in (tmp_path / "nowhere", tmp_path):
             found = sources.reference(Request(), directory)
             assert found.cells == []
             assert "ships no reference runs" in found.notes[-1]
 
-    def test_they_are_never_mixed_with_the_users(self, fabric):
+    def test_shipped_runs_are_never_mixed_with_own_runs(self, fabric):
         for seed in range(3):
             fabric.run(FLAT, seed)
         alone = learned(gather(fabric.results, Request()))
@@ -169,7 +169,7 @@ class TestReference:
         assert [cell for cell in beside if cell[0] == "ours"] == alone
         assert {cell[0] for cell in beside} <= {"ours", "reference"}
 
-    def test_the_summary_names_the_source_of_the_runs(self, fabric):
+    def test_summary_names_source_of_runs(self, fabric):
         fabric.run(FLAT, task="face_direction")
         first = document(gather(fabric.results, Request(reference=True))).summary[0]
         named = first.partition(": ")[2].rstrip(".").split("; ")

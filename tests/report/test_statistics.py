@@ -1,4 +1,4 @@
-"""Statistics across seeds: rliable's numbers, and numbers worked out by hand."""
+"""Tests of statistics across seeds against rliable, numpy and hand-computed numbers."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ NAMES = ("mean", "interquartile_mean", "probability_of_improvement")
 
 
 def strata(matrix):
-    """Returns a list of each task's seeds, from rliable's (runs, tasks)."""
+    """Returns an array of seeds for each task, from rliable's matrix of (runs, tasks)."""
     return list(np.array(matrix).T)
 
 
@@ -28,37 +28,37 @@ def groups(case, name):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("case", range(len(CASES)))
-def test_estimates_are_rliables(case, name):
+def test_estimates_equal_rliable(case, name):
     wanted = CASES[case]["made"][name]["value"]
     assert getattr(st, name)(*groups(CASES[case], name)) == pytest.approx(wanted, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("case", range(len(CASES)))
-def test_intervals_are_rliables_but_for_chance(case, name):
+def test_intervals_agree_with_rliable(case, name):
     low, high = CASES[case]["made"][name]["interval"]
     found = st.estimate(getattr(st, name), *groups(CASES[case], name), resamples=20_000)
-    # The ends of a bootstrap of 5,000 differ by about 2% of the width (one sd); the scores of
-    # half of the cases are multiples of 25, so their ends may move by one step of a discrete
-    # distribution: 25 over the number of runs averaged.
+    # The limits of a bootstrap of 5,000 vary by about 2% of the width (one sd). The scores of half
+    # of the cases are multiples of 25, so their limits may move by one step of a discrete
+    # distribution: 25 divided by the number of runs.
     steps = 25 / len(CASES[case]["x"]) if name != "probability_of_improvement" else 0.01
     assert [found.low, found.high] == pytest.approx([low, high], abs=0.08 * (high - low) + steps)
 
 
 @pytest.mark.parametrize("case", range(len(CASES)))
-def test_performance_profiles_are_rliables(case):
+def test_performance_profiles_equal_rliable(case):
     profile = st.performance_profile(strata(CASES[case]["x"]), np.array(_MADE["thresholds"]))
     np.testing.assert_allclose(profile, CASES[case]["profile"], atol=1e-12)
 
 
-def test_tasks_with_unequal_seeds_count_the_same():
+def test_tasks_with_unequal_seeds_have_equal_weight():
     unequal = [np.array([0.0]), np.array([1.0, 1.0, 1.0])]
     assert st.mean(unequal) == 0.5
     assert st.performance_profile(unequal, np.array([0.5])).tolist() == [0.5]
     assert st.median(unequal) == 1.0  # of four runs: 0, 1, 1, 1
 
 
-def test_spread_by_hand():
+def test_spread_matches_hand_computed_values():
     seeds = [np.arange(11.0)]
     assert st.interquartile_range(seeds) == 5.0  # 7.5 - 2.5
     assert st.ten_to_ninety(seeds) == 8.0  # 9 - 1
@@ -69,7 +69,7 @@ def test_spread_by_hand():
 
 
 @pytest.mark.parametrize("seeds", [1, 2, 3, 5, 8, 10, 11, 40])
-def test_medians_and_percentiles_are_numpys_bit_for_bit(seeds):
+def test_medians_and_percentiles_equal_numpy_bit_for_bit(seeds):
     scores = np.random.default_rng(seeds).normal(500, 100, size=(50, seeds))
     assert np.array_equal(st.median([scores]), np.median(scores, axis=1))
     for statistic, ends in ((st.interquartile_range, (25, 75)), (st.ten_to_ninety, (10, 90))):
@@ -77,7 +77,7 @@ def test_medians_and_percentiles_are_numpys_bit_for_bit(seeds):
         assert np.array_equal(statistic([scores]), high - low)
 
 
-def test_improvements_of_resamples_are_those_of_their_seeds_bit_for_bit():
+def test_fast_improvement_equals_pairwise_one_bit_for_bit():
     random = np.random.default_rng(0)
     ours = [random.integers(5, size=9) * 1.0, np.array([np.inf, 2.0, 3.0])]  # many ties
     theirs = [random.integers(5, size=4) * 1.0, np.array([np.inf, -np.inf])]
@@ -90,7 +90,7 @@ def test_improvements_of_resamples_are_those_of_their_seeds_bit_for_bit():
     assert len(np.unique(fast)) > 50
 
 
-def test_statistics_of_shared_resamples_are_those_of_each_alone_bit_for_bit(monkeypatch):
+def test_shared_resamples_give_same_estimates_bit_for_bit(monkeypatch):
     scores = np.random.default_rng(1).uniform(0, 1000, 9)
     several = [st.median, st.interquartile_mean, st.ten_to_ninety, st.standard_deviation]
     alone = [st.estimate(one, [scores]) for one in several]
@@ -98,12 +98,12 @@ def test_statistics_of_shared_resamples_are_those_of_each_alone_bit_for_bit(monk
     assert st.estimates(several, [scores]) == alone
     assert st.estimates(several, [scores + 1]) != alone
     assert resampling._drawn_once.cache_info().misses == 1
-    # Many seeds are resampled in parts, which are not kept.
+    # Resamples of many seeds are drawn in parts and not cached.
     monkeypatch.setattr(resampling, "_NUMBERS_AT_A_TIME", 9 * 4_000)
     assert st.estimates(several, [scores]) == alone
 
 
-def test_a_vectorised_statistic_is_the_one_of_each_resample():
+def test_vectorised_statistic_equals_statistic_of_each_resample():
     random = np.random.default_rng(0)
     many = [random.normal(size=(6, 9)), random.normal(size=(6, 4))]
     for statistic in (st.mean, st.median, st.interquartile_mean, st.standard_deviation):
@@ -111,7 +111,7 @@ def test_a_vectorised_statistic_is_the_one_of_each_resample():
         np.testing.assert_allclose(statistic(many), single, rtol=1e-12)
 
 
-def test_the_same_seed_gives_the_same_interval_and_fewer_than_three_seeds_none():
+def test_interval_is_reproducible_and_needs_three_seeds():
     seeds = [np.array([1.0, 2.0, 4.0, 8.0])]
     assert st.estimate(st.mean, seeds) == st.estimate(st.mean, seeds)
     assert st.estimate(st.mean, seeds, seed=1) != st.estimate(st.mean, seeds)
@@ -120,8 +120,8 @@ def test_the_same_seed_gives_the_same_interval_and_fewer_than_three_seeds_none()
     assert np.isnan([two.low, two.high, two.standard_error]).all()
 
 
-def test_an_interval_covers_the_truth_as_often_as_it_says():
-    # Means of 30 normal scores: the percentile bootstrap's 95% are about 93.5% at this size.
+def test_interval_has_stated_coverage():
+    # For means of 30 normal scores, the coverage of the 95% percentile bootstrap is about 93.5%.
     random = np.random.default_rng(3)
     drawn = random.normal(size=(400, 30))
     covered = [
@@ -132,22 +132,22 @@ def test_an_interval_covers_the_truth_as_often_as_it_says():
     assert 0.90 <= np.mean(covered) <= 0.97
 
 
-def test_steps_to_a_threshold_keep_seeds_that_never_reach_it():
+def test_steps_to_threshold_are_infinite_if_never_reached():
     returns = np.array([[1.0, 5.0, 9.0], [9.0, 1.0, np.nan], [1.0, 2.0, 3.0]])
     steps = steps_to_threshold(returns, np.array([10.0, 20.0, 30.0]), 5.0)
     assert steps.tolist() == [20.0, 10.0, np.inf]
     assert st.median([steps]) == 20.0
     found = st.estimate(st.median, [steps])
     assert (found.low, found.high) == (10.0, np.inf)
-    # Two of three never do: the median itself is later than any run.
+    # Two of three seeds never reach it: the median is infinite.
     assert st.median([np.array([10.0, np.inf, np.inf])]) == np.inf
 
 
-def test_seeds_to_decide():
+def test_seeds_to_decide_match_hand_computed_values():
     # An effect of one standard error needs (1.96 + 0.8416)^2 = 7.85 times the seeds.
     assert seeds_to_decide(1.0, 1.0, 10) == 79
     assert seeds_to_decide(10.0, 1.0, 10) == st.MIN_SEEDS
     assert seeds_to_decide(0.0, 1.0, 10) is None
-    # 10 * (2.8 / 1e-300) ** 2 is no number of seeds.
+    # 10 * (2.8 / 1e-300) ** 2 overflows.
     assert seeds_to_decide(1e-300, 1.0, 10) is None
     assert seeds_to_decide(1.0, np.nan, 10) is None

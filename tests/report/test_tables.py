@@ -1,4 +1,4 @@
-"""Tables that are pasted: what Markdown, LaTeX and CSV make of them."""
+"""Tests of tables in Markdown, LaTeX and CSV, and of the wording of their values."""
 
 import csv
 import io
@@ -25,7 +25,7 @@ PLAIN = item(
 )
 
 
-def test_markdown_is_a_table_with_the_best_in_bold():
+def test_markdown_table_has_best_in_bold():
     lines = files.to_markdown(PLAIN).splitlines()
     assert lines[0] == "Final &amp; last. 50% of_them."
     assert lines[2:] == [
@@ -36,12 +36,12 @@ def test_markdown_is_a_table_with_the_best_in_bold():
     ]
 
 
-def test_markdown_makes_no_tag_no_link_and_no_new_row_of_a_name():
+def test_markdown_escapes_tags_links_and_newlines():
     (row,) = files.to_markdown(item(name=["<b>x</b>\n| [a](http://b) *"])).splitlines()[4:]
     assert row == r"| \<b>x\</b> \| [a]\(http://b) \* |"
 
 
-def test_latex_is_booktabs_escaped_with_the_best_in_bold():
+def test_latex_table_uses_booktabs_with_best_in_bold():
     text = files.to_latex(PLAIN)
     assert r"\caption{Final \& last. 50\% of\_them.}" in text
     assert r"\begin{tabular}{lrr}" in text
@@ -59,15 +59,15 @@ def test_latex_is_booktabs_escaped_with_the_best_in_bold():
         ("1\N{EN DASH}2 <>", r"1--2 \textless{}\textgreater{}"),
     ],
 )
-def test_latex_obeys_no_name(name, written):
+def test_latex_escapes_commands_in_names(name, written):
     assert rf"{written} & 1 \\" in files.to_latex(item(name=[name], n=[1]))
 
 
-def test_a_row_that_begins_with_a_bracket_is_no_option_of_the_row_before():
+def test_latex_protects_bracket_at_start_of_row():
     assert r"{}[1, 2] & 3 \\" in files.to_latex(item(band=["[1, 2]"], n=[3]))
 
 
-def test_csv_has_numbers_in_columns_and_no_formatted_text():
+def test_csv_has_numbers_instead_of_formatted_text():
     ends = {"": 668.25, "low": 659.5, "high": None, "n": 2}
     table = item(
         task=["a_b", "c|d"],
@@ -94,10 +94,10 @@ class TestWording:
             (Estimate(math.inf, 10.0, math.inf, math.nan), "infinite [10, no upper bound]"),
         ],
     )
-    def test_an_estimate_is_said_with_its_interval(self, found, said):
+    def test_estimate_is_written_with_interval(self, found, said):
         assert values.estimate(found).text == said
 
-    def test_an_infinite_end_of_steps_is_not_reached_and_that_of_a_ratio_no_upper_bound(self):
+    def test_infinite_limits_are_worded_by_kind_of_value(self):
         end = Estimate(math.inf, math.inf, math.inf, math.nan)
         late = Estimate(123_456.0, 9000.0, math.inf, math.nan)
         assert values.estimate(end, formatting.steps).text == "not reached"
@@ -110,11 +110,11 @@ class TestWording:
             "high": math.inf,
         }
 
-    def test_nothing_is_said_of_nothing(self):
+    def test_missing_estimate_has_no_text(self):
         assert values.estimate(Estimate(math.nan, math.nan, math.nan, math.nan)) is None
         assert values.reached(None) is None
 
-    def test_differences_have_a_sign_and_no_minus_zero(self):
+    def test_differences_have_sign_and_no_minus_zero(self):
         assert [formatting.signed(x) for x in (12.4, -12.4, 0.2, -0.2)] == ["+12", "-12", "0", "0"]
         assert formatting.whole(-0.3) == "0"
 
@@ -122,10 +122,10 @@ class TestWording:
         ("steps", "said"),
         [(500, "500"), (22_500, "22.5k"), (300_000, "300k"), (999_900, "1M"), (2_154_321, "2.15M")],
     )
-    def test_steps_are_in_the_unit_that_fits(self, steps, said):
+    def test_steps_are_abbreviated(self, steps, said):
         assert formatting.steps(steps) == said
 
-    def test_a_spread_says_its_seeds_and_one_seed_has_none(self, fabric):
+    def test_spread_has_seeds_and_needs_two_seeds(self, fabric):
         for seed in range(11):
             fabric.run([10.0 * seed], seed)
         fabric.run([7.0], algo="sac")
@@ -136,7 +136,7 @@ class TestWording:
         assert one.text == "7, n = 1"
         assert nothing is None
 
-    def test_how_many_reach_a_threshold(self):
+    def test_number_of_seeds_that_reach_threshold(self):
         nothing = Estimate(math.inf, math.inf, math.inf, math.nan)
         one = Statistic("steps_to_solved", "median", nothing, 10, 3, 900.0, 40)
         assert values.reached(one).text == "3 of 10"

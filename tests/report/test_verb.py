@@ -1,4 +1,4 @@
-"""`jbench report` as its users type it."""
+"""Tests of the command `jbench report`, including `--watch`."""
 
 import csv
 import json
@@ -30,12 +30,12 @@ def filled(fabric):
     return fabric.results.path
 
 
-def typed(results, *arguments):
+def run_report(results, *arguments):
     return main(["report", *arguments, "--results", str(results)])
 
 
-def test_claims_are_in_the_document_the_files_and_the_page(filled, capsys):
-    assert typed(filled, "--claims", "--json", "--format", "svg", "--window", "4") == 0
+def test_claims_are_in_json_files_and_page(filled, capsys):
+    assert run_report(filled, "--claims", "--json", "--format", "svg", "--window", "4") == 0
     said = json.loads(capsys.readouterr().out)
     ours = {c["claim"]: c for c in said["claims"] if c["source"] == "ours"}
     assert set(ours) == set("abcg")
@@ -55,13 +55,13 @@ def test_claims_are_in_the_document_the_files_and_the_page(filled, capsys):
     assert str(out / "report.json") in said["files"]
 
 
-def test_returns_choose_what_leads(fabric, capsys):
+def test_returns_option_selects_leading_returns(fabric, capsys):
     for seed in range(3):
         fabric.run(FLAT, seed, evaluated={20_000: 300.0, 40_000: 950.0})
     results = fabric.results.path
     medians = {}
     for returns in ("evaluation", "training"):
-        assert typed(results, "--returns", returns, "--json", "--format", "svg") == 0
+        assert run_report(results, "--returns", returns, "--json", "--format", "svg") == 0
         capsys.readouterr()
         (row,) = csv.DictReader((results / "report" / "final_returns.csv").open())
         medians[returns] = row["face_direction"]
@@ -70,15 +70,15 @@ def test_returns_choose_what_leads(fabric, capsys):
     assert "jbench report --returns training --format svg" in page
 
 
-def test_without_claims_nothing_is_said_of_them(filled, capsys):
-    assert typed(filled, "--json", "--format", "svg") == 0
+def test_claims_are_omitted_without_option(filled, capsys):
+    assert run_report(filled, "--json", "--format", "svg") == 0
     assert "claims" not in json.loads(capsys.readouterr().out)
     assert not (filled / "report" / "claims.csv").exists()
 
 
-def test_two_sides_are_compared_and_the_report_is_left_alone(filled, capsys):
+def test_comparison_is_written_beside_report(filled, capsys):
     sides = ("--compare", "representation=dae12", "representation=full")
-    assert typed(filled, *sides, "--format", "svg") == 0
+    assert run_report(filled, *sides, "--format", "svg") == 0
     said = capsys.readouterr().out
     assert "1.00 [1.00, 1.00]" in said
     assert (filled / "comparison" / "index.html").exists()
@@ -98,8 +98,8 @@ def test_two_sides_are_compared_and_the_report_is_left_alone(filled, capsys):
         (("--watch", "--since", "now"), "--since now"),
     ],
 )
-def test_a_wrong_request_gets_one_sentence(filled, capsys, arguments, says):
-    assert typed(filled, *arguments) == 2
+def test_invalid_arguments_print_one_line(filled, capsys, arguments, says):
+    assert run_report(filled, *arguments) == 2
     printed = capsys.readouterr()
     assert says in printed.err
     assert printed.err.count("\n") == 1
@@ -108,7 +108,7 @@ def test_a_wrong_request_gets_one_sentence(filled, capsys, arguments, says):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the browser is a shell script")
-def test_the_page_is_opened_once_it_exists_and_where_there_is_a_display(tmp_path, monkeypatch):
+def test_page_is_opened_if_it_and_display_exist(tmp_path, monkeypatch):
     page, browser, opened = (tmp_path / name for name in ("index.html", "browser", "opened"))
     browser.write_text(f'#!/bin/sh\necho "$1" > {opened}\n')
     browser.chmod(0o755)
@@ -127,7 +127,7 @@ def test_the_page_is_opened_once_it_exists_and_where_there_is_a_display(tmp_path
 
 
 class TestWatch:
-    def test_it_reports_again_when_a_record_is_committed_and_only_then(self, fabric, filled):
+    def test_watch_rewrites_report_only_after_commit(self, fabric, filled):
         turns = watch(fabric.results, Request(), Interrupt(), look_every=0.01)
         next(turns)
         before = fingerprint([filled])
@@ -136,7 +136,7 @@ class TestWatch:
         assert fingerprint([filled]) != before
         next(turns)
 
-    def test_it_reports_again_while_runs_train_and_ends_on_ctrl_c(self, fabric):
+    def test_watch_rewrites_report_and_ends_on_interrupt(self, fabric):
         fabric.results.path.mkdir()
         command = ["report", "--watch", "--format", "svg", "--results", str(fabric.results.path)]
         with Piped(COMMAND, [command], session=True) as process:
@@ -144,7 +144,7 @@ class TestWatch:
             fabric.run(FLAT, 0)
             wait_for(process, "Wrote ")
             fabric.run(FLAT, 1)
-            # The run may be seen before its episodes are: then there is a report more in between.
+            # The run may be read before its episodes; then one more report is written in between.
             wait_for(process, r"td3 +full +2 ")
             wait_for(process, "Wrote ")
             page = fabric.results.path / "report" / "index.html"
@@ -157,7 +157,7 @@ class TestWatch:
         assert RELOADS not in page.read_bytes()
         assert list(page.parent.glob("*.svg"))
 
-    def test_ctrl_c_that_is_swallowed_ends_it_after_the_report(self, fabric, filled):
+    def test_watch_ends_after_interrupt_caught_elsewhere(self, fabric, filled):
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             with remembered_interrupt() as interrupt:
@@ -172,7 +172,7 @@ class TestWatch:
 
 
 def wait_for(process, text):
-    """Reads what the process prints up to the first line that matches."""
+    """Reads the output of the process up to the first line that matches."""
     if any(re.search(text, line) for line in process.stdout):
         return
     raise AssertionError(f"{text!r} was never said")

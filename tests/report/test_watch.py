@@ -1,4 +1,4 @@
-"""What is computed again when a report is written again."""
+"""Tests that a watched report reads and draws only changed data again."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ WATCHED = Request(window=4, watched=True)
 
 @pytest.fixture
 def growing(fabric):
-    """Adds two finished runs of each task, and returns the record of a third that goes on."""
+    """Adds two finished runs of each task, and returns the record of an unfinished third."""
     levels = {task: 300.0 + 200 * i for i, task in enumerate(TASKS)}
     for task, level in levels.items():
         for seed in range(2):
@@ -25,7 +25,7 @@ def growing(fabric):
 
 
 def counted(monkeypatch, place, name, which):
-    """Returns a list that grows with each call of a function by `which(*arguments)`."""
+    """Wraps a function; returns a list to which each call appends `which(*arguments)`."""
     calls, function = [], getattr(place, name)
 
     def call(*args, **kwargs):
@@ -36,7 +36,7 @@ def counted(monkeypatch, place, name, which):
     return calls
 
 
-def test_only_what_changed_is_read_and_drawn_again(fabric, growing, out, monkeypatch):
+def test_only_changed_data_is_read_and_drawn_again(fabric, growing, out, monkeypatch):
     read = counted(monkeypatch, Record, "read", lambda record, table, _: (record.id, table))
     drawn = counted(monkeypatch, vector, "draw_alone", lambda panel, *_: panel.title)
     with remembering() as memory:
@@ -51,14 +51,14 @@ def test_only_what_changed_is_read_and_drawn_again(fabric, growing, out, monkeyp
         memory.next_round()
         write_report(fabric.results, out, WATCHED)
     assert read == [(growing.id, "episodes")]
-    # A panel of the learning curves, and those of the forest plot, whose axes are the same.
+    # One panel of the learning curves, and all of the forest plot, because they share their axes.
     assert drawn == [TASKS[1], *TASKS]
-    # The page is that of a report that remembers nothing.
+    # The page equals that of a report without a cache.
     page = (out / "index.html").read_bytes()
     write_report(fabric.results, out, WATCHED)
     assert (out / "index.html").read_bytes() == page
 
 
-def test_only_the_page_is_written(fabric, growing, out):
+def test_watched_report_writes_only_page(fabric, growing, out):
     write_report(fabric.results, out, WATCHED)
     assert sorted(path.name for path in out.iterdir()) == ["index.html", "report.json"]

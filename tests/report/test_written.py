@@ -1,4 +1,4 @@
-"""Files of an earlier report are removed; those of other programs are kept."""
+"""Tests of the output directory: files of an earlier report are removed, other files are kept."""
 
 import json
 
@@ -11,7 +11,7 @@ def names(out):
     return {path.name for path in out.iterdir()}
 
 
-def test_files_that_the_new_report_does_not_have_are_removed(out):
+def test_files_missing_from_new_report_are_removed(out):
     write(out, {"a.png": b"1", "b.png": b"2"})
     paths, notes = write(out, {"b.png": b"3", "c.png": b"4"})
     assert names(out) == {"b.png", "c.png", LISTING}
@@ -20,7 +20,7 @@ def test_files_that_the_new_report_does_not_have_are_removed(out):
     assert (out / "b.png").read_bytes() == b"3"
 
 
-def test_what_is_not_ours_or_was_changed_is_left(out):
+def test_foreign_and_changed_files_are_kept(out):
     write(out, {"a.png": b"1", "b.png": b"2", "gone.png": b"3"})
     (out / "notes.txt").write_text("mine")
     (out / "a.png").write_bytes(b"mine")
@@ -28,11 +28,11 @@ def test_what_is_not_ours_or_was_changed_is_left(out):
     _, (note,) = write(out, {"c.png": b"4"})
     assert names(out) == {"a.png", "c.png", "notes.txt", LISTING}
     assert note.startswith("a.png in ")
-    # It is left for good, and not reported again.
+    # The file is kept and not reported again.
     assert write(out, {"c.png": b"4"})[1] == []
 
 
-def test_a_report_without_a_list_loses_nothing(out):
+def test_report_without_listing_keeps_all_files(out):
     out.mkdir()
     (out / "figure9.png").write_bytes(b"of an older jbench")
     write(out, {"c.png": b"4"})
@@ -49,7 +49,7 @@ def test_a_report_without_a_list_loses_nothing(out):
         '{"files": {"../outside": "DIGEST", "..": "x", "link": "DIGEST"}}',
     ],
 )
-def test_a_list_that_says_anything_harms_nothing(out, listing):
+def test_invalid_or_hostile_listing_is_harmless(out, listing):
     digest = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"  # of "1"
     out.mkdir()
     outside = out.parent / "outside"

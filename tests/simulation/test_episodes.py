@@ -1,4 +1,4 @@
-"""Many robots at once are the same robots one after another, bit for bit."""
+"""Tests of the threaded simulation of episodes against a plain MuJoCo loop, bit for bit."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -21,7 +21,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def given():
-    """Orientations at the start and actions, some of them beyond the limits."""
+    """Initial orientations and actions, some of which exceed the limits."""
     random = np.random.default_rng(0)
     quaternions = np.stack([draw_quaternion(random) for _ in range(EPISODES)])
     return quaternions, random.uniform(-1.2, 1.2, (EPISODES, STEPS)).astype(np.float32)
@@ -47,7 +47,7 @@ def plain_loop(model, quaternion, actions):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_threaded_simulation_equals_a_plain_loop(model, given, threads):
+def test_threaded_simulation_equals_plain_loop(model, given, threads):
     found = on_threads(threads, model, *given)
     for episode, (quaternion, actions) in enumerate(zip(*given, strict=True)):
         qpos, qvel = plain_loop(model, quaternion, actions)
@@ -56,7 +56,7 @@ def test_threaded_simulation_equals_a_plain_loop(model, given, threads):
     assert np.ptp(found.qpos[:, -1], axis=0).min() > 0  # each robot went elsewhere
 
 
-def test_first_state_is_the_pose_of_a_reset(model, given):
+def test_first_state_is_initial_pose(model, given):
     found = on_threads(2, model, *given)
     assert found.qpos.shape == (EPISODES, STEPS + 1, 16)
     assert found.qvel.shape == (EPISODES, STEPS + 1, 15)
@@ -66,7 +66,7 @@ def test_first_state_is_the_pose_of_a_reset(model, given):
     np.testing.assert_array_equal(found.qvel[:, 0], 0)
 
 
-def test_nothing_of_an_earlier_episode_is_left_on_a_thread(model, given):
+def test_thread_keeps_no_state_between_episodes(model, given):
     with ThreadPoolExecutor(1) as executor:
         first = simulate(model, *given, executor)
         again = simulate(model, *given, executor)
@@ -74,7 +74,7 @@ def test_nothing_of_an_earlier_episode_is_left_on_a_thread(model, given):
     np.testing.assert_array_equal(again.qvel, first.qvel)
 
 
-def test_two_models_on_the_same_threads_do_not_mix(model, given):
+def test_two_models_on_same_threads_do_not_interfere(model, given):
     other = load_model()
     other.opt.gravity[2] *= 2
     other.qpos0[robot.MOTOR] = 1  # where its motor begins

@@ -1,4 +1,4 @@
-"""Points of a path are where the robot is, and where it faces."""
+"""Tests of path points (position and heading) and targets of paths."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ def state(*positions):
     return State(np.array(positions), *[np.zeros(len(positions))] * 4)
 
 
-def test_a_point_is_the_position_and_the_heading():
+def test_path_point_is_position_and_heading():
     # Unturned, the robot faces -y; turned by 90 degrees, it faces x.
     turned = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]
     found = path_point(state([0.1, -0.2, 0.03, 1, 0, 0, 0], [0, 0, 0.03, *turned]))
@@ -28,7 +28,7 @@ def test_a_point_is_the_position_and_the_heading():
         ("move_to_pose", {"x": 0.1, "y": 0.2, "yaw": 3.0}),
     ],
 )
-def test_a_path_has_the_random_numbers_of_its_target(task, target):
+def test_path_has_random_components_of_target(task, target):
     points = [np.full(3, number, np.float32) for number in (1, 2)]
     path = path_of(task, points, np.array([*target.values()]))
     assert path.target == target

@@ -1,4 +1,4 @@
-"""Many robots stepped together move as each would alone."""
+"""Tests of `Robots`, which steps many robots together, against a plain MuJoCo loop."""
 
 import mujoco
 import numpy as np
@@ -24,7 +24,7 @@ def commands(steps, count, seed=2):
 
 
 def take(robots, actions):
-    """The state after the last of some control steps."""
+    """Takes control steps; returns the state after the last one."""
     for held in actions:
         state = robots.step(held)
     return state
@@ -35,12 +35,12 @@ def assert_same(first, second):
         np.testing.assert_array_equal(ours, theirs)
 
 
-def of(state, i):
+def part_of(state, i):
     return [part[i] for part in state]
 
 
 def plain_loop(robot, quaternion, actions):
-    """One robot alone, one physics step at a time."""
+    """Simulates a single robot, one physics step at a time."""
     data = mujoco.MjData(robot)
     model.place(data, quaternion)
     for command in actions:
@@ -51,40 +51,40 @@ def plain_loop(robot, quaternion, actions):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
-def test_robots_equal_a_plain_loop(robot, threads):
+def test_robots_equal_plain_loop(robot, threads):
     actions = commands(20, 5)
     with Robots(robot, 5, threads) as robots:
         robots.reset(poses(5))
         state = take(robots, actions)
     for i, quaternion in enumerate(poses(5)):
-        assert_same(of(state, i), plain_loop(robot, quaternion, actions[:, i]))
+        assert_same(part_of(state, i), plain_loop(robot, quaternion, actions[:, i]))
 
 
-def test_each_robot_may_have_a_model_of_its_own(robot):
+def test_each_robot_may_have_its_own_model(robot):
     models = [robot, load_model(augment=3), load_model(augment=4), robot]
     actions = commands(20, 4)
     with Robots(models, 4, 2) as robots:
         robots.reset(poses(4))
         state = take(robots, actions)
     for i, (each, quaternion) in enumerate(zip(models, poses(4), strict=True)):
-        assert_same(of(state, i), plain_loop(each, quaternion, actions[:, i]))
+        assert_same(part_of(state, i), plain_loop(each, quaternion, actions[:, i]))
 
 
-def test_models_must_be_as_many_as_robots_and_of_one_structure(robot):
+def test_wrong_number_or_structure_of_models_is_refused(robot):
     other = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
     for models in ([robot], [robot, robot, robot], [robot, other]):
         with pytest.raises(ValueError, match="2 robots need one model, or 2 of the same structure"):
             Robots(models, 2, 1)
 
 
-def test_actions_beyond_one_count_as_one(robot):
+def test_actions_are_clipped_to_one(robot):
     with Robots(robot, 2, 1) as robots:
         robots.reset(np.repeat(poses(1), 2, axis=0))
         state = take(robots, np.repeat([[1.0, 9.0]], 10, axis=0))
-    assert_same(of(state, 0), of(state, 1))
+    assert_same(part_of(state, 0), part_of(state, 1))
 
 
-def test_a_reset_forgets_everything(robot):
+def test_reset_clears_all_state(robot):
     actions = commands(2, 3)
     with Robots(robot, 3, 2) as robots:
         first, one = robots.reset(poses(3)), take(robots, actions)
@@ -94,7 +94,7 @@ def test_a_reset_forgets_everything(robot):
 
 
 @pytest.mark.parametrize("some", [[1, 3], np.array([False, True, False, True, False])])
-def test_some_robots_are_reset_and_the_others_continue(robot, some):
+def test_partial_reset_leaves_other_robots_unchanged(robot, some):
     actions, fresh = commands(20, 5), poses(2, seed=9)
     with Robots(robot, 5, 2) as robots:
         robots.reset(poses(5))
@@ -103,10 +103,10 @@ def test_some_robots_are_reset_and_the_others_continue(robot, some):
         state = take(robots, actions[10:])
     np.testing.assert_array_equal(reset.position[[1, 3], 3:], fresh)
     for i in (0, 2, 4):
-        assert_same(of(reset, i), of(before, i))
-        assert_same(of(state, i), plain_loop(robot, poses(5)[i], actions[:, i]))
+        assert_same(part_of(reset, i), part_of(before, i))
+        assert_same(part_of(state, i), plain_loop(robot, poses(5)[i], actions[:, i]))
     for i, quaternion in zip((1, 3), fresh, strict=True):
-        assert_same(of(state, i), plain_loop(robot, quaternion, actions[10:, i]))
+        assert_same(part_of(state, i), plain_loop(robot, quaternion, actions[10:, i]))
 
 
 def test_wrong_shapes_are_refused(robot):
@@ -120,7 +120,7 @@ def test_wrong_shapes_are_refused(robot):
                 robots.restore(snapshot, some)
 
 
-def test_a_snapshot_holds_all_that_the_future_depends_on(robot):
+def test_restored_snapshot_gives_same_trajectory(robot):
     actions = commands(30, 4)
     with Robots(robot, 4, 2) as robots:
         robots.reset(poses(4))
@@ -129,16 +129,16 @@ def test_a_snapshot_holds_all_that_the_future_depends_on(robot):
         expected = take(robots, actions[15:])
         assert_same(robots.restore(snapshot), before)
         assert_same(take(robots, actions[15:]), expected)
-    # Elsewhere too, also for some of them and in another order.
+    # Other robots can be restored from a subset in another order.
     with Robots(robot, 3, 1) as others:
         others.reset(poses(3, seed=8))
         others.restore(snapshot[[3, 1]], [0, 2])
         found = take(others, actions[15:][:, [3, 0, 1]])
     for here, there in ((0, 3), (2, 1)):
-        assert_same(of(found, here), of(expected, there))
+        assert_same(part_of(found, here), part_of(expected, there))
 
 
-def test_a_snapshot_is_of_its_moment(robot):
+def test_snapshot_is_copy(robot):
     with Robots(robot, 2, 1) as robots:
         robots.reset(poses(2))
         snapshot = robots.snapshot()
@@ -149,7 +149,7 @@ def test_a_snapshot_is_of_its_moment(robot):
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-def test_a_step_can_be_started_and_finished_separately(robot, threads):
+def test_started_and_finished_step_equals_step(robot, threads):
     actions = commands(10, 5)
     with Robots(robot, 5, threads) as robots, Robots(robot, 5, 1) as others:
         robots.reset(poses(5))
@@ -157,11 +157,11 @@ def test_a_step_can_be_started_and_finished_separately(robot, threads):
         for held in actions:
             mine = held.copy()
             robots.start_step(mine)
-            mine[:] = 0  # the caller's own again
+            mine[:] = 0  # the array was copied
             assert_same(robots.finish_step(), others.step(held))
 
 
-def test_a_started_step_must_be_finished_first(robot):
+def test_calls_during_started_step_are_refused(robot):
     with Robots(robot, 2, 2) as robots:
         robots.reset(poses(2))
         with pytest.raises(RuntimeError, match="No step was started"):
@@ -177,7 +177,7 @@ def test_a_started_step_must_be_finished_first(robot):
         ):
             with pytest.raises(RuntimeError, match="call finish_step first"):
                 meanwhile()
-        assert_same(of(robots.finish_step(), 1), plain_loop(robot, poses(2)[1], [0.0]))
+        assert_same(part_of(robots.finish_step(), 1), plain_loop(robot, poses(2)[1], [0.0]))
 
 
 def test_states_are_copies(robot):
@@ -189,4 +189,4 @@ def test_states_are_copies(robot):
         for part in (*state, *other):
             part[...] = 7
         again = robots.step(np.ones(1))
-    assert_same(of(again, 0), plain_loop(robot, poses(1)[0], [1.0, 1.0]))
+    assert_same(part_of(again, 0), plain_loop(robot, poses(1)[0], [1.0, 1.0]))

@@ -1,4 +1,4 @@
-"""A rollout of robots against Gymnasium environments that take the same actions one by one."""
+"""Tests of rollouts of several robots against single Gymnasium environments."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ TASK, STEPS = "move_to_pose", 30
 
 
 def act(observations):
-    """A policy of its observation alone."""
+    """A stateless policy."""
     return np.tanh(observations[:, -2:].sum(axis=1, keepdims=True))
 
 
@@ -25,7 +25,7 @@ def steps():
 
 
 @pytest.mark.parametrize(("robot", "seed"), [(0, 4), (1, 5)])
-def test_rollout_equals_the_environment(steps, robot, seed):
+def test_rollout_equals_environment(steps, robot, seed):
     env = JitterbugEnv(TASK)
     observation, _ = env.reset(seed=seed)
     for step in steps:
@@ -37,13 +37,13 @@ def test_rollout_equals_the_environment(steps, robot, seed):
         assert step.rewards[robot] == reward
 
 
-def test_the_state_is_that_after_the_action(steps):
+def test_state_of_transition_is_after_action(steps):
     moved = [step.state.motor_position[0] for step in steps]
     assert len({float(position) for position in moved}) == STEPS
     assert np.array_equal(steps[0].next_observations, steps[1].observations)
 
 
-def test_a_repeated_generator_starts_two_episodes():
+def test_repeated_generator_draws_consecutive_starts():
     once, both = np.random.default_rng(7), np.random.default_rng(7)
     starts = resets.draw_starts(TASK, [both, both])
     for i in range(2):

@@ -1,4 +1,4 @@
-"""The vector environment against Gymnasium's `SyncVectorEnv` of plain environments, bit for bit."""
+"""Tests of the vector environment against Gymnasium's `SyncVectorEnv`, bit for bit."""
 
 import gymnasium
 import numpy as np
@@ -83,7 +83,7 @@ def test_augmented_robots_equal_sync_vector_env():
         assert_same(ours.step(actions), oracle.step(actions))
 
 
-def test_spaces_seeds_and_metadata_are_those_of_sync_vector_env():
+def test_spaces_seeds_and_metadata_equal_sync_vector_env():
     ours, oracle = pair("move_to_position")
     assert type(ours) is JitterbugVectorEnv
     for name in ("observation", "action", "single_observation", "single_action"):
@@ -96,7 +96,7 @@ def test_spaces_seeds_and_metadata_are_those_of_sync_vector_env():
     assert ours.metadata["render_fps"] == oracle.metadata["render_fps"]
 
 
-def test_a_target_for_each_environment():
+def test_reset_accepts_target_for_each_environment():
     ours, _ = pair("move_to_position", mode="SameStep")
     targets = np.array([[0.1, 0], [0, 0.2], [0.3, 0.4]])
     _, infos = ours.reset(seed=0, options={"target": targets})
@@ -108,7 +108,7 @@ def test_a_target_for_each_environment():
     assert np.any(infos["target"] != targets)  # those of the next episodes are random
 
 
-def test_wrapper_of_gymnasium_counts_its_episodes():
+def test_gymnasium_wrapper_records_episode_statistics():
     env = RecordEpisodeStatistics(pair("move_from_origin")[0])
     env.reset(seed=0)
     results = [env.step(actions) for actions in steps(LENGTH)]
@@ -117,7 +117,7 @@ def test_wrapper_of_gymnasium_counts_its_episodes():
     np.testing.assert_allclose(infos["episode"]["r"], sum(r[1] for r in results), rtol=1e-6)
 
 
-def test_returned_arrays_are_the_callers():
+def test_returned_arrays_are_copies():
     ours, oracle = pair("move_to_pose")
     results = ours.reset(seed=2)
     oracle.reset(seed=2)
@@ -162,7 +162,7 @@ def test_wrong_arguments_of_reset_are_refused(arguments, says):
         ours.reset(**arguments)
 
 
-def test_steps_that_make_no_sense_are_refused():
+def test_invalid_calls_of_step_and_reset_are_refused():
     ours, _ = pair("face_direction", mode="Disabled")
     actions = steps(LENGTH)
     with pytest.raises(ResetNeeded, match="before step"):
@@ -182,7 +182,7 @@ def test_steps_that_make_no_sense_are_refused():
         ours.step(actions[0])
 
 
-def test_without_a_limit_episodes_continue():
+def test_negative_step_limit_disables_truncation():
     ours = JitterbugVectorEnv("face_direction", max_episode_steps=-1)
     ours.reset(seed=0)
     ours._elapsed[:] = 10**12
@@ -190,7 +190,7 @@ def test_without_a_limit_episodes_continue():
 
 
 @pytest.mark.usefixtures("rendering")
-def test_pictures_are_those_of_sync_vector_env():
+def test_rendered_images_equal_sync_vector_env():
     ours, oracle = pair("move_to_pose", num_envs=2, render_mode="rgb_array", width=64, height=48)
     actions = steps(1)[0, :2]
     for env in (ours, oracle):
@@ -199,7 +199,7 @@ def test_pictures_are_those_of_sync_vector_env():
     pictures = ours.render()
     np.testing.assert_array_equal(pictures, oracle.render())
     assert np.any(pictures[0] != pictures[1])
-    # Drawing changes nothing.
+    # Rendering does not change the state.
     assert_same(ours.step(actions), oracle.step(actions))
     ours.close()
     oracle.close()

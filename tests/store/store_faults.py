@@ -1,6 +1,6 @@
-"""A system that refuses, for processes of their own: no renaming, no rights, no room.
+"""Fault injection for child processes: forbidden renames, dropped privileges, a full disk.
 
-Each is refused by the kernel itself, and to root as well, whom permissions alone do not stop.
+The kernel itself rejects each operation, also for root, whom file permissions do not restrict.
 """
 
 import ctypes
@@ -25,17 +25,17 @@ results = Results(Path(sys.argv[1]))
 """
 
 CANNOT = 77
-"""Exit code of a process that could not make the system refuse."""
+"""Exit code of a process that could not inject its fault."""
 
 _RENAMES = {"x86_64": (82, 264, 316), "aarch64": (38, 276)}
 _EPERM = 1
 
 
 class Script(Piped):
-    """A process of its own that runs a script on a results directory."""
+    """A child process that runs a script on a results directory."""
 
     def __init__(self, results, script, *arguments):
-        """Starts it; `arguments` are those of its command line after the directory."""
+        """Starts it; `arguments` follow the directory on its command line."""
         typed = [str(results.path), *map(str, arguments)]
         super().__init__("tests.store.store_faults:execute", [script, typed])
 
@@ -57,7 +57,7 @@ def run_script(results, script):
 
 
 def forbid_renames():
-    """From here on this process can rename nothing (seccomp)."""
+    """Forbids renames for the rest of this process (seccomp)."""
     prctl = ctypes.CDLL(None, use_errno=True).prctl
     numbers = _RENAMES.get(platform.machine())
     if numbers is None:
@@ -80,8 +80,8 @@ def forbid_renames():
         sys.exit(CANNOT)
 
 
-def give_up_rights():
-    """From here on permissions stop this process even if it is root's (no capabilities)."""
+def drop_privileges():
+    """Drops all capabilities, so that permissions also restrict a process of root."""
     version, this_process = 0x20080522, 0
     header = struct.pack("Ii", version, this_process)
     nothing = struct.pack("6I", *[0] * 6)
@@ -89,7 +89,7 @@ def give_up_rights():
         sys.exit(CANNOT)
 
 
-def leave_room(largest):
-    """Limits the size of files in bytes: a write stops there as on a full disk."""
+def limit_file_size(largest):
+    """Limits the size of files in bytes: a larger write fails as on a full disk."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))

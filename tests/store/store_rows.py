@@ -39,12 +39,12 @@ def incompressible(rows):
 
 
 def manifest_of(record):
-    """The manifest as it lies on the disk."""
+    """The manifest on the disk."""
     return json.loads((record.path / "manifest.json").read_text())
 
 
 def alter_manifest(record, **changes):
-    """Writes a manifest with other values, as somebody with an editor would."""
+    """Overwrites fields of the manifest on the disk."""
     changed = {**manifest_of(record), **changes}
     (record.path / "manifest.json").write_text(json.dumps(changed))
 
@@ -55,7 +55,7 @@ def listed(record):
 
 
 def names(directory):
-    """The names of all files in a directory, hidden ones too."""
+    """The names of all files in a directory, including hidden files."""
     return {path.name for path in directory.iterdir()}
 
 

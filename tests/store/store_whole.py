@@ -1,4 +1,4 @@
-"""A results directory of whole records, with the ids that their settings give them."""
+"""Builds valid records whose ids are derived from their settings."""
 
 import os
 
@@ -10,7 +10,7 @@ from tests.store.store_rows import RUN_SETTINGS, episodes
 
 
 def add(results, kind, name, settings, tables=None, files=None, finish=True):
-    """A record of the id that its settings give it."""
+    """A record whose id is derived from its settings."""
     id = f"{name}/s{settings['seed']:02d}-{settings_hash(settings)}"
     record = results.create(kind, id, settings)
     record.append({name: rows(id) for name, rows in (tables or {}).items()})
@@ -28,7 +28,7 @@ def add_whole_run(results, returns=(10.0, 20.0, 60.0), finish=True, **settings):
 
 
 def add_chain(results):
-    """A dataset, an encoder of it, a run of that and an evaluation of the run."""
+    """A dataset, an encoder trained on it, a run with the encoder and an evaluation of the run."""
     steps = {
         "steps": lambda id: pa.Table.from_pylist(
             [{"episode": 0, "step": step} for step in range(1001)], schema.STEPS
@@ -47,7 +47,7 @@ def add_chain(results):
 
 
 def snapshot(directory):
-    """What lies in a directory: paths, and the content of files."""
+    """The files below a directory: path to content."""
     return {
         os.path.relpath(os.path.join(folder, name), directory): open(
             os.path.join(folder, name), "rb"

@@ -1,4 +1,4 @@
-"""A checkpoint is committed with the rows that it goes with, and replaces the one before it."""
+"""Tests of checkpoints: each is committed together with its rows and replaces its predecessor."""
 
 import random
 import signal
@@ -13,7 +13,7 @@ from tests.store.store_rows import listed, manifest_of, names, numbers, read
 
 ROLE = "checkpoint.safetensors"
 
-# The checkpoint says how many rows were committed with it.
+# The content of the checkpoint is the number of rows committed with it.
 WRITING = """
 record = results.find("run", "a/b")
 n = record.rows("t")
@@ -24,7 +24,7 @@ while True:
 """
 
 
-def test_checkpoint_is_read_by_its_role_and_the_newest_is_the_only_one(results, record):
+def test_new_checkpoint_replaces_older_one_of_its_role(results, record):
     assert not record.has_checkpoint(ROLE)
     for n in range(3):
         record.append({"t": numbers(n)}, {ROLE: b"after %d" % n})
@@ -35,26 +35,26 @@ def test_checkpoint_is_read_by_its_role_and_the_newest_is_the_only_one(results, 
     assert len([name for name in listed(record) if name.endswith(".safetensors")]) == 1
 
 
-def test_checkpoints_of_different_roles_replace_only_their_own(results, record):
+def test_checkpoints_of_other_roles_are_kept(results, record):
     record.append({}, {"a.json": b"1", "b.json": b"2"})
     record.append({}, {"a.json": b"3"})
     again = results.find("run", "a/b")
     assert (again.read_file("a.json"), again.read_file("b.json")) == (b"3", b"2")
 
 
-def test_same_content_again_stays(results, record):
+def test_checkpoint_with_identical_content_is_kept(results, record):
     for _ in range(2):
         record.append({"t": numbers(1)}, {ROLE: b"same"})
     assert results.find("run", "a/b").read_file(ROLE) == b"same"
 
 
-def test_rows_without_a_checkpoint_leave_the_one_there_is(results, record):
+def test_append_without_checkpoint_keeps_last_checkpoint(results, record):
     record.append({}, {ROLE: b"kept"})
     record.append({"t": numbers(1)})
     assert results.find("run", "a/b").read_file(ROLE) == b"kept"
 
 
-def test_finishing_drops_the_checkpoints_and_keeps_the_files(results, record):
+def test_finish_removes_checkpoints_and_keeps_files(results, record):
     record.append({"t": numbers(1)}, {ROLE: b"state"})
     record.finish({}, {"policy.json": b"{}"})
     again = results.find("run", "a/b")
@@ -73,7 +73,7 @@ def test_altered_checkpoint_is_refused(results, record):
 
 
 @pytest.mark.parametrize("kills", [4, pytest.param(8, marks=pytest.mark.slow)])
-def test_killed_writer_leaves_rows_and_the_checkpoint_that_goes_with_them(results, record, kills):
+def test_killed_writer_leaves_matching_rows_and_checkpoint(results, record, kills):
     for kill in range(kills):
         with Script(results, WRITING) as process:
             process.stdout.readline()
@@ -87,7 +87,7 @@ def test_killed_writer_leaves_rows_and_the_checkpoint_that_goes_with_them(result
     assert names(record.path) == {"manifest.json", *listed(record)}
 
 
-def test_roles_that_are_dropped_are_gone_with_their_files(results, record):
+def test_dropped_roles_are_removed_with_their_files(results, record):
     record.append({"t": numbers(1)}, {"replay-1.json": b"one", "replay-2.json": b"two"})
     record.append({"t": numbers(2)}, {"replay-3.json": b"three"}, drop=["replay-1.json"])
     again = results.find("run", "a/b")
@@ -99,7 +99,7 @@ def test_roles_that_are_dropped_are_gone_with_their_files(results, record):
     assert read(again) == [1, 2]
 
 
-def test_rows_that_come_anew_take_the_place_of_all_that_there_were(results, record):
+def test_append_with_replace_replaces_all_rows_of_table(results, record):
     record.append({"t": numbers(1), "u": numbers(7)}, {ROLE: b"one"})
     record.append({"t": numbers(2)})
     record.append({"t": numbers(1, 2, 3)}, replace=("t",))
@@ -108,12 +108,12 @@ def test_rows_that_come_anew_take_the_place_of_all_that_there_were(results, reco
     assert len(again.parts("t")) == 1
     assert len(list(record.path.glob("t-*"))) == 1
     assert again.has_checkpoint(ROLE)
-    # The same rows again are the same file, which stays.
+    # Identical rows give the same file, which is kept.
     record.append({"t": numbers(1, 2, 3)}, replace=("t",))
     assert read(results.find("run", "a/b")) == [1, 2, 3]
 
 
-def test_work_that_resumes_says_from_where_and_what_has_changed(results, record):
+def test_resume_records_control_step_and_changed_provenance(results, record):
     record.fail("no room")
     known = record.manifest.provenance
     assert record.resume({"control_steps": 3000}) == {}
@@ -126,6 +126,6 @@ def test_work_that_resumes_says_from_where_and_what_has_changed(results, record)
     first, second = again.manifest.provenance["continued"]
     assert (first["control_steps"], first["changed"]) == (3000, {})
     assert second["changed"] == {"processor": ["a toaster", known["processor"]]}
-    # A manifest may hold anything there, and what was not recorded is not compared.
+    # Values of a wrong type are tolerated, and fields that were not recorded are not compared.
     record._update(provenance={"continued": 3, "packages": 4, "python": "2.7"})
     assert set(record.resume({})) == {"python"}

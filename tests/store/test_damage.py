@@ -1,4 +1,4 @@
-"""What is damaged, foreign or too new is refused in a sentence that names it."""
+"""Tests that damaged, misplaced and newer records are refused by a message that names them."""
 
 import json
 import os
@@ -27,7 +27,7 @@ def remove(path):
 
 
 def link(path):
-    """The same content, but somewhere else."""
+    """Replaces the file by a symbolic link to the same content."""
     elsewhere = path.parents[3] / "elsewhere"
     shutil.move(path, elsewhere)
     path.symlink_to(elsewhere)
@@ -49,7 +49,7 @@ DAMAGES = [
 
 @pytest.mark.parametrize("part", range(3))
 @pytest.mark.parametrize(("damage", "reason"), DAMAGES)
-def test_damaged_part_is_named_with_its_record(results, record, part, damage, reason):
+def test_damaged_part_is_reported_with_its_record(results, record, part, damage, reason):
     for n in range(3):
         record.append({"t": numbers(n)})
     name = listed(record)[part]
@@ -61,35 +61,35 @@ def test_damaged_part_is_named_with_its_record(results, record, part, damage, re
 
 
 @pytest.mark.parametrize(("damage", "reason"), DAMAGES)
-def test_damaged_file_that_is_no_table_is_named(results, record, damage, reason):
+def test_damaged_file_that_is_no_table_is_reported(results, record, damage, reason):
     record.finish({}, {"policy.safetensors": b"weights"})
     damage(record.path / "policy.safetensors")
     with pytest.raises(WorkError, match=f"policy.safetensors of the run a/b is damaged.*{reason}"):
         results.find("run", "a/b").read_file("policy.safetensors")
 
 
-def test_damage_to_one_table_leaves_the_others(results, record):
+def test_damage_to_one_table_leaves_others_readable(results, record):
     record.append({"t": numbers(1), "u": numbers(2)})
     truncate(record.path / listed(record)[0])
     assert read(results.find("run", "a/b"), "u") == [2]
 
 
 def put_in_place(record, content, **entry):
-    """Another content of the only file, with a manifest that agrees to it."""
+    """Overwrites the only file and updates size and checksum in the manifest."""
     (record.path / listed(record)[0]).write_bytes(content)
     (old,) = manifest_of(record)["files"]
     changed = {**old, "bytes": len(content), "sha256": sha256(content), **entry}
     alter_manifest(record, files=[changed])
 
 
-def test_file_that_is_no_parquet_is_named_though_its_checksum_is_right(results, record):
+def test_invalid_parquet_with_correct_checksum_is_reported(results, record):
     record.append({"t": numbers(1)})
     put_in_place(record, b"PAR1 but not really PAR1")
     with pytest.raises(WorkError, match=f"{listed(record)[0]} of the run a/b is damaged"):
         read(results.find("run", "a/b"))
 
 
-def test_parquet_with_a_broken_footer_is_named_though_its_checksum_is_right(results, record):
+def test_broken_parquet_footer_with_correct_checksum_is_reported(results, record):
     record.append({"t": numbers(1)})
     content = bytearray((record.path / listed(record)[0]).read_bytes())
     content[-8 - int.from_bytes(content[-8:-4], "little")] ^= 0xFF  # first byte of the footer
@@ -98,14 +98,14 @@ def test_parquet_with_a_broken_footer_is_named_though_its_checksum_is_right(resu
         read(results.find("run", "a/b"))
 
 
-def test_rows_that_the_manifest_counts_otherwise_are_refused(results, record):
+def test_row_count_that_contradicts_manifest_is_refused(results, record):
     record.append({"t": numbers(1, 2)})
     put_in_place(record, (record.path / listed(record)[0]).read_bytes(), rows=3)
     with pytest.raises(WorkError, match="2 rows, not 3"):
         read(results.find("run", "a/b"))
 
 
-def test_table_of_other_columns_is_refused(results, record):
+def test_table_with_wrong_columns_is_refused(results, record):
     record.append({"t": numbers(1).rename_columns(["m"])})
     with pytest.raises(WorkError, match=f"{listed(record)[0]} of the run a/b is damaged"):
         record.read("t", ROWS)
@@ -124,7 +124,7 @@ BROKEN_MANIFESTS = {
 
 
 @pytest.mark.parametrize("breaking", BROKEN_MANIFESTS.values(), ids=BROKEN_MANIFESTS)
-def test_broken_manifest_is_named_and_the_other_records_are_read(results, record, breaking):
+def test_broken_manifest_is_reported_and_other_records_are_read(results, record, breaking):
     record.append({"t": numbers(1)})
     results.create("run", "c", {}).append({"t": numbers(2)})
     path = record.path / "manifest.json"
@@ -138,13 +138,13 @@ def test_broken_manifest_is_named_and_the_other_records_are_read(results, record
     assert str(refusal.value) == problem
 
 
-def test_manifest_of_a_newer_schema_is_refused_with_both_versions(results, record):
+def test_newer_schema_version_is_refused_with_both_versions(results, record):
     alter_manifest(record, schema_version=7)
     with pytest.raises(WorkError, match="is of schema version 7, and this jbench reads up to 4"):
         results.find("run", "a/b")
 
 
-def test_newer_schema_is_what_is_said_even_with_fields_that_are_new(results, record):
+def test_newer_schema_with_unknown_fields_reports_its_version(results, record):
     alter_manifest(record, schema_version=7, shards=[])
     with pytest.raises(WorkError, match="is of schema version 7, and this jbench reads up to 4"):
         results.find("run", "a/b")
@@ -153,7 +153,7 @@ def test_newer_schema_is_what_is_said_even_with_fields_that_are_new(results, rec
 @pytest.mark.parametrize(
     "name", ["../x", "../x.parquet", "/etc/passwd", "a/b", ".", "..", "", ".x", "manifest.json"]
 )
-def test_manifest_that_names_a_file_elsewhere_is_refused(results, record, name):
+def test_manifest_with_file_outside_its_directory_is_refused(results, record, name):
     record.append({"t": numbers(1)})
     (entry,) = manifest_of(record)["files"]
     shutil.copy(record.path / entry["name"], record.path.parent / "x.parquet")
@@ -163,7 +163,7 @@ def test_manifest_that_names_a_file_elsewhere_is_refused(results, record, name):
 
 
 @pytest.mark.parametrize("change", [{"id": "a/c"}, {"kind": "encoder"}])
-def test_manifest_that_calls_itself_otherwise_is_refused(results, record, change):
+def test_manifest_with_other_kind_or_id_is_refused(results, record, change):
     alter_manifest(record, **change)
     expected = (
         rf"manifest\.json calls itself {change.get('kind', 'run')} {change.get('id', 'a/b')};"
@@ -172,7 +172,7 @@ def test_manifest_that_calls_itself_otherwise_is_refused(results, record, change
         results.find("run", "a/b")
 
 
-def test_copy_of_a_record_under_another_id_is_refused(results, record):
+def test_copy_of_record_under_another_id_is_refused(results, record):
     shutil.copytree(record.path, record.path.parent / "c")
     records, problems = results.scan("run")
     assert [found.id for found in records] == ["a/b"]
@@ -182,7 +182,7 @@ def test_copy_of_a_record_under_another_id_is_refused(results, record):
 
 
 @pytest.mark.parametrize("linked", ["out", "out/in"])
-def test_record_behind_a_link_out_of_the_results_is_not_read(tmp_path, results, linked):
+def test_record_behind_link_out_of_results_is_not_read(tmp_path, results, linked):
     others = Results(tmp_path / "others")
     add_run(others, "out/in/r", [5.0])
     add_run(results, "mine", [1.0])
@@ -195,7 +195,7 @@ def test_record_behind_a_link_out_of_the_results_is_not_read(tmp_path, results, 
     assert tables["episodes"]["episode_return"].to_pylist() == [1.0]
 
 
-def test_record_cannot_be_written_through_a_link_out_of_the_results(tmp_path, results):
+def test_record_is_not_written_through_link_out_of_results(tmp_path, results):
     (tmp_path / "outside").mkdir()
     (results.path / "runs").mkdir(parents=True)
     (results.path / "runs" / "out").symlink_to(tmp_path / "outside")
@@ -204,7 +204,7 @@ def test_record_cannot_be_written_through_a_link_out_of_the_results(tmp_path, re
     assert list((tmp_path / "outside").iterdir()) == []
 
 
-def test_manifest_is_plain_json_for_other_programs(results, record):
+def test_manifest_is_plain_json(results, record):
     record.append({"t": numbers(1, 2)})
     found = json.loads((results.path / "runs" / "a" / "b" / "manifest.json").read_bytes())
     (entry,) = found["files"]

@@ -1,4 +1,4 @@
-"""docs/database.md describes the tables, fields and versions that there are."""
+"""Tests that docs/database.md describes exactly the tables, fields and versions of the schema."""
 
 import re
 from pathlib import Path
@@ -35,7 +35,7 @@ def rows(title):
 
 
 def expected(columns):
-    """The table of some columns, as it should stand in the document."""
+    """The Markdown table expected for these columns."""
     lines = ["| column | type | unit |", "|---|---|---|"]
     for field in columns:
         unit = (field.metadata or {}).get(b"unit", b"").decode()
@@ -44,24 +44,24 @@ def expected(columns):
 
 
 @pytest.mark.parametrize(("name", "columns"), [*schema.TABLES.items(), *OF_FILES.items()])
-def test_table_is_described_column_by_column(name, columns):
+def test_every_column_of_table_is_documented(name, columns):
     table = expected(columns)
     assert table in section(f"### `{name}`"), f"what should stand there:\n\n{table}\n"
 
 
-def test_no_other_table_is_described():
+def test_documented_tables_are_those_of_schema():
     described = re.findall(r"^### `(\w+)`$", TEXT, re.M)
     assert described == [*schema.TABLES, *OF_FILES]
 
 
-def test_manifest_is_described_field_by_field():
+def test_every_field_of_manifest_is_documented():
     described = rows("## The manifest")
     assert [name.strip("`") for name, _ in described] == list(Manifest.model_fields)
     named = set(re.findall(r"`(\w+)`", described[-1][1]))
     assert named == set(FileEntry.model_fields)
 
 
-def test_versions_are_those_that_are_read():
+def test_documented_versions_are_those_that_are_read():
     described = [int(row[0]) for row in rows("## Versions")]
     assert described == list(range(OLDEST_SCHEMA_VERSION, SCHEMA_VERSION + 1))
     assert f"writes version {SCHEMA_VERSION} and reads" in section("## Versions")

@@ -1,4 +1,4 @@
-"""When the system refuses, what was committed is still read, and a sentence says what happened."""
+"""Tests of system faults (full disk, permissions): committed rows survive, errors are reported."""
 
 import os
 
@@ -28,31 +28,31 @@ print(read(record))
 """
 
 
-def assert_as_before(results, record):
-    """The record holds the one row that was committed, and no other file than those listed."""
+def assert_unchanged(results, record):
+    """Asserts that the record holds its committed row and only the files of its manifest."""
     again = results.find("run", "a/b")
     assert read(again) == [1]
     again.clean()
     assert names(record.path) == {"manifest.json", *listed(record)}
 
 
-def test_disk_full_in_the_middle_of_a_manifest(results, record):
+def test_full_disk_while_writing_manifest_keeps_committed_rows(results, record):
     record.append({"t": numbers(1)})
     # The settings make a manifest that is larger than a part, so that only it has no room.
     settings = {"long": "x" * 20_000}
     alter_manifest(record, settings=settings)
-    said = run_script(results, "store_faults.leave_room(8192)\n" + APPENDING)
+    said = run_script(results, "store_faults.limit_file_size(8192)\n" + APPENDING)
     assert said[0].startswith(f"No room left to write manifest.json in {record.path}; what was ")
     assert said[1] == "[1]"
     assert results.find("run", "a/b").settings == settings
-    assert_as_before(results, record)
+    assert_unchanged(results, record)
 
 
-def test_disk_full_at_the_end_loses_nothing_and_the_record_can_be_finished_later(results, record):
+def test_record_can_finish_after_finish_failed_on_full_disk(results, record):
     for n in range(5):
         record.append({"t": numbers(n)})
     script = """
-store_faults.leave_room(8192)
+store_faults.limit_file_size(8192)
 try:
     results.find("run", "a/b").finish({}, {"policy.json": b"x" * 10_000})
 except WorkError as error:
@@ -67,33 +67,33 @@ except WorkError as error:
     assert names(record.path) == {"manifest.json", *listed(record)}
 
 
-def test_directory_on_which_rename_fails(results, record):
+def test_append_that_cannot_rename_keeps_committed_rows(results, record):
     record.append({"t": numbers(1)})
     said = run_script(results, "store_faults.forbid_renames()\n" + APPENDING)
     assert "t-00001-" in said[0]
     assert said[0].endswith(".parquet can't be written (Operation not permitted).")
     assert said[1] == "[1]"
-    assert_as_before(results, record)
+    assert_unchanged(results, record)
 
 
-def test_directory_that_may_not_be_written(results, record):
+def test_append_without_write_permission_keeps_committed_rows(results, record):
     record.append({"t": numbers(1)})
     record.path.chmod(0o500)
-    said = run_script(results, "store_faults.give_up_rights()\n" + APPENDING)
+    said = run_script(results, "store_faults.drop_privileges()\n" + APPENDING)
     record.path.chmod(0o700)
     assert said[0].endswith(".parquet can't be written (Permission denied).")
     assert said[1] == "[1]"
-    assert_as_before(results, record)
+    assert_unchanged(results, record)
 
 
 @pytest.mark.parametrize("where", ["manifest.json", "a/b", "a"])
-def test_what_may_not_be_read_is_named_and_the_rest_is_used(results, record, where):
+def test_unreadable_record_is_reported_and_others_are_read(results, record, where):
     add_run(results, "c", [1.0])
     path = record.path / where if where == "manifest.json" else results.path / "runs" / where
     mode = path.stat().st_mode
     path.chmod(0o000)
     script = """
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 records, problems = results.scan("run")
 print([record.id for record in records], *problems, sep="\\n")
 """
@@ -103,12 +103,12 @@ print([record.id for record in records], *problems, sep="\\n")
     assert problem.startswith(f"{path} can't be read (Permission denied)")
 
 
-def test_file_that_may_not_be_read_is_named(results, record):
+def test_unreadable_file_is_reported_with_its_record(results, record):
     record.append({"t": numbers(1)})
     path = record.path / listed(record)[0]
     path.chmod(0o000)
     script = """
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 try:
     read(results.find("run", "a/b"))
 except WorkError as error:
@@ -118,11 +118,11 @@ except WorkError as error:
     assert said.startswith(f"{path} of the run a/b can't be read (Permission denied)")
 
 
-def test_place_that_may_not_be_written_is_refused_before_any_work(tmp_path, results):
+def test_unwritable_results_directory_is_refused_on_create(tmp_path, results):
     results.path.mkdir()
     results.path.chmod(0o500)
     script = """
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 try:
     results.create("run", "a/b", {})
 except RequestError as error:
@@ -133,13 +133,13 @@ except RequestError as error:
     assert list(results.path.iterdir()) == []
 
 
-def test_lock_that_is_a_directory_is_refused(record):
+def test_lock_that_is_directory_is_refused(record):
     (record.path / "lock").mkdir()
     with pytest.raises(WorkError, match=r"lock can't be opened \(Is a directory\)"):
         record.lock().__enter__()
 
 
-def test_manifest_replaced_by_a_directory_is_named(results, record):
+def test_manifest_that_is_directory_is_reported(results, record):
     (record.path / "manifest.json").unlink()
     (record.path / "manifest.json").mkdir()
     add_run(results, "c", [1.0])
@@ -150,14 +150,14 @@ def test_manifest_replaced_by_a_directory_is_named(results, record):
         results.create("run", "a/b", {})
 
 
-def test_removed_manifest_takes_the_record_with_it_and_nothing_else(results, record):
+def test_only_record_without_manifest_is_skipped(results, record):
     record.append({"t": numbers(1)})
     add_run(results, "c", [1.0])
     (record.path / "manifest.json").unlink()
     assert [found.id for found in results.scan("run")[0]] == ["c"]
 
 
-def test_runs_under_a_file_are_refused(results):
+def test_runs_directory_that_is_file_is_refused(results):
     results.path.mkdir()
     (results.path / "runs").write_text("mine")
     assert results.find("run", "a/b") is None
@@ -166,9 +166,9 @@ def test_runs_under_a_file_are_refused(results):
         results.create("run", "a/b", {})
 
 
-def test_clock_set_back_while_a_record_is_written_changes_nothing_but_its_dates(results, record):
+def test_clock_set_back_during_writing_changes_only_dates(results, record):
     record.append({"t": numbers(1)})
-    # As it looks on the disk after a clock that was ahead by years has been set right.
+    # The dates on the disk after a clock years ahead has been corrected.
     alter_manifest(record, created="2999-01-01T00:00:00+00:00", updated="2999-01-02T00:00:00+00:00")
     again = results.find("run", "a/b")
     for n in (2, 3):
@@ -181,7 +181,7 @@ def test_clock_set_back_while_a_record_is_written_changes_nothing_but_its_dates(
     assert (line.created, problems) == ("2999-01-01T00:00:00+00:00", [])
 
 
-def test_two_writers_of_one_record_are_one_after_the_other(results):
+def test_two_writers_of_one_record_are_serialized(results):
     script = """
 record = results.record("run", "a/b")
 while True:
@@ -203,7 +203,7 @@ while True:
     assert names(found.path) == {"manifest.json", "lock", *listed(found)}
 
 
-def test_reader_of_a_record_that_is_joined_meanwhile_finds_its_rows(results, record):
+def test_reader_finds_rows_after_record_is_compacted(results, record):
     for n in range(3):
         record.append({"t": numbers(n)})
     reader = results.find("run", "a/b")
@@ -215,13 +215,13 @@ def test_reader_of_a_record_that_is_joined_meanwhile_finds_its_rows(results, rec
     assert not reader.refresh()
 
 
-def test_new_directories_are_made_with_all_their_parents(tmp_path):
+def test_lock_creates_missing_parent_directories(tmp_path):
     deep = Results(tmp_path / "x" / "y").record("run", "a/b")
     with deep.lock():
         assert os.listdir(deep.path) == ["lock"]
 
 
-def test_manifest_lists_a_file_once(results, record):
+def test_manifest_that_lists_file_twice_is_refused(results, record):
     record.append({"t": numbers(1)})
     alter_manifest(record, files=manifest_of(record)["files"] * 2)
     with pytest.raises(WorkError, match="a file is listed twice"):

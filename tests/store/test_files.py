@@ -1,4 +1,4 @@
-"""A file is there whole or not at all, and nothing is left beside it."""
+"""Tests of atomic writes: a file is complete or absent, and no temporary file remains."""
 
 import subprocess
 import sys
@@ -27,7 +27,7 @@ except WorkError as error:
 
 
 @pytest.mark.parametrize("before", [None, OLD, NEW * 2])
-def test_write_replaces_the_whole_file_and_leaves_no_other(tmp_path, before):
+def test_write_replaces_file_and_leaves_no_temporary(tmp_path, before):
     path = tmp_path / "file"
     if before is not None:
         path.write_bytes(before)
@@ -36,7 +36,7 @@ def test_write_replaces_the_whole_file_and_leaves_no_other(tmp_path, before):
     assert names(tmp_path) == {"file"}
 
 
-def test_readers_of_the_old_file_keep_it(tmp_path):
+def test_open_reader_keeps_old_content(tmp_path):
     path = tmp_path / "file"
     path.write_bytes(OLD)
     with path.open("rb") as reader:
@@ -44,13 +44,13 @@ def test_readers_of_the_old_file_keep_it(tmp_path):
         assert reader.read() == OLD
 
 
-def test_file_can_be_read_by_others(tmp_path):
+def test_file_is_readable_by_other_users(tmp_path):
     write_atomic(tmp_path / "file", NEW)
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
 
 
 @pytest.mark.parametrize("before", [None, OLD])
-def test_write_without_room_leaves_the_old_file_whole_and_says_so(tmp_path, before):
+def test_write_on_full_disk_keeps_old_file_and_is_reported(tmp_path, before):
     path = tmp_path / "file"
     if before is not None:
         path.write_bytes(before)
@@ -64,26 +64,26 @@ def test_write_without_room_leaves_the_old_file_whole_and_says_so(tmp_path, befo
     assert before is None or path.read_bytes() == before
 
 
-def test_write_into_no_directory_names_the_file(tmp_path):
+def test_write_into_missing_directory_reports_file(tmp_path):
     with pytest.raises(WorkError, match=r"missing/file can't be written \(No such file"):
         write_atomic(tmp_path / "missing" / "file", NEW)
 
 
-def test_write_over_a_directory_leaves_it_and_no_temporary(tmp_path):
+def test_write_over_directory_is_refused_and_leaves_no_temporary(tmp_path):
     (tmp_path / "there").mkdir()
     with pytest.raises(WorkError, match="there can't be written"):
         write_atomic(tmp_path / "there", NEW)
     assert names(tmp_path) == {"there"}
 
 
-def test_directory_is_made_with_its_parents_and_may_be_there(tmp_path):
+def test_make_directory_creates_parents_and_permits_existing_directory(tmp_path):
     for _ in range(2):
         make_directory(tmp_path / "a" / "b")
         assert (tmp_path / "a" / "b").is_dir()
 
 
 @pytest.mark.parametrize("below", ["", "a", "a/b"])
-def test_directory_on_or_below_a_file_is_refused(tmp_path, below):
+def test_directory_on_or_below_file_is_refused(tmp_path, below):
     (tmp_path / "file").write_bytes(OLD)
     with pytest.raises(RequestError, match="is a file, or lies in one; name a directory"):
         make_directory(tmp_path / "file" / below)

@@ -1,4 +1,4 @@
-"""Followers yield each committed row once, whatever happens to the files meanwhile."""
+"""Tests that a follower yields each committed row once, also when files are compacted meanwhile."""
 
 import pyarrow as pa
 import pytest
@@ -30,7 +30,7 @@ def returns_of(follower):
     ]
 
 
-def test_each_row_is_yielded_once_also_when_its_file_is_joined_with_others(results):
+def test_each_row_is_yielded_once_despite_compaction(results):
     run = add_whole_run(results, [1.0, 2.0], finish=False)
     follower = Follower(results, {})
     assert returns_of(follower) == [1, 2]
@@ -47,7 +47,7 @@ def test_each_row_is_yielded_once_also_when_its_file_is_joined_with_others(resul
     assert change.run.status == "finished"
 
 
-def test_rows_committed_and_joined_between_two_looks_are_not_lost(results):
+def test_rows_committed_and_compacted_between_looks_are_yielded(results):
     run = add_whole_run(results, [1.0], finish=False)
     follower = Follower(results, {})
     assert returns_of(follower) == [1]
@@ -58,7 +58,7 @@ def test_rows_committed_and_joined_between_two_looks_are_not_lost(results):
     assert change.status_changed
 
 
-def test_a_run_that_starts_over_is_new_and_its_rows_come_again(results):
+def test_restarted_run_is_new_and_its_rows_are_yielded(results):
     run = add_whole_run(results, [1.0, 2.0], finish=False)
     follower = Follower(results, {})
     assert returns_of(follower) == [1, 2]
@@ -72,7 +72,7 @@ def test_a_run_that_starts_over_is_new_and_its_rows_come_again(results):
     assert [row["episode_return"] for _, row in change.rows] == [5, 6]
 
 
-def test_only_runs_that_match_are_followed_to_their_end(results):
+def test_only_matching_runs_are_followed_until_finished(results):
     run = add_whole_run(results, [1.0], finish=False)
     add_whole_run(results, [7.0], seed=1)
     follower = Follower(results, {"status": ["unfinished"]})
@@ -82,7 +82,7 @@ def test_only_runs_that_match_are_followed_to_their_end(results):
     assert returns_of(follower) == [2]
 
 
-def test_a_damaged_run_is_reported_once_and_the_others_are_followed(results):
+def test_damaged_run_is_reported_once_and_others_are_followed(results):
     damaged = add_whole_run(results, [1.0])
     path = damaged.path / listed(damaged)[0]
     path.write_bytes(path.read_bytes()[:-1])
@@ -95,7 +95,7 @@ def test_a_damaged_run_is_reported_once_and_the_others_are_followed(results):
     assert returns_of(follower) == [3]
 
 
-def test_an_evaluation_comes_after_the_episodes_before_it(results):
+def test_evaluation_is_yielded_after_episodes_that_precede_it(results):
     run = add_whole_run(results, [1.0, 2.0, 3.0], finish=False)
     row = {"run": run.id, "evaluation": 0, "control_steps": 2000, "episode": 0}
     row |= {"episode_return": 9.0, "length": 1000, "wall_time": 1.0}

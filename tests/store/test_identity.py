@@ -1,4 +1,4 @@
-"""The same settings are the same record, and no id leads out of the results directory."""
+"""Tests of settings hashes and record ids: equal settings hash equally, unsafe ids are refused."""
 
 import hashlib
 import json
@@ -15,12 +15,12 @@ SETTINGS = {"task": "face_direction", "seed": 3, "noise": 0.1, "encoder": None, 
 NUMBERS = st.integers() | st.floats(allow_nan=False, allow_infinity=False)
 
 
-def test_canonical_json_is_this_text():
+def test_canonical_json_has_sorted_keys_and_no_spaces():
     text = '{"encoder":null,"more":{"b":1},"noise":0.1,"seed":3,"task":"face_direction"}'
     assert canonical_json(SETTINGS) == text
 
 
-def test_text_beyond_ascii_is_escaped():
+def test_canonical_json_escapes_non_ascii_text():
     assert canonical_json({"a": "é"}) == '{"a":"\\u00e9"}'
 
 
@@ -35,23 +35,23 @@ def test_order_of_keys_does_not_matter(values, random):
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
-def test_what_json_has_no_number_for_is_refused(value):
+def test_nan_and_infinity_are_refused(value):
     with pytest.raises(ValueError, match="not JSON compliant"):
         canonical_json({"deep": [{"noise": value}]})
 
 
-def test_hash_is_the_beginning_of_the_sha256_of_the_canonical_json():
+def test_hash_is_prefix_of_sha256_of_canonical_json():
     text = b'{"encoder":null,"more":{"b":1},"noise":0.1,"seed":3,"task":"face_direction"}'
     assert settings_hash(SETTINGS) == hashlib.sha256(text).hexdigest()[:8]
 
 
 @pytest.mark.parametrize("change", [{"seed": 4}, {"noise": 0.2}, {"more": {"b": 2}}, {"new": None}])
-def test_any_change_of_settings_changes_the_hash(change):
+def test_any_change_of_settings_changes_hash(change):
     assert settings_hash({**SETTINGS, **change}) != settings_hash(SETTINGS)
 
 
 @pytest.mark.parametrize("id", ["a", "random/s00-1f9a2c4e", "face_direction/dae12/s1.x", "0/A_b"])
-def test_ids_are_returned_as_they_are(id):
+def test_valid_id_is_returned_unchanged(id):
     assert check_id(id) == id
 
 
@@ -62,7 +62,7 @@ def test_ids_are_returned_as_they_are(id):
         *("a\\b", "..\\a", ".hidden", "a/.hidden", "-rf", "_a", "a b", "a\n", "a\0", "é", "~"),
     ],
 )
-def test_what_is_no_id_is_refused_with_an_example(text, results):
+def test_invalid_id_is_refused_with_example(text, results):
     for refuse in (check_id, lambda id: results.find("run", id)):
         with pytest.raises(RequestError, match="is not an id; an id looks like face_direction/"):
             refuse(text)

@@ -1,4 +1,4 @@
-"""The list of runs: how far each is, from its manifest, and its last returns on request."""
+"""Tests of the list of runs: progress from the manifest, last returns on request."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def listed_ids(results, **expected):
     return [line.run for line in lines]
 
 
-def test_line_of_a_finished_and_of_an_unfinished_run(results):
+def test_finished_and_unfinished_runs_are_listed(results):
     run = add_whole_run(results)
     add_whole_run(results, [5.0], finish=False, seed=1, algo="sac")
     (done, begun), problems = list_runs(results, {})
@@ -27,7 +27,7 @@ def test_line_of_a_finished_and_of_an_unfinished_run(results):
     assert begun[2:10] == ("sac", "full", 1, "unfinished", 1, 1000, 3000, None)
 
 
-def test_variant_is_what_differs_from_other_runs_of_the_cell(results):
+def test_variant_names_settings_that_differ_within_cell(results):
     published = algorithm_settings("ddpg", "published").model_dump(mode="json")
     read = {"engine": "batched", "evaluate_every": 20_000, "evaluate_episodes": 10}
     read["hyperparameters"] = published
@@ -42,7 +42,7 @@ def test_variant_is_what_differs_from_other_runs_of_the_cell(results):
     assert line.variant == ""
 
 
-def test_steps_of_a_finished_run_are_those_that_it_says(results):
+def test_steps_of_finished_run_are_read_from_summary(results):
     run = add_whole_run(results)
     alter_manifest(run, summary={"steps_done": 4096})
     assert list_runs(results, {})[0][0].steps_done == 4096
@@ -59,15 +59,15 @@ def test_steps_of_a_finished_run_are_those_that_it_says(results):
         (1000, 949.5),  # 100 at most: 900 to 999
     ],
 )
-def test_last_returns_are_of_the_last_quarter_but_100_at_most(results, count, mean):
+def test_last_return_averages_last_quarter_capped_at_100(results, count, mean):
     add_whole_run(results, [float(n) for n in range(count)], finish=False)
     (line,), _ = list_runs(results, {}, returns=True)
     assert line.last_return == mean
-    # Two seconds an episode; an unfinished run has no other time.
+    # Two seconds per episode; an unfinished run has no other wall time.
     assert line.wall_time == (2.0 * count or None)
 
 
-def test_filters_let_through_what_has_one_of_the_values(results):
+def test_filters_keep_runs_with_any_given_value(results):
     a, b, c = (
         add_whole_run(results, seed=0).id,
         add_whole_run(results, seed=1, finish=False).id,
@@ -81,7 +81,7 @@ def test_filters_let_through_what_has_one_of_the_values(results):
     assert listed_ids(results, seed=[7]) == []
 
 
-def test_damage_of_files_is_noticed_only_where_they_are_read(results):
+def test_damaged_files_are_reported_only_if_read(results):
     run = add_whole_run(results)
     other = add_whole_run(results, seed=1)
     truncate(run.path / listed(run)[0])
@@ -91,7 +91,7 @@ def test_damage_of_files_is_noticed_only_where_they_are_read(results):
     assert run.id in problem
 
 
-def test_what_a_manifest_says_in_the_wrong_type_is_nothing(results):
+def test_manifest_values_of_wrong_type_are_ignored(results):
     run = add_whole_run(results)
     alter_manifest(
         run,

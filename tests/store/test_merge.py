@@ -1,4 +1,4 @@
-"""Results of several machines become one directory; the same work with other content is refused."""
+"""Tests of merging results directories: records are copied, conflicting content is refused."""
 
 import math
 import os
@@ -32,12 +32,12 @@ def other(tmp_path):
 
 
 def outcomes(results, *sources):
-    """What became of each record, by its id."""
+    """The outcome of each record by its id."""
     return {one.record.split(" ")[1]: one.outcome for one in merge(results, sources)}
 
 
 def add_timed(results, returns, seconds, finish=True, **columns):
-    """A run whose episodes took so long; with other values in columns."""
+    """A run whose episodes took `seconds` each, with the values of `columns` in every row."""
     rows = [
         {**row, **dict.fromkeys(TIMES, seconds * (row["episode"] + 1)), **columns}
         for row in episodes("r", returns).to_pylist()
@@ -51,7 +51,7 @@ def returns_of(results, id):
     return results.find("run", id).read("episodes", schema.EPISODES)["episode_return"].to_pylist()
 
 
-def test_records_of_all_kinds_come_over_byte_for_byte(results, other):
+def test_records_of_all_kinds_are_copied_byte_for_byte(results, other):
     records = add_chain(other)
     mine = add_whole_run(results, seed=3)
     before = snapshot(other.path)
@@ -64,7 +64,7 @@ def test_records_of_all_kinds_come_over_byte_for_byte(results, other):
     assert (found.records, found.findings) == (5, [])
 
 
-def test_several_sources_are_joined_and_again_is_nothing_new(tmp_path, results):
+def test_second_merge_of_several_sources_changes_nothing(tmp_path, results):
     sources = [Results(tmp_path / str(n)) for n in range(3)]
     runs = [add_whole_run(source, seed=seed) for seed, source in enumerate(sources)]
     assert outcomes(results, *sources) == {run.id: "copied" for run in runs}
@@ -74,13 +74,13 @@ def test_several_sources_are_joined_and_again_is_nothing_new(tmp_path, results):
     assert sorted(query.load(results).tables["runs"]["seed"].to_pylist()) == [0, 1, 2]
 
 
-def test_into_results_that_are_not_there_yet(results, other):
+def test_merge_creates_missing_results_directory(results, other):
     run = add_whole_run(other)
     assert not results.path.exists()
     assert outcomes(results, other) == {run.id: "copied"}
 
 
-def test_same_rows_in_another_time_are_the_same_run(results, other):
+def test_runs_that_differ_only_in_time_are_same(results, other):
     mine, theirs = add_timed(results, [1.0, 2.0], 3.0), add_timed(other, [1.0, 2.0], 5.0)
     assert mine.manifest.files != theirs.manifest.files
     before = snapshot(results.path)
@@ -89,7 +89,7 @@ def test_same_rows_in_another_time_are_the_same_run(results, other):
     assert snapshot(results.path) == before
 
 
-def test_same_rows_in_other_files_are_the_same_run(results, other):
+def test_runs_that_differ_only_in_file_layout_are_same(results, other):
     mine = add_timed(results, [1.0, 2.0, 3.0], 3.0)
     theirs = other.create("run", mine.id, mine.settings)
     rows = mine.read("episodes", schema.EPISODES)
@@ -100,7 +100,7 @@ def test_same_rows_in_other_files_are_the_same_run(results, other):
     assert outcomes(results, other) == {mine.id: "same"}
 
 
-def test_a_run_without_paths_is_the_same_run(results, other):
+def test_runs_that_differ_only_in_paths_are_same(results, other):
     mine = add_timed(results, [1.0], 3.0)
     theirs = add_timed(other, [1.0], 3.0, finish=False)
     row = {"run": mine.id, "evaluation": 0, "control_steps": 1000, "x": 0.5}
@@ -109,7 +109,7 @@ def test_a_run_without_paths_is_the_same_run(results, other):
     assert outcomes(results, other) == {mine.id: "same"}
 
 
-def test_nan_is_the_same_as_nan_and_not_as_nothing(results, other):
+def test_nan_equals_nan_and_differs_from_null(results, other):
     mine = add_timed(results, [1.0], 3.0, actor_loss=math.nan)
     add_timed(other, [1.0], 5.0, actor_loss=math.nan)
     assert outcomes(results, other) == {mine.id: "same"}
@@ -127,7 +127,7 @@ def test_nan_is_the_same_as_nan_and_not_as_nothing(results, other):
         ([1.0, 2.0], "another number of rows"),
     ],
 )
-def test_same_run_with_other_rows_is_refused_and_the_rest_is_merged(results, other, returns, says):
+def test_run_with_conflicting_rows_is_refused_and_others_are_merged(results, other, returns, says):
     mine = add_timed(results, [1.0, 2.0, 3.0], 3.0)
     theirs = add_timed(other, returns, 3.0)
     more = add_whole_run(other, seed=7)
@@ -145,7 +145,7 @@ def test_same_run_with_other_rows_is_refused_and_the_rest_is_merged(results, oth
     assert snapshot(other.path) == source
 
 
-def test_same_rows_with_another_policy_are_refused(results, other):
+def test_run_with_conflicting_policy_is_refused(results, other):
     mine = add_whole_run(results)
     theirs = other.create("run", mine.id, mine.settings)
     theirs.append({"episodes": mine.read("episodes", schema.EPISODES)})
@@ -154,7 +154,7 @@ def test_same_rows_with_another_policy_are_refused(results, other):
     assert (one.outcome, "(in policy.json)" in one.reason) == ("refused", True)
 
 
-def test_finished_run_is_taken_instead_of_an_unfinished_which_is_set_aside(results, other):
+def test_finished_run_replaces_unfinished_run_which_is_set_aside(results, other):
     mine = add_whole_run(results, [1.0, 2.0], finish=False)
     theirs = add_whole_run(other, [1.0, 2.5, 4.0])
     before = snapshot(mine.path)
@@ -166,7 +166,7 @@ def test_finished_run_is_taken_instead_of_an_unfinished_which_is_set_aside(resul
     assert verify(results, 2).findings == []
 
 
-def test_unfinished_or_failed_run_does_not_replace_a_finished_one(results, other):
+def test_unfinished_or_failed_run_never_replaces_finished_run(results, other):
     mine = add_whole_run(results)
     theirs = add_whole_run(other, [1.0], finish=False)
     for _ in range(2):
@@ -175,7 +175,7 @@ def test_unfinished_or_failed_run_does_not_replace_a_finished_one(results, other
     assert returns_of(results, mine.id) == [10.0, 20.0, 60.0]
 
 
-def test_of_two_states_of_one_work_the_later_is_taken(results, other):
+def test_longer_of_two_unfinished_runs_is_kept(results, other):
     mine = add_whole_run(results, [1.0, 2.0], finish=False)
     theirs = add_whole_run(other, [1.0, 2.0, 3.0], finish=False)
     assert outcomes(other, results) == {mine.id: "kept"}
@@ -183,7 +183,7 @@ def test_of_two_states_of_one_work_the_later_is_taken(results, other):
     assert returns_of(results, mine.id) == returns_of(other, theirs.id) == [1.0, 2.0, 3.0]
 
 
-def test_two_unfinished_runs_that_went_apart_are_refused(results, other):
+def test_unfinished_runs_with_conflicting_rows_are_refused(results, other):
     mine = add_whole_run(results, [1.0, 2.0], finish=False)
     add_whole_run(other, [1.0, 2.5, 3.0], finish=False)
     (one,) = merge(results, [other])
@@ -192,7 +192,7 @@ def test_two_unfinished_runs_that_went_apart_are_refused(results, other):
 
 
 @pytest.mark.parametrize(("damage", "reason"), DAMAGES)
-def test_damaged_record_is_refused_and_named(results, other, damage, reason):
+def test_damaged_record_in_source_is_refused_and_reported(results, other, damage, reason):
     bad, good = add_whole_run(other), add_whole_run(other, seed=1)
     damage(bad.path / listed(bad)[0])
     merged = {one.record: one for one in merge(results, [other])}
@@ -203,7 +203,7 @@ def test_damaged_record_is_refused_and_named(results, other, damage, reason):
     assert verify(results, 2).findings == []
 
 
-def test_record_with_a_bad_manifest_or_the_wrong_id_is_refused(results, other):
+def test_record_with_invalid_manifest_or_wrong_id_is_refused(results, other):
     broken, newer, renamed = (add_whole_run(other, seed=seed) for seed in range(3))
     (broken.path / "manifest.json").write_bytes(b"{")
     alter_manifest(newer, schema_version=7)
@@ -214,7 +214,7 @@ def test_record_with_a_bad_manifest_or_the_wrong_id_is_refused(results, other):
     assert results.scan("run") == ([], [])
 
 
-def test_record_that_is_damaged_here_is_left_and_named(results, other):
+def test_damaged_record_in_target_is_kept_and_reported(results, other):
     run = add_whole_run(results)
     add_timed(other, [10.0, 20.0, 60.0], 9.0)
     (run.path / "manifest.json").write_bytes(b"{")
@@ -223,7 +223,7 @@ def test_record_that_is_damaged_here_is_left_and_named(results, other):
     assert (run.path / "manifest.json").read_bytes() == b"{"
 
 
-def test_record_that_is_being_written_here_is_left_and_named(results, other):
+def test_locked_record_in_target_is_kept_and_reported(results, other):
     run = add_whole_run(results, finish=False)
     add_whole_run(other)
     with run.lock():
@@ -232,14 +232,14 @@ def test_record_that_is_being_written_here_is_left_and_named(results, other):
     assert results.find("run", run.id).status == "unfinished"
 
 
-def test_leftovers_of_a_source_are_not_copied(results, other):
+def test_leftover_files_of_source_are_not_copied(results, other):
     run = add_whole_run(other)
     (run.path / "stray.json").write_bytes(b"left")
     assert outcomes(results, other) == {run.id: "copied"}
     assert not list(results.path.rglob("stray.json"))
 
 
-def test_source_must_hold_results_and_be_another_directory(tmp_path, results):
+def test_source_without_results_or_equal_to_target_is_refused(tmp_path, results):
     add_whole_run(results)
     (tmp_path / "empty").mkdir()
     for path in (tmp_path / "missing", tmp_path / "empty"):
@@ -251,13 +251,13 @@ def test_source_must_hold_results_and_be_another_directory(tmp_path, results):
             merge(results, [Results(path)])
 
 
-def test_source_on_a_medium_that_can_not_be_written(results, other):
+def test_read_only_source_is_copied(results, other):
     run = add_whole_run(other)
     for folder, _, _ in os.walk(other.path):
         os.chmod(folder, 0o500)
     script = f"""
 from jbench.store.merge import merge
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 (one,) = merge(results, [Results(Path({str(other.path)!r}))])
 print(one.outcome, one.reason)
 """
@@ -267,12 +267,12 @@ print(one.outcome, one.reason)
     assert results.find("run", run.id) is not None
 
 
-def test_disk_full_in_the_middle_of_a_copy(results, other):
+def test_copy_that_fills_disk_is_refused_and_others_are_copied(results, other):
     small = add_whole_run(other)
     large = add(other, "dataset", "random", {"seed": 1}, {"t": lambda id: incompressible(50_000)})
     script = f"""
 from jbench.store.merge import merge
-store_faults.leave_room(100_000)
+store_faults.limit_file_size(100_000)
 for one in merge(results, [Results(Path({str(other.path)!r}))]):
     print(one.record, one.outcome, one.reason)
 """
@@ -290,7 +290,7 @@ merge(results, [Results(Path(sys.argv[2]))], lambda done, total: print(done, flu
 """
 
 
-def test_killed_merge_is_finished_by_the_next(results, other):
+def test_killed_merge_is_completed_by_next_merge(results, other):
     for seed in range(12):
         add_whole_run(other, seed=seed)
     source = snapshot(other.path)
@@ -300,7 +300,7 @@ def test_killed_merge_is_finished_by_the_next(results, other):
                 process.stdout.readline()
             time.sleep(random.Random(kill).uniform(0, 0.02))
             process.send_signal(signal.SIGKILL)
-        # Whatever is committed is whole: nothing is damaged, there may be leftovers.
+        # Committed records are intact; only leftover files may be found.
         assert {f.severity for f in verify(results, 2).findings} <= {"leftover"}
     merge(results, [other])
     merged = snapshot(results.path)

@@ -1,4 +1,4 @@
-"""What a stranger's manifest says reaches tables and pages: only what can be a name is read."""
+"""Tests of untrusted manifests and tables: hostile names, texts and sizes are refused."""
 
 import pyarrow as pa
 import pytest
@@ -30,7 +30,7 @@ def alter_settings(record, **changes):
 
 @pytest.mark.parametrize("text", HOSTILE)
 @pytest.mark.parametrize("name", ["task", "algo", "representation", "engine", "encoder"])
-def test_run_of_a_hostile_name_is_named_and_left_out_and_the_rest_is_used(results, name, text):
+def test_run_with_hostile_name_is_reported_and_skipped(results, name, text):
     good, bad = add_whole_run(results), add_whole_run(results, seed=1)
     alter_settings(bad, **{name: text})
     loaded = query.load(results)
@@ -54,7 +54,7 @@ def test_run_of_a_hostile_name_is_named_and_left_out_and_the_rest_is_used(result
         ("run", {"hyperparameters": {"layers": ["\x1b"]}}),
     ],
 )
-def test_hostile_texts_are_refused_wherever_they_are_in_settings(results, kind, settings):
+def test_hostile_text_anywhere_in_settings_is_refused(results, kind, settings):
     add_chain(results)
     (record,) = results.scan(kind)[0]
     alter_settings(record, **settings)
@@ -73,27 +73,27 @@ def test_hostile_texts_are_refused_wherever_they_are_in_settings(results, kind, 
         {"provenance": {"processor": "-2+cmd|' /C calc'!A0"}},
     ],
 )
-def test_hostile_dates_and_provenance_are_refused(results, changes):
+def test_hostile_date_or_provenance_is_refused(results, changes):
     run = add_whole_run(results)
     alter_manifest(run, **changes)
     assert results.scan("run")[0] == []
 
 
 @pytest.mark.parametrize("algo", ["cleanrl-td3", "sb3_contrib:TQC", "td-mpc2", "a.b+c"])
-def test_algorithms_and_engines_of_others_are_read(results, algo):
+def test_names_of_third_party_algorithms_and_engines_are_read(results, algo):
     record = results.create("run", "a/b", {**RUN_SETTINGS, "algo": algo, "engine": algo})
     assert query.load(results).tables["runs"]["algo"].to_pylist() == [algo]
     assert record.settings["engine"] == algo
 
 
-def test_record_that_could_not_be_read_is_not_begun(results):
+def test_record_with_unreadable_settings_is_not_created(results):
     with pytest.raises(RequestError, match="'=1' can't be the setting algo"):
         results.create("run", "a/b", {**RUN_SETTINGS, "algo": "=1"})
     assert results.find("run", "a/b") is None
 
 
 @pytest.mark.parametrize("where", ["settings", "summary", "provenance"])
-def test_number_that_no_column_holds_is_refused(results, where):
+def test_integer_larger_than_any_column_type_is_refused(results, where):
     good, bad = add_whole_run(results), add_whole_run(results, seed=1)
     alter_manifest(bad, **{where: {**manifest_of(bad)[where], "seed": 10**4000}})
     for lines, problems in (list_runs(results, {}), results.scan("run")):
@@ -101,7 +101,7 @@ def test_number_that_no_column_holds_is_refused(results, where):
         assert "is not a manifest that can be read" in problems[0]
 
 
-def test_column_that_a_dataset_lacks_is_found(results):
+def test_missing_dataset_column_is_reported(results):
     dataset = add_chain(results)[0]
     entry = dataset.parts("steps")[0]
     content = parquet.to_bytes(dataset.rows_of(entry).drop_columns(["motor_velocity"]))
@@ -120,7 +120,7 @@ def test_repeated_large_texts_are_refused():
         parquet.from_bytes(content, rows)
 
 
-def test_file_that_decompresses_to_more_than_the_limit_is_refused(monkeypatch):
+def test_file_that_decompresses_to_more_than_limit_is_refused(monkeypatch):
     content = parquet.to_bytes(pa.table({"x": [float(n) for n in range(200_000)]}))
     monkeypatch.setattr(parquet, "_MAX_BYTES", 1 << 20)
     with pytest.raises(ValueError, match="it unpacks to 1 MiB"):
@@ -133,7 +133,7 @@ def test_nested_column_is_refused():
         parquet.from_bytes(content, 1)
 
 
-def test_texts_are_read_as_they_were_written():
+def test_text_columns_survive_parquet_round_trip():
     table = pa.table({"run": ["a", None, "a", ""], "n": [1, 2, 3, 4]})
     assert parquet.from_bytes(parquet.to_bytes(table), 4).equals(table)
     coded = parquet.from_bytes(parquet.to_bytes(table), 4, ["run"])

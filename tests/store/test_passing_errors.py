@@ -1,4 +1,4 @@
-"""An error that may pass is no damage: what can't be read now is named and left where it is."""
+"""Tests of transient I/O errors: unreadable records are reported and kept, never set aside."""
 
 import errno
 import os
@@ -41,7 +41,7 @@ def fail(monkeypatch):
 
 @pytest.mark.parametrize("code", PASSING)
 @pytest.mark.parametrize("which", ["manifest.json", "data"])
-def test_healthy_record_that_cannot_be_opened_is_left_and_named(
+def test_record_that_cannot_be_opened_is_kept_and_reported(
     results, fail, monkeypatch, code, which, capsys
 ):
     run = add_whole_run(results)
@@ -57,7 +57,7 @@ def test_healthy_record_that_cannot_be_opened_is_left_and_named(
     assert verify(results, 1).findings == []
 
 
-def test_record_that_is_damaged_and_can_no_longer_be_read_is_left(results, fail):
+def test_damaged_record_that_becomes_unreadable_is_kept(results, fail):
     run = add_whole_run(results)
     broken, other = (run.path / name for name in listed(run))
     broken.write_bytes(broken.read_bytes()[:-1])
@@ -70,14 +70,14 @@ def test_record_that_is_damaged_and_can_no_longer_be_read_is_left(results, fail)
     assert "Input/output error" in done.left[0]
 
 
-def test_record_whose_folder_cannot_be_listed_is_not_taken_for_empty(results, fail):
+def test_record_whose_directory_cannot_be_listed_is_not_moved(results, fail):
     run = add_whole_run(results)
     fail("scandir", run.path, errno.EMFILE)
     with pytest.raises(WorkError, match=r"can't be read \(Too many open files\)"):
         Quarantine(results).take_record(run.path)
 
 
-def test_row_that_cannot_be_read_now_is_no_reason_to_delete_its_record(results, record, fail):
+def test_message_about_unreadable_rows_never_suggests_deletion(results, record, fail):
     run = add_run(results, "c", [1.0])
     fail("open", run.path / listed(run)[0], errno.EMFILE)
     with pytest.raises(files.UnreadableError) as caught:
@@ -86,25 +86,25 @@ def test_row_that_cannot_be_read_now_is_no_reason_to_delete_its_record(results, 
 
 
 @pytest.mark.parametrize("function", ["scandir", "listdir"])
-def test_interrupted_listing_is_done_again(results, fail, function):
+def test_interrupted_listing_is_retried(results, fail, function):
     run = add_whole_run(results)
     fail(function, run.path, errno.EINTR, times=1)
     assert [found.id for found in results.scan("run")[0]] == [run.id]
 
 
 @pytest.mark.parametrize("code", [errno.EMFILE, errno.EIO])
-def test_folder_that_cannot_be_listed_ends_in_a_sentence(results, fail, code, capsys):
+def test_directory_that_cannot_be_listed_is_reported(results, fail, code, capsys):
     run = add_whole_run(results)
     fail("scandir", run.path, code)
     for verb in ("runs", "verify", "repair"):
         assert main([verb, "--results", str(results.path)]) == 1
         said = capsys.readouterr()
         assert f"{run.path} can't be read ({os.strerror(code)})" in said.out + said.err
-    with results.locked("run", run.id) as found:  # what is left over there is removed the next time
+    with results.locked("run", run.id) as found:  # leftover files are removed the next time
         assert found.id == run.id
 
 
-def test_lock_is_free_again_although_its_closing_was_interrupted(record, monkeypatch):
+def test_lock_is_released_although_close_is_interrupted(record, monkeypatch):
     real = os.close
 
     def interrupted(handle):
@@ -119,7 +119,7 @@ def test_lock_is_free_again_although_its_closing_was_interrupted(record, monkeyp
         pass
 
 
-def test_file_system_without_locks_is_not_taken_for_another_writer(record, monkeypatch):
+def test_file_system_without_locks_is_reported(record, monkeypatch):
     def unlockable(handle, operation):
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
@@ -128,7 +128,7 @@ def test_file_system_without_locks_is_not_taken_for_another_writer(record, monke
         record.lock().__enter__()
 
 
-def test_results_that_cannot_be_looked_at_end_in_a_sentence(results, monkeypatch):
+def test_unreadable_results_directory_is_reported(results, monkeypatch):
     def failing(path):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
@@ -139,14 +139,14 @@ def test_results_that_cannot_be_looked_at_end_in_a_sentence(results, monkeypatch
 
 @pytest.fixture(scope="module")
 def evaluated(tmp_path_factory):
-    """Results that a verb has written: their record has a lock."""
+    """Results written by a subcommand, whose record has a lock file."""
     path = tmp_path_factory.mktemp("evaluated") / "results"
     command = ["evaluate", "--episodes", "1", "--threads", "1"]
     assert main([*command, "--results", str(path)]) == 0
     return path, command
 
 
-def test_leftover_beside_a_lock_is_set_aside(evaluated, capsys):
+def test_leftover_file_beside_lock_is_set_aside(evaluated, capsys):
     path, _ = evaluated
     (record,) = Results(path).scan("evaluation")[0]
     assert "lock" in names(record.path)
@@ -160,7 +160,7 @@ def test_leftover_beside_a_lock_is_set_aside(evaluated, capsys):
     assert "lock" in names(record.path)
 
 
-def test_leftover_of_a_finished_record_goes_when_its_verb_is_typed_again(evaluated):
+def test_repeated_command_removes_leftover_of_finished_record(evaluated):
     path, command = evaluated
     (record,) = Results(path).scan("evaluation")[0]
     left = record.path / ".writing-abc"
@@ -170,7 +170,7 @@ def test_leftover_of_a_finished_record_goes_when_its_verb_is_typed_again(evaluat
     assert verify(Results(path), 1).findings == []
 
 
-def test_leftover_of_a_finished_run_goes_when_it_is_planned_again(results):
+def test_planning_removes_leftover_of_finished_run(results):
     settings = RunSettings(
         task="face_direction",
         algo="td3",
@@ -186,12 +186,12 @@ def test_leftover_of_a_finished_run_goes_when_it_is_planned_again(results):
     left.write_bytes(b"left")
     with record.lock():
         plan([settings], results)
-        assert left.exists()  # it may be the writer's
+        assert left.exists()  # it may belong to the process that holds the lock
     assert plan([settings], results).ids("finished") == [settings.id]
     assert not left.exists()
 
 
-def test_leftover_of_a_finished_run_goes_when_its_sweep_is_typed_again(tmp_path, results):
+def test_repeated_sweep_removes_leftover_of_finished_run(tmp_path, results):
     matrix = write_matrix(tmp_path, seeds="0")
     (settings,) = runs_of_matrix(matrix, results.path)
     record = results.create("run", settings.id, settings.model_dump(mode="json"))

@@ -1,4 +1,4 @@
-"""Whatever happens to the process that writes, what was committed is read, and nothing else."""
+"""Tests of killed and concurrent writers: exactly the committed rows are read."""
 
 import contextlib
 import random
@@ -25,7 +25,7 @@ while True:
     n += 1
 """
 
-# The same record over and over, so that a kill may fall into starting over and into compaction.
+# Recreates one record repeatedly, so that a kill may interrupt creation or compaction.
 FINISHING = """
 n = 0
 while True:
@@ -55,7 +55,7 @@ except WorkError as error:
 
 @contextlib.contextmanager
 def process_of(results, script):
-    """Runs a script until the end of the block, however that comes."""
+    """Runs a script until the block ends, also by an exception."""
     with Script(results, script) as process:
         try:
             yield process
@@ -64,7 +64,7 @@ def process_of(results, script):
 
 
 def killed_at_random(results, script, seed):
-    """Runs a script, kills it some commits after its first line; returns what it printed."""
+    """Kills a script at a random time after its first line; returns the numbers it printed."""
     with process_of(results, script) as process:
         first = process.stdout.readline()
         time.sleep(random.Random(seed).uniform(0, 0.1))
@@ -75,7 +75,7 @@ def killed_at_random(results, script, seed):
 
 
 @pytest.mark.parametrize("kills", [4, pytest.param(10, marks=pytest.mark.slow)])
-def test_killed_writer_leaves_whole_appends_and_every_one_that_it_reported(results, record, kills):
+def test_killed_writer_leaves_complete_appends_including_all_reported(results, record, kills):
     done = 0
     for kill in range(kills):
         printed = killed_at_random(results, APPENDING, kill)
@@ -85,14 +85,14 @@ def test_killed_writer_leaves_whole_appends_and_every_one_that_it_reported(resul
         assert numbered == [n for n in range(len(numbered) // 3) for _ in range(3)]
         assert read(again, "u") == numbered[::3]
         done = len(numbered) // 3
-        # The one that the kill fell into may be committed, though not yet reported.
+        # The append that the kill interrupted may be committed but not yet reported.
         assert done - 1 - printed[-1] in (0, 1)
     again.finish({})
     assert read(again) == numbered
     assert names(record.path) == {"manifest.json", *listed(record)}
 
 
-def test_killed_in_any_state_of_its_work_a_record_is_one_of_its_states(results):
+def test_record_is_consistent_after_kill_at_any_time(results):
     for kill in range(5):
         printed = killed_at_random(results, FINISHING, kill)
         again = results.find("run", "a/b")
@@ -106,7 +106,7 @@ def test_killed_in_any_state_of_its_work_a_record_is_one_of_its_states(results):
             assert read(again) in [whole[:end] for end in (0, 2, 4, 6)]
 
 
-def test_append_without_room_for_its_second_table_commits_neither(results, record):
+def test_append_of_two_tables_on_full_disk_commits_neither(results, record):
     record.append({"t": numbers(1)})
     with process_of(results, WITHOUT_ROOM) as process:
         said = process.stdout.read()
@@ -117,7 +117,7 @@ def test_append_without_room_for_its_second_table_commits_neither(results, recor
     assert names(record.path) == {"manifest.json", *listed(record)}
 
 
-def test_lock_is_refused_while_another_process_holds_it_and_free_once_it_is_killed(results):
+def test_lock_is_exclusive_and_released_when_its_holder_is_killed(results):
     record = results.record("run", "a/b")
     with process_of(results, HOLDING) as process:
         assert process.stdout.readline() == "held\n"
@@ -129,7 +129,7 @@ def test_lock_is_refused_while_another_process_holds_it_and_free_once_it_is_kill
         record.lock().__enter__()
 
 
-def test_lock_is_let_go_after_an_error(results):
+def test_lock_is_released_after_error(results):
     record = results.record("run", "a/b")
     with pytest.raises(KeyError), record.lock():
         raise KeyError
@@ -137,7 +137,7 @@ def test_lock_is_let_go_after_an_error(results):
         Results(results.path).record("run", "a/b").lock().__enter__()
 
 
-def test_a_process_that_ends_right_after_reading_ends_well(tmp_path):
+def test_process_that_exits_after_reading_exits_with_zero(tmp_path):
     # pyarrow's threads abort about half of such processes; see store/parquet.py.
     results = Results(tmp_path)
     record = results.create("run", "a/b", {})

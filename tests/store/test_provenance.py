@@ -1,4 +1,4 @@
-"""Where a record was made: its device."""
+"""Tests of the device in a record's provenance."""
 
 import pytest
 import torch
@@ -15,7 +15,7 @@ H100 = {
 }
 
 
-def test_a_processor_and_a_gpu_differ_in_provenance(monkeypatch):
+def test_cpu_and_gpu_are_recorded_in_provenance(monkeypatch):
     assert device_provenance(torch.device("cpu")) == {"device": "cpu"}
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: "NVIDIA H100")
     monkeypatch.setattr(torch.version, "cuda", "13.0")
@@ -34,9 +34,9 @@ def test_a_processor_and_a_gpu_differ_in_provenance(monkeypatch):
         (H100 | {"driver": "590.1"}, {"driver": ["580.65.06", "590.1"]}),
     ],
 )
-def test_another_device_is_a_difference(now, changed):
+def test_changed_device_is_reported(now, changed):
     assert differences(H100, now) == changed
 
 
-def test_a_device_that_was_not_recorded_is_no_difference():
+def test_unrecorded_device_is_not_compared():
     assert differences({"processor": "x"}, {"processor": "x", "device": "cpu"}) == {}

@@ -1,4 +1,4 @@
-"""The paper's learning curves, as the reference sheet has them."""
+"""Tests of the paper's published learning curves against values read from its figures."""
 
 import pytest
 
@@ -24,56 +24,56 @@ def tables():
     return {"published": query.published()}
 
 
-def ask(tables, sql):
+def fetch(tables, sql):
     return [tuple(row) for row in query.run_sql(sql, tables).to_numpy()]
 
 
-def test_every_row_of_the_paper_is_there(tables):
+def test_published_table_has_all_rows(tables):
     assert tables["published"].num_rows == 19_035
 
 
 @pytest.mark.parametrize(("task", "algo", "expected"), CELLS)
-def test_figure_9_ends_where_the_paper_says(tables, task, algo, expected):
+def test_figure_9_final_quantiles_match_paper(tables, task, algo, expected):
     sql = f"""
         select arg_max(episode_return, training_steps) from published
         where figure = 'fig9' and task = '{task}' and algo = '{algo}'
         group by quantile order by quantile
     """
-    low, median, high = (value for (value,) in ask(tables, sql))
+    low, median, high = (value for (value,) in fetch(tables, sql))
     assert [median, low, high] == pytest.approx(expected, abs=1)
 
 
-def test_representations_are_named_as_those_of_runs(tables):
+def test_representations_have_names_used_by_runs(tables):
     sql = """
         select distinct representation, figure = 'augmented-sac' from published order by all
     """
-    # The ten robots in sequence are of no run that we have.
+    # The sequence of ten robots is the only one that none of our runs uses.
     expected = [("dae12", False), ("full", False), ("full-augmented-sequence", True)]
-    assert ask(tables, sql) == expected
+    assert fetch(tables, sql) == expected
 
 
-def test_encoded_curves_are_those_of_figures_7_and_8(tables):
+def test_encoded_curves_are_of_figures_7_and_8(tables):
     sql = """
         select figure, task, count(*) from published where representation = 'dae12'
         group by all order by all
     """
-    assert ask(tables, sql) == [
+    assert fetch(tables, sql) == [
         ("fig7", "face_direction", 246),
         ("fig8", "move_in_direction", 738),
         ("fig8-10-90", "move_in_direction", 738),
     ]
 
 
-def test_quantiles_never_cross(tables):
+def test_published_quantiles_never_cross(tables):
     sql = """
         select count(*) from published low join published high
         using (figure, task, algo, representation, training_steps)
         where low.quantile < high.quantile and low.episode_return > high.episode_return + 0.5
     """
-    assert ask(tables, sql) == [(0,)]
+    assert fetch(tables, sql) == [(0,)]
 
 
-def test_medians_of_figure_8_come_with_two_pairs_of_bands(tables):
+def test_figure_8_medians_have_two_pairs_of_bands(tables):
     sql = """
         select median.figure, count(*), max(abs(median.episode_return - other.episode_return))
         from published median join published other
@@ -81,4 +81,4 @@ def test_medians_of_figure_8_come_with_two_pairs_of_bands(tables):
         where median.figure = 'fig8' and other.figure = 'fig8-10-90'
         group by all
     """
-    assert ask(tables, sql) == [("fig8", 2 * 246, 0)]
+    assert fetch(tables, sql) == [("fig8", 2 * 246, 0)]

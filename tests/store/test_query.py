@@ -1,4 +1,4 @@
-"""The tables that SQL sees: their columns, their rows, and what is left out of them."""
+"""Tests of the tables available to SQL: columns, rows, and records that are left out."""
 
 import json
 
@@ -43,8 +43,8 @@ ENCODER = "face_direction/dae12/s00-0000abcd"
 DAE = {"representation": "dae12", "encoder": ENCODER}
 
 
-def ask(results, sql):
-    """The answer as tuples."""
+def fetch(results, sql):
+    """The rows of a query as tuples."""
     return [tuple(row) for row in query.run_sql(sql, query.load(results).tables).to_numpy()]
 
 
@@ -63,7 +63,7 @@ def add_encoder(results, id=ENCODER, test_mse=(0.5, 0.25)):
 
 @pytest.fixture
 def filled(results):
-    """Two seeds with full observations, one with an encoder, and the encoder."""
+    """Two seeds with full observations, one seed with an encoder, and the encoder."""
     add_run(results, "full/s0", [10.0, 20.0, 60.0]).finish({"wall_time": 7.5})
     add_run(results, "full/s1", [100.0], seed=1)
     add_run(results, "dae/s0", [1.0, 3.0], **DAE).fail("killed")
@@ -71,7 +71,7 @@ def filled(results):
     return results
 
 
-def test_empty_results_have_every_table_with_its_columns(results):
+def test_empty_results_have_every_table_and_column(results):
     loaded = query.load(results)
     assert {name: " ".join(table.column_names) for name, table in loaded.tables.items()} == COLUMNS
     assert {name for name, table in loaded.tables.items() if table.num_rows} == {"published"}
@@ -79,12 +79,12 @@ def test_empty_results_have_every_table_with_its_columns(results):
 
 
 @pytest.mark.parametrize("table", COLUMNS)
-def test_every_table_has_these_columns_in_sql(results, filled, table):
+def test_sql_table_has_documented_columns(results, filled, table):
     found = query.run_sql(f"select * from {table}", query.load(filled).tables)
     assert " ".join(found.columns) == COLUMNS[table]
 
 
-def test_run_is_a_row_of_its_settings_and_its_state(filled):
+def test_run_row_holds_settings_and_status(filled):
     expected = [
         ("dae/s0", "ddpg", "dae12", ENCODER, 0, 3000, "failed", 2, None),
         ("full/s0", "ddpg", "full", None, 0, 3000, "finished", 3, 7.5),
@@ -99,39 +99,39 @@ def test_run_is_a_row_of_its_settings_and_its_state(filled):
     assert [tuple(row) for row in found.to_numpy()] == expected
 
 
-def test_settings_and_provenance_are_json_that_sql_can_look_into(filled):
+def test_settings_and_provenance_are_queryable_json(filled):
     sql = "select settings->>'engine', settings->'steps', provenance from runs where run='full/s1'"
-    ((engine, steps, provenance),) = ask(filled, sql)
+    ((engine, steps, provenance),) = fetch(filled, sql)
     assert (engine, int(steps)) == ("sb3", 3000)
     assert json.loads(provenance)["packages"].keys() >= {"mujoco", "torch"}
 
 
-def test_runs_joined_with_their_episodes(filled):
+def test_runs_join_with_their_episodes(filled):
     sql = """
         select representation, seed, count(*), avg(episode_return), max(control_steps)
         from runs join episodes using (run) group by all order by all
     """
     # (1 + 3) / 2, (10 + 20 + 60) / 3, 100
-    assert ask(filled, sql) == [
+    assert fetch(filled, sql) == [
         ("dae12", 0, 2, 2, 2000),
         ("full", 0, 3, 30, 3000),
         ("full", 1, 1, 100, 1000),
     ]
 
 
-def test_runs_joined_with_their_encoder_and_its_epochs(filled):
+def test_runs_join_with_encoder_and_its_epochs(filled):
     sql = """
         select runs.run, encoders.latents, encoders.test_mse, sum(epochs.train_loss)
         from runs join encoders using (encoder) join encoder_epochs epochs using (encoder)
         group by all
     """
-    assert ask(filled, sql) == [("dae/s0", 12, 0.25, 1.0 + 0.5)]
+    assert fetch(filled, sql) == [("dae/s0", 12, 0.25, 1.0 + 0.5)]
 
 
-def test_seeds_and_lengths_of_a_run_share_its_variant(results):
+def test_variant_ignores_seed_and_steps(results):
     for id, change in (("a", {}), ("b", {"seed": 1}), ("c", {"steps": 9000}), ("d", DAE)):
         add_run(results, id, **change)
-    a, b, c, d = (variant for (variant,) in ask(results, "select variant from runs order by run"))
+    a, b, c, d = (variant for (variant,) in fetch(results, "select variant from runs order by run"))
     assert a == b == c != d
     assert a == variant(RUN_SETTINGS)
 
@@ -140,39 +140,39 @@ def test_dataset_row_counts_control_steps_not_states(results):
     record = results.create("dataset", "random/s07", {"seed": 7, "steps": 3000})
     record.append(
         {
-            "steps": pa.table({"step": list(range(1001)) * 2}),  # a state more than steps
+            "steps": pa.table({"step": list(range(1001)) * 2}),  # one state more than steps
             "dataset_episodes": pa.table({"episode": [0, 1]}),
         }
     )
     size = sum((record.path / name).stat().st_size for name in listed(record))
     sql = "select dataset, seed, steps, steps_done, status, bytes from datasets"
-    assert ask(results, sql) == [("random/s07", 7, 3000, 2000, "unfinished", size)]
+    assert fetch(results, sql) == [("random/s07", 7, 3000, 2000, "unfinished", size)]
 
 
-def test_damaged_run_is_left_out_whole_and_named(filled):
+def test_damaged_run_is_skipped_in_all_tables_and_reported(filled):
     damaged = filled.find("run", "full/s0")
     path = damaged.path / listed(damaged)[0]
     path.write_bytes(path.read_bytes()[:-1])
     (problem,) = query.load(filled).problems
     assert str(path) in problem
     assert "run full/s0" in problem
-    assert ask(filled, "select run from runs order by run") == [("dae/s0",), ("full/s1",)]
-    assert ask(filled, "select distinct run from episodes order by run") == [
+    assert fetch(filled, "select run from runs order by run") == [("dae/s0",), ("full/s1",)]
+    assert fetch(filled, "select distinct run from episodes order by run") == [
         ("dae/s0",),
         ("full/s1",),
     ]
 
 
-def test_run_with_a_damaged_manifest_is_left_out_and_named(filled):
+def test_run_with_damaged_manifest_is_skipped_and_reported(filled):
     path = filled.path / "runs" / "full" / "s1" / "manifest.json"
     path.write_bytes(b"{")
     (problem,) = query.load(filled).problems
     assert problem.startswith(f"{path} is not a manifest")
-    assert ask(filled, "select count(*), sum(episode_return) from episodes") == [(5, 94)]
+    assert fetch(filled, "select count(*), sum(episode_return) from episodes") == [(5, 94)]
 
 
 @pytest.mark.parametrize("change", [{"seed": "one"}, {"seed": 2**64}, {"algo": 5}])
-def test_run_with_settings_of_the_wrong_kind_is_left_out_and_named(filled, change):
+def test_run_with_settings_of_wrong_type_is_skipped_and_reported(filled, change):
     record = filled.find("run", "full/s0")
     alter_manifest(record, settings={**manifest_of(record)["settings"], **change})
     loaded = query.load(filled)

@@ -1,4 +1,4 @@
-"""A query reads the tables that it needs, wherever their names stand in it."""
+"""Tests of queries on a results directory: only the tables that a query needs are read."""
 
 import os
 import subprocess
@@ -46,15 +46,15 @@ def rows(results, sql):
         "episode_return INTO NAME n VALUE x) GROUP BY 1 ORDER BY 1",
     ],
 )
-def test_tables_are_found_by_any_way_to_name_them(filled, sql):
+def test_table_is_found_however_query_refers_to_it(filled, sql):
     assert rows(filled, sql) == [["a", 30.0], ["b", 60.0]]
 
 
-def test_all_tables_are_listed(filled):
+def test_show_tables_lists_all_tables(filled):
     assert {name for (name,) in rows(filled, "SHOW TABLES")} == set(query.load(filled).tables)
 
 
-def test_file_of_a_table_that_is_not_asked_for_is_not_read(filled):
+def test_files_of_unused_tables_are_not_read(filled):
     damaged = filled.find("run", "a")
     truncate(damaged.path / listed(damaged)[0])
     assert rows(filled, "SELECT run FROM runs ORDER BY run") == [["a"], ["b"]]
@@ -65,7 +65,7 @@ def test_file_of_a_table_that_is_not_asked_for_is_not_read(filled):
     assert len(answer.problems) == 1
 
 
-def test_ids_are_texts_in_whatever_way_they_are_read(filled):
+def test_ids_are_varchar_with_and_without_dictionary_encoding(filled):
     assert rows(
         filled, "SELECT DISTINCT typeof(run), upper(run) || '!' FROM episodes ORDER BY 2"
     ) == [
@@ -77,7 +77,7 @@ def test_ids_are_texts_in_whatever_way_they_are_read(filled):
     assert coded.cast(plain.schema).equals(plain)
 
 
-def test_wrong_query_says_which_tables_there_are(filled):
+def test_error_of_wrong_query_lists_tables(filled):
     for sql in ("FROM nothing", "SELECT nothing FROM runs"):
         with pytest.raises(RequestError, match=r"nothing.*\(tables: datasets, encoder_epochs, "):
             query.query_results(filled, sql)
@@ -94,7 +94,7 @@ while True:
 """
 
 
-def test_run_that_is_written_meanwhile_is_whole_in_one_of_its_states(filled):
+def test_query_during_writing_sees_consistent_runs(filled):
     with Script(filled, WRITING) as writer:
         assert writer.stdout.readline() == "finished\n"
         found = [rows(filled, "SELECT run, count(*) FROM episodes GROUP BY 1") for _ in range(20)]
@@ -114,7 +114,7 @@ NETWORK = [
 
 
 @pytest.mark.parametrize("source", FILES)
-def test_no_file_can_be_read_not_even_one_of_the_results(filled, source):
+def test_query_cannot_read_any_file(filled, source):
     run = filled.find("run", "a")
     for path in ("/etc/passwd", run.path / listed(run)[0]):
         with pytest.raises(RequestError, match=r"disabled by configuration|does not exist"):
@@ -122,18 +122,18 @@ def test_no_file_can_be_read_not_even_one_of_the_results(filled, source):
 
 
 @pytest.mark.parametrize("source", NETWORK)
-def test_no_network_can_be_reached(filled, source):
+def test_query_cannot_access_network(filled, source):
     with pytest.raises(RequestError, match=r"disabled|Missing Extension|does not exist"):
         query.query_results(filled, f"FROM {source}")
 
 
-def test_what_does_not_fit_into_the_memory_is_not_put_into_files(filled):
+def test_query_never_spills_to_disk(filled):
     sql = "SELECT current_setting('temp_directory') AS place"
-    assert duckdb.connect().execute(sql).fetchall() == [(".tmp",)]  # without us, it is
+    assert duckdb.connect().execute(sql).fetchall() == [(".tmp",)]  # the default of DuckDB
     assert rows(filled, sql) == [[""]]
 
 
-def test_processes_that_end_right_after_a_query_end_well(filled):
+def test_process_that_exits_after_query_exits_with_zero(filled):
     script = (
         "import sys\n"
         "from pathlib import Path\n"

@@ -1,4 +1,4 @@
-"""What is committed is read, in order; what is not committed does not exist."""
+"""Tests of records: committed rows are read in order, uncommitted files are ignored."""
 
 import importlib.metadata
 import platform
@@ -21,7 +21,7 @@ from tests.store.store_rows import (
 )
 
 
-def test_rows_come_back_in_the_order_in_which_they_were_appended(results, record):
+def test_rows_are_read_in_order_of_appends(results, record):
     for rows in ((3, 1), (), (2,), (2,), (0, 9, 4)):
         record.append({"t": numbers(*rows)})
     again = results.find("run", "a/b")
@@ -29,20 +29,20 @@ def test_rows_come_back_in_the_order_in_which_they_were_appended(results, record
     assert again.rows("t") == 7
 
 
-def test_more_than_ten_parts_stay_in_order(results, record):
+def test_more_than_ten_parts_are_read_in_order(results, record):
     for n in range(12):
         record.append({"t": numbers(n)})
     assert read(results.find("run", "a/b")) == list(range(12))
 
 
-def test_tables_are_apart(results, record):
+def test_tables_of_record_are_independent(results, record):
     record.append({"t": numbers(1), "u": numbers(2, 3)})
     record.append({"u": numbers(4)})
     again = results.find("run", "a/b")
     assert (read(again, "t"), read(again, "u"), read(again, "v")) == ([1], [2, 3, 4], [])
 
 
-def test_file_that_the_manifest_does_not_list_is_not_read(results, record):
+def test_file_missing_from_manifest_is_not_read(results, record):
     record.append({"t": numbers(1)})
     (name,) = listed(record)
     shutil.copy(record.path / name, record.path / "t-00001-0badc0de.parquet")
@@ -53,7 +53,7 @@ def test_file_that_the_manifest_does_not_list_is_not_read(results, record):
     assert read(again) == [1, 2]
 
 
-def test_directory_without_a_manifest_is_no_record(results, record):
+def test_directory_without_manifest_is_no_record(results, record):
     record.append({"t": numbers(1)})
     (record.path / "manifest.json").unlink()
     assert results.find("run", "a/b") is None
@@ -61,16 +61,16 @@ def test_directory_without_a_manifest_is_no_record(results, record):
 
 
 @pytest.mark.parametrize("id", ["c", "a", "a/b/c"])
-def test_unknown_id_is_found_nowhere(results, record, id):
+def test_unknown_id_is_not_found(results, record, id):
     assert results.find("run", id) is None
 
 
-def test_record_is_found_under_its_own_kind_only(results, record):
+def test_record_is_found_only_under_its_kind(results, record):
     assert results.find("run", "a/b").id == "a/b"
     assert results.find("encoder", "a/b") is None
 
 
-def test_finish_leaves_one_file_for_each_table_with_the_same_rows(results, record):
+def test_finish_compacts_each_table_into_one_file(results, record):
     for n in range(5):
         record.append({"t": numbers(n, n), "u": numbers(-n)})
     before = read(record), read(record, "u")
@@ -87,7 +87,7 @@ def test_finish_leaves_one_file_for_each_table_with_the_same_rows(results, recor
     assert again.read_file("policy.json") == b"{}"
 
 
-def test_finishing_again_keeps_the_files_of_before(results, record):
+def test_second_finish_keeps_earlier_files(results, record):
     record.finish({"n": 1}, {"a.json": b"1"})
     record.append({"t": numbers(1)})
     record.finish({"n": 2}, {"b.json": b"2"})
@@ -96,7 +96,7 @@ def test_finishing_again_keeps_the_files_of_before(results, record):
     assert again.manifest.summary == {"n": 2}
 
 
-def test_finish_without_compaction_keeps_the_files(results, record):
+def test_finish_without_compaction_keeps_files(results, record):
     for n in range(3):
         record.append({"t": numbers(n)})
     before = listed(record)
@@ -105,7 +105,7 @@ def test_finish_without_compaction_keeps_the_files(results, record):
     assert read(results.find("run", "a/b")) == [0, 1, 2]
 
 
-def test_compact_table_of_many_kinds_of_rows_is_exact(results, record):
+def test_compaction_preserves_rows_exactly(results, record):
     parts = [incompressible(1000), numbers(), incompressible(10)]
     for rows in parts:
         record.append({"t": rows})
@@ -113,13 +113,13 @@ def test_compact_table_of_many_kinds_of_rows_is_exact(results, record):
     assert read(results.find("run", "a/b")) == [n for rows in parts for n in rows["n"].to_pylist()]
 
 
-def test_file_that_was_never_committed_cannot_be_read(record):
+def test_uncommitted_file_cannot_be_read(record):
     (record.path / "policy.json").write_bytes(b"{}")
     with pytest.raises(WorkError, match=r"The run a/b has no file policy.json"):
         record.read_file("policy.json")
 
 
-def test_starting_over_empties_the_record_and_removes_what_lay_there(results, record):
+def test_create_over_existing_record_removes_its_files(results, record):
     record.append({"t": numbers(1)})
     for stray in ("t-00009-0badc0de.parquet", ".writing-x1", "old.safetensors", "old.json"):
         (record.path / stray).write_bytes(b"left by a killed process")
@@ -130,7 +130,7 @@ def test_starting_over_empties_the_record_and_removes_what_lay_there(results, re
     assert names(record.path) == {"manifest.json", "notes.txt"}
 
 
-def test_clean_removes_what_is_not_committed_and_nothing_else(results, record):
+def test_clean_removes_only_uncommitted_files(results, record):
     record.append({"t": numbers(1)})
     (record.path / "t-00009-0badc0de.parquet").write_bytes(b"left by a killed process")
     (record.path / ".writing-x1").write_bytes(b"left by a killed process")
@@ -139,7 +139,7 @@ def test_clean_removes_what_is_not_committed_and_nothing_else(results, record):
     assert read(results.find("run", "a/b")) == [1]
 
 
-def test_failed_work_keeps_its_rows_and_says_why(results, record):
+def test_failed_record_keeps_rows_and_error(results, record):
     record.append({"t": numbers(1)})
     record.fail("it diverged")
     again = results.find("run", "a/b")
@@ -147,7 +147,7 @@ def test_failed_work_keeps_its_rows_and_says_why(results, record):
     assert read(again) == [1]
 
 
-def test_manifest_says_where_and_by_what_it_was_made(record):
+def test_manifest_records_provenance(record):
     made = manifest_of(record)["provenance"]
     assert made["jbench"] == importlib.metadata.version("jbench")
     assert made["python"] == ".".join(map(str, sys.version_info[:3]))
@@ -159,11 +159,11 @@ def test_manifest_says_where_and_by_what_it_was_made(record):
     assert {"processor", "threads", "git_revision"} <= made.keys()
 
 
-def test_provenance_changes_nothing_of_the_settings(record):
+def test_provenance_is_not_part_of_settings(record):
     assert manifest_of(record)["settings"] == {"seed": 1}
 
 
-def test_scan_gives_all_records_of_a_kind_oldest_first(results):
+def test_scan_returns_records_of_kind_oldest_first(results):
     for id, created in (("b", "2020"), ("a/x", "2022"), ("c/y/z", "2021")):
         alter_manifest(results.create("run", id, {}), created=created)
     results.create("dataset", "d", {})
@@ -172,26 +172,26 @@ def test_scan_gives_all_records_of_a_kind_oldest_first(results):
     assert problems == []
 
 
-def test_results_that_are_a_file_are_refused(tmp_path):
+def test_results_path_that_is_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RequestError, match="is a file; name a directory with --results"):
         Results(tmp_path / "file")
 
 
-def test_results_need_not_exist_to_be_read(tmp_path):
+def test_missing_results_directory_reads_as_empty(tmp_path):
     results = Results(tmp_path / "missing")
     assert results.find("run", "a") is None
     assert results.scan("run") == ([], [])
     assert not (tmp_path / "missing").exists()
 
 
-def test_a_beginning_of_an_id_is_completed_if_it_is_the_only_one(results):
+def test_unique_prefix_of_id_is_completed(results):
     for id in ("a/td3/s00-11", "a/td3/s01-22", "a/sac/s00-33", "a/td3/s00"):
         results.create("run", id, {})
     assert results.complete_id("run", "a/sac") == "a/sac/s00-33"
     assert results.complete_id("run", "a/sac/") == "a/sac/s00-33"
     assert results.complete_id("run", "a/td3/s01-2") == "a/td3/s01-22"
-    # A whole id, although another one begins with it.
+    # A complete id, although another id starts with it.
     assert results.complete_id("run", "a/td3/s00") == "a/td3/s00"
     assert results.complete_id("run", "b") == "b"
     assert results.complete_id("encoder", "a/sac") == "a/sac"

@@ -1,4 +1,4 @@
-"""What is damaged or left over is set aside, never deleted; what is whole is left as it is."""
+"""Tests of repair: damaged and leftover files are set aside, never deleted; others are kept."""
 
 import os
 import shutil
@@ -16,19 +16,19 @@ from tests.store.test_damage import DAMAGES, truncate
 
 
 def repaired(results, dry_run=False):
-    """What a repair of what was found did."""
+    """Verifies the results and repairs the findings; returns what the repair did."""
     return repair(results, verify(results, 2).findings, dry_run)
 
 
 def content(directory):
-    """The content of every file, however often it comes: what must not get lost."""
+    """The sorted contents of all files except locks."""
     found = snapshot(directory)
     return sorted(text for path, text in found.items() if os.path.basename(path) != "lock")
 
 
 @pytest.fixture
 def broken(results):
-    """A whole chain, a whole run with a leftover, and three damaged runs."""
+    """An intact chain of records, an intact run with a leftover file, and three damaged runs."""
     add_chain(results)
     whole = add_whole_run(results, seed=1)
     (whole.path / ".writing-x1").write_bytes(b"half")
@@ -41,7 +41,7 @@ def broken(results):
     return results
 
 
-def test_after_a_repair_the_results_are_whole_and_no_byte_is_lost(broken):
+def test_repair_leaves_valid_results_and_loses_no_byte(broken):
     before = content(broken.path)
     whole = {record.id for kind in ("dataset", "encoder") for record in broken.scan(kind)[0]}
     done = repaired(broken)
@@ -54,7 +54,7 @@ def test_after_a_repair_the_results_are_whole_and_no_byte_is_lost(broken):
     assert repaired(broken) == ([], [])
 
 
-def test_what_was_set_aside_keeps_its_path_below_a_folder_of_its_time(broken):
+def test_set_aside_files_keep_path_below_dated_directory(broken):
     done = repaired(broken)
     (folder,) = (broken.path / "set-aside").iterdir()
     assert folder.name[:2] == "20"
@@ -64,7 +64,7 @@ def test_what_was_set_aside_keeps_its_path_below_a_folder_of_its_time(broken):
         assert not path.exists()
 
 
-def test_damaged_run_goes_as_a_whole_and_can_be_made_anew(results):
+def test_damaged_run_is_set_aside_and_can_be_recreated(results):
     run = add_whole_run(results)
     damaged = snapshot(run.path)
     with run.lock():
@@ -89,7 +89,7 @@ def test_every_damage_can_be_repaired(results, damage, _):
     assert add_whole_run(results).read_file("policy.json") == b"{}"
 
 
-def test_leftovers_go_and_their_record_stays(results):
+def test_leftover_files_are_set_aside_and_their_record_is_kept(results):
     run = add_whole_run(results)
     before = snapshot(run.path)
     (run.path / "stray.json").write_bytes(b"left")
@@ -98,7 +98,7 @@ def test_leftovers_go_and_their_record_stays(results):
     assert snapshot(run.path) == before
 
 
-def test_dry_run_says_the_same_and_changes_nothing(broken):
+def test_dry_run_reports_same_moves_and_changes_nothing(broken):
     before = snapshot(broken.path)
     would = repaired(broken, dry_run=True)
     assert snapshot(broken.path) == before
@@ -106,7 +106,7 @@ def test_dry_run_says_the_same_and_changes_nothing(broken):
     assert [path for path, _ in would.moved] == [path for path, _ in did.moved]
 
 
-def test_record_that_is_being_written_is_left_alone_and_named(results):
+def test_locked_record_is_kept_and_reported(results):
     run = add_whole_run(results, finish=False)
     other = add_whole_run(results, seed=1)
     for record in (run, other):
@@ -122,7 +122,7 @@ def test_record_that_is_being_written_is_left_alone_and_named(results):
     assert results.find("run", run.id) is None
 
 
-def test_record_of_a_newer_version_is_left_alone_and_named(results):
+def test_record_of_newer_version_is_kept_and_reported(results):
     run = add_whole_run(results)
     alter_manifest(run, schema_version=7)
     before = snapshot(results.path)
@@ -132,18 +132,18 @@ def test_record_of_a_newer_version_is_left_alone_and_named(results):
     assert snapshot(results.path) == before
 
 
-def test_record_within_the_folder_of_a_damaged_one_stays(results):
+def test_nested_records_are_set_aside_separately(results):
     outer = results.create("run", "a", {})
     outer.append({"t": numbers(1)})
     add_whole_run(results)
     shutil.move(results.path / "runs" / "face_direction", outer.path / "face_direction")
-    # Their ids are wrong now: both are found, and each is set aside with its own files only.
+    # Both ids are wrong now: each record is set aside with its own files only.
     done = repaired(results)
     assert len(done.moved) == 2 + 3
     assert verify(results, 2).findings == []
 
 
-def test_folder_in_the_place_of_a_file_goes_with_what_is_in_it(results):
+def test_directory_in_place_of_file_is_set_aside_with_content(results):
     run = add_whole_run(results)
     path = run.path / "policy.json"
     path.unlink()
@@ -154,7 +154,7 @@ def test_folder_in_the_place_of_a_file_goes_with_what_is_in_it(results):
     assert b"mine" in content(results.path / "set-aside")
 
 
-def test_what_was_repaired_meanwhile_is_not_touched(results):
+def test_record_repaired_meanwhile_is_unchanged(results):
     run = add_whole_run(results)
     path = run.path / listed(run)[0]
     good = path.read_bytes()
@@ -165,7 +165,7 @@ def test_what_was_repaired_meanwhile_is_not_touched(results):
     assert results.find("run", run.id) is not None
 
 
-def test_repairs_of_the_same_second_have_folders_of_their_own(results):
+def test_repairs_within_one_second_use_separate_directories(results):
     for _ in range(3):
         run = add_whole_run(results)
         truncate(run.path / listed(run)[0])
@@ -174,7 +174,7 @@ def test_repairs_of_the_same_second_have_folders_of_their_own(results):
     assert len(folders) == 3
 
 
-def test_set_aside_that_leads_elsewhere_is_refused(tmp_path, results):
+def test_set_aside_directory_that_is_link_is_refused(tmp_path, results):
     run = add_whole_run(results)
     truncate(run.path / listed(run)[0])
     (tmp_path / "elsewhere").mkdir()
@@ -184,7 +184,7 @@ def test_set_aside_that_leads_elsewhere_is_refused(tmp_path, results):
     assert results.find("run", run.id) is not None
 
 
-def test_where_nothing_can_be_renamed_all_stays_and_is_named(broken):
+def test_repair_that_cannot_rename_keeps_and_reports_all(broken):
     before = content(broken.path)
     script = """
 from jbench.store.repair import repair
@@ -202,7 +202,7 @@ print(len(done.moved), *done.left, sep="\\n")
     assert repaired(broken).left == []
 
 
-def test_killed_repair_is_finished_by_the_next(results):
+def test_killed_repair_is_completed_by_next_repair(results):
     record = results.create("run", "a/b", {})
     for _ in range(60):
         record.append({"t": incompressible(1)})

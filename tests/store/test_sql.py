@@ -1,4 +1,4 @@
-"""A query is one SELECT that sees the tables and nothing else of the machine."""
+"""Tests of the SQL sandbox and its output: one SELECT on the tables, no files or variables."""
 
 import io
 import json
@@ -29,16 +29,16 @@ READERS = ["read_csv('{}')", "read_text('{}')", "read_blob('{}')", "glob('{}')",
 
 
 @pytest.mark.parametrize("reader", [*READERS, "sniff_csv('{}')"])
-def test_files_cannot_be_read(secret, reader):
+def test_query_cannot_read_files(secret, reader):
     sql = f"select * from {reader.format(secret)}"
     counting = f"select count(*) from ({sql})"
-    assert duckdb.connect().execute(counting).fetchall() == [(1,)]  # without us, it can
+    assert duckdb.connect().execute(counting).fetchall() == [(1,)]  # plain DuckDB reads it
     with pytest.raises(RequestError, match="disabled by configuration") as refusal:
         run_sql(sql, TABLES)
     assert "hunter2" not in str(refusal.value)
 
 
-def test_parquet_files_cannot_be_read(tmp_path):
+def test_query_cannot_read_parquet_files(tmp_path):
     path = tmp_path / "secret.parquet"
     duckdb.connect().execute(f"copy (select 1 as password) to '{path}'")
     for reader in ("read_parquet", "parquet_metadata", "parquet_schema"):
@@ -76,7 +76,7 @@ def test_parquet_files_cannot_be_read(tmp_path):
         "-- nothing",
     ],
 )
-def test_what_is_not_one_select_is_refused_and_does_nothing(tmp_path, sql):
+def test_anything_but_one_select_is_refused_without_effect(tmp_path, sql):
     with pytest.raises(RequestError, match="A query is one SELECT statement"):
         run_sql(sql.format(tmp_path), TABLES)
     assert list(tmp_path.iterdir()) == []
@@ -89,16 +89,16 @@ def test_select_cannot_write_files(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_python_variables_cannot_be_seen():
+def test_query_cannot_read_python_variables():
     inside = OUTSIDE.to_pandas()
-    assert duckdb.sql("select * from inside").fetchall() == [("hunter2",)]  # without us, they can
+    assert duckdb.sql("select * from inside").fetchall() == [("hunter2",)]  # plain DuckDB reads it
     assert duckdb.sql("select * from OUTSIDE").fetchall() == [tuple(inside.iloc[0])]
     for name in ("inside", "OUTSIDE", "TABLES", "tables"):
         with pytest.raises(RequestError, match="does not exist"):
             run_sql(f"select * from {name}", TABLES)
 
 
-def test_error_is_one_sentence_with_the_tables_that_there_are():
+def test_error_is_one_line_that_lists_tables():
     with pytest.raises(RequestError) as refusal:
         run_sql("select * from run", {**TABLES, "episodes": TABLES["runs"]})
     message = str(refusal.value)
@@ -107,7 +107,7 @@ def test_error_is_one_sentence_with_the_tables_that_there_are():
     assert message.endswith("(tables: episodes, runs).")
 
 
-def test_one_query_leaves_nothing_for_the_next():
+def test_queries_share_no_state():
     for _ in range(2):
         frame = run_sql("with mine as (from runs) select count(*) as n from mine;", TABLES)
         assert frame["n"].tolist() == [2]
@@ -115,7 +115,7 @@ def test_one_query_leaves_nothing_for_the_next():
             run_sql("select * from mine", TABLES)
 
 
-def test_json_is_a_list_of_objects_with_null_for_what_is_missing():
+def test_json_is_list_of_objects_with_null_for_missing_values():
     sql = """
         select 1 as whole, null::int as none, 'a' as text, null::varchar as no_text,
                1.5::double as real, 'nan'::double as nan, 'inf'::double as infinite
@@ -125,35 +125,35 @@ def test_json_is_a_list_of_objects_with_null_for_what_is_missing():
     assert first["real"] == 1.5
     assert [first[name] for name in ("none", "no_text", "nan", "infinite")] == [None] * 4
     assert second["real"] is None
-    # A number that float64 can't hold, and a column with a gap, stay whole numbers.
+    # An integer beyond float64's precision, and a column with a null, remain integers.
     assert (second["whole"], second["none"]) == (2**53 + 1, 7)
     assert isinstance(second["none"], int)
 
 
-def test_json_of_no_rows_is_an_empty_list():
+def test_json_of_no_rows_is_empty_list():
     assert json.loads(to_json(run_sql("select * from runs where false", TABLES))) == []
 
 
 @pytest.mark.parametrize("number", [0.1 + 0.2, 1 / 3, 424.58 / 1000])
-def test_json_gives_numbers_back_exactly(number):
+def test_json_preserves_floats_exactly(number):
     frame = pd.DataFrame({"x": [number]})
     assert json.loads(to_json(frame))[0]["x"] == number
 
 
-# In a process of its own, for pandas reads memory that is none of its text.
+# In a child process, because pandas reads memory outside of the UUID's text.
 UUID = """
 from jbench.store.query import run_sql, to_json
 print(to_json(run_sql("select '75e6f7ab-b270-4aa0-9b11-47858b540e74'::uuid as id", {})))
 """
 
 
-def test_json_of_an_uuid_is_its_text():
+def test_json_of_uuid_is_its_text():
     done = subprocess.run([sys.executable, "-c", UUID], capture_output=True, check=False)
     assert done.returncode == 0
     assert json.loads(done.stdout) == [{"id": "75e6f7ab-b270-4aa0-9b11-47858b540e74"}]
 
 
-def test_csv_gives_the_rows_back():
+def test_csv_preserves_rows():
     frame = pd.DataFrame(
         {
             "text": ['a,b "quoted"', "two\nlines", "é ;\t"],

@@ -1,4 +1,4 @@
-"""Every fault of a results directory is found, named with its record, and nothing is changed."""
+"""Tests of verify: each fault is reported with its record, and no file is changed."""
 
 import shutil
 
@@ -18,18 +18,18 @@ from tests.store.test_damage import BROKEN_MANIFESTS, DAMAGES, flip_a_byte, trun
 
 
 def sentences(results):
-    """What is found, with its sort and its record."""
+    """Severity, kind, id and message of each finding."""
     return [(f.severity, f.kind, f.id, str(f)) for f in verify(results, 2).findings]
 
 
 def assert_one(results, sort, record, says):
-    """There is one finding, and it is this."""
+    """Asserts that there is one finding, with this severity, record and message."""
     (found,) = verify(results, 2).findings
     assert (found.severity, found.kind, found.id) == (sort, record.kind, record.id)
     assert says in str(found), str(found)
 
 
-def test_whole_results_are_whole_and_counted(results):
+def test_intact_results_have_no_findings_and_are_counted(results):
     records = add_chain(results)
     add_whole_run(results, finish=False, seed=1)
     found = verify(results, 2)
@@ -39,13 +39,13 @@ def test_whole_results_are_whole_and_counted(results):
     assert found.bytes > sum(path.stat().st_size for path in paths)
 
 
-def test_no_results_are_whole(results):
+def test_empty_results_have_no_findings(results):
     assert verify(results, 2) == (0, 0, 0, [])
 
 
 @pytest.mark.parametrize(("damage", "reason"), DAMAGES)
 @pytest.mark.parametrize("name", ["episodes", "policy"])
-def test_damaged_file_is_found(results, name, damage, reason):
+def test_damaged_file_is_reported(results, name, damage, reason):
     add_chain(results)
     run = add_whole_run(results, seed=5)
     (path,) = run.path.glob(f"{name}*")
@@ -57,7 +57,7 @@ def test_damaged_file_is_found(results, name, damage, reason):
     assert examine(results, "run", run.id) == [found]
 
 
-def test_every_fault_is_found_at_once(results):
+def test_all_faults_are_reported_at_once(results):
     whole = add_chain(results)
     for seed, damage in enumerate((truncate, flip_a_byte), start=1):
         run = add_whole_run(results, seed=seed)
@@ -70,7 +70,7 @@ def test_every_fault_is_found_at_once(results):
 
 
 def put_in_place(record, content, **entry):
-    """Another content of the first file, with a manifest that agrees to it."""
+    """Overwrites the first file and updates size and checksum in the manifest."""
     first, *rest = manifest_of(record)["files"]
     (record.path / first["name"]).write_bytes(content)
     changed = {**first, "bytes": len(content), "sha256": sha256(content), **entry}
@@ -84,13 +84,13 @@ def put_in_place(record, content, **entry):
         (None, {"rows": 4}, "is damaged (3 rows, not 4)"),
     ],
 )
-def test_manifest_that_agrees_with_a_wrong_file_does_not_help(results, content, entry, says):
+def test_invalid_file_with_matching_manifest_is_reported(results, content, entry, says):
     run = add_whole_run(results)
     put_in_place(run, content or (run.path / listed(run)[0]).read_bytes(), **entry)
     assert_one(results, "damaged", run, says)
 
 
-def test_table_without_one_of_its_columns_is_found(results):
+def test_table_without_required_column_is_reported(results):
     settings = {"seed": 0}
     record = results.create("run", f"s00-{settings_hash(settings)}", settings)
     record.append({"episodes": numbers(1), "mine": numbers(2)})
@@ -98,20 +98,20 @@ def test_table_without_one_of_its_columns_is_found(results):
 
 
 @pytest.mark.parametrize("breaking", BROKEN_MANIFESTS.values(), ids=BROKEN_MANIFESTS)
-def test_broken_manifest_is_found(results, breaking):
+def test_broken_manifest_is_reported(results, breaking):
     run = add_whole_run(results, [1.0], finish=False)
     path = run.path / "manifest.json"
     path.write_bytes(breaking(path.read_bytes()))
     assert_one(results, "damaged", run, f"{path} is not a manifest that can be read (")
 
 
-def test_manifest_from_the_future_is_found_and_is_no_damage(results):
+def test_manifest_of_newer_version_is_reported_as_foreign(results):
     run = add_whole_run(results)
     alter_manifest(run, schema_version=7)
     assert_one(results, "foreign", run, "is of schema version 7, and this jbench reads up to 4")
 
 
-def test_id_that_its_settings_do_not_give_is_found(results):
+def test_id_that_contradicts_settings_is_reported(results):
     run = add_whole_run(results)
     altered = {**manifest_of(run)["settings"], "seed": 1}
     alter_manifest(run, settings=altered)
@@ -120,7 +120,7 @@ def test_id_that_its_settings_do_not_give_is_found(results):
     assert_one(results, "damaged", run, "is invalid")
 
 
-def test_manifest_that_calls_itself_otherwise_is_found(results):
+def test_manifest_with_other_id_is_reported(results):
     run = add_whole_run(results)
     shutil.copytree(run.path, copy := run.path.parent / "s07-copied00")
     (found,) = verify(results, 2).findings
@@ -128,14 +128,14 @@ def test_manifest_that_calls_itself_otherwise_is_found(results):
     assert str(found) == f"{copy}/manifest.json calls itself run {run.id}; it is not read."
 
 
-def test_folder_that_is_no_id_is_found(results):
+def test_directory_whose_name_is_no_id_is_reported(results):
     run = add_whole_run(results)
     run.path.rename(run.path.parent / "my copy")
     (found,) = verify(results, 2).findings
     assert (found.severity, "is not an id" in found.problem) == ("damaged", True)
 
 
-def test_leftovers_are_found_wherever_they_lie(results):
+def test_leftover_files_are_reported_in_every_directory(results):
     run = add_whole_run(results)
     expected = []
     for path in (
@@ -153,7 +153,7 @@ def test_leftovers_are_found_wherever_they_lie(results):
     assert {sort for sort, *_ in sentences(results)} == {"leftover"}
 
 
-def test_locks_and_what_lies_beside_the_kinds_are_no_leftovers(results):
+def test_locks_and_files_outside_kinds_are_no_leftovers(results):
     run = add_whole_run(results)
     with run.lock():
         pass
@@ -163,7 +163,7 @@ def test_locks_and_what_lies_beside_the_kinds_are_no_leftovers(results):
     assert verify(results, 2).findings == []
 
 
-def test_link_is_named_and_not_followed(tmp_path, results):
+def test_link_is_reported_and_not_followed(tmp_path, results):
     run = add_whole_run(results)
     other = add_whole_run(Results(tmp_path / "other"), seed=9)
     (results.path / "runs" / "out").symlink_to(tmp_path / "other" / "runs")
@@ -175,7 +175,7 @@ def test_link_is_named_and_not_followed(tmp_path, results):
     assert_one(results, "damaged", run, "manifest.json can't be read (a link to another place).")
 
 
-def test_kind_behind_a_link_is_not_read(tmp_path, results):
+def test_kind_directory_that_is_link_is_not_read(tmp_path, results):
     add_whole_run(Results(tmp_path / "other"))
     results.path.mkdir()
     (results.path / "runs").symlink_to(tmp_path / "other" / "runs")
@@ -184,7 +184,7 @@ def test_kind_behind_a_link_is_not_read(tmp_path, results):
     assert str(found) == f"{results.path}/runs leads out of the results directory; it is not used."
 
 
-def test_missing_references_are_worth_a_warning_and_no_fault(results):
+def test_missing_reference_is_warning_and_no_fault(results):
     dataset, encoder, run, evaluation = add_chain(results)
     for lost, user in ((encoder, run), (run, evaluation)):
         shutil.move(lost.path, moved := results.path / "moved")
@@ -199,7 +199,7 @@ def test_missing_references_are_worth_a_warning_and_no_fault(results):
     assert f"names the dataset {dataset.id}" in str(verify(results, 2).findings[0])
 
 
-def test_an_evaluation_of_a_shipped_policy_names_no_run_of_these_results(results):
+def test_evaluation_of_shipped_policy_needs_no_run(results):
     for policy, warnings in (("reference/face_direction/td3/full/s00-1", 0), ("face/s00-1", 1)):
         settings = {"task": "face_direction", "policy": policy, "seed": 0}
         add(results, "evaluation", "face_direction/policy", settings)
@@ -214,13 +214,13 @@ def test_an_evaluation_of_a_shipped_policy_names_no_run_of_these_results(results
         ("long ago", "no date"),
     ],
 )
-def test_dates_that_can_not_be_are_worth_a_warning(results, date, says):
+def test_impossible_date_is_warning(results, date, says):
     run = add_whole_run(results)
     alter_manifest(run, created=date)
     assert_one(results, "warning", run, f"was created '{date}': {says}")
 
 
-def test_record_that_is_being_written_has_no_leftovers(results):
+def test_locked_record_has_no_leftovers(results):
     run = add_whole_run(results, finish=False)
     (run.path / ".writing-x1").write_bytes(b"half a fi")
     with run.lock():
@@ -240,7 +240,7 @@ with results.record("run", sys.argv[2]).lock():
 """
 
 
-def test_record_that_changes_all_the_time_is_never_called_damaged(results):
+def test_record_during_writing_is_never_reported_as_damaged(results):
     run = add_whole_run(results, finish=False)
     with Script(results, WRITING, run.id) as writer:
         assert writer.stdout.readline() == "begun\n"
@@ -250,11 +250,11 @@ def test_record_that_changes_all_the_time_is_never_called_damaged(results):
     assert found == []
 
 
-def test_what_may_not_be_read_is_no_damage(results):
+def test_unreadable_file_is_reported_as_foreign(results):
     run = add_whole_run(results)
     script = """
 from jbench.store.verify import verify
-store_faults.give_up_rights()
+store_faults.drop_privileges()
 for finding in verify(results, 2).findings:
     print(finding.severity, finding)
 """
@@ -266,7 +266,7 @@ for finding in verify(results, 2).findings:
         assert said.startswith(f"foreign {path} can't be read")
 
 
-def test_nothing_is_changed(results):
+def test_verify_changes_nothing(results):
     run = add_whole_run(results)
     truncate(run.path / listed(run)[0])
     (run.path / "stray.json").write_bytes(b"{}")
@@ -275,7 +275,7 @@ def test_nothing_is_changed(results):
     assert snapshot(results.path) == before
 
 
-def test_progress_counts_the_bytes_of_all_files(results):
+def test_progress_counts_bytes_of_all_files(results):
     add_chain(results)
     reported = []
     found = verify(results, 2, lambda done, total: reported.append((done, total)))
@@ -284,7 +284,7 @@ def test_progress_counts_the_bytes_of_all_files(results):
     assert reported[-1][0] == found.bytes
 
 
-def test_memory_does_not_grow_with_the_files(results):
+def test_memory_is_independent_of_file_size(results):
     run = add_whole_run(results, (), finish=False)
     size = 300_000_000
     path = run.path / "policy.safetensors"
@@ -320,7 +320,7 @@ JSON = st.recursive(
 
 @given(st.dictionaries(TEXT, JSON, max_size=4))
 @settings(max_examples=50)
-def test_settings_have_their_hash_still_when_they_come_back_from_a_manifest(values):
+def test_settings_keep_hash_through_manifest_round_trip(values):
     manifest = Manifest(kind="run", id="a", settings=values, created="", updated="")
     back = Manifest.from_bytes(manifest.to_bytes(), "here")
     assert settings_hash(back.settings) == settings_hash(values)

@@ -1,4 +1,4 @@
-"""Results of an older jbench are read: these files were written by its version 1 of the schema."""
+"""Tests that results written with schema version 1 are still read, verified and merged."""
 
 import shutil
 from pathlib import Path
@@ -27,12 +27,12 @@ def only(results, kind):
     return records[0]
 
 
-def test_files_are_of_the_oldest_version_that_is_read(old):
+def test_kept_files_have_oldest_supported_version(old):
     assert [manifest_of(only(old, kind))["schema_version"] for kind in ("encoder", "run")] == [1, 1]
     assert OLDEST_SCHEMA_VERSION == 1 < SCHEMA_VERSION
 
 
-def test_episodes_are_as_they_were(old):
+def test_episodes_of_old_version_are_read(old):
     rows = only(old, "run").read("episodes", schema.EPISODES).to_pylist()
     assert [(row["episode_return"], row["wall_time"]) for row in rows] == [
         (10.0, 2.0),
@@ -41,16 +41,16 @@ def test_episodes_are_as_they_were(old):
     ]
 
 
-def test_column_that_has_another_name_now_is_found_under_it(old):
+def test_renamed_column_is_read_under_new_name(old):
     answer = query.query_results(
         old, "SELECT epoch, train_loss, test_mse FROM encoder_epochs ORDER BY 1"
     )
     assert answer.problems == []
-    # As the old version wrote it: train_mse 1 and 1/2, test_mse half of it.
+    # The old version wrote train_mse = 1 and 1/2, and test_mse = 1/2 and 1/4.
     assert answer.rows.to_numpy().tolist() == [[1, 1.0, 0.5], [2, 0.5, 0.25]]
 
 
-def test_what_was_not_measured_then_is_null_now(old):
+def test_columns_missing_from_old_version_are_null(old):
     (row,) = (
         only(old, "encoder").read("encoder_features", encoder_schema.ENCODER_FEATURES).to_pylist()
     )
@@ -63,7 +63,7 @@ def test_what_was_not_measured_then_is_null_now(old):
     assert (row["test_mse"], row["test_explained"]) == (0.25, None)
 
 
-def test_they_are_whole_and_can_be_merged(tmp_path, old):
+def test_old_records_are_valid_and_can_be_merged(tmp_path, old):
     assert verify(old, 2).faults == []
     new = Results(tmp_path / "new")
     assert [one.outcome for one in merge(new, [old])] == ["copied", "copied"]
@@ -71,14 +71,14 @@ def test_they_are_whole_and_can_be_merged(tmp_path, old):
     assert manifest_of(only(new, "run")) == manifest_of(only(old, "run"))
 
 
-def test_rows_added_today_are_read_with_those_of_then(old):
+def test_new_rows_are_read_together_with_old_rows(old):
     run = only(old, "run")
     run.append({"episodes": episodes(run.id, [70.0])})
     rows = only(old, "run").read("episodes", schema.EPISODES)
     assert rows["episode_return"].to_pylist() == [10.0, 20.0, 60.0, 70.0]
 
 
-def test_version_that_is_read_no_more_is_refused(old):
+def test_unsupported_old_version_is_refused(old):
     run = only(old, "run")
     alter_manifest(run, schema_version=0)
     says = "is of schema version 0, and this jbench reads from 1: read it with the jbench that wro"
@@ -86,7 +86,7 @@ def test_version_that_is_read_no_more_is_refused(old):
         old.find("run", run.id)
 
 
-def test_column_missing_from_a_record_of_today_is_still_damage(old):
+def test_column_missing_from_current_version_is_damage(old):
     encoder = only(old, "encoder")
     alter_manifest(encoder, schema_version=SCHEMA_VERSION)
     with pytest.raises(WorkError, match="it has no column train_loss: another version"):

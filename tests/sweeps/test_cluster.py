@@ -1,4 +1,4 @@
-"""A sweep on a real Ray cluster of two nodes on this machine, one of which is killed."""
+"""Tests of sweeps on a real Ray cluster of two local nodes, one of which is killed."""
 
 import contextlib
 import json
@@ -26,7 +26,7 @@ from tests.sweep_matrices import (
 
 pytest.importorskip("ray")
 
-# A node is given up half a second after it is gone, not half a minute.
+# A dead node is detected after seconds instead of half a minute.
 IMPATIENT = {
     "health_check_initial_delay_ms": 0,
     "health_check_period_ms": 500,
@@ -43,10 +43,10 @@ def no_process_left():
 
 @pytest.fixture
 def cluster(monkeypatch):
-    """Two nodes of a core each; `nodes` are the head and the other."""
+    """A cluster of two nodes with one core each; `nodes` are the head and the other node."""
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "1")
-    # Ray's workers are nice to others by default, and starve beside the other tests.
+    # With their default niceness, Ray's workers starve beside other tests.
     monkeypatch.setenv("RAY_worker_niceness", "0")
     from ray.cluster_utils import Cluster
 
@@ -59,15 +59,15 @@ def cluster(monkeypatch):
 
 
 def raylet(node):
-    """The process of a node below which its tasks are."""
+    """The process id of a node's raylet, the parent of its workers."""
     return node.all_processes["raylet"][0].process.pid
 
 
-def in_the_middle(node, runs, path):
-    """The run that a node has begun, and its process, once an episode of it is committed."""
+def run_in_progress(node, runs, path):
+    """A run that a node trains and has committed an episode of, with its process id, or None."""
     for pid in workers(raylet(node)):
         opened = set()
-        with contextlib.suppress(OSError):  # closed, or ended, meanwhile
+        with contextlib.suppress(OSError):  # closed or ended meanwhile
             opened = {os.path.realpath(handle) for handle in Path(f"/proc/{pid}/fd").iterdir()}
         for run in runs:
             lock = os.path.realpath(path / "runs" / run.id / LOCK)
@@ -77,7 +77,7 @@ def in_the_middle(node, runs, path):
 
 
 @pytest.mark.slow
-def test_a_node_that_is_killed_leaves_the_rows_of_the_local_executor(cluster, tmp_path):
+def test_sweep_with_killed_node_equals_local_sweep(cluster, tmp_path):
     results, local = tmp_path / "results", tmp_path / "local"
     matrix = write_matrix(tmp_path, seeds="0-1", steps=3000)
     runs = runs_of_matrix(matrix, results)
@@ -85,8 +85,8 @@ def test_a_node_that_is_killed_leaves_the_rows_of_the_local_executor(cluster, tm
     options = ("--checkpoint-every", "0", "--json")
     process = start(matrix, *where, *options, results=results, short=False)
     head, other = cluster.nodes
-    run, pid = wait_until(lambda: in_the_middle(other, runs, results), process)
-    os.kill(pid, signal.SIGSTOP)  # it holds its run and gets no further
+    run, pid = wait_until(lambda: run_in_progress(other, runs, results), process)
+    os.kill(pid, signal.SIGSTOP)  # it keeps the lock of its run but makes no progress
     assert (held([run], results), states([run], results)) == ([run], ["unfinished"])
     cluster.remove_node(other, allow_graceful=False)
     os.kill(pid, signal.SIGKILL)
@@ -100,7 +100,7 @@ def test_a_node_that_is_killed_leaves_the_rows_of_the_local_executor(cluster, tm
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "here"])
-def test_a_cluster_that_is_not_there_is_named(address, tmp_path, capsys):
+def test_missing_cluster_is_reported(address, tmp_path, capsys):
     matrix = write_matrix(tmp_path)
     more = ("--executor", "ray", "--address", address)
     assert main(["sweep", matrix, *more, "--results", str(tmp_path / "results")]) == 2

@@ -1,4 +1,4 @@
-"""Matrices read from TOML files, and messages for invalid ones."""
+"""Tests of sweep matrices in TOML: shipped files, their runs, and messages for invalid files."""
 
 import inspect
 import tomllib
@@ -27,17 +27,17 @@ def cells_of(name, path, **changes):
     ("name", "cells", "runs"),
     [("smoke", 8, 16), ("fig7", 2, 2), ("fig8", 2, 20), ("fig9", 20, 200), ("question", 19, 170)],
 )
-def test_the_shipped_matrices_have_these_numbers_of_cells_and_runs(name, cells, runs, tmp_path):
+def test_shipped_matrices_have_expected_cells_and_runs(name, cells, runs, tmp_path):
     found = cells_of(name, tmp_path)
     assert (len(found), len(list(all_runs(found)))) == (cells, runs)
     assert {run.engine for run in all_runs(found)} == {"batched"}
 
 
-def test_every_name_that_is_offered_is_shipped():
+def test_every_listed_matrix_is_shipped():
     assert all(read_matrix(name) for name in SWEEPS)
 
 
-def test_figure_9_is_the_paper_s(tmp_path):
+def test_figure_9_has_cells_of_paper(tmp_path):
     cells = cells_of("fig9", tmp_path)
     assert [(cell.task, cell.algo) for cell in cells] == [
         (task, algo) for task in TASKS for algo in ALGORITHMS
@@ -48,7 +48,7 @@ def test_figure_9_is_the_paper_s(tmp_path):
         assert cell.runs[0].hyperparameters["hidden_layers"] == [350, 250]
 
 
-def test_figures_7_and_8_are_ddpg_on_12_latents_and_without(tmp_path):
+def test_figures_7_and_8_compare_ddpg_with_12_latents(tmp_path):
     for name, task in (("fig7", "face_direction"), ("fig8", "move_in_direction")):
         full, encoded = cells_of(name, tmp_path)
         assert {run.task for cell in (full, encoded) for run in cell.runs} == {task}
@@ -58,7 +58,7 @@ def test_figures_7_and_8_are_ddpg_on_12_latents_and_without(tmp_path):
         assert {run.encoder for run in encoded.runs} == {encoded.encoder.id}
 
 
-def test_the_question_begins_with_the_runs_that_are_shipped(tmp_path):
+def test_question_matrix_contains_shipped_runs(tmp_path):
     full, encoded = cells_of("question", tmp_path)[:2]
     expected = [
         f"face_direction/ddpg/{name}" for name in ("full/s00-7e4e6902", "dae12/s00-cb04f42b")
@@ -71,7 +71,7 @@ def test_the_question_begins_with_the_runs_that_are_shipped(tmp_path):
             assert reference.find("run", run.id).settings == run.model_dump(mode="json")
 
 
-def test_the_question_asks_of_ppo_with_both_settings(tmp_path):
+def test_question_matrix_has_ppo_with_both_settings(tmp_path):
     ppo = [cell for cell in cells_of("question", tmp_path) if cell.algo == "ppo"]
     assert [(cell.settings, cell.runs[0].steps) for cell in ppo] == [
         ("published", 1_000_000),
@@ -101,7 +101,7 @@ n_envs = 2
 """
 
 
-def test_the_keys_beside_the_parts_are_their_defaults(tmp_path):
+def test_keys_outside_parts_are_defaults_of_parts(tmp_path):
     file = tmp_path / "parts.toml"
     file.write_text(PARTS)
     first, second = cells_of(str(file), tmp_path)
@@ -111,7 +111,7 @@ def test_the_keys_beside_the_parts_are_their_defaults(tmp_path):
     ]
     assert first.runs[0].hyperparameters["batch_size"] == 16
     assert (first.runs[0].evaluate_every, first.runs[0].evaluate_episodes) == (1000, 10)
-    # A table of a part replaces the keys that it has, not the whole table.
+    # A table of a part replaces single keys, not the whole table.
     assert (second.runs[0].evaluate_every, second.runs[0].evaluate_episodes) == (1000, 1)
     assert second.runs[0].hyperparameters["n_envs"] == 2
     alone = tmp_path / "alone.toml"
@@ -143,7 +143,7 @@ def test_seeds_and_steps_are_replaced_in_all_parts(tmp_path):
         (PARTS + "[[part]]\ntasks = ['move_to_pose']\nengine = 'sb3'\n", "not batched and sb3"),
     ],
 )
-def test_a_wrong_part_gets_a_sentence_that_names_it(text, says, tmp_path):
+def test_invalid_part_is_reported_in_one_line(text, says, tmp_path):
     file = tmp_path / "wrong.toml"
     file.write_text(text)
     with pytest.raises(RequestError) as raised:
@@ -152,7 +152,7 @@ def test_a_wrong_part_gets_a_sentence_that_names_it(text, says, tmp_path):
     assert "\n" not in str(raised.value)
 
 
-def test_its_runs_are_those_of_jbench_train(tmp_path):
+def test_runs_of_matrix_equal_runs_of_train_command(tmp_path):
     matrix = write_matrix(tmp_path, algos='"td3", "ppo"', seeds="0,3-4")
     asked = {
         "task": "face_direction",
@@ -198,7 +198,7 @@ KEYS = {
 
 
 @pytest.mark.parametrize("field", RunSettings.model_fields)
-def test_a_sweep_can_do_what_train_can(field, tmp_path):
+def test_every_run_setting_can_be_set_in_matrix(field, tmp_path):
     if field in ("task", "algo", "package", "representation", "encoder", "seed"):  # of the cell
         return
     line, typed = KEYS[field]
@@ -216,7 +216,7 @@ def test_a_sweep_can_do_what_train_can(field, tmp_path):
     assert run.values.get(field) != plain.values.get(field)
 
 
-def test_every_setting_of_a_run_is_an_option_of_train():
+def test_every_run_setting_is_option_of_train():
     options = inspect.signature(train).parameters.keys() | {"seed", "representation"}
     others = {"seed": "seeds", "hyperparameters": "set_", "representation": "encoder"}
     others |= {"ofe": "encoder", "package": "algo"}
@@ -229,7 +229,7 @@ def test_seeds_and_steps_can_be_replaced(tmp_path):
     assert {(run.seed, run.steps) for run in all_runs(cells)} == {(7, 300_000)}
 
 
-def test_an_encoder_is_of_the_file_s_own_dataset_and_options(tmp_path):
+def test_encoder_uses_dataset_and_options_of_file(tmp_path):
     def encoder(more):
         file = tmp_path / "encoded.toml"
         file.write_text(
@@ -247,7 +247,7 @@ def test_an_encoder_is_of_the_file_s_own_dataset_and_options(tmp_path):
     assert len({plain.id, other.id, encoder("[encoder]\nseed = 1\n").id}) == 3
 
 
-def test_the_size_of_planar_follows_from_the_task(tmp_path):
+def test_size_of_planar_and_scaled_follows_from_task(tmp_path):
     file = tmp_path / "planar.toml"
     file.write_text(
         'tasks = ["face_direction", "move_to_pose"]\nalgos = ["td3"]\n'
@@ -257,7 +257,7 @@ def test_the_size_of_planar_follows_from_the_task(tmp_path):
     assert sorted(found) == ["planar12", "planar14", "scaled16", "scaled19"]
 
 
-def test_the_documented_file_says_what_is_so_without_it(tmp_path):
+def test_documented_file_lists_all_keys_with_defaults(tmp_path):
     text = code_of("sweeps.md", "toml")
     content = tomllib.loads(text.replace("# augment =", "augment ="))  # TOML has no none
     assert set(content) == set(Matrix.model_fields)
@@ -306,7 +306,7 @@ def test_the_documented_file_says_what_is_so_without_it(tmp_path):
         ("tasks = [", "is not TOML"),
     ],
 )
-def test_what_can_not_be_gets_a_sentence_that_names_it(line, says, tmp_path):
+def test_invalid_value_is_reported_in_one_line(line, says, tmp_path):
     content = {"tasks": '["face_direction"]', "algos": '["td3"]', "representations": '["dae3"]'}
     content.pop(line.split(" =")[0], None)
     file = tmp_path / "wrong.toml"
@@ -320,14 +320,14 @@ def test_what_can_not_be_gets_a_sentence_that_names_it(line, says, tmp_path):
 @pytest.mark.parametrize(
     ("key", "line"), [("tasks", 'algos = ["td3"]'), ("algos", 'tasks = ["face_direction"]')]
 )
-def test_what_must_be_there_is_missed(key, line, tmp_path):
+def test_missing_required_key_is_refused(key, line, tmp_path):
     file = tmp_path / "short.toml"
     file.write_text(line)
     with pytest.raises(RequestError, match=f"the key {key} is missing; write {key} = "):
         read_matrix(str(file))
 
 
-def test_a_matrix_that_is_not_there_is_named(tmp_path):
+def test_unknown_or_unreadable_matrix_is_refused(tmp_path):
     with pytest.raises(
         RequestError, match=r"Unknown matrix 'fig6'; did you mean fig\d\? .*FILE\.toml"
     ):

@@ -1,4 +1,4 @@
-"""Sweeps from Python, without the command line."""
+"""Tests of sweeps started from Python, without the command line."""
 
 import json
 import subprocess
@@ -15,7 +15,7 @@ from jbench.sweeps.watcher import Watcher
 from tests.command_line import SHORT, short_episodes
 from tests.sweep_matrices import runs_of_matrix, states, write_matrix
 
-# A sweep that is watched, and again, of a single line.
+# A sweep with a watcher, and the same sweep again without one.
 PROGRAM = """
 import json, sys, threading
 from contextlib import contextmanager
@@ -67,7 +67,7 @@ print(json.dumps([events, of_the_command_line]))
 """
 
 
-def test_a_program_sweeps_without_the_command_line_and_receives_the_events(tmp_path):
+def test_program_sweeps_without_command_line_and_receives_events(tmp_path):
     matrix = write_matrix(tmp_path, representations='"pca3"', seeds="0", steps=1000, dataset=1000)
     results = tmp_path / "results"
     done = subprocess.run(
@@ -105,12 +105,12 @@ class Gpu:
         yield from [] if len(self.given) == 1 else [{"run": r.id, "finished": True} for r in runs]
 
     def stop(self):
-        """Ends nothing."""
+        """Does nothing."""
 
     close = stop
 
 
-def test_a_gpu_gets_the_cells_of_an_algorithm_in_one_process(tmp_path, monkeypatch):
+def test_gpu_trains_all_cells_of_algorithm_in_one_process(tmp_path, monkeypatch):
     matrix, notes, gpu = write_matrix(tmp_path, algos='"td3", "ppo"'), [], Gpu()
     text = Path(matrix).read_text()
     Path(matrix).write_text(text.replace('"face_direction"', '"face_direction", "move_to_pose"'))
@@ -123,7 +123,7 @@ def test_a_gpu_gets_the_cells_of_an_algorithm_in_one_process(tmp_path, monkeypat
     assert notes == ["The process of 4 runs of td3 in 2 cells died; they are tried again."]
 
 
-def test_runs_whose_dataset_can_not_be_collected_fail_and_no_process_starts(tmp_path, monkeypatch):
+def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
     cells = matrix_cells(
         read_matrix(write_matrix(tmp_path, representations='"pca3"')), Results(tmp_path)
     )

@@ -1,4 +1,4 @@
-"""Status of a matrix and time left, against numbers worked out by hand."""
+"""Tests of the status of a matrix and its time left, against hand-computed numbers."""
 
 import pyarrow as pa
 import pytest
@@ -33,7 +33,7 @@ def begin(results, run):
 
 
 def finish(results, run, wall_time, together=1):
-    """Finishes a run after some seconds, as one of several in its process."""
+    """Finishes a run after `wall_time` seconds, as one of `together` runs in its process."""
     record = begin(results, run)
     record.finish({"wall_time": wall_time, "steps_done": run.steps, "together": together})
     return record
@@ -48,13 +48,13 @@ def add_episodes(record, run, count):
     record.append({"episodes": table}, {"checkpoint.safetensors": b"x"} if count > 3 else {})
 
 
-def test_each_status_is_reported_with_the_steps_that_are_left(results, cell):
+def test_each_status_is_reported_with_steps_left(results, cell):
     finished, partial, failed, _ = cell.runs
     finish(results, finished, 1.0)
     record = begin(results, partial)
-    add_episodes(record, partial, 4)  # of ten, with a checkpoint to resume from
+    add_episodes(record, partial, 4)  # 4 of 10, with a checkpoint
     record = begin(results, failed)
-    add_episodes(record, failed, 3)  # without one: from the beginning
+    add_episodes(record, failed, 3)  # without a checkpoint: restarts
     record.fail("no luck")
     found = [run_status(run, results) for run in cell.runs]
     assert [each.state for each in found] == ["finished", "partial", "failed", "missing"]
@@ -65,7 +65,7 @@ def test_each_status_is_reported_with_the_steps_that_are_left(results, cell):
     assert line.steps_left == 26_000
 
 
-def test_a_run_whose_manifest_is_damaged_counts_as_failed(results, cell):
+def test_run_with_damaged_manifest_counts_as_failed(results, cell):
     record = begin(results, cell.runs[0])
     (record.path / "manifest.json").write_text("{")
     found = run_status(cell.runs[0], results)
@@ -73,22 +73,22 @@ def test_a_run_whose_manifest_is_damaged_counts_as_failed(results, cell):
     assert "is not a manifest that can be read" in found.error
 
 
-def test_the_time_left_is_from_runs_that_were_measured(results, cell):
-    # Two runs shared a process for 40 s: 40 s / 10,000 steps / 2 = 2 ms of a core for each step;
-    # one was alone for 20 s: 2 ms too.
+def test_time_left_is_estimated_from_finished_runs(results, cell):
+    # One of two runs that shared a process for 40 s: 40 s / 10,000 steps / 2 = 2 ms of a core per
+    # step; one run alone for 20 s: 2 ms too.
     for run, wall_time, together in ((cell.runs[0], 40.0, 2), (cell.runs[1], 20.0, 1)):
         finish(results, run, wall_time, together)
     (line,) = cell_statuses([cell], results, jobs=2, quick=False)
-    # 20,000 steps are left: 40 s of a core, on two cores.
+    # 20,000 steps remain: 40 s of a core, on two cores.
     assert (line.seconds_left, line.estimate) == (pytest.approx(20.0), "measured runs")
     assert seconds_left([line], 2) == pytest.approx(20.0)
-    # Four seeds give work to four processes, and no more.
+    # Four seeds occupy at most four processes.
     (line,) = cell_statuses([cell], results, jobs=8, quick=False)
     assert line.seconds_left == pytest.approx(10.0)
     assert seconds_left([line], 8) == pytest.approx(5.0)
 
 
-def test_runs_of_another_machine_measure_nothing(results, cell):
+def test_runs_of_other_machine_give_no_estimate(results, cell):
     record = finish(results, cell.runs[0], 40.0)
     elsewhere = {**record.manifest.provenance, "processor": "another"}
     record._commit(record.manifest.model_copy(update={"provenance": elsewhere}))
@@ -97,17 +97,17 @@ def test_runs_of_another_machine_measure_nothing(results, cell):
     assert seconds_left([line], 2) is None
 
 
-def test_what_was_not_measured_is_measured_quickly(results, cell):
+def test_cell_without_finished_runs_is_measured_quickly(results, cell):
     (line,) = cell_statuses([cell], results, jobs=2, quick=True)
     assert line.estimate == "a quick measurement"
     assert line.seconds_left > 0
 
 
-def test_another_task_of_the_same_settings_will_do(tmp_path, results, cell):
+def test_time_left_is_estimated_from_other_task_with_same_settings(tmp_path, results, cell):
     finish(results, cell.runs[0], 20.0)
     matrix = read_matrix(write_matrix(tmp_path, steps=5000), tasks=["move_to_pose"])
     lines = cell_statuses(matrix_cells(matrix, results), results, jobs=1, quick=False)
-    # Two seeds of 5000 steps at 2 ms.
+    # Two seeds of 5000 steps at 2 ms each.
     assert [(line.seconds_left, line.estimate) for line in lines] == [
         (pytest.approx(20.0), "measured runs")
     ]
@@ -116,7 +116,7 @@ def test_another_task_of_the_same_settings_will_do(tmp_path, results, cell):
     assert line.estimate == "unknown"
 
 
-def test_a_failure_is_recorded_once_and_of_no_finished_run(results, cell):
+def test_failure_is_recorded_once_and_never_for_finished_run(results, cell):
     finished, failed, new, held = cell.runs
     finish(results, finished, 1.0)
     begin(results, failed).fail("the first reason")

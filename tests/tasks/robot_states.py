@@ -1,4 +1,4 @@
-"""States and targets to test with: by hand, by hypothesis, and many at a time."""
+"""States and targets for tests: fixed, drawn by hypothesis, and in batches."""
 
 import math
 
@@ -19,7 +19,7 @@ REST = State(
 
 
 def rest(**changes):
-    """The robot at rest but for `changes`, given as numbers."""
+    """The robot at rest, with `changes` given as numbers."""
     return REST._replace(**{name: np.array(value, float) for name, value in changes.items()})
 
 
@@ -33,14 +33,14 @@ def target(x=0.0, y=0.0, z=0.035, yaw=0.0):
 
 
 def convert(arrays, kind, dtype="float64"):
-    """The same state or target in arrays of numpy or of torch."""
+    """The same state or target in arrays of numpy or torch."""
     if kind == "torch":
         return type(arrays)(*(torch.as_tensor(a, dtype=getattr(torch, dtype)) for a in arrays))
     return type(arrays)(*(np.asarray(a, dtype) for a in arrays))
 
 
 def random_states(shape, seed=0):
-    """States and targets for leading axes `shape`, everything drawn at random."""
+    """Random states and targets with leading axes `shape`."""
     random = np.random.default_rng(seed)
     quaternion = random.normal(size=(*shape, 4))
     quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
@@ -72,7 +72,7 @@ def quaternions():
 
 @st.composite
 def states(draw):
-    """States with nothing left out that a reward depends on."""
+    """States that vary in all quantities that a reward depends on."""
     position = np.concatenate([draw(vectors(3, 0.2)), draw(quaternions())])
     return REST._replace(position=position, torso_velocity=draw(vectors(3, 0.3)))
 

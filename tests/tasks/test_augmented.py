@@ -1,4 +1,4 @@
-"""Augmented robots: their draws, and the model that is edited accordingly."""
+"""Tests of augmented robots: the distribution of their draws, and the edited models."""
 
 import dataclasses
 import math
@@ -16,7 +16,7 @@ from jbench.tasks.robots import load_model
 NONE = (0.0, 0.0, 0.0)
 EVERY_LEG = pytest.mark.parametrize("leg", LEGS)
 
-# Knees of the plain robot in the torso's frame, and the sheet's hinge axes, in centimetres.
+# Knees of the plain robot in the torso's frame, and reference hinge axes, in centimetres.
 KNEES = {
     1: (2.87, 3.28, 3.3),
     2: (2.87, -3.08, 3.5),
@@ -25,7 +25,7 @@ KNEES = {
 }
 AXES = {1: (2.32, -2.68, 0), 2: (-2.32, -3.68, 0), 3: (2.32, -3.68, 0), 4: (-2.32, -2.68, 0)}
 
-# Everything that a step of the physics depends on and that an edit could reach.
+# Fields of the model that a physics step depends on and that an edit could change.
 PHYSICS = [
     *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
     *("jnt_pos", "jnt_axis", "jnt_stiffness", "dof_damping", "dof_M0"),
@@ -35,7 +35,7 @@ PHYSICS = [
 
 
 def only(leg, shift):
-    """The shifts of four knees or feet of which one is not zero."""
+    """Shifts of four knees or feet, of which only that of `leg` is not zero."""
     return tuple(shift if each == leg else NONE for each in LEGS)
 
 
@@ -46,7 +46,7 @@ def plain():
 
 @pytest.fixture(scope="module")
 def draws():
-    """300 morphologies as drawn: that the robots stand is another test's business."""
+    """300 morphologies as drawn, without the check that the robots stand."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(augmented, "is_usable", lambda morphology: True)
         return [augmented.draw.__wrapped__(seed, vary_masses=True) for seed in range(300)]
@@ -62,12 +62,12 @@ def ends(robot, geom):
 
 
 @pytest.mark.parametrize("field", PHYSICS)
-def test_without_shifts_it_is_the_plain_robot(plain, field):
+def test_model_without_shifts_equals_plain_robot(plain, field):
     robot = augmented.build(Morphology(seed=0))
     np.testing.assert_allclose(getattr(robot, field), getattr(plain, field), rtol=0, atol=1e-15)
 
 
-def test_without_shifts_it_moves_as_the_plain_robot(plain):
+def test_robot_without_shifts_moves_as_plain_robot(plain):
     end = []
     for robot in (plain, augmented.build(Morphology(seed=0))):
         data = mujoco.MjData(robot)
@@ -80,7 +80,7 @@ def test_without_shifts_it_moves_as_the_plain_robot(plain):
 
 
 @EVERY_LEG
-def test_axes_without_shifts_are_the_sheets(leg):
+def test_axes_without_shifts_equal_reference_axes(leg):
     found = augmented.hinge_axis(leg, np.array(KNEES[leg]) / 100)
     np.testing.assert_allclose(np.array(found) * 100, AXES[leg], rtol=0, atol=1e-12)
 
@@ -90,7 +90,7 @@ def test_axes_without_shifts_are_the_sheets(leg):
     # A knee 3 mm to the left and 2 mm back: (2.32 + .3, -2.68 - .2) for leg 1, and so on.
     [(1, (2.62, -2.88)), (2, (-2.62, -3.48)), (3, (2.02, -3.48)), (4, (-2.02, -2.88))],
 )
-def test_axes_of_shoulder_and_elbow_follow_the_knee(leg, axis):
+def test_axes_of_shoulder_and_elbow_follow_knee(leg, axis):
     robot = augmented.build(Morphology(seed=0, knees=only(leg, (0.003, 0.002, -0.001))))
     for joint in ("shoulder", "elbow"):
         found = robot.joint(f"leg{leg}_{joint}").axis
@@ -98,7 +98,7 @@ def test_axes_of_shoulder_and_elbow_follow_the_knee(leg, axis):
 
 
 @EVERY_LEG
-def test_moved_knee_takes_along_all_that_meets_there(plain, leg):
+def test_moved_knee_moves_all_attached_parts(plain, leg):
     shift = np.array((0.003, -0.002, 0.001))
     robot = augmented.build(Morphology(seed=0, knees=only(leg, tuple(shift))))
     knee = np.array(KNEES[leg]) / 100 + shift
@@ -109,14 +109,14 @@ def test_moved_knee_takes_along_all_that_meets_there(plain, leg):
         np.testing.assert_allclose(found, knee, atol=1e-12)
     moved = robot.joint(f"leg{leg}_elbow").pos - plain.joint(f"leg{leg}_elbow").pos
     np.testing.assert_allclose(moved, shift, atol=1e-12)
-    # The hip and the foot stay.
+    # Hip and foot are unchanged.
     np.testing.assert_allclose(hip, ends(plain, f"leg{leg}_upper")[1], atol=1e-12)
     np.testing.assert_allclose(foot, ends(plain, f"leg{leg}_lower")[0], atol=1e-12)
     np.testing.assert_allclose(robot.geom(f"leg{leg}_foot").pos, foot, atol=1e-12)
 
 
 @EVERY_LEG
-def test_moved_foot_leaves_the_knee(plain, leg):
+def test_moved_foot_leaves_knee_unchanged(plain, leg):
     shift = np.array((-0.001, 0.004, 0.002))
     robot = augmented.build(Morphology(seed=0, feet=only(leg, tuple(shift))))
     foot, knee = ends(robot, f"leg{leg}_lower")
@@ -128,7 +128,7 @@ def test_moved_foot_leaves_the_knee(plain, leg):
 
 
 @EVERY_LEG
-def test_other_legs_stay(plain, leg):
+def test_other_legs_are_unchanged(plain, leg):
     robot = augmented.build(
         Morphology(0, knees=only(leg, (0.003, 0.002, 0.001)), feet=only(leg, (0.001, 0.002, 0.003)))
     )
@@ -146,12 +146,12 @@ def test_motor_mass_is_moved_and_resized(plain):
     )
     np.testing.assert_allclose(robot.geom("mass").pos, (0.0053, -0.0045, 0.028), atol=1e-12)
     np.testing.assert_allclose(robot.geom("mass").size, (0.009, 0.009, 0.0035), atol=1e-12)
-    # Steel ellipsoid 4/3 pi a b c, and a thread that has not changed: pi r^2 h.
+    # Steel ellipsoid 4/3 pi a b c, and an unchanged thread pi r^2 h.
     steel = 7700 * math.pi * (4 / 3 * 0.009 * 0.009 * 0.0035 + 0.001**2 * 0.0125)
     assert robot.body("mass").mass[0] == pytest.approx(steel, rel=1e-9)
 
 
-def test_densities_change_the_masses_of_their_parts(plain):
+def test_densities_change_masses_of_their_parts(plain):
     robot = augmented.build(
         Morphology(0, torso_upper_density=11.5, torso_lower_density=-70, default_density=770)
     )
@@ -168,7 +168,7 @@ def test_densities_change_the_masses_of_their_parts(plain):
     assert robot.body("target").mass[0] == 0
 
 
-def test_gear_changes_the_torque():
+def test_gear_changes_torque():
     robot = augmented.build(Morphology(0, gear=0.001))
     data = mujoco.MjData(robot)
     data.ctrl[0] = 1
@@ -188,35 +188,35 @@ def test_gear_changes_the_torque():
         ("gear", 0.001),
     ],
 )
-def test_shifts_have_the_sheets_deviations_and_no_mean(draws, name, deviations):
+def test_shifts_have_reference_deviations_and_zero_mean(draws, name, deviations):
     shifts = np.array([getattr(morphology, name) for morphology in draws])
     np.testing.assert_allclose(shifts.std(axis=0) / deviations, 1, atol=0.15)
-    # The mean of 300 lies within a fifth (3.5 of its own deviations) of zero.
+    # The mean of 300 is within 0.2 deviations of zero, which is 3.5 of its standard errors.
     assert np.abs(shifts.mean(axis=0) / deviations).max() < 0.2
 
 
-def test_motor_mass_shift_is_normal_but_cut_off(draws):
+def test_motor_mass_shift_is_truncated_normal(draws):
     x, y, z = np.array([morphology.mass for morphology in draws]).T
     assert x.std() == pytest.approx(0.0015, rel=0.15)
     assert x.min() < -0.003
     for shift, deviation in ((y, 0.002), (z, 0.001)):
         cut = shift == -0.001
         assert shift.min() == -0.001
-        # As many as a normal draw has below -0.001, and the others' spread about zero.
+        # The share of a normal distribution below -0.001, and the spread of the positive shifts.
         below = 0.5 * math.erfc(0.001 / deviation / math.sqrt(2))
         assert cut.mean() == pytest.approx(below, abs=0.08)
         above = shift[shift > 0]
         assert np.sqrt(np.mean(above**2)) == pytest.approx(deviation, rel=0.15)
 
 
-def test_all_shifts_are_drawn_apart(draws):
+def test_shifts_are_uncorrelated(draws):
     rows = [[*np.ravel([m.knees, m.feet]), *m.mass_semi_axes, m.gear] for m in draws]
     correlations = np.corrcoef(np.array(rows).T)
     np.fill_diagonal(correlations, 0)
-    assert np.abs(correlations).max() < 0.3  # five deviations of 300 pairs' correlation
+    assert np.abs(correlations).max() < 0.3  # five standard errors for 300 pairs
 
 
-def test_seed_determines_the_morphology():
+def test_seed_determines_morphology():
     first = augmented.draw(3)
     augmented.draw.cache_clear()
     assert augmented.draw(3) == first
@@ -224,7 +224,7 @@ def test_seed_determines_the_morphology():
     assert augmented.draw(4).knees != first.knees
 
 
-def test_masses_are_those_of_the_plain_robot_unless_asked_for():
+def test_masses_vary_only_with_vary_masses():
     morphology = augmented.draw(5)
     varied = augmented.draw(5, vary_masses=True)
     names = ("torso_upper_density", "torso_lower_density", "default_density", "gear")
@@ -233,7 +233,7 @@ def test_masses_are_those_of_the_plain_robot_unless_asked_for():
     assert dataclasses.replace(varied, **dict.fromkeys(names, 0.0)) == morphology
 
 
-def test_numpys_global_generator_is_not_used():
+def test_global_numpy_generator_is_not_used():
     before = np.random.get_state()[1:3]
     augmented.draw.__wrapped__(6)
     np.testing.assert_equal(np.random.get_state()[1:3], before)
@@ -243,7 +243,7 @@ def test_numpys_global_generator_is_not_used():
 @pytest.mark.parametrize(
     "seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 25))]
 )
-def test_robot_stands_and_steps_without_a_bad_state(seed, vary_masses):
+def test_robot_stands_and_steps_without_warning(seed, vary_masses):
     robot = augmented.augmented_model(seed, vary_masses=vary_masses)
     assert augmented.standing_reward(robot) > 0.9
     data = mujoco.MjData(robot)
@@ -264,18 +264,18 @@ def test_robot_stands_and_steps_without_a_bad_state(seed, vary_masses):
         ("feet", ((0.0, 0.0, 0.03), (0.0, 0.0, 0.03), NONE, NONE)),  # short legs on one side
     ],
 )
-def test_robot_that_cannot_be_or_stand_is_not_usable(name, value):
+def test_robot_that_cannot_compile_or_stand_is_not_usable(name, value):
     assert augmented.is_usable(Morphology(0))
     assert not augmented.is_usable(Morphology(0, **{name: value}))
 
 
 def test_unstable_robot_does_not_stand():
-    # Lower legs of 5 mm: MuJoCo warns of huge accelerations and puts the robot back upright.
+    # Lower legs of 5 mm: MuJoCo warns of huge accelerations and resets the robot.
     robot = augmented.build(Morphology(0, feet=((0.0, 0.0, 0.06), (0.0, 0.0, 0.06), NONE, NONE)))
     assert augmented.standing_reward(robot) == 0
 
 
-def test_draw_that_is_not_usable_is_redrawn_and_counted(monkeypatch):
+def test_unusable_draw_is_redrawn_and_counted(monkeypatch):
     refused = []
 
     def third_time(morphology):
@@ -291,7 +291,7 @@ def test_draw_that_is_not_usable_is_redrawn_and_counted(monkeypatch):
     assert len({morphology.knees for morphology in refused}) == 3
 
 
-def test_seed_without_a_usable_robot_is_an_error(monkeypatch):
+def test_seed_without_usable_robot_is_error(monkeypatch):
     monkeypatch.setattr(augmented, "is_usable", lambda morphology: False)
     with pytest.raises(WorkError, match="101 draws of seed 7 stands"):
         augmented.draw.__wrapped__(7)

@@ -1,4 +1,4 @@
-"""Augmented robots as environments of dm_control and of Gymnasium."""
+"""Tests of augmented robots as environments of dm_control and Gymnasium."""
 
 import gymnasium
 import mujoco
@@ -21,7 +21,7 @@ def plain():
 
 
 def bits(robot):
-    """Everything that a model consists of, as bytes."""
+    """A model serialized to bytes."""
     buffer = np.zeros(mujoco.mj_sizeModel(robot), np.uint8)
     mujoco.mj_saveModel(robot, None, buffer)
     return buffer.tobytes()
@@ -46,25 +46,25 @@ def final_positions(env, steps=50):
         lambda seed: suite.load("augmented_jitterbug", "move_to_pose", {"augment": seed}),
     ],
 )
-def test_negative_seed_is_refused_in_one_sentence(make):
+def test_negative_seed_is_refused(make):
     with pytest.raises(RequestError) as refusal:
         make(-2)
     assert isinstance(refusal.value, ValueError)
     assert str(refusal.value) == "An augmented robot has no seed -2: use 0 or more."
 
 
-def test_plain_robots_masses_do_not_vary():
+def test_varied_masses_without_seed_are_refused():
     with pytest.raises(ValueError, match="give its seed"):
         load_model(vary_masses=True)
 
 
-def test_loaded_model_is_that_of_the_seed(plain):
+def test_loaded_model_is_determined_by_seed(plain):
     assert bits(load_model(2)) == bits(augmented.augmented_model(2))
     assert np.abs(load_model(2).geom_pos - plain.geom_pos).max() > 1e-3
     assert bits(load_model()) == bits(plain)
 
 
-def test_suite_lists_the_domains_tasks_beside_the_plain_ones():
+def test_suite_lists_augmented_and_plain_tasks():
     ours = {("augmented_jitterbug", task) for task in TASKS}
     assert suite.TASKS_BY_DOMAIN["augmented_jitterbug"] == TASKS
     assert ours <= set(suite.ALL_TASKS)
@@ -73,7 +73,7 @@ def test_suite_lists_the_domains_tasks_beside_the_plain_ones():
     assert suite.TASKS_BY_DOMAIN["jitterbug"] == TASKS
 
 
-def test_dm_control_robot_is_the_seeds_to_the_last_bit():
+def test_dm_control_model_equals_model_of_seed_bit_for_bit():
     settings = {"augment": 3, "vary_masses": True}
     physics = suite.load("augmented_jitterbug", "move_to_pose", settings).physics
     assert bits(physics.model.ptr) == bits(augmented.augmented_model(3, vary_masses=True))
@@ -83,7 +83,7 @@ def test_dm_control_robot_is_the_seeds_to_the_last_bit():
     ("settings", "length"),
     [({"time_limit": 1}, 100), pytest.param({}, 1000, marks=pytest.mark.slow)],
 )
-def test_episode_of_the_domain(settings, length):
+def test_episode_has_bounded_rewards_and_finite_observations(settings, length):
     settings = {"augment": 1, "random": 0, **settings}
     env = suite.load("augmented_jitterbug", "move_to_pose", task_kwargs=settings)
     time_step, steps = env.reset(), 0
@@ -99,7 +99,7 @@ def test_episode_of_the_domain(settings, length):
 
 @pytest.mark.filterwarnings("ignore:.*infinity")  # observations are not clipped
 @pytest.mark.parametrize("task", TASKS)
-def test_gymnasium_id_passes_the_checker(task):
+def test_gymnasium_environment_passes_checker(task):
     env = gymnasium.make(environment_id(task, augmented=True), augment=2)
     assert env.spec.id == environment_id(task).replace("Jitterbug", "AugmentedJitterbug")
     assert env.unwrapped.task == task
@@ -107,7 +107,7 @@ def test_gymnasium_id_passes_the_checker(task):
     check_env(env.unwrapped, skip_render_check=True)
 
 
-def test_gymnasium_id_has_the_robot_of_its_seed():
+def test_gymnasium_environment_has_robot_of_its_seed():
     name = environment_id("face_direction", augmented=True)
     default, third = final_positions(gymnasium.make(name)), gymnasium.make(name, augment=3)
     np.testing.assert_array_equal(
@@ -128,7 +128,7 @@ def test_same_actions_move_every_robot_differently():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_both_libraries_observe_the_augmented_robots_own_centre_of_mass(plain, seed):
+def test_both_libraries_observe_centre_of_mass_of_augmented_robot(plain, seed):
     settings = {"augment": seed, "vary_masses": True}
     theirs = suite.load(
         "augmented_jitterbug",
@@ -137,7 +137,7 @@ def test_both_libraries_observe_the_augmented_robots_own_centre_of_mass(plain, s
     )
     ours = JitterbugEnv("move_in_direction", **settings)
     ours.np_random = np.random.RandomState(seed)
-    # Boxes of other densities: the torso's centre of mass is elsewhere.
+    # Other densities move the torso's centre of mass.
     assert np.abs(ours._torso_offset - model.torso_offset(plain)).max() > 1e-5
     # MuJoCo's own sensor measures the velocity on dm_control's side.
     seen = [(np.concatenate(list(theirs.reset().observation.values())), ours.reset()[0])]

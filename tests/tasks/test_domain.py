@@ -1,4 +1,4 @@
-"""The domain `jitterbug` of the dm_control suite: properties of all five tasks."""
+"""Tests of the domain `jitterbug` of the dm_control suite: properties of all five tasks."""
 
 import math
 
@@ -50,12 +50,12 @@ def flat(time_step):
     ],
 )
 def episode(request):
-    """A task and a whole episode of it, up to the first step that ends one."""
+    """A task and a complete episode of it."""
     env = load(request.param)
     return request.param, [*roll_out(env, 999), env.step([0.5])]
 
 
-def test_suite_lists_the_five_tasks():
+def test_suite_lists_five_tasks():
     ours = {("jitterbug", task) for task in TASKS}
     assert ours <= set(suite.ALL_TASKS)
     assert ours <= set(suite.BENCHMARKING)
@@ -81,7 +81,7 @@ def test_unknown_task_is_refused(task):
 
 
 @EVERY_TASK
-def test_specs(task):
+def test_observation_and_action_specs(task):
     env = load(task)
     assert {name: spec.shape for name, spec in env.observation_spec().items()} == {
         name: (size,) for name, size in SHAPES[task].items()
@@ -91,7 +91,7 @@ def test_specs(task):
     assert env.action_spec() == specs.BoundedArray((1,), float, [-1], [1])
 
 
-def test_episode_is_a_thousand_steps_and_ends_with_discount_one(episode):
+def test_episode_has_1000_steps_and_ends_with_discount_one(episode):
     _, (first, *middle, last) = episode
     assert len(middle) + 1 == 1000
     assert first.first()
@@ -101,15 +101,15 @@ def test_episode_is_a_thousand_steps_and_ends_with_discount_one(episode):
     assert {step.discount for step in [*middle, last]} == {1.0}
 
 
-def test_observations_are_finite_and_conform_to_the_spec(episode):
+def test_observations_are_finite_and_conform_to_spec(episode):
     task, time_steps = episode
     for name, spec in load(task).observation_spec().items():
         values = [spec.validate(step.observation[name]) for step in time_steps]
         assert np.isfinite(values).all()
-        assert np.ptp(values, axis=0).all()  # nothing observed is constant
+        assert np.ptp(values, axis=0).all()  # no observation is constant
 
 
-def test_rewards_are_within_zero_and_one(episode):
+def test_rewards_are_between_zero_and_one(episode):
     task, (_, *steps) = episode
     rewards = [step.reward for step in steps]
     low, high = RANDOM_RETURNS.get(task, (0, 1000))
@@ -118,7 +118,7 @@ def test_rewards_are_within_zero_and_one(episode):
 
 
 @EVERY_TASK
-def test_reward_is_that_of_the_state_at_the_end_of_the_step(task):
+def test_reward_and_observation_are_of_state_after_step(task):
     env = load(task, random=4)
     time_step = roll_out(env, 30)[-1]
     state, target = env.physics.robot_state(), env.physics.target()
@@ -127,7 +127,7 @@ def test_reward_is_that_of_the_state_at_the_end_of_the_step(task):
 
 
 @EVERY_TASK
-def test_state_is_that_of_mujoco_and_its_sensor(task):
+def test_robot_state_equals_mujoco_state_and_sensor(task):
     env = load(task)
     roll_out(env, 20)
     data = env.physics.data
@@ -138,7 +138,7 @@ def test_state_is_that_of_mujoco_and_its_sensor(task):
 
 
 @EVERY_TASK
-def test_seed_determines_the_episode(task):
+def test_seed_determines_episode(task):
     def seen(random):
         steps = roll_out(load(task, random=random), 20)
         return [(*flat(step), step.reward) for step in steps]
@@ -149,21 +149,21 @@ def test_seed_determines_the_episode(task):
 
 
 @EVERY_TASK
-def test_consecutive_episodes_begin_differently(task):
+def test_consecutive_episodes_start_differently(task):
     env = load(task)
     first, second = env.reset(), env.reset()
     assert not np.array_equal(flat(first), flat(second))
 
 
 @EVERY_TASK
-def test_numpys_global_generator_is_not_used(task):
+def test_global_numpy_generator_is_not_used(task):
     before = np.random.get_state()[1:3]
     roll_out(load(task), 5)
     np.testing.assert_equal(np.random.get_state()[1:3], before)
 
 
 @EVERY_TASK
-def test_observation_shares_no_memory_with_the_simulator(task):
+def test_observation_shares_no_memory_with_simulator(task):
     env = load(task)
     first = env.reset()
     kept = flat(first)
@@ -179,7 +179,7 @@ def test_observation_shares_no_memory_with_the_simulator(task):
 
 
 @EVERY_TASK
-def test_flat_observation_is_the_features_in_order(task):
+def test_flat_observation_concatenates_features_in_order(task):
     together = roll_out(load(task, environment_kwargs={"flat_observation": True}), 5)
     apart = roll_out(load(task), 5)
     for one, other in zip(together, apart, strict=True):
@@ -187,7 +187,7 @@ def test_flat_observation_is_the_features_in_order(task):
 
 
 @EVERY_TASK
-def test_without_random_pose_the_robot_starts_at_rest(task):
+def test_robot_without_random_pose_starts_at_rest(task):
     env = load(task, random_pose=False)
     env.reset()
     assert env.physics.data.qpos.tolist() == [0, 0, 0.035, 1, *[0] * 12]
@@ -195,7 +195,7 @@ def test_without_random_pose_the_robot_starts_at_rest(task):
 
 
 @EVERY_TASK
-def test_random_pose_turns_the_robot_on_the_spot(task):
+def test_random_pose_rotates_robot_in_place(task):
     env = load(task)
     env.reset()
     qpos = env.physics.data.qpos
@@ -206,7 +206,7 @@ def test_random_pose_turns_the_robot_on_the_spot(task):
 
 
 @EVERY_TASK
-def test_time_limit_and_control_timestep(task):
+def test_time_limit_and_control_timestep_can_be_set(task):
     env = load(task, time_limit=0.1, control_timestep=0.02)
     steps = roll_out(env, 5)
     assert env.control_timestep() == pytest.approx(0.02)
@@ -216,7 +216,7 @@ def test_time_limit_and_control_timestep(task):
 
 
 @pytest.mark.parametrize("yaw", [-3.0, -math.pi / 2, 0, 1.0, math.pi])
-def test_target_is_where_it_was_set(yaw):
+def test_set_target_is_returned(yaw):
     physics = load("move_to_pose").physics
     physics.set_target(Target(np.array([0.1, -0.2, 0.035]), yaw))
     physics.forward()
@@ -225,7 +225,7 @@ def test_target_is_where_it_was_set(yaw):
 
 
 @pytest.mark.parametrize(("yaw", "blend"), [(-math.pi / 2, 1), (math.pi / 2, 0)])
-def test_visualize_reward_colours_the_robot(yaw, blend):
+def test_visualize_reward_colours_robot(yaw, blend):
     env = load("face_direction", visualize_reward=True, random_pose=False)
     env.reset()
     env.physics.set_target(Target(np.array([0, 0, 0.035]), yaw))
@@ -238,7 +238,7 @@ def test_visualize_reward_colours_the_robot(yaw, blend):
         np.testing.assert_allclose(colours[material], plain + blend * (lit - plain), atol=0.01)
 
 
-def test_visualize_reward_colours_the_first_state_of_an_episode():
+def test_visualize_reward_colours_first_state_of_episode():
     env = load("face_direction", visualize_reward=True)
     colours = env.physics.named.model.mat_rgba
     plain, lit = colours["self_default"].copy(), colours["self_highlight"].copy()
@@ -249,7 +249,7 @@ def test_visualize_reward_colours_the_first_state_of_an_episode():
 
 
 @EVERY_TASK
-def test_colours_stay_unless_asked_for(task):
+def test_colours_are_constant_by_default(task):
     env = load(task)
     before = env.physics.model.mat_rgba.copy()
     roll_out(env, 5)

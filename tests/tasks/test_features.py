@@ -1,4 +1,4 @@
-"""What the tasks observe, against scipy's rotations and cases worked out by hand."""
+"""Tests of the observed features against scipy's rotations, MuJoCo and hand-computed cases."""
 
 import math
 
@@ -48,20 +48,20 @@ def close(actual, expected, tolerance=1e-12):
 
 
 @given(quaternions())
-def test_rotation_matrix_is_scipys(quaternion):
+def test_rotation_matrix_equals_scipy(quaternion):
     close(features.rotation_matrix(quaternion), rotation(quaternion).as_matrix())
 
 
 @given(states())
-def test_robot_heads_where_its_minus_y_axis_points_but_for_tilt(state):
+def test_heading_is_yaw_of_minus_y_axis(state):
     matrix = rotation(state.position[3:]).as_matrix()
-    assume(math.hypot(matrix[0, 0], matrix[1, 0]) > 0.01)  # else it has no yaw
+    assume(math.hypot(matrix[0, 0], matrix[1, 0]) > 0.01)  # otherwise the yaw is undefined
     error = features.heading(state) - (math.atan2(matrix[1, 0], matrix[0, 0]) - PI / 2)
     close([math.cos(error), math.sin(error)], [1, 0])
 
 
 @given(numbers(-1e4, 1e4))
-def test_wrapped_angle_lies_within_half_a_turn_and_is_the_same_angle(angle):
+def test_wrapped_angle_is_equivalent_and_within_pi(angle):
     wrapped = features.wrap_angle(np.float64(angle))
     turns = (angle - wrapped) / (2 * PI)
     assert -PI < wrapped <= PI
@@ -69,7 +69,7 @@ def test_wrapped_angle_lies_within_half_a_turn_and_is_the_same_angle(angle):
 
 
 @given(numbers(math.nextafter(-PI, 0), PI))
-def test_angle_within_half_a_turn_is_returned_exactly(angle):
+def test_angle_within_pi_is_returned_exactly(angle):
     assert features.wrap_angle(np.float64(angle)) == angle
 
 
@@ -92,7 +92,7 @@ def test_wrapped_angle_by_hand(angle, wrapped):
     close(result, wrapped, 1e-15)
 
 
-def test_odd_half_turns_wrap_into_half_a_turn():
+def test_odd_multiples_of_pi_wrap_to_pi():
     wrapped = features.wrap_angle(np.arange(-41, 42, 2) * PI)
     close(np.cos(wrapped), -1)
     assert ((wrapped > -PI) & (wrapped <= PI)).all()
@@ -101,7 +101,7 @@ def test_odd_half_turns_wrap_into_half_a_turn():
 @pytest.mark.parametrize(
     ("joint", "motor"), [(-PI / 2, 0), (0, PI / 2), (PI / 2, PI), (PI, -PI / 2), (20 * PI, PI / 2)]
 )
-def test_motor_angle_is_zero_with_the_mass_forward(joint, motor):
+def test_motor_angle_is_zero_with_mass_forward(joint, motor):
     close(features.motor_angle(np.array(joint)), motor, 1e-13)
 
 
@@ -137,7 +137,7 @@ def test_target_in_jitterbug_frame_by_hand(robot, seen):
 
 
 @given(states(), targets())
-def test_target_in_jitterbug_frame_is_scipys(state, goal):
+def test_target_in_jitterbug_frame_equals_scipy(state, goal):
     expected = rotation(state.position[3:]).inv().apply(goal.position - state.position[:3])
     close(features.target_in_jitterbug_frame(state, goal), expected)
 
@@ -166,7 +166,7 @@ def test_velocity_of_centre_of_mass_by_hand(yaw, velocity):
 
 
 @given(quaternions(), vectors(6, 35.0))
-def test_velocity_of_centre_of_mass_is_mujocos_sensor(quaternion, velocity):
+def test_velocity_of_centre_of_mass_equals_mujoco_sensor(quaternion, velocity):
     robot = load_model()
     data = mujoco.MjData(robot)
     model.place(data, quaternion)
@@ -176,20 +176,24 @@ def test_velocity_of_centre_of_mass_is_mujocos_sensor(quaternion, velocity):
     close(state.torso_velocity, data.sensor("torso_velocity").data, 1e-12)
 
 
-def test_state_of_splits_mujocos_state():
+def test_state_of_splits_mujoco_state():
     qpos, qvel = np.arange(16.0), np.arange(100.0, 115)
     qpos[3:7] = 1, 0, 0, 0
     state = model.state_of(qpos, qvel, np.zeros(3))
     assert state.position.tolist() == [0, 1, 2, 1, 0, 0, 0]
     assert state.velocity.tolist() == [100, 101, 102, 103, 104, 105]
-    assert state.torso_velocity.tolist() == [100, 101, 102]  # no offset: nothing swings
+    assert state.torso_velocity.tolist() == [
+        100,
+        101,
+        102,
+    ]  # no offset, no contribution of the rotation
     assert state.motor_position == pytest.approx(15 + PI / 2 - 6 * PI)  # 16.57 rad: 3 turns less
     assert state.motor_velocity == 114
     assert not any(np.shares_memory(part, whole) for part in state for whole in (qpos, qvel))
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_observation_has_the_papers_features_in_order(task):
+def test_observation_has_features_of_paper_in_order(task):
     observed = features.features(task, REST, target())
     assert list(observed) == OBSERVED[task]
     assert features.observation(task, REST, target()).shape == (SIZES[task],)
@@ -197,14 +201,14 @@ def test_observation_has_the_papers_features_in_order(task):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_every_dimension_has_a_label_that_begins_with_its_feature(task):
+def test_every_dimension_has_label_starting_with_feature(task):
     labels = feature_labels(task)
     owners = [name for name in OBSERVED[task] for _ in range(features.FEATURE_SIZES[name])]
     assert len(set(labels)) == SIZES[task]
     assert all(label.startswith(owner) for label, owner in zip(labels, owners, strict=True))
 
 
-# At rest: z = 0.035 of 0 … 0.1 is 0.7 - 1 = -0.3; motor and target a quarter turn of ±pi.
+# At rest: z = 0.035 of 0 … 0.1 is 0.7 - 1 = -0.3; motor and target angle are pi / 2 of ±pi.
 AT_REST = [0, 0, -0.3, 1, 0, 0, 0, *[0] * 6, 0.5, 0]
 SEEN_AT_REST = {
     "move_from_origin": AT_REST,
@@ -222,7 +226,7 @@ def test_observation_at_rest_by_hand(task):
     close(features.observation(task, state, goal), SEEN_AT_REST[task])
 
 
-def test_observation_is_not_clipped_to_its_ranges():
+def test_observation_is_not_clipped():
     state = rest(
         position=[4, -1, 0.2, 1, 0, 0, 0],  # of ±2, ±2, 0 … 0.1
         velocity=[2, -1, 0.5, 70, -35, 7],  # of ±1 and ±35
@@ -242,7 +246,7 @@ def test_denormalize_inverts_normalize(task):
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
-def test_observation_of_many_robots_is_that_of_each(task, kind):
+def test_batched_observation_equals_single_observations(task, kind):
     many, goals = (convert(part, kind) for part in random_states((2, 3)))
     together = features.observation(task, many, goals)
     assert tuple(together.shape) == (2, 3, SIZES[task])
@@ -252,7 +256,7 @@ def test_observation_of_many_robots_is_that_of_each(task, kind):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_torch_observes_what_numpy_does(task):
+def test_torch_observation_equals_numpy(task):
     many, goals = random_states((20,))
     in_torch = features.observation(task, convert(many, "torch"), convert(goals, "torch"))
     close(in_torch.numpy(), features.observation(task, many, goals))
@@ -260,7 +264,7 @@ def test_torch_observes_what_numpy_does(task):
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
-def test_observation_of_single_precision_stays_single(task, kind):
+def test_float32_observation_stays_float32(task, kind):
     many, goals = random_states((20,))
     single = features.observation(task, *(convert(p, kind, "float32") for p in (many, goals)))
     assert str(single.dtype).endswith("float32")

@@ -1,4 +1,4 @@
-"""The five tasks in Gymnasium: its contract, and the same robot as in dm_control."""
+"""Tests of the five tasks in Gymnasium: API, rendering, and equality with dm_control."""
 
 import itertools
 import math
@@ -48,7 +48,7 @@ print(env.unwrapped.task)
 
 
 def roll_out(env, steps=20, actions=None, seed=0):
-    """Observations, rewards and ends of `steps` steps, by default with random actions."""
+    """Observations, rewards and end flags of `steps` steps, by default with random actions."""
     if actions is None:
         actions = np.random.default_rng(1).uniform(-1, 1, (steps, 1))
     seen = [env.reset(seed=seed)[0]]
@@ -65,8 +65,8 @@ def picture_env(camera="tracking", width=96, height=64):
 
 
 @EVERY_TASK
-def test_environment_passes_gymnasiums_checker(task, recwarn):
-    check_env(JitterbugEnv(task), skip_render_check=True)  # drawn by the tests below
+def test_environment_passes_gymnasium_checker(task, recwarn):
+    check_env(JitterbugEnv(task), skip_render_check=True)  # rendered by the tests below
     warnings = [str(warning.message) for warning in recwarn]
     assert all("infinity" in warning for warning in warnings)  # observations are not clipped
 
@@ -83,35 +83,35 @@ def test_id_and_spaces(task):
     assert env.metadata["render_fps"] == 100  # one picture per control step of 0.01 s
 
 
-def test_make_imports_the_package_by_itself():
+def test_make_imports_package():
     command = [sys.executable, "-c", FRESH_INTERPRETER]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.split(maxsplit=2) == ["face_direction", "1000", "(16,)\n"]
 
 
-def test_import_jbench_registers_the_ids_and_imports_no_environment():
+def test_import_registers_ids_and_imports_no_environment():
     done = subprocess.run([sys.executable, "-c", PLAIN_IDS], capture_output=True, text=True)
     assert done.stdout == "face_direction 900\nmove_to_pose\n", done.stderr
 
 
 @FIRST_TASK
-def test_episode_is_truncated_at_a_thousand_steps_and_never_terminated(task):
+def test_episode_is_truncated_after_1000_steps_and_never_terminated(task):
     env = gymnasium.make(IDS[task])
     ends = [row[-2:] for row in roll_out(env, 1000)[1:]]
     assert ends == [(False, False)] * 999 + [(False, True)]
 
 
 @EVERY_TASK
-def test_seed_determines_the_episode(task):
+def test_seed_determines_episode(task):
     env, other = JitterbugEnv(task), JitterbugEnv(task)
     first = roll_out(env, seed=5)
-    roll_out(other, seed=6)  # what came before does not matter
+    roll_out(other, seed=6)  # earlier episodes do not matter
     assert roll_out(other, seed=5) == first
     assert roll_out(other, seed=6) != first
 
 
 @EVERY_TASK
-def test_consecutive_episodes_begin_differently_but_reproducibly(task):
+def test_consecutive_episodes_start_differently_but_reproducibly(task):
     def beginnings():
         env = JitterbugEnv(task)
         return [env.reset(seed=7)[0].tolist(), env.reset()[0].tolist(), env.reset()[0].tolist()]
@@ -122,7 +122,7 @@ def test_consecutive_episodes_begin_differently_but_reproducibly(task):
 
 
 @pytest.mark.parametrize(("beyond", "limit"), [(5, 1), (-1.5, -1)])
-def test_actions_beyond_one_are_one(beyond, limit):
+def test_actions_are_clipped_to_one(beyond, limit):
     env = JitterbugEnv("face_direction")
     assert roll_out(env, actions=[[beyond]] * 20) == roll_out(env, actions=[[limit]] * 20)
     assert roll_out(env, actions=[[limit]] * 20) != roll_out(env, actions=[[limit / 2]] * 20)
@@ -130,8 +130,8 @@ def test_actions_beyond_one_are_one(beyond, limit):
 
 @EVERY_TASK
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_gymnasium_and_dm_control_are_the_same_robot(task, seed):
-    # Both draw the pose, then the target: with equal generators they begin alike.
+def test_gymnasium_and_dm_control_give_same_episode(task, seed):
+    # Both draw the pose, then the target: equal generators give equal starts.
     theirs = suite.load("jitterbug", task, {"random": np.random.RandomState(seed)})
     ours = JitterbugEnv(task)
     ours.np_random = np.random.RandomState(seed)
@@ -148,7 +148,7 @@ def test_gymnasium_and_dm_control_are_the_same_robot(task, seed):
 
 
 @EVERY_TASK
-def test_returned_arrays_are_the_callers(task):
+def test_returned_arrays_are_copies(task):
     env = JitterbugEnv(task)
     expected = roll_out(env)
     kept = env.reset(seed=0)[0]
@@ -162,7 +162,7 @@ def terms_of(info):
 
 
 @EVERY_TASK
-def test_info_has_the_target_of_the_episode_and_terms_that_multiply_to_the_reward(task):
+def test_info_has_target_and_terms_of_reward(task):
     env = JitterbugEnv(task)
     info = env.reset(seed=3)[1]
     assert all(type(value) is float for key, value in info.items() if key != "target")
@@ -183,12 +183,12 @@ def test_info_has_the_target_of_the_episode_and_terms_that_multiply_to_the_rewar
         ("move_to_position", [0.03, 0.04], 0.05),
     ],
 )
-def test_reset_takes_the_target_of_the_episode(task, target, distance):
+def test_reset_accepts_target(task, target, distance):
     env, plain = JitterbugEnv(task), JitterbugEnv(task)
     before = plain.reset(seed=4)[0]
     observation, info = env.reset(seed=4, options={"target": target})
     assert info["target"].tolist() == np.atleast_1d(target).tolist()
-    # The pose is that of the seed; only what depends on the target differs.
+    # The pose is that of the seed; only features of the target differ.
     np.testing.assert_array_equal(observation[:15], before[:15])
     assert np.any(observation[15:] != before[15:])
     if distance is not None:
@@ -196,11 +196,11 @@ def test_reset_takes_the_target_of_the_episode(task, target, distance):
         assert 3 * np.linalg.norm(observation[15:17]) == pytest.approx(distance, rel=2e-3)
         assert info["distance"] == pytest.approx(distance, rel=1e-9)
     assert env.step(np.ones(1, np.float32))[-1]["target"].tolist() == info["target"].tolist()
-    # The next episode is the one that would have followed anyway.
+    # The next episode is the same as without the option.
     np.testing.assert_array_equal(env.reset()[0], plain.reset()[0])
 
 
-def test_target_of_an_info_repeats_the_episode():
+def test_target_of_info_reproduces_episode():
     env = JitterbugEnv("move_to_pose")
     drawn, info = env.reset(seed=5)
     chosen, _ = env.reset(seed=5, options={"target": info["target"]})
@@ -214,7 +214,7 @@ def test_target_of_an_info_repeats_the_episode():
         ({"target": [1, 2]}, "The target of face_direction is an array"),
     ],
 )
-def test_wrong_options_are_refused_and_change_nothing(options, says):
+def test_invalid_options_are_refused_and_change_nothing(options, says):
     env, plain = JitterbugEnv("face_direction"), JitterbugEnv("face_direction")
     for each in (env, plain):
         each.reset(seed=1)
@@ -232,12 +232,12 @@ def test_wrong_options_are_refused_and_change_nothing(options, says):
         ({"task": "face_direction", "render_mode": "ascii"}, "rgb_array"),
     ],
 )
-def test_unknown_setting_is_refused_with_the_known_ones(settings, known):
+def test_unknown_setting_is_refused_with_known_ones(settings, known):
     with pytest.raises(ValueError, match=f"'(fly|side|ascii)' is not one of .*{known}"):
         JitterbugEnv(**settings)
 
 
-def test_without_render_mode_there_is_no_picture():
+def test_render_without_render_mode_returns_none():
     env = JitterbugEnv("face_direction")
     env.reset(seed=0)
     assert env.render() is None
@@ -245,20 +245,20 @@ def test_without_render_mode_there_is_no_picture():
 
 @pytest.mark.usefixtures("rendering")
 @FIRST_TASK
-def test_picture_has_its_shape_and_more_than_one_colour(task):
+def test_image_has_expected_shape_and_colours(task):
     env = gymnasium.make(IDS[task], render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()
     env.close()
     assert (picture.shape, picture.dtype) == ((480, 640, 3), np.uint8)
-    # The yellow torso (.93, .74, .20) on the blue floor: red beyond blue, and the other way round.
+    # Yellow torso (.93, .74, .20) on blue floor: red exceeds blue in few pixels, blue red in many.
     red, blue = picture[..., 0].astype(int), picture[..., 2].astype(int)
     assert 0.001 < np.mean(red > blue + 50) < 0.5
     assert np.mean(blue > red + 20) > 0.1
 
 
 @pytest.mark.usefixtures("coarse_pictures")
-def test_every_camera_shows_another_picture():
+def test_cameras_render_different_images():
     pictures = []
     for camera in CAMERAS:
         env = picture_env(camera)
@@ -279,19 +279,19 @@ def test_every_camera_shows_another_picture():
         pytest.param(0.75, 320, 240 + 150, marks=pytest.mark.slow),  # at (0, -0.1625)
     ],
 )
-def test_overhead_picture_shows_the_target_at_its_position(share, column, row):
+def test_overhead_image_shows_target_at_its_position(share, column, row):
     env = picture_env("overhead", 640, 480)
     env.np_random = SimpleNamespace(uniform=lambda low, high: low + share * (high - low))
     env.reset()
     red, green, blue = env.render().astype(int).transpose(2, 0, 1)
     env.close()
     rows, columns = np.nonzero((green > red + 30) & (green > blue + 10))
-    # The middle of what is green, within the target's radius of 0.01 m: 9 pixels.
+    # The centre of the green pixels, within the target's radius of 0.01 m: 9 pixels.
     assert np.hypot(np.median(columns) - column, np.median(rows) - row) < 9
 
 
 @pytest.mark.usefixtures("coarse_pictures")
-def test_picture_shows_the_state_after_the_last_step():
+def test_image_shows_state_after_last_step():
     env = picture_env("overhead")
     env.reset(seed=0)
     before = env.render()
@@ -307,7 +307,7 @@ def test_picture_shows_the_state_after_the_last_step():
 
 
 @pytest.mark.usefixtures("coarse_pictures")
-def test_rendering_changes_nothing_of_the_episode():
+def test_rendering_does_not_change_episode():
     class Watched(gymnasium.Wrapper):
         def step(self, action):
             assert self.env.render().any()
@@ -320,7 +320,7 @@ def test_rendering_changes_nothing_of_the_episode():
 
 
 @pytest.mark.usefixtures("coarse_pictures")
-def test_environments_draw_side_by_side():
+def test_several_environments_render_independently():
     one, other = picture_env(), picture_env("overhead", width=64)
     for env in (one, other):
         env.reset(seed=0)
@@ -332,7 +332,7 @@ def test_environments_draw_side_by_side():
 
 
 @pytest.mark.usefixtures("coarse_pictures")
-def test_closing_an_environment_leaves_the_others_pictures():
+def test_closing_environment_does_not_affect_others():
     one, other = picture_env(), picture_env("overhead")
     for env in (one, other):
         env.reset(seed=0)
@@ -345,11 +345,11 @@ def test_closing_an_environment_leaves_the_others_pictures():
 
 
 @pytest.mark.usefixtures("coarse_pictures")
-def test_closed_environment_can_be_closed_again():
+def test_closed_environment_can_be_closed_and_rendered_again():
     env = picture_env()
     env.reset(seed=0)
     before = env.render()
     env.close()
     env.close()
-    np.testing.assert_array_equal(env.render(), before)  # and drawn again
+    np.testing.assert_array_equal(env.render(), before)  # renders again after close
     env.close()

@@ -1,4 +1,4 @@
-"""The hand-written policies: what symmetry demands of them, and that they do their tasks."""
+"""Tests of the hand-written policies: mirror symmetry, batching, and returns on their tasks."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from jbench.tasks.heuristics import heuristic
 from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
 
-# What changes its sign in a mirror that swaps left and right (the robot faces -y).
+# Sign of each feature under a reflection that swaps left and right (the robot faces -y).
 MIRROR = {
     "position": [-1, 1, 1, 1, 1, -1, -1],
     "velocity": [-1, 1, 1, 1, -1, -1],
@@ -23,7 +23,7 @@ MIRROR = {
 
 
 def some_observations(task, random, count=50):
-    """Robots somewhere, away from the origin, all upright and moving."""
+    """Observations of upright, moving robots at random positions away from the origin."""
     quaternion = np.array([resets.draw_quaternion(random) for _ in range(count)])
     position = random.uniform([-0.02, 0.04, 0.03], [0.02, 0.08, 0.04], (count, 3))
     state = features.State(
@@ -42,7 +42,7 @@ def targets(task, random, count):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_what_is_seen_in_a_mirror_is_done_in_the_mirror(task):
+def test_mirrored_observation_gives_mirrored_action(task):
     observed = some_observations(task, np.random.default_rng(0))
     signs = np.concatenate([MIRROR[name] for name in features.TASK_SPECS[task].features])
     policy = heuristic(task)
@@ -54,7 +54,7 @@ def test_what_is_seen_in_a_mirror_is_done_in_the_mirror(task):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_a_robot_does_the_same_alone_and_among_others(task):
+def test_action_is_independent_of_batch(task):
     observed = some_observations(task, np.random.default_rng(1), count=6)
     together, alone = heuristic(task), heuristic(task)
     together.reset(6)
@@ -64,7 +64,7 @@ def test_a_robot_does_the_same_alone_and_among_others(task):
         assert alone.act(row[None]) == pytest.approx(action[None], abs=1e-12)
 
 
-# Median return of three robots per step after a number of steps; one may have fallen.
+# Number of steps, and the least median reward of three robots over the last 50 of them.
 DONE = {
     "move_from_origin": (150, 0.95),
     "face_direction": (250, 0.9),
@@ -75,7 +75,7 @@ DONE = {
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_the_task_is_done(task):
+def test_heuristic_solves_task(task):
     random = np.random.default_rng(2)
     target = targets(task, random, 3)
     steps, least = DONE[task]

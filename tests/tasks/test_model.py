@@ -1,4 +1,4 @@
-"""The model against the sheet of measured facts: every number here was copied from there."""
+"""Tests of the MuJoCo model against reference values of masses, positions and sizes."""
 
 import mujoco
 import numpy as np
@@ -81,7 +81,7 @@ def touching(robot, data):
 
 
 def robot_geoms(robot):
-    """The indices of the geoms of the robot, floor and target left out."""
+    """The indices of the robot's geoms, without floor and target."""
     root = robot.body("jitterbug").id
     return [i for i in range(robot.ngeom) if robot.body_rootid[robot.geom_bodyid[i]] == root]
 
@@ -91,14 +91,14 @@ def test_mass_of_body(robot, body, mass):
     assert robot.body(body).mass[0] == pytest.approx(mass, abs=1e-8)
 
 
-def test_ten_bodies_weigh_17_5165_grams_in_all(robot):
+def test_ten_bodies_weigh_17_5165_grams_in_total(robot):
     massive = {robot.body(i).name for i in range(robot.nbody) if robot.body_mass[i] > 0}
     assert massive == MASSES.keys()
     assert robot.body_mass.sum() == pytest.approx(0.0175165, abs=5e-8)
 
 
 @pytest.mark.parametrize(("geom", "expected"), CYLINDERS.items())
-def test_cylinder_lies_between_its_ends(robot, at_rest, geom, expected):
+def test_cylinder_has_its_radius_and_ends(robot, at_rest, geom, expected):
     radius, *ends = expected
     half_axis = at_rest.geom(geom).xmat.reshape(3, 3)[:, 2] * robot.geom(geom).size[1]
     found = [at_rest.geom(geom).xpos + sign * half_axis for sign in (-1, 1)]
@@ -144,14 +144,14 @@ def test_hinge_has_its_position_axis_and_spring(robot, at_rest, joint, expected)
         (-3, 100, -0.00833 * 1.6664),  # clipped to -1
     ],
 )
-def test_motor_torque_is_that_of_a_velocity_servo(robot, at_rest, control, speed, torque):
+def test_motor_torque_is_that_of_velocity_servo(robot, at_rest, control, speed, torque):
     at_rest.ctrl[0] = control
     at_rest.qvel[model.MOTOR] = speed
     mujoco.mj_forward(robot, at_rest)
     np.testing.assert_allclose(at_rest.qfrc_actuator, [0] * 14 + [torque], rtol=1e-9)
 
 
-def test_options_are_those_of_mujoco_but_for_the_timestep(robot):
+def test_options_are_mujoco_defaults_except_timestep(robot):
     default = mujoco.MjModel.from_xml_string("<mujoco/>").opt
     names = [name for name in dir(default) if not name.startswith("_") and name != "timestep"]
     assert {"integrator", "solver", "cone", "tolerance", "gravity"} <= set(names)
@@ -168,7 +168,7 @@ def test_options_are_those_of_mujoco_but_for_the_timestep(robot):
         *("solmix", "margin", "gap", "priority"),
     ],
 )
-def test_every_robot_geom_and_the_floor_touch_as_by_default(robot, field):
+def test_contact_parameters_are_mujoco_defaults(robot, field):
     plain = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><geom size="1"/></worldbody></mujoco>'
     )
@@ -178,9 +178,9 @@ def test_every_robot_geom_and_the_floor_touch_as_by_default(robot, field):
 
 
 def test_target_has_neither_mass_nor_contacts(robot, at_rest):
-    # It overlaps the torso at rest, so a target that could touch would.
+    # At rest the target overlaps the torso, so a target with contacts would touch it.
     assert at_rest.body("target").xpos.tolist() == at_rest.body("jitterbug").xpos.tolist()
-    at_rest.qpos[2] = 0.02  # the feet in the floor: there are contacts, none with the target
+    at_rest.qpos[2] = 0.02  # the feet penetrate the floor
     mujoco.mj_forward(robot, at_rest)
     assert at_rest.ncon > 0
     assert not any({"target", "target_pointer"} & pair for pair in touching(robot, at_rest))
@@ -194,7 +194,7 @@ def test_target_points_along_its_x_axis(robot, at_rest):
     np.testing.assert_allclose(ahead[1:], 0, atol=1e-12)
 
 
-def test_cameras(robot, at_rest):
+def test_cameras_have_expected_order_and_directions(robot, at_rest):
     names = [robot.camera(i).name for i in range(robot.ncam)]
     assert names == ["overhead", "spectator", "tracking", "ego"]
     # A camera looks along its -z axis: down from above, and where the robot faces (-y).
@@ -209,14 +209,14 @@ def test_cameras(robot, at_rest):
 def test_robot_stands_at_rest_on_its_four_feet(robot, at_rest):
     mujoco.mj_step(robot, at_rest, nstep=2500)  # 0.5 s
     assert at_rest.body("jitterbug").xmat[8] > 0.999
-    # The front feet begin 2 mm above the floor, so the torso's frame sinks by a part of that.
+    # The front feet start 2 mm above the floor, so the torso's frame sinks by a part of that.
     np.testing.assert_allclose(at_rest.qpos[:3], [0, 0, 0.034], atol=0.0015)
     np.testing.assert_allclose(at_rest.qvel[: model.MOTOR], 0, atol=0.01)  # the motor turns freely
     feet = [{"floor", f"leg{leg}_foot"} for leg in (2, 3, 1, 4)]
     assert touching(robot, at_rest) == feet
 
 
-def test_only_the_floor_is_touched_under_random_control(robot, at_rest):
+def test_robot_touches_only_floor_under_random_control(robot, at_rest):
     random = np.random.default_rng(0)
     touched = 0
     for _ in range(60):

@@ -1,4 +1,4 @@
-"""The `info` of an environment: by hand, and its terms against the reward."""
+"""Tests of the `info` of an environment against hand-computed values and the reward."""
 
 import math
 
@@ -11,7 +11,7 @@ from jbench.tasks import features, rewards
 from jbench.tasks.outcome import outcome
 from tests.tasks.robot_states import random_states, rest, states, target, targets
 
-# At the origin, facing -y, with 0.05 m/s along the diagonal to (0.03, -0.04) and beyond.
+# At the origin, facing -y, moving at 0.05 m/s towards (0.03, -0.04).
 STATE = rest(torso_velocity=[0.03, -0.04, 0])
 GOAL = target(0.03, -0.04, yaw=-math.pi / 4)
 NEAR = {"distance": 0.05, "reward_near": 0.1}
@@ -41,7 +41,7 @@ def test_info_by_hand(task):
 
 @pytest.mark.parametrize("task", TASKS)
 @given(states(), targets())
-def test_reward_is_the_product_of_the_terms_in_info(task, state, goal):
+def test_reward_is_product_of_terms_in_info(task, state, goal):
     _, reward, info = outcome(task, state, goal)
     terms = [float(value) for key, value in info.items() if key.startswith("reward_")]
     assert math.prod(terms) == reward == rewards.reward(task, state, goal)
@@ -49,7 +49,7 @@ def test_reward_is_the_product_of_the_terms_in_info(task, state, goal):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_outcomes_of_many_robots_are_those_of_each(task):
+def test_batched_outcome_equals_single_outcomes(task):
     many, goals = random_states((4,))
     together = outcome(task, many, goals)
     np.testing.assert_array_equal(

@@ -1,4 +1,4 @@
-"""How an episode begins: the ranges of every draw, and where the draws come from."""
+"""Tests of initial states and targets: distributions, hand-computed draws, and generators."""
 
 import math
 import random as standard_library
@@ -20,7 +20,7 @@ GENERATORS = [np.random.RandomState, np.random.default_rng]
 
 
 class Scripted:
-    """Draws the same share of every range, so that a draw can be worked out by hand."""
+    """A generator that draws the same share of every range, for hand-computed draws."""
 
     def __init__(self, share):
         self.share = share
@@ -30,13 +30,13 @@ class Scripted:
 
 
 def pose_numbers(quaternions):
-    """The three numbers behind each orientation: the angle, and the axis against the vertical."""
+    """The three random numbers of each orientation: the angle and the tilt of the axis."""
     w, x, y, z = np.transpose(quaternions)
     return 2 * np.arctan2(z, w) % (2 * PI), x / z, y / z
 
 
 def assert_uniform(values, low, high):
-    """The values fill their range as evenly as chance does, and never leave it."""
+    """Asserts that the values are uniform in their range (Kolmogorov-Smirnov)."""
     assert np.min(values) >= low
     assert np.max(values) <= high
     assert kstest(values, "uniform", (low, high - low)).pvalue > 0.001
@@ -47,7 +47,7 @@ def assert_uniform(values, low, high):
     [
         (0, (1, 0, 0, 0)),
         (0.5, (0, 0, 0, 1)),  # half a turn about an axis in the middle of its range
-        # A whole turn: back again, as the other of the two equal quaternions.
+        # A full turn: the other of the two equivalent quaternions.
         (1, (-1, 0, 0, 0)),
         # A quarter turn about (-0.0125, -0.0125, 1), of length sqrt(1.0003125).
         (0.25, (0.5**0.5, -0.0088374546, -0.0088374546, 0.7069963708)),
@@ -74,7 +74,7 @@ def test_target_by_hand(share, position, yaw):
 
 @pytest.mark.parametrize("generator", GENERATORS)
 @pytest.mark.parametrize("task", TASKS)
-def test_target_is_drawn_as_the_task_wants(task, generator):
+def test_target_is_uniform_in_ranges_of_task(task, generator):
     random = generator(0)
     targets = [resets.draw_target(task, random) for _ in range(DRAWS)]
     x, y, z = np.transpose([target.position for target in targets])
@@ -92,7 +92,7 @@ def test_target_is_drawn_as_the_task_wants(task, generator):
 
 
 @pytest.mark.parametrize("generator", GENERATORS)
-def test_pose_is_a_random_turn_about_an_almost_vertical_axis(generator):
+def test_pose_is_uniform_turn_about_nearly_vertical_axis(generator):
     random = generator(1)
     quaternions = [resets.draw_quaternion(random) for _ in range(DRAWS)]
     angle, u, v = pose_numbers(quaternions)
@@ -103,7 +103,7 @@ def test_pose_is_a_random_turn_about_an_almost_vertical_axis(generator):
 
 
 @pytest.mark.parametrize("pose_first", [True, False])
-def test_pose_and_target_are_independent_whichever_is_drawn_first(pose_first):
+def test_pose_and_target_are_independent_in_either_order(pose_first):
     random = np.random.default_rng(2)
     rows = []
     for _ in range(DRAWS):
@@ -114,7 +114,7 @@ def test_pose_and_target_are_independent_whichever_is_drawn_first(pose_first):
         bearing = math.atan2(target.position[1], target.position[0])
         rows.append([*numbers, bearing, np.hypot(*target.position[:2]), target.yaw])
     correlations = np.corrcoef(rows, rowvar=False) - np.eye(6)
-    # Of 2,000 independent pairs a correlation has standard deviation 0.022.
+    # The correlation of 2,000 independent pairs has standard deviation 0.022.
     assert np.abs(correlations).max() < 0.08
     ranges = [(0, 2 * PI), (-0.025, 0.025), (-0.025, 0.025), (-PI, PI), (0.05, 0.2), (0, 2 * PI)]
     for values, (low, high) in zip(np.transpose(rows), ranges, strict=True):
@@ -123,7 +123,7 @@ def test_pose_and_target_are_independent_whichever_is_drawn_first(pose_first):
 
 @pytest.mark.parametrize("generator", GENERATORS)
 @pytest.mark.parametrize("task", TASKS)
-def test_only_the_given_generator_is_used(task, generator):
+def test_only_given_generator_is_used(task, generator):
     def draw(random):
         return [*resets.draw_quaternion(random), *np.hstack(resets.draw_target(task, random))]
 
@@ -183,6 +183,6 @@ def test_wrong_target_is_refused(task, numbers, says):
         resets.chosen_target(task, numbers)
 
 
-def test_one_target_too_few_is_refused():
+def test_wrong_number_of_targets_is_refused():
     with pytest.raises(RequestError, match=r"of shape \(1,\) or \(3, 1\)"):
         resets.chosen_target("face_direction", [[1], [2]], 3)

@@ -1,4 +1,4 @@
-"""What the tasks reward, against dm_control's tolerance and cases worked out by hand."""
+"""Tests of the rewards against dm_control's tolerance and hand-computed cases."""
 
 import math
 
@@ -25,7 +25,7 @@ PI = math.pi
 
 
 def expected_terms(state, goal):
-    """Each term of a reward, by scipy's rotation and dm_control's tolerance."""
+    """Each term of a reward, computed by scipy's rotation and dm_control's tolerance."""
     matrix = Rotation.from_quat(state.position[3:], scalar_first=True).as_matrix()
     faces = math.atan2(matrix[1, 0], matrix[0, 0]) - PI / 2
     angle = (goal.yaw - faces + PI) % (2 * PI) - PI
@@ -53,7 +53,7 @@ PRODUCTS = {
 
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
 @given(states(), targets())
-def test_terms_are_dm_controls_tolerances(kind, state, goal):
+def test_terms_equal_dm_control_tolerance(kind, state, goal):
     expected = expected_terms(state, goal)
     state, goal = convert(state, kind), convert(goal, kind)
     found = {
@@ -70,7 +70,7 @@ def test_terms_are_dm_controls_tolerances(kind, state, goal):
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
 @pytest.mark.parametrize("task", TASKS)
 @given(states(), targets())
-def test_reward_is_the_product_of_its_terms(task, kind, state, goal):
+def test_reward_is_product_of_its_terms(task, kind, state, goal):
     terms = expected_terms(state, goal)
     expected = math.prod(terms[name] for name in PRODUCTS[task])
     found = float(rewards.reward(task, convert(state, kind), convert(goal, kind)))
@@ -92,7 +92,7 @@ def test_upright_by_hand(degrees, axis, reward):
 
 
 @pytest.mark.parametrize("yaw", [0.3, PI / 2, PI, 5])
-def test_turning_on_the_spot_stays_upright(yaw):
+def test_upright_reward_is_independent_of_yaw(yaw):
     assert rewards.upright_reward(turned(yaw)) == 1
 
 
@@ -120,7 +120,7 @@ def test_near_by_hand(offset, reward):
         (-PI / 6, 0.25),  # 60 degrees off: (1 + cos 120 deg) / 2
         (0, 0),  # a right angle
         (PI, 0),
-        (PI / 2, 0),  # the other way: cos 2a is 1 again, the reward is not
+        (PI / 2, 0),  # opposite direction: cos 2a is 1, but the reward is 0
         (PI / 4, 0),
         (1.5 * PI, 1),
     ],
@@ -160,7 +160,7 @@ def test_speed_by_hand(velocity, yaw, reward):
 @pytest.mark.parametrize(("degrees", "upright"), [(0, 1), (60, 0.1)])
 def test_reward_by_hand(task, goal, reward, degrees, upright):
     half = math.radians(degrees / 2)
-    # Rolled about y, the axis along which it looks: the heading keeps.
+    # Rolled about y, the axis of its heading, which therefore does not change.
     position = [0, 0, 0.035, math.cos(half), 0, math.sin(half), 0]
     state = rest(position=position, torso_velocity=[0.03, 0, 0])
     assert rewards.reward(task, state, goal) == pytest.approx(reward * upright, rel=1e-12)
@@ -168,7 +168,7 @@ def test_reward_by_hand(task, goal, reward, degrees, upright):
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
-def test_reward_of_many_robots_is_that_of_each(task, kind):
+def test_batched_reward_equals_single_rewards(task, kind):
     many, goals = (convert(part, kind) for part in random_states((2, 3)))
     together = rewards.reward(task, many, goals)
     assert tuple(together.shape) == (2, 3)
@@ -181,7 +181,7 @@ def test_reward_of_many_robots_is_that_of_each(task, kind):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_one_target_serves_many_robots(task):
+def test_one_target_is_broadcast_to_many_robots(task):
     many, _ = random_states((20,))
     goal = target(0.1, 0.05, yaw=1.0)
     repeated = Target(*(np.broadcast_to(a, (20, *a.shape)) for a in goal))
@@ -191,7 +191,7 @@ def test_one_target_serves_many_robots(task):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_many_targets_serve_one_robot(task):
+def test_one_robot_is_broadcast_to_many_targets(task):
     state, _ = random_states(())
     _, goals = random_states((20,), seed=1)
     each = [rewards.reward(task, state, Target(*pair)) for pair in zip(*goals, strict=True)]
@@ -200,7 +200,7 @@ def test_many_targets_serve_one_robot(task):
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
-def test_reward_of_single_precision_stays_single(task, kind):
+def test_float32_reward_stays_float32(task, kind):
     many, goals = random_states((20,))
     single = rewards.reward(task, *(convert(part, kind, "float32") for part in (many, goals)))
     assert str(single.dtype).endswith("float32")

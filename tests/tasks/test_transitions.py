@@ -1,4 +1,4 @@
-"""A control step is 50 physics steps, bit for bit, whoever takes them."""
+"""Tests that a control step equals 50 physics steps of MuJoCo, bit for bit."""
 
 import mujoco
 import numpy as np
@@ -19,7 +19,7 @@ def full_state(robot, data):
 
 
 def controls(seed):
-    """Thirty control steps' controls, some of them beyond the limits."""
+    """Controls of thirty control steps, some of which exceed the limits."""
     return np.random.default_rng(seed).uniform(-1.2, 1.2, 30)
 
 
@@ -46,7 +46,7 @@ def test_control_step_of_dm_control_is_50_steps_of_mujoco(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_fifty_steps_in_one_call_are_fifty_calls(seed):
+def test_one_call_of_50_steps_equals_50_calls(seed):
     robot = load_model()
     one, many = mujoco.MjData(robot), mujoco.MjData(robot)
     for data in (one, many):
@@ -59,7 +59,7 @@ def test_fifty_steps_in_one_call_are_fifty_calls(seed):
     assert one.time == pytest.approx(0.3)  # 30 control steps of 0.01 s
 
 
-def test_place_leaves_nothing_of_the_last_episode():
+def test_place_clears_state_of_last_episode():
     robot = load_model()
     used, new = mujoco.MjData(robot), mujoco.MjData(robot)
     step_one_by_one(robot, used, 1.0)

@@ -2,18 +2,18 @@
 
     python -m tests.training.kills '{"path": DIR, "runs": […], "at": "random", "kills": 20}'
 
-In DIR/whole the batch is trained without a kill; then in DIR/0, DIR/1 … with kills. Each attempt is
-a process of its own: a fork of this one, which has imported everything but started no thread. With
-"at": "random" its parent kills it at random moments, folder after folder, until the number of kills
-is reached. With "at": "writes" attempt n kills itself at its n-th point of writing (with
-"every": m at point 1 + (n - 1) m) until one finishes: before, within and after each write, and
-before and after each fsync and rename of `jbench/store/files.py`, which does all writing. With
-"encoder": n the runs have an encoder of n latents.
+DIR/whole holds the batch trained without kills; DIR/0, DIR/1 … hold batches with kills. Each
+attempt is a fork of this process, which has imported all modules but started no thread. With
+"at": "random" the parent kills it at random times, in one directory after another, until the number
+of kills is reached. With "at": "writes" attempt n kills itself at its n-th write point (with
+"every": m at point 1 + (n - 1) m) until one finishes. Write points are before, within and after
+each write, and before and after each fsync and rename of `jbench/store/files.py`, which does all
+writing. With "encoder": n the runs have an encoder of n latents.
 
-Episodes have 50 control steps, so that there are many in a second.
+Episodes have 50 control steps, so that many are completed per second.
 
-Its answer is JSON: {"kills": n, "folders": n, "steps": for each folder, after each kill, the
-control steps of every run's last checkpoint, "problems": what `jbench verify` says after each}.
+Prints JSON: {"kills": n, "folders": n, "steps": for each folder, after each kill, the control steps
+of every run's last checkpoint, "problems": the findings of `jbench verify` after each kill}.
 """
 
 import json
@@ -36,8 +36,8 @@ from jbench.training.checkpoints import load
 from tests.training.small_runs import shorten_episodes
 
 
-class Squashed(Encoder):
-    """An encoder of few latents: a product, and a function that is not linear."""
+class TanhEncoder(Encoder):
+    """An encoder of few latents: a linear map and tanh."""
 
     def __init__(self, latents):
         self._latents = latents
@@ -52,8 +52,8 @@ class Squashed(Encoder):
         return torch.tanh(observations @ weights)
 
 
-class Deadly:
-    """Forwards to a module, and kills this process at one of the points of writing."""
+class KillingModule:
+    """Wraps a module, and kills this process at one of the write points."""
 
     def __init__(self, module, at):
         self._module, self._left = module, at
@@ -78,11 +78,11 @@ class Deadly:
 
     def fdopen(self, handle, *mode):
         file = self._module.fdopen(handle, *mode)
-        return DeadlyFile(file, self) if mode == ("wb",) else file
+        return KillingFile(file, self) if mode == ("wb",) else file
 
 
-class DeadlyFile:
-    """A file that kills this process at a point of writing."""
+class KillingFile:
+    """Wraps a file, and kills this process at one of the write points."""
 
     def __init__(self, file, points):
         self._file, self._points = file, points
@@ -107,18 +107,18 @@ class DeadlyFile:
 
 
 class Killer:
-    """Trains the batch of a request, with kills and without."""
+    """Trains the batch of a request, with and without kills."""
 
     def __init__(self, request):
         self._path, self._at = Path(request["path"]), request["at"]
         self._wanted, self._every = request.get("kills", 0), request.get("every", 1)
         self._runs = [RunSettings(**run) for run in request["runs"]]
-        self._encoder = Squashed(request["encoder"]) if request.get("encoder") else None
+        self._encoder = TanhEncoder(request["encoder"]) if request.get("encoder") else None
         self._draw, self._longest = random.Random(0), 0.0
         self.kills, self.steps, self.problems = 0, [], []
 
     def whole(self):
-        """Trains the batch without a kill, and measures the time."""
+        """Trains the batch without kills, and measures the time."""
         began = time.perf_counter()
         assert self._end(self._fork(self._path / "whole")) == 0
         self._longest = 0.7 * (time.perf_counter() - began)
@@ -145,14 +145,14 @@ class Killer:
             findings = verify(results, 1).findings
             self.problems += [str(one) for one in findings if one.severity == "damaged"]
 
-    def _fork(self, path, deadly_point=None):
+    def _fork(self, path, write_point=None):
         process = os.fork()
         if process:
             return process
         code = 1
         try:
-            if deadly_point is not None:
-                files.os = Deadly(os, deadly_point)
+            if write_point is not None:
+                files.os = KillingModule(os, write_point)
             failures = run_batch(self._runs, Results(path), self._encoder, checkpoint_every=0)
             code = 3 if failures else 0
         except BaseException:

@@ -1,4 +1,4 @@
-"""Settings of runs that take a moment, and what such a run has come to."""
+"""Settings of short runs, and readers of their rows."""
 
 import importlib
 import itertools
@@ -24,11 +24,11 @@ def shorten_episodes(set_attribute=setattr, steps=EPISODE):
     """Makes the episodes of training, of evaluations and of Gymnasium's environments shorter.
 
     Args:
-        set_attribute: such as that of pytest's `monkeypatch`, which undoes it.
-        steps: control steps of an episode.
+        set_attribute: for example that of pytest's `monkeypatch`, which reverts it.
+        steps: control steps per episode.
     """
-    # Each module knows their length by itself.
-    rollout = importlib.import_module("jbench.simulation.rollout")  # the package has a function
+    # Each module has its own constant for the length.
+    rollout = importlib.import_module("jbench.simulation.rollout")  # the package exports a function
     for module in (batch, engines, evaluate, reproduce, request, rollout, run, status):
         set_attribute(module, "EPISODE_STEPS", steps)
     register_environments()
@@ -41,8 +41,8 @@ def small_run(algo, overrides, **changes):
 
     Args:
         algo: the algorithm.
-        overrides: of its published settings.
-        changes: of all others; the engine and the numbers of steps have no default.
+        overrides: changes of its published settings.
+        changes: other settings of the run; the engine and the numbers of steps have no default.
     """
     overrides = {"hidden_layers": [8], **overrides}
     chosen = algorithm_settings(algo, overrides=overrides).model_dump(mode="json")
@@ -51,13 +51,13 @@ def small_run(algo, overrides, **changes):
 
 
 def paths(record):
-    """Returns the number of rows of each path, by its evaluation and its control steps."""
+    """Returns the number of rows of each path by evaluation and control steps."""
     found = record.read("paths", schema.PATHS).to_pylist()
     return dict(Counter((row["evaluation"], row["control_steps"]) for row in found))
 
 
 def rows(record):
-    """Returns all rows of a run but their times."""
+    """Returns all rows of a run, without times."""
     return [
         {name: value for name, value in row.items() if name not in TIMES}
         for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS))

@@ -1,4 +1,4 @@
-"""Groups of seeds in antiphase: the results of each group alone, in the order that overlaps."""
+"""Tests of seed groups trained in antiphase: results of a single group, and order of turns."""
 
 import time
 from itertools import groupby
@@ -20,7 +20,7 @@ CPU = torch.device("cpu")
 SLOW = pytest.mark.slow
 
 
-def test_only_many_seeds_on_a_gpu_are_divided():
+def test_only_many_seeds_on_gpu_are_divided():
     gpu = torch.device("cuda")
     counts = {
         (device.type, seeds): number_of_groups(seeds, device)
@@ -30,7 +30,7 @@ def test_only_many_seeds_on_a_gpu_are_divided():
     assert counts == {("cpu", 19): 1, ("cpu", 20): 1, ("cuda", 19): 1, ("cuda", 20): 2}
 
 
-def test_trainings_take_turns_until_all_have_ended():
+def test_trainings_alternate_until_all_end():
     seen = []
 
     def training(name, turns):
@@ -47,7 +47,7 @@ def test_trainings_take_turns_until_all_have_ended():
     assert seen == ["a0", "b0", "c0", "b1", "c1", "b2"]
 
 
-def test_an_error_of_one_training_ends_the_others():
+def test_error_of_one_training_ends_others():
     closed = []
 
     def waiting():
@@ -70,7 +70,7 @@ def test_an_error_of_one_training_ends_the_others():
 @pytest.mark.parametrize(
     "algo", ["ddpg", pytest.param("sac", marks=SLOW), pytest.param("ppo", marks=SLOW)]
 )
-def test_groups_write_what_one_group_writes(algo, tmp_path):
+def test_several_groups_write_same_results_as_one(algo, tmp_path):
     runs = [
         settings(algo, seed, task=task, steps=4 * EPISODE)
         for task in ("face_direction", "move_from_origin")
@@ -89,10 +89,10 @@ def test_groups_write_what_one_group_writes(algo, tmp_path):
 
 
 @pytest.mark.usefixtures("short_episodes")
-def test_one_group_steps_between_the_updates_of_the_other_and_their_end(tmp_path, monkeypatch):
+def test_one_group_steps_during_updates_of_other(tmp_path, monkeypatch):
     events = []
 
-    def noted(owner, method, name):
+    def record_calls(owner, method, name):
         wrapped = getattr(owner, method)
 
         def note(self, *args):
@@ -104,16 +104,16 @@ def test_one_group_steps_between_the_updates_of_the_other_and_their_end(tmp_path
 
         monkeypatch.setattr(owner, method, note)
 
-    noted(Engine, "begin_updates", "begin")
-    noted(Engine, "_check_losses", "end")
-    noted(Environments, "step", "step")
+    record_calls(Engine, "begin_updates", "begin")
+    record_calls(Engine, "_check_losses", "end")
+    record_calls(Environments, "step", "step")
     assert (
         run_batch([settings("ddpg", 0), settings("ddpg", 1)], Results(tmp_path), None, groups=2)
         == {}
     )
     first = events[0][0]
     order = [("ab"[robots is not first] + " " + name) for robots, name in events]
-    # 100 control steps, with updates after every 10.
+    # 100 control steps with updates every 10 steps.
     turns = [(name, len(list(same))) for name, same in groupby(order)]
     assert turns[:8] == [
         *(("a step", 10), ("a begin", 1), ("b step", 10), ("b begin", 1)),
@@ -123,7 +123,7 @@ def test_one_group_steps_between_the_updates_of_the_other_and_their_end(tmp_path
 
 
 @pytest.mark.usefixtures("short_episodes")
-def test_processor_time_is_that_of_a_groups_own_turns(tmp_path):
+def test_processor_time_counts_only_own_turns(tmp_path):
     runs, results = [settings("ddpg", seed) for seed in (0, 1)], Results(tmp_path)
     began = time.process_time()
     run_batch(runs, results, None, groups=2)

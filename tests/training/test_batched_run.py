@@ -1,4 +1,4 @@
-"""Runs that share the batched engine give the same rows as separate runs."""
+"""Tests of runs of the batched engine: rows, paths, batches, settings and measured speed."""
 
 import numpy as np
 import pytest
@@ -33,14 +33,14 @@ def settings(algo="td3", seed=0, **changes):
     return small_run(algo, {"batch_size": 16, **SMALL[algo]}, **about)
 
 
-# Of the engine alone, `test_batched_engine.py` covers all algorithms.
+# `test_batched_engine.py` tests the engine itself with all algorithms.
 SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
     "algo", [pytest.param(algo, marks=[] if algo in ("ddpg", "ppo") else SLOW) for algo in SMALL]
 )
-def test_a_run_among_others_is_the_run_alone(algo, tmp_path):
+def test_run_in_batch_equals_run_alone(algo, tmp_path):
     together, alone = Results(tmp_path / "together"), Results(tmp_path / "alone")
     runs = [settings(algo, seed, steps=4 * EPISODE) for seed in (0, 3)]
     assert run_batch(runs, together, None) == {}
@@ -54,7 +54,7 @@ def test_a_run_among_others_is_the_run_alone(algo, tmp_path):
     assert returns[0] != returns[1]
 
 
-def test_rows_come_when_they_are_due(tmp_path):
+def test_rows_are_written_at_scheduled_steps(tmp_path):
     results, reported = Results(tmp_path), []
     run = settings(steps=150, evaluate_every=100)
     run_batch([run], results, None, progress=lambda *now: reported.append(now))
@@ -77,17 +77,17 @@ def test_rows_come_when_they_are_due(tmp_path):
         (1, 150),
     ]
     assert len({row["episode_return"] for row in evaluations}) == 4
-    # At control steps 0, 20 and 40 of episodes of 50.
+    # Points at control steps 0, 20 and 40 of episodes of 50 steps.
     assert paths(record) == {(0, 100): 3, (1, 150): 3}
     assert load_agent(results, run.id).task == "face_direction"
     assert plan([run], results).ids("finished") == [run.id]
-    # Typed again, it is found.
+    # The finished run is not repeated.
     before = record.manifest
     run_batch([run], results, None)
     assert results.find("run", run.id).manifest == before
 
 
-def test_a_run_that_another_process_does_is_left_to_it(tmp_path):
+def test_run_locked_by_another_process_is_skipped(tmp_path):
     results = Results(tmp_path)
     runs = [settings(seed=seed, steps=EPISODE, evaluate_episodes=0) for seed in range(2)]
     record = results.create("run", runs[0].id, runs[0].model_dump(mode="json"))
@@ -98,7 +98,7 @@ def test_a_run_that_another_process_does_is_left_to_it(tmp_path):
     assert results.find("run", runs[1].id).status == "finished"
 
 
-def test_several_environments_share_the_steps_and_the_updates(tmp_path):
+def test_parallel_environments_share_steps_and_updates(tmp_path):
     results = Results(tmp_path)
     changes = {"task": "move_from_origin", "parallel": 4, "evaluate_episodes": 0}
     run = settings("ddpg", steps=4 * EPISODE, **changes)
@@ -109,7 +109,7 @@ def test_several_environments_share_the_steps_and_the_updates(tmp_path):
     assert paths(results.find("run", run.id)) == {}
 
 
-def test_paths_are_those_of_the_seeds_own_episodes(tmp_path):
+def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
     results, runs = Results(tmp_path), [settings(seed=seed, steps=150) for seed in (0, 3)]
     run_batch(runs, results, None)
     for run in runs:
@@ -119,14 +119,14 @@ def test_paths_are_those_of_the_seeds_own_episodes(tmp_path):
         assert paths(record) == {(0, 50): 3, (2, 150): 3}
         made = evaluate_policy(run, seed, 2, agent.act, 1)
         last = found[found["evaluation"] == 2]
-        # The engine rounds in another way than the policy alone.
+        # The engine rounds differently from the single policy.
         np.testing.assert_allclose(last[["x", "y", "heading"]], made.path.points, atol=1e-4)
         assert np.abs(last[["x", "y"]].to_numpy()).max() > 1e-4
         assert last["target_yaw"].tolist() == pytest.approx([made.path.target["yaw"]] * 3)
         assert last["target_x"].isna().all()
 
 
-def test_a_sequence_of_robots_is_gone_through():
+def test_robots_of_sequence_have_equal_shares_of_episodes():
     run = settings("ddpg", robots=2, augment=5, steps=4 * EPISODE)
     first, second = robot_model(run, 0), robot_model(run, 1)
     assert (first.body_pos != second.body_pos).any() or (first.geom_size != second.geom_size).any()
@@ -134,7 +134,7 @@ def test_a_sequence_of_robots_is_gone_through():
     assert (run.episodes_on_each, run.robot_at(100), run.robot_at(101)) == (2, 0, 1)
 
 
-def test_seeds_are_dealt_out_to_processes():
+def test_seeds_are_distributed_over_processes():
     runs = [settings(seed=seed) for seed in range(5)]
     others = [settings(seed=seed, engine="sb3") for seed in range(2)]
     found = batches([*runs, *others], 2, "cpu")
@@ -144,7 +144,7 @@ def test_seeds_are_dealt_out_to_processes():
     assert batches([*runs, ddpg], 1, "cpu") == [runs, [ddpg]]
 
 
-def test_settings_and_devices_that_do_not_go_together_are_refused():
+def test_incompatible_settings_and_devices_are_refused():
     with pytest.raises(ValueError, match="are settings of the batched engine"):
         settings(engine="sb3", parallel=2)
     with pytest.raises(ValueError, match="are settings of the batched engine"):
@@ -159,7 +159,7 @@ def test_settings_and_devices_that_do_not_go_together_are_refused():
             training_device("batched", "auto", "tf32")
 
 
-def test_ppo_is_refused_in_bfloat16():
+def test_ppo_in_bfloat16_is_refused():
     assert settings("sac", precision="bfloat16").precision == "bfloat16"
     with pytest.raises(
         ValueError, match="PPO does not learn in bfloat16: precision must be float32"
@@ -167,7 +167,7 @@ def test_ppo_is_refused_in_bfloat16():
         settings("ppo", precision="bfloat16")
 
 
-def test_evaluations_use_the_threads_of_the_training(tmp_path, monkeypatch):
+def test_evaluations_use_threads_of_training(tmp_path, monkeypatch):
     given, make, robots = [], engines.make_engine, evaluation.Robots
     monkeypatch.setattr(engines, "make_engine", lambda *a, **o: make(*a, **o, threads=3))
     monkeypatch.setattr(evaluation, "Robots", lambda *args: given.append(args[2]) or robots(*args))
@@ -179,20 +179,20 @@ def test_evaluations_use_the_threads_of_the_training(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("algo", "environments", "short"),
     [
-        # Published: 100 control steps, 50 updates. Seven robots take 14 steps each, 98 in all,
-        # and learn 49 times; no part of that is whole but the seventh, of 7 updates.
+        # Published: 100 control steps, 50 updates. Seven robots take 14 steps each, 98 in total,
+        # and make 49 updates; the only smaller whole part is a seventh, of 7 updates.
         ("ddpg", 1, (50, 25)),
         ("ddpg", 7, (98, 49)),
         ("td3", 1, (20, 20)),
         ("sac", 8, (8, 8)),
     ],
 )
-def test_the_measured_schedule_has_the_ratio_of_the_engine(algo, environments, short):
+def test_measured_schedule_has_update_ratio_of_engine(algo, environments, short):
     found = _short_schedule(algorithm_settings(algo), environments)
     assert (found["train_freq"], found["gradient_steps"]) == short
 
 
-def test_the_speed_is_measured_with_any_number_of_environments():
+def test_speed_is_measured_with_any_number_of_environments():
     run = small_run(
         "ddpg",
         {},
@@ -206,7 +206,7 @@ def test_the_speed_is_measured_with_any_number_of_environments():
 
 
 @pytest.mark.parametrize("algo", ["td3", pytest.param("ppo", marks=SLOW)])
-def test_measuring_the_speed_changes_nothing(algo, tmp_path):
+def test_measuring_speed_does_not_change_results(algo, tmp_path):
     run = settings(algo, evaluate_episodes=0)
     once, again = Results(tmp_path / "once"), Results(tmp_path / "again")
     run_batch([run], once, None)

@@ -1,4 +1,4 @@
-"""Checkpoints of runs: what is written, what is rejected, and where a run resumes."""
+"""Tests of training checkpoints: which are kept, which are rejected, and where a run resumes."""
 
 import errno
 import json
@@ -18,14 +18,14 @@ from tests.training.test_resume import outcome, settings
 
 
 class Stopped(BaseException):
-    """What a test stops a run with, as Ctrl-C would."""
+    """Stops a run, like Ctrl-C."""
 
 
 pytestmark = pytest.mark.usefixtures("short_episodes")
 
 
 def do(path, runs, **more):
-    """Trains runs; returns the notices on resumed ones."""
+    """Trains runs; returns the notices on resumed runs."""
     notices = []
     more.setdefault("checkpoint_every", 0)
     failures = run_batch(
@@ -40,7 +40,7 @@ def do(path, runs, **more):
 
 
 def stop_at(path, runs, steps):
-    """Trains runs until one of them begins the episode after the given control step."""
+    """Trains runs until one of them passes the given control step."""
 
     def stop(run, now, episode_return):
         if now > steps:
@@ -55,14 +55,14 @@ def only(path, run):
 
 
 def file_of(record, prefix, number):
-    """Returns the path of a checkpoint's file, in the order in which they were written."""
+    """Returns the path of the `number`-th file of a role, in the order of writing."""
     found = [entry for entry in record.manifest.files if (entry.role or "").startswith(prefix)]
     return record.path / found[number].name
 
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
-    """A run that was stopped after 250 of 300 control steps, and what it should become."""
+    """A run stopped after 250 of 300 control steps, and the outcome of the uninterrupted run."""
     path, run = tmp_path_factory.mktemp("both"), settings("td3", 1, steps=300)
     with pytest.MonkeyPatch.context() as patch:
         shorten_episodes(patch.setattr)
@@ -73,7 +73,7 @@ def both(tmp_path_factory):
 
 @pytest.fixture
 def stopped(both, tmp_path):
-    """The same, in a copy that may be changed."""
+    """A copy of the stopped run that may be changed."""
     path, *rest = both
     shutil.copytree(path, tmp_path / "stopped")
     return tmp_path / "stopped", *rest
@@ -89,7 +89,7 @@ def stopped(both, tmp_path):
         ("manifest.json", errno.EIO),
     ],
 )
-def test_a_checkpoint_that_cannot_be_read_now_is_not_given_up(stopped, which, code, monkeypatch):
+def test_checkpoint_is_kept_after_transient_read_error(stopped, which, code, monkeypatch):
     path, run, uninterrupted = stopped
     before = only(path, run).roles()
     file = max(p for p in only(path, run).path.iterdir() if p.name.startswith(which))
@@ -109,7 +109,7 @@ def test_a_checkpoint_that_cannot_be_read_now_is_not_given_up(stopped, which, co
     assert outcome(path, run) == uninterrupted
 
 
-def test_a_run_that_cannot_note_that_it_resumes_keeps_its_checkpoint(stopped, monkeypatch):
+def test_run_that_fails_to_record_resume_keeps_checkpoint(stopped, monkeypatch):
     path, run, uninterrupted = stopped
     before, real, left = only(path, run).roles(), os.replace, [1]
 
@@ -127,7 +127,7 @@ def test_a_run_that_cannot_note_that_it_resumes_keeps_its_checkpoint(stopped, mo
     assert outcome(path, run) == uninterrupted
 
 
-def test_the_newest_two_checkpoints_are_kept_with_the_rows_before_them(stopped):
+def test_newest_two_checkpoints_are_kept_with_their_rows(stopped):
     path, run, uninterrupted = stopped
     record = only(path, run)
     assert sum(role.startswith("checkpoint-") for role in record.roles()) == 2
@@ -135,7 +135,7 @@ def test_the_newest_two_checkpoints_are_kept_with_the_rows_before_them(stopped):
     assert refused == []
     assert checkpoint.newest
     position = checkpoint.position
-    # Evaluations at 150, and that of 300 is not yet made.
+    # One evaluation at 150; that at 300 is still due.
     assert (position.control_steps, position.episodes) == (250, 5)
     assert (position.evaluations, position.last_evaluation) == (1, 150)
     assert record.rows("episodes") == 5
@@ -152,7 +152,7 @@ def damage(path):
     path.write_bytes(content)
 
 
-def test_instead_of_a_damaged_checkpoint_the_one_before_it_is_used(stopped):
+def test_damaged_checkpoint_falls_back_to_previous_one(stopped):
     path, run, uninterrupted = stopped
     damage(file_of(only(path, run), "checkpoint-", -1))
     ((_, steps, sentence),) = do(path, [run])
@@ -162,7 +162,7 @@ def test_instead_of_a_damaged_checkpoint_the_one_before_it_is_used(stopped):
     assert outcome(path, run) == uninterrupted
 
 
-def test_without_its_last_rows_the_replay_buffer_is_that_of_the_checkpoint_before(stopped):
+def test_missing_replay_file_falls_back_to_previous_checkpoint(stopped):
     path, run, uninterrupted = stopped
     file_of(only(path, run), "replay-", -1).unlink()
     ((_, steps, sentence),) = do(path, [run])
@@ -171,9 +171,9 @@ def test_without_its_last_rows_the_replay_buffer_is_that_of_the_checkpoint_befor
     assert outcome(path, run) == uninterrupted
 
 
-def test_a_run_without_a_checkpoint_that_is_whole_starts_over(stopped):
+def test_run_without_intact_checkpoint_restarts(stopped):
     path, run, uninterrupted = stopped
-    # The first piece of the replay buffer is needed by both.
+    # Both checkpoints need the first piece of the replay buffer.
     damage(file_of(only(path, run), "replay-", 0))
     ((_, steps, sentence),) = do(path, [run])
     assert steps == 0
@@ -181,7 +181,7 @@ def test_a_run_without_a_checkpoint_that_is_whole_starts_over(stopped):
     assert outcome(path, run) == uninterrupted
 
 
-def test_a_run_whose_rows_are_damaged_starts_over(stopped):
+def test_run_with_damaged_rows_restarts(stopped):
     path, run, uninterrupted = stopped
     damage(next(only(path, run).path.glob("episodes-*")))
     ((_, steps, sentence),) = do(path, [run])
@@ -201,7 +201,7 @@ def test_a_run_whose_rows_are_damaged_starts_over(stopped):
         ({"scalars": 3}, "its header is invalid"),
     ],
 )
-def test_a_checkpoint_of_something_else_is_refused(stopped, changes, reason):
+def test_checkpoint_of_other_run_or_format_is_refused(stopped, changes, reason):
     path, run, uninterrupted = stopped
     record = only(path, run)
     role = [role for role in record.roles() if role.startswith("checkpoint-")][-1]
@@ -216,19 +216,19 @@ def test_a_checkpoint_of_something_else_is_refused(stopped, changes, reason):
     assert outcome(path, run) == uninterrupted
 
 
-def test_seeds_that_stopped_at_different_steps_resume_together(tmp_path):
+def test_seeds_stopped_at_different_steps_resume_together(tmp_path):
     runs = [settings("ddpg", seed, steps=250) for seed in (0, 3, 5)]
     do(tmp_path / "uninterrupted", runs)
     path = tmp_path / "stopped"
     stop_at(path, runs[:1], 150)
     stop_at(path, runs[1:2], 50)
-    # The one that was never begun is new.
+    # Seed 5 was never started and is new.
     assert sorted(do(path, runs)) == [(0, 150, ""), (3, 50, "")]
     for run in runs:
         assert outcome(path, run) == outcome(tmp_path / "uninterrupted", run)
 
 
-def test_a_run_that_resumes_with_other_versions_says_so(stopped):
+def test_resume_with_other_versions_is_reported(stopped):
     path, run, _ = stopped
     record = only(path, run)
     known = record.manifest.provenance
@@ -244,14 +244,14 @@ def test_a_run_that_resumes_with_other_versions_says_so(stopped):
     assert continued["changed"]["torch"][0] == "2.0.0"
 
 
-def test_a_failed_run_resumes_too(stopped):
+def test_failed_run_resumes(stopped):
     path, run, uninterrupted = stopped
     only(path, run).fail("the disk was full")
     assert do(path, [run]) == [(1, 250, "")]
     assert outcome(path, run) == uninterrupted
 
 
-def test_a_run_is_never_in_more_than_some_files(tmp_path, monkeypatch):
+def test_number_of_files_of_run_is_limited(tmp_path, monkeypatch):
     monkeypatch.setattr(log, "_MAX_PARTS", 3)
     monkeypatch.setattr(checkpoints, "_JOINED", 2)
     run = settings("td3", 1)
@@ -261,13 +261,13 @@ def test_a_run_is_never_in_more_than_some_files(tmp_path, monkeypatch):
     assert len(record.parts("episodes")) <= 3
     numbers = record.read("episodes", schema.EPISODES)["episode"].to_pylist()
     assert numbers == list(range(6))
-    # Two pieces of a size are one.
+    # Two pieces of equal size are joined.
     assert sum(role.startswith("replay-") for role in record.roles()) == 1
     assert do(tmp_path / "stopped", [run]) == [(1, 300, "")]
     assert outcome(tmp_path / "stopped", run) == outcome(tmp_path / "uninterrupted", run)
 
 
-def test_pieces_of_a_size_are_joined_sixteen_at_a_time():
+def test_sixteen_pieces_of_equal_size_are_joined():
     pieces, written = [], 0
     for number in range(1, 4097):
         piece, joined = _next_piece(pieces, 0, 1000 * number)
@@ -277,19 +277,19 @@ def test_pieces_of_a_size_are_joined_sixteen_at_a_time():
         assert [p.first for p in pieces] == [0, *(p.end for p in pieces[:-1])]
         assert len(pieces) <= 3 * 15 + 1
     assert pieces == [_Piece(0, 4_096_000)]
-    # Once by itself or in the piece of its size, and once in each of the larger sizes.
+    # Each row is written once at first and once for each larger size.
     assert written / 4_096_000 < 4
 
 
-def test_a_piece_that_is_too_old_to_be_read_again_is_not_joined():
+def test_overwritten_piece_is_not_joined():
     pieces = [_Piece(1000 * i, 1000 * (i + 1)) for i in range(15)]
     assert _next_piece(pieces, 0, 16_000) == (_Piece(0, 16_000), pieces)
     assert _next_piece(pieces, 1, 16_000) == (_Piece(15_000, 16_000), [])
-    # All are: what has been overwritten meanwhile is missing.
+    # All pieces are outdated, because their rows have been overwritten.
     assert _next_piece(pieces, 20_000, 30_000) == (_Piece(20_000, 30_000), [])
 
 
-def test_another_device_since_the_beginning_is_reported(stopped):
+def test_changed_device_is_reported_on_resume(stopped):
     path, run, _ = stopped
     record = only(path, run)
     assert record.manifest.provenance["device"] == "cpu"

@@ -1,4 +1,4 @@
-"""Runs whose agents diverge fail, keep what they had until then, and leave the others alone."""
+"""Tests of diverging runs: they fail, keep their rows, and do not affect other runs."""
 
 import functools
 import math
@@ -21,7 +21,7 @@ HUGE = {"learning_rate": 1e30}
 
 
 def diverging(algo, **changes):
-    """Settings of a run that diverges at its first updates, and would be long without that."""
+    """Settings of a long run that diverges at its first updates."""
     run = settings(algo, 0, steps=10**7, evaluate_every=100, **changes)
     later = {} if algo == "ppo" else {"learning_starts": 160}
     return run.model_copy(update={"hyperparameters": {**run.hyperparameters, **HUGE, **later}})
@@ -29,7 +29,7 @@ def diverging(algo, **changes):
 
 @pytest.fixture
 def engines(monkeypatch):
-    """The engines that are made, in their order."""
+    """The engines in the order of their creation."""
     made, make = [], jbench.training.engines.make_engine
 
     @functools.wraps(make)
@@ -56,7 +56,7 @@ def train(path, runs, **more):
 
 @pytest.mark.parametrize("algo", ["ddpg", "td3", "sac", "ppo"])
 @pytest.mark.usefixtures("short_episodes")
-def test_a_diverged_run_fails_with_its_rows_and_the_batch_ends(algo, tmp_path, engines):
+def test_diverged_run_fails_with_its_rows_and_ends_batch(algo, tmp_path, engines):
     run = diverging(algo)
     failures, _ = train(tmp_path, [run])
     record = only(tmp_path, run)
@@ -69,7 +69,7 @@ def test_a_diverged_run_fails_with_its_rows_and_the_batch_ends(algo, tmp_path, e
     assert record.manifest.summary["error"] == str(error)
     assert str(error).startswith("The agent diverged: its ")
     assert f"after update {diverged['update']:,}, at control step" in str(error)
-    # With everything failed, the engine stops at once: a step of each environment later.
+    # When all runs have failed, the engine stops after at most one step of each environment.
     (engine,) = engines
     last = engine.control_steps
     assert last - engine.environments.observations.shape[1] <= diverged["control_steps"] <= last
@@ -89,7 +89,7 @@ def test_a_diverged_run_fails_with_its_rows_and_the_batch_ends(algo, tmp_path, e
 
 
 @pytest.mark.usefixtures("short_episodes")
-def test_a_retried_run_starts_at_its_last_finite_checkpoint_and_diverges_again(tmp_path):
+def test_retried_run_resumes_at_last_finite_checkpoint_and_diverges(tmp_path):
     run = diverging("td3")
     train(tmp_path, [run])
     record = only(tmp_path, run)
@@ -102,7 +102,7 @@ def test_a_retried_run_starts_at_its_last_finite_checkpoint_and_diverges_again(t
 
 
 @pytest.mark.usefixtures("short_episodes")
-def test_the_other_runs_end_as_alone(tmp_path, engines):
+def test_other_runs_of_batch_are_unaffected(tmp_path, engines):
     runs = [settings("td3", seed, steps=250) for seed in (0, 3)]
     assert train(tmp_path / "alone", runs[1:]) == ({}, [])
 
@@ -114,7 +114,7 @@ def test_the_other_runs_end_as_alone(tmp_path, engines):
     assert list(failures) == [runs[0].id]
     assert outcome(tmp_path / "both", runs[1]) == outcome(tmp_path / "alone", runs[1])
     failed = only(tmp_path / "both", runs[0])
-    # Weights are looked at before the checkpoint of 200 control steps, with the last row.
+    # Weights are checked before the checkpoint at 200 control steps, together with the last row.
     assert failed.manifest.summary["diverged"]["what"] == "weights"
     assert failed.manifest.summary["diverged"]["control_steps"] == 200
     episodes = failed.read("episodes", schema.EPISODES)
@@ -124,7 +124,7 @@ def test_the_other_runs_end_as_alone(tmp_path, engines):
 
 
 @pytest.mark.usefixtures("short_episodes")
-def test_weights_of_the_last_update_are_looked_at_before_they_are_kept(tmp_path, engines):
+def test_final_weights_are_checked_before_policy_is_saved(tmp_path, engines):
     run = settings("ddpg", 0, steps=100, evaluate_every=1000)
 
     def poison(run, steps, episode_return):
@@ -140,7 +140,7 @@ def test_weights_of_the_last_update_are_looked_at_before_they_are_kept(tmp_path,
 
 @pytest.mark.parametrize("algo", ["td3", "ppo"])
 @pytest.mark.usefixtures("short_episodes")
-def test_an_agent_of_stable_baselines3_that_diverges_fails_too(algo, tmp_path):
+def test_diverging_stable_baselines3_agent_fails(algo, tmp_path):
     first = {
         "td3": {"learning_starts": EPISODE},
         "ppo": {"n_envs": 2, "n_steps": 55, "batch_size": 10, "n_epochs": 2},
@@ -159,14 +159,14 @@ def test_an_agent_of_stable_baselines3_that_diverges_fails_too(algo, tmp_path):
     assert episodes["control_steps"][-1].as_py() <= diverged["control_steps"]
 
 
-def test_losses_without_a_column_are_refused(tmp_path):
+def test_losses_without_column_are_refused(tmp_path):
     record = Results(tmp_path).create("run", "a/s00-00000000", {})
     with pytest.raises(Exception, match="no column for kl, q_loss; the losses that it has are act"):
         RunLog(record).episode(1000, 1.0, 1000, {"q_loss": 1.0, "actor_loss": 0.5, "kl": 2.0})
 
 
 @pytest.mark.usefixtures("short_episodes")
-def test_an_error_later_does_not_hide_that_a_run_diverged(tmp_path, engines):
+def test_later_error_does_not_hide_divergence(tmp_path, engines):
     runs = [settings("ddpg", seed, steps=200, evaluate_episodes=0) for seed in (0, 3)]
 
     def disturb(run, steps, episode_return):

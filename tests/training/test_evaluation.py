@@ -1,4 +1,4 @@
-"""Evaluations during training, and the path of the robot in their first episode."""
+"""Tests of evaluations during training and of the robot's path in their first episode."""
 
 import mujoco
 import numpy as np
@@ -13,12 +13,12 @@ from jbench.training.evaluation import evaluate_policy
 
 
 def act(observations):
-    """Returns an action for each observation, without sums that a batch could round differently."""
+    """Returns an action for each observation; without sums, a batch rounds as single rows do."""
     return 0.6 + 0.4 * np.cos(9 * observations[:, 7:8])
 
 
 def stepped_alone(task, starts, episode):
-    """Returns x, y and heading at every control step of an episode, by MuJoCo's own functions."""
+    """Returns x, y and heading at every control step of an episode, computed by plain MuJoCo."""
     model = load_model(None)
     data, offset = mujoco.MjData(model), robot.torso_offset(model)
     robot.place(data, starts.quaternions[episode])
@@ -43,7 +43,7 @@ def stepped_alone(task, starts, episode):
         pytest.param("move_from_origin", marks=pytest.mark.slow),
     ],
 )
-def test_the_path_is_that_of_a_robot_that_is_stepped_alone(task):
+def test_path_equals_that_of_robot_stepped_alone(task):
     settings = ExternalSettings(
         **{"task": task, "algo": "mine", "seed": 0, "steps": 1000, "hyperparameters": {}},
         **{"evaluate_every": 1000, "evaluate_episodes": 3},

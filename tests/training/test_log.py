@@ -1,4 +1,4 @@
-"""The log of a run keeps the paths of its first evaluation and of the latest one."""
+"""Tests that the log of a run keeps the paths of its first and its latest evaluation."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def record(tmp_path):
 
 
 def evaluate(log, number):
-    """Adds an evaluation, whose path has two points."""
+    """Adds an evaluation whose path has two points."""
     start = np.array([0, 0, number], np.float32)
     path = Path(np.stack([start, start + 0.5]), {"x": 0.25, "yaw": float(number)})
     log.evaluation(1000 * (number + 1), [(1.0, 1000)], path)
@@ -24,7 +24,7 @@ def numbers(record):
     return record.read("paths", schema.PATHS)["evaluation"].to_pylist()
 
 
-def test_the_latest_path_replaces_the_one_before(record):
+def test_latest_path_replaces_previous_one(record):
     log = RunLog(record)
     for number, kept in enumerate(([0, 0], [0, 0, 1, 1], [0, 0, 2, 2])):
         evaluate(log, number)
@@ -42,7 +42,7 @@ def test_the_latest_path_replaces_the_one_before(record):
     }
 
 
-def test_paths_after_the_position_of_a_checkpoint_are_dropped(record):
+def test_paths_after_resumed_checkpoint_are_dropped(record):
     log = RunLog(record)
     for number in range(3):
         evaluate(log, number)
@@ -53,12 +53,12 @@ def test_paths_after_the_position_of_a_checkpoint_are_dropped(record):
     evaluate(resumed, 2)
     resumed.commit()
     assert numbers(record) == [0, 0, 2, 2]
-    # There is nothing to drop, and the path of the last evaluation stays.
+    # Nothing is dropped, and the path of the last evaluation is kept.
     RunLog(record, Position(evaluations=3)).commit()
     assert numbers(record) == [0, 0, 2, 2]
 
 
-def test_an_older_run_gets_the_path_of_its_last_evaluation_only(record):
+def test_resumed_older_run_has_path_of_last_evaluation_only(record):
     log = RunLog(record)
     log.evaluation(1000, [(1.0, 1000)])
     log.commit()

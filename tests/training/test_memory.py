@@ -1,4 +1,4 @@
-"""What runs will take of memory is said before."""
+"""Tests of the estimate of memory that runs will need."""
 
 import torch
 
@@ -23,28 +23,28 @@ def run(algo="ddpg", seed=0, **changes):
     )
 
 
-def test_a_replay_buffer_is_a_million_rows_of_observation_action_and_reward():
+def test_size_of_replay_buffer():
     assert replay_bytes(run()) == 1_000_000 * (16 + 2) * 4
     assert replay_bytes(run(steps=300_000)) == 300_000 * 18 * 4
     assert replay_bytes(run("ppo")) == 0
     assert replay_bytes(run(steps=300_000), "cuda:1") == 1_000_000 * 18 * 4
 
 
-def test_ten_seeds_are_too_few_to_speak_of_and_a_thousand_are_not():
+def test_only_large_replay_buffers_are_reported():
     ten = [run(seed=seed) for seed in range(10)]
     assert memory_sentence(ten) is None
     # 7.2 GB
     sentence = memory_sentence([run(seed=seed) for seed in range(100)])
     assert sentence is not None
     assert sentence.startswith("The replay buffers of 100 runs will take up to 7.2 GB of memory")
-    # 72 TB are nowhere: half a million runs.
+    # 72 TB exceed any memory.
     sentence = memory_sentence([run()] * 1_000_000)
     assert "72000.0 GB" in sentence
     assert "fewer --seeds at a time, or --set buffer_size=" in sentence
     assert memory_sentence([run(engine="sb3")] * 1000) is None
 
 
-def test_the_memory_of_a_gpu_is_that_of_the_device(monkeypatch):
+def test_memory_of_gpu_is_read_from_device(monkeypatch):
     runs = [run(seed=seed) for seed in range(100)]
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(

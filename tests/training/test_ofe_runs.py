@@ -1,4 +1,4 @@
-"""Runs with features that are learned with the agent: their settings, ids, rows and policies."""
+"""Tests of runs with online feature extraction (OFE): settings, ids, rows and policies."""
 
 import json
 
@@ -47,7 +47,7 @@ def requested(results, encoder, *overrides, algo="td3"):
     return run
 
 
-def test_features_are_part_of_the_settings_and_the_id_of_their_runs_alone(tmp_path):
+def test_ofe_is_part_of_settings_and_id(tmp_path):
     results = Results(tmp_path)
     full, few = (requested(results, encoder) for encoder in ("none", "ofe12"))
     other = requested(results, "ofe:12", "ofe.layers=3", "ofe.pretraining=0")
@@ -59,7 +59,7 @@ def test_features_are_part_of_the_settings_and_the_id_of_their_runs_alone(tmp_pa
     for run in (full, few, other):
         assert RunSettings(**json.loads(json.dumps(run.model_dump(mode="json")))) == run
     runs = (full, few, other)
-    # A representation is compared with another one of the same algorithm, whatever it is made of.
+    # Runs that differ only in their representation and its settings are comparable.
     assert len({comparable(run, "representation") for run in runs}) == 1
     assert len({comparable(run) for run in runs}) == 3
     labels = variant_labels({str(i): run for i, run in enumerate(runs[1:])})
@@ -77,7 +77,7 @@ def test_features_are_part_of_the_settings_and_the_id_of_their_runs_alone(tmp_pa
         ({"ofe": None}, "features that are learned with the agent are called ofeN"),
     ],
 )
-def test_what_does_not_go_with_features_is_refused(changes, says):
+def test_settings_incompatible_with_ofe_are_refused(changes, says):
     with pytest.raises(ValueError, match=says):
         settings(**changes)
 
@@ -91,7 +91,7 @@ def write_matrix(path, algo="td3", representation="ofe12", option="layers = 3"):
     return str(file)
 
 
-def test_a_matrix_has_features_as_representations(tmp_path):
+def test_matrix_accepts_ofe_as_representation(tmp_path):
     path = write_matrix(tmp_path)
     full, few = matrix_cells(read_matrix(path), Results(tmp_path))
     assert few.encoder is None
@@ -111,7 +111,7 @@ def test_a_matrix_has_features_as_representations(tmp_path):
 
 
 @pytest.mark.usefixtures("short_episodes")
-def test_a_run_keeps_its_prediction_loss_and_a_policy_with_its_features(tmp_path):
+def test_ofe_run_records_prediction_loss_and_policy_with_features(tmp_path):
     results, run = Results(tmp_path), settings()
     assert run_batch([run], results, None) == {}
     record = results.find("run", run.id)
@@ -123,7 +123,7 @@ def test_a_run_keeps_its_prediction_loss_and_a_policy_with_its_features(tmp_path
     actions = find_policy(results, run.id, "face_direction").act(observations)
     np.testing.assert_array_equal(actions, agent.act(observations))
     assert json.loads(record.read_file(DESCRIPTION))["features"] == {"layers": 2, "appended": False}
-    # The agent sees its features and nothing else.
+    # The policy depends on the features alone.
     blind = Policy(agent.policy.weights, agent.policy.biases, "tanh")
     features = agent.policy.features(observations)
     assert features.shape == (5, 6)

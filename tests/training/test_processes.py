@@ -1,4 +1,4 @@
-"""The worker processes of `jbench train`: their requests, and how they are stopped."""
+"""Tests of the worker processes of `jbench train`: requests, interrupts and retries."""
 
 import inspect
 import subprocess
@@ -18,8 +18,8 @@ from tests.training.small_runs import small_run
 TD3 = {"batch_size": 8, "learning_starts": 500, "train_freq": 100, "gradient_steps": 2}
 SHORT = {"engine": "batched", "steps": 1000, "evaluate_every": 1000, "evaluate_episodes": 0}
 
-# Ctrl-C comes when the worker is started, but not yet known to its parent. The worker must not
-# take it for itself, not even before its first line.
+# SIGINT is sent when the worker is started but not yet known to its parent. The worker must not
+# handle it, not even before its first line.
 INTERRUPTED = """
 import os, signal, subprocess, sys, time
 from jbench.cli import main
@@ -43,8 +43,8 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def test_any_number_of_seeds_fit_into_the_request_of_a_process(tmp_path):
-    # Linux takes 128 KiB in one argument. The runs are finished, so that nothing is trained.
+def test_request_of_many_seeds_may_exceed_argument_limit(tmp_path):
+    # Linux limits an argument to 128 KiB. The runs are finished, so nothing is trained.
     results, long = Results(tmp_path), {**TD3, "hidden_layers": [8] * 5000}
     runs = [small_run("td3", long, seed=seed, **SHORT) for seed in range(15)]
     assert sum(len(run.model_dump_json()) for run in runs) > 2**17
@@ -55,7 +55,7 @@ def test_any_number_of_seeds_fit_into_the_request_of_a_process(tmp_path):
 
 
 @pytest.mark.parametrize("verb", ["train", pytest.param("sweep", marks=pytest.mark.slow)])
-def test_ctrl_c_while_a_process_is_being_started_ends_it_too(verb, tmp_path):
+def test_interrupt_during_start_of_worker_ends_worker(verb, tmp_path):
     arguments = {
         "train": ("--algo", "td3", "--set", "hidden_layers=[8]"),
         "sweep": (write_matrix(tmp_path), "--steps", "5e6"),
@@ -77,7 +77,7 @@ def test_ctrl_c_while_a_process_is_being_started_ends_it_too(verb, tmp_path):
         text=True,
     )
     try:
-        # Otherwise it waits for the whole training of five million control steps.
+        # Otherwise this waits for a training of five million control steps.
         _, said = process.communicate(timeout=120)
     finally:
         process.kill()
@@ -86,7 +86,7 @@ def test_ctrl_c_while_a_process_is_being_started_ends_it_too(verb, tmp_path):
     assert "Traceback" not in said
 
 
-def test_failed_runs_are_retried_only_when_asked(tmp_path, capsys, monkeypatch):
+def test_failed_runs_are_retried_only_with_option(tmp_path, capsys, monkeypatch):
     results, asked = Results(tmp_path), []
     monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
     monkeypatch.setattr(
@@ -107,13 +107,13 @@ def test_failed_runs_are_retried_only_when_asked(tmp_path, capsys, monkeypatch):
     assert asked[1:] == [[interrupted, new]]
     assert f"The run {failed.id} failed before: out of luck\n" in said.out
     assert said.err == "Error: 1 of 4 runs failed; --retry-failed tries again.\n"
-    # It still is failed, as nothing was trained here.
+    # The run remains failed, because nothing is trained here.
     assert main([*arguments, "--retry-failed"]) == 1
     assert asked[2:] == [[interrupted, failed, new]]
     assert "1 run failed before; trying again." in capsys.readouterr().out
 
 
-def test_train_and_sweep_write_checkpoints_equally_often():
+def test_train_and_sweep_have_same_checkpoint_interval():
     defaults = [
         inspect.signature(verb).parameters["checkpoint_every"].default for verb in (train, sweep)
     ]

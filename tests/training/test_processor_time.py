@@ -1,4 +1,4 @@
-"""Processor time of runs: shared among the seeds of a process, continued when a run is resumed."""
+"""Tests of processor-time accounting: shared by seeds of a process, continued on resume."""
 
 import itertools
 import shutil
@@ -20,26 +20,26 @@ VERSION_2 = Path(__file__).parent / "version2"
 
 @pytest.fixture(autouse=True)
 def clock(monkeypatch):
-    """A process whose processor time grows by 6 s between two looks at it."""
+    """Replaces the process clock by one that advances by 6 s per reading."""
     readings = itertools.count(step=6.0)
     monkeypatch.setattr(log.time, "process_time", lambda: next(readings))
 
 
 def times(record):
-    """Processor times of a run's episodes and of its evaluations."""
+    """Processor times of the episodes and evaluations of a run."""
     tables = (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS))
     return [record.read(table, columns)["processor_time"].to_pylist() for table, columns in tables]
 
 
 @pytest.mark.parametrize("seeds", [1, 3])
-def test_seeds_share_the_time_of_their_process_evenly(seeds, tmp_path):
+def test_seeds_share_processor_time_evenly(seeds, tmp_path):
     runs = [settings("ppo", seed, steps=200, evaluate_every=100) for seed in range(seeds)]
     do(tmp_path, runs, checkpoint_every=1000)
     share = 6 / seeds
     for run in runs:
         record = only(tmp_path, run)
-        # Two environments end an episode each at 100 and 200 steps; evaluations follow, and the
-        # last one at 240, the end of a rollout.
+        # Two environments each end an episode at 100 and at 200 steps, followed by evaluations; the
+        # last evaluation is at 240, the end of a rollout.
         assert times(record) == [
             [share, share, 3 * share, 3 * share],
             [2 * share, 4 * share, 5 * share],
@@ -49,7 +49,7 @@ def test_seeds_share_the_time_of_their_process_evenly(seeds, tmp_path):
     assert answer.rows["processor_time"].tolist() == [6 * share]
 
 
-def test_a_resumed_run_counts_on_from_its_checkpoint(tmp_path):
+def test_resumed_run_continues_processor_time_of_checkpoint(tmp_path):
     run = settings("td3", 1, steps=200, evaluate_episodes=0)
     stop_at(tmp_path, [run], 100)
     checkpoint, _ = load(only(tmp_path, run))
@@ -59,7 +59,7 @@ def test_a_resumed_run_counts_on_from_its_checkpoint(tmp_path):
     assert times(only(tmp_path, run))[0] == [6.0, 18.0, before + 6, before + 24]
 
 
-def test_an_unfinished_run_of_version_2_is_resumed_without_times(tmp_path):
+def test_run_of_version_2_resumes_without_processor_time(tmp_path):
     shutil.copytree(VERSION_2, tmp_path / "old")
     run = settings("td3", 1, steps=200, evaluate_every=50)
     kept = only(tmp_path / "old", run).read("episodes", schema.EPISODES)
@@ -70,6 +70,6 @@ def test_an_unfinished_run_of_version_2_is_resumed_without_times(tmp_path):
     rows = record.read("episodes", schema.EPISODES)
     assert rows["control_steps"].to_pylist() == [50, 100, 150, 200]
     assert rows.slice(0, 2).equals(kept)
-    # The fifth evaluation is that at 210, the end of a rollout.
+    # The fifth evaluation is at 210, the end of a rollout.
     assert times(record) == [[None] * 4, [None] * 5]
     assert verify(Results(tmp_path / "old"), 1).faults == []

@@ -1,4 +1,4 @@
-"""Recorded runs are repeated here, and a run that was altered by a bit is noticed."""
+"""Tests of reproducing recorded runs: equality bit for bit, and detection of altered runs."""
 
 import shutil
 
@@ -41,14 +41,14 @@ def settings(algo="ddpg", seed=0, **changes):
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """Two seeds that were trained together."""
+    """Two seeds trained in one batch."""
     results = Results(tmp_path_factory.mktemp("trained"))
     assert run_batch([settings(seed=0), settings(seed=1)], results, None) == {}
     return results
 
 
-def written_again(results, into, run, tables=None, files=None, summary=None):
-    """Copies a run with other rows, files or summary, through the store."""
+def altered_copy(results, into, run, tables=None, files=None, summary=None):
+    """Writes a copy of a run with other rows, files or summary, with valid checksums."""
     before = results.find("run", run.id)
     rows = {name: before.read(name, columns) for name, columns in TABLES.items()}
     kept = {name: before.read_file(name) for name in (WEIGHTS, DESCRIPTION)}
@@ -69,7 +69,7 @@ def with_value(table, row, column, value):
     )
 
 
-def test_a_run_is_reproduced_bit_for_bit(trained):
+def test_run_is_reproduced_bit_for_bit(trained):
     run, shown = settings(seed=1), []
     record = trained.find("run", run.id)
     assert record.manifest.summary[POLICY_EVALUATION] == 1
@@ -82,7 +82,7 @@ def test_a_run_is_reproduced_bit_for_bit(trained):
     assert (shown, done.changed, done.equal) == ([50], {}, True)
 
 
-def test_a_run_of_stable_baselines3_is_reproduced_bit_for_bit(tmp_path):
+def test_stable_baselines3_run_is_reproduced_bit_for_bit(tmp_path):
     task = "move_from_origin"  # its returns are not 0
     run = settings(engine="sb3", task=task, evaluate_every=75, evaluate_episodes=1)
     results = Results(tmp_path)
@@ -93,22 +93,22 @@ def test_a_run_of_stable_baselines3_is_reproduced_bit_for_bit(tmp_path):
     assert done.retraining == (1, 0, 50, True, None)
 
 
-def test_environments_end_their_episodes_together(tmp_path):
+def test_run_with_parallel_environments_is_reproduced(tmp_path):
     run, results = settings("ppo", evaluate_every=200, steps=200), Results(tmp_path)
     run_batch([run], results, None)
     record = results.find("run", run.id)
-    done = reproduce(results, record, 3)  # of two environments: to the end of the run
+    done = reproduce(results, record, 3)  # with two environments: the whole run
     assert done.retraining == (4, 2, 200, True, None)
     assert done.evaluation.verdict == "equal"
 
 
-def test_a_return_that_was_altered_by_a_bit_is_named(trained, tmp_path):
+def test_return_altered_by_one_bit_is_reported(trained, tmp_path):
     run = settings()
     rows = trained.find("run", run.id).read("episodes", schema.EPISODES)
     before = rows["episode_return"][1].as_py()
     after = float(np.nextafter(before, np.inf))
     altered = with_value(rows, 1, "episode_return", after)
-    results, record = written_again(trained, tmp_path, run, {"episodes": altered})
+    results, record = altered_copy(trained, tmp_path, run, {"episodes": altered})
     assert reproduce(results, record, 1).equal
     done = reproduce(results, record, 2)
     assert not done.equal
@@ -118,35 +118,35 @@ def test_a_return_that_was_altered_by_a_bit_is_named(trained, tmp_path):
     )
 
 
-def test_a_missing_row_is_named(trained, tmp_path):
+def test_missing_row_is_reported(trained, tmp_path):
     run = settings()
     rows = trained.find("run", run.id).read("evaluations", schema.EVALUATIONS)
-    results, record = written_again(trained, tmp_path, run, {"evaluations": rows.slice(1)})
+    results, record = altered_copy(trained, tmp_path, run, {"evaluations": rows.slice(1)})
     found = reproduce(results, record, 1).retraining.difference
     assert found[:3] == ("evaluations", 0, 50)
     assert found.recorded is None
     assert found.computed is not None
 
 
-def test_a_weight_that_was_altered_by_a_bit_is_noticed(trained, tmp_path):
+def test_weight_altered_by_one_bit_is_detected(trained, tmp_path):
     run = settings()
     weights = safetensors.numpy.load(trained.find("run", run.id).read_file(WEIGHTS))
-    weights["1.bias"].view(np.uint32)[0] ^= 1  # the lowest bit of the output's bias
+    weights["1.bias"].view(np.uint32)[0] ^= 1  # the lowest bit of the output bias
     files = {WEIGHTS: safetensors.numpy.save(weights)}
-    results, record = written_again(trained, tmp_path, run, files=files)
+    results, record = altered_copy(trained, tmp_path, run, files=files)
     done = reevaluate(results, record)
     assert done.verdict == "different"
     assert done.recorded != done.computed
     assert f"recorded {done.recorded[0]!r}, here {done.computed[0]!r}" in done.reason
 
 
-def test_a_policy_of_other_layers_is_not_run(trained, tmp_path):
+def test_policy_with_wrong_layers_is_not_evaluated(trained, tmp_path):
     files = {
         name: trained.find("run", settings().id).read_file(name) for name in (WEIGHTS, DESCRIPTION)
     }
     run = settings("ppo")
     run_batch([run], Results(tmp_path / "other"), None)
-    results, record = written_again(
+    results, record = altered_copy(
         Results(tmp_path / "other"), tmp_path / "altered", run, files=files
     )
     done = reevaluate(results, record)
@@ -155,22 +155,22 @@ def test_a_policy_of_other_layers_is_not_run(trained, tmp_path):
 
 
 def test_policies_of_older_versions_are_not_compared(trained, tmp_path):
-    """They were kept after the last updates, and evaluated before them."""
+    """Older versions saved the policy after the last updates but evaluated it before them."""
     run, summary = settings(), {"wall_time": 1.0}
-    results, record = written_again(trained, tmp_path / "due", run, summary=summary)
+    results, record = altered_copy(trained, tmp_path / "due", run, summary=summary)
     done = reproduce(results, record, 1)
     assert (done.evaluation.verdict, done.equal) == ("not comparable", True)
     assert "before the last updates" in done.evaluation.reason
-    # If no evaluation was due at the last step, one was made of the final policy.
+    # If no evaluation was due at the last step, the final policy was evaluated.
     late = settings("ddpg", evaluate_every=75)
     run_batch([late], Results(tmp_path / "late"), None)
-    results, record = written_again(
+    results, record = altered_copy(
         Results(tmp_path / "late"), tmp_path / "old", late, summary=summary
     )
     assert reevaluate(results, record).verdict == "equal"
 
 
-def test_a_run_with_an_encoder_needs_it(demo_results, tmp_path):
+def test_run_with_encoder_needs_it(demo_results, tmp_path):
     shutil.copytree(demo_results.path / "encoders", tmp_path / "encoders")
     results = Results(tmp_path)
     run = settings(encoder=ENCODER, representation="dae12", steps=50)
@@ -182,7 +182,7 @@ def test_a_run_with_an_encoder_needs_it(demo_results, tmp_path):
         reproduce(results, results.find("run", run.id), 1)
 
 
-def test_of_a_recorded_loop_only_the_evaluation_is_repeated(tmp_path):
+def test_only_evaluation_of_recorded_loop_is_reproduced(tmp_path):
     import torch
     from torch import nn
 
@@ -204,7 +204,7 @@ def test_of_a_recorded_loop_only_the_evaluation_is_repeated(tmp_path):
         reproduce(results, record, 1)
 
 
-def test_runs_are_found_by_their_beginning(trained):
+def test_runs_are_found_by_id_prefix(trained):
     run = settings()
     assert find_run(trained, run.id)[1].id == run.id
     assert find_run(trained, "face_direction/ddpg/full/s01")[1].id == settings(seed=1).id
@@ -216,7 +216,7 @@ def test_runs_are_found_by_their_beginning(trained):
     assert (shipped.path.name, record.settings["seed"]) == ("reference", 5)
 
 
-def test_there_must_be_something_to_repeat(trained, tmp_path):
+def test_run_without_reproducible_data_is_refused(trained, tmp_path):
     run = settings()
     results = Results(tmp_path)
     record = results.create("run", run.id, run.values)
@@ -234,14 +234,14 @@ def test_there_must_be_something_to_repeat(trained, tmp_path):
         reproduce(results, unknown, 1)
 
 
-def test_as_many_episodes_are_repeated_as_the_first_updates_take(trained):
+def test_default_episodes_include_first_updates(trained):
     record = trained.find("run", settings().id)
     assert default_episodes(record) == 1
     td3 = find_run(trained, "reference/face_direction/td3/full/s05")[1]
     assert default_episodes(td3) == 12  # its first update is after 11,000 control steps
 
 
-def test_differences_are_in_the_order_of_training():
+def test_differences_are_in_order_of_training():
     recorded = {(1000, "episodes", 0, 0): {"episode_return": 1.0, "actor_loss": float("nan")}}
     computed = {(1000, "episodes", 0, 0): {"episode_return": 1.0, "actor_loss": float("nan")}}
     assert list(reproducing._differences(recorded, computed)) == []

@@ -1,4 +1,4 @@
-"""Runs of the batched engine that are killed end as if they had never been."""
+"""Tests that killed runs of the batched engine resume to the results of uninterrupted runs."""
 
 import itertools
 import json
@@ -26,7 +26,7 @@ def settings(algo, seed, **changes):
 
 
 def outcome(path, run):
-    """Returns all rows of a finished run but their times, its paths, and its weights."""
+    """Returns all rows of a finished run without times, its paths, and its weights."""
     record = Results(path).find("run", run.id)
     assert record.status == "finished"
     assert record.roles() == []
@@ -35,14 +35,14 @@ def outcome(path, run):
 
 
 def kill(path, runs, **request):
-    """Does runs in processes that are killed; returns what `kills.py` says of it."""
+    """Trains runs in processes that are killed; returns the answer of `kills.py`."""
     asked = {"path": str(path), "runs": [run.model_dump(mode="json") for run in runs], **request}
     done = Process("tests.training.kills:main", asked).finished()
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert answer["problems"] == []
     for folder, steps in enumerate(answer["steps"]):
-        # What was committed is never lost.
+        # Committed steps are never lost.
         assert all(
             before <= after
             for pair in itertools.pairwise(steps)
@@ -56,18 +56,18 @@ def kill(path, runs, **request):
 FEATURES = {"ofe": OFESettings(units=6, layers=2), "representation": "ofe6"}
 
 
-def killed_at_random_moments(path, algo, encoder, kills, **changes):
+def check_random_kills(path, algo, encoder, kills, **changes):
     runs = [settings(algo, seed, **changes) for seed in (0, 3)]
     answer = kill(path, runs, encoder=encoder, at="random", kills=kills)
     assert answer["kills"] == kills
     reached = {steps for folder in answer["steps"] for both in folder for steps in both}
-    # Some of them in the middle, or nothing would have been tried.
+    # Some kills must have been in the middle of the runs.
     assert reached & set(range(50, runs[0].steps, 50))
 
 
-# The slow test below has all algorithms, with and without an encoder, and more kills.
-def test_killed_some_times_a_batch_ends_as_if_it_had_not_been(tmp_path):
-    killed_at_random_moments(tmp_path, "td3", None, kills=3, **FEATURES)
+# The slow test below covers all algorithms, with and without an encoder, and more kills.
+def test_batch_killed_a_few_times_resumes_bit_for_bit(tmp_path):
+    check_random_kills(tmp_path, "td3", None, kills=3, **FEATURES)
 
 
 @pytest.mark.slow
@@ -75,13 +75,11 @@ def test_killed_some_times_a_batch_ends_as_if_it_had_not_been(tmp_path):
     ("algo", "encoder", "changes"),
     [*((algo, encoder, {}) for algo in SMALL for encoder in (None, 3)), ("td3", None, FEATURES)],
 )
-def test_killed_at_random_moments_a_batch_ends_as_if_it_had_not_been(
-    algo, encoder, changes, tmp_path
-):
-    killed_at_random_moments(tmp_path, algo, encoder, kills=20, **changes)
+def test_batch_killed_at_random_times_resumes_bit_for_bit(algo, encoder, changes, tmp_path):
+    check_random_kills(tmp_path, algo, encoder, kills=20, **changes)
 
 
-def test_killed_at_some_points_of_writing_a_run_ends_as_if_it_had_not_been(tmp_path):
+def test_run_killed_at_some_writes_resumes_bit_for_bit(tmp_path):
     run = settings("ddpg", 1, steps=100, evaluate_every=50)
     answer = kill(tmp_path, [run], at="writes", every=7)
     assert answer["kills"] > 5
@@ -89,8 +87,8 @@ def test_killed_at_some_points_of_writing_a_run_ends_as_if_it_had_not_been(tmp_p
 
 @pytest.mark.slow
 @pytest.mark.parametrize("algo", ["ddpg", "ppo"])
-def test_killed_at_each_point_of_writing_a_run_ends_as_if_it_had_not_been(algo, tmp_path):
+def test_run_killed_at_each_write_resumes_bit_for_bit(algo, tmp_path):
     run = settings(algo, 1, steps=200, evaluate_every=50)
     answer = kill(tmp_path, [run], at="writes")
-    # Of one checkpoint alone there are some dozens.
+    # A single checkpoint has dozens of write points.
     assert answer["kills"] > 40

@@ -1,4 +1,4 @@
-"""A run on an augmented robot, and one that goes through several of them."""
+"""Tests of runs on one augmented robot and on a sequence of them."""
 
 import hashlib
 import json
@@ -27,7 +27,7 @@ from tests.training.small_runs import EPISODE, shorten_episodes, small_run
 
 SHORT = pytest.mark.usefixtures("short_episodes")
 
-# Rollouts of 35 steps do not end where a robot's share does; after each there is an update.
+# Rollouts of 35 steps, each followed by an update, do not end together with a robot's share.
 TD3 = {
     "batch_size": 8,
     "learning_starts": 25,
@@ -43,7 +43,7 @@ def settings(algo="td3", overrides=TD3, **changes):
 
 
 def shape(env_or_model):
-    """Where the feet and the motor's mass of a robot are, and what its bodies weigh."""
+    """Positions of the geoms and masses of the bodies of a robot."""
     robot = getattr(env_or_model, "unwrapped", None)
     robot = env_or_model if robot is None else robot.model
     return np.concatenate([robot.geom_pos.ravel(), robot.body_mass])
@@ -54,7 +54,7 @@ def flat(weights):
 
 
 class Watched:
-    """A run, with the robots' shapes, the agent's policy and its replay buffer on the way."""
+    """Trains a run; keeps the robots' shapes, the policy and the replay size of each step."""
 
     def __init__(self, path, *arguments, **changes):
         self.shapes, self.weights, self.stored, self.evaluated = {}, {}, {}, {}
@@ -62,7 +62,7 @@ class Watched:
 
         def watched_step(recorder):
             step = recorder.num_timesteps
-            if step % EPISODE:  # else the episode has ended, and the next has begun already
+            if step % EPISODE:  # otherwise the next episode has already started
                 self.shapes[step] = [shape(env) for env in recorder.training_env.envs]
             self.weights[step] = flat(sb3.policy(recorder.model).weights)
             if hasattr(recorder.model, "replay_buffer"):
@@ -96,7 +96,7 @@ def watched(tmp_path_factory, **changes):
     return Watched(tmp_path_factory.mktemp("watched"), **changes)
 
 
-def test_plain_settings_keep_the_id_they_had_before_there_were_other_robots():
+def test_id_of_run_on_plain_robot_omits_robot_settings():
     kept = {
         "task": "move_in_direction",
         "algo": "td3",
@@ -117,7 +117,7 @@ def test_plain_settings_keep_the_id_they_had_before_there_were_other_robots():
 
 
 @SHORT
-def test_robots_are_part_of_the_id():
+def test_robots_are_part_of_id():
     different = [
         settings(),
         settings(augment=0),
@@ -127,7 +127,7 @@ def test_robots_are_part_of_the_id():
         settings(robots=2, augment=1),
     ]
     assert len({each.id for each in different}) == 6
-    # The first of several is that of seed 0 whether that is said or not.
+    # The first of several robots has seed 0 by default.
     assert settings(robots=2).id == settings(robots=2, augment=0).id
     for each in different:
         assert RunSettings.model_validate_json(each.model_dump_json()) == each
@@ -137,11 +137,11 @@ def test_robots_are_part_of_the_id():
 @pytest.mark.parametrize(
     ("steps", "robot"), [(0, 0), (1, 0), (100, 0), (101, 1), (200, 1), (205, 1)]
 )
-def test_the_robot_of_a_step(steps, robot):
+def test_robot_at_step(steps, robot):
     assert settings(robots=2).robot_at(steps) == robot
 
 
-def test_one_augmented_robot_is_learned_and_evaluated_on_throughout(alone):
+def test_run_on_augmented_robot_trains_and_evaluates_on_it(alone):
     expected = shape(load_model(5))
     assert not np.array_equal(expected, shape(load_model()))
     assert all(np.array_equal(each, expected) for (each,) in alone.shapes.values())
@@ -151,7 +151,7 @@ def test_one_augmented_robot_is_learned_and_evaluated_on_throughout(alone):
     assert "robots" not in alone.record.settings
 
 
-def test_episodes_and_evaluations_count_through_both_robots(two):
+def test_episodes_and_evaluations_are_numbered_across_robots(two):
     rows = two.record.read("episodes", schema.EPISODES).to_pylist()
     assert [(r["episode"], r["control_steps"], r["length"]) for r in rows] == [
         (0, 50, 50),
@@ -160,12 +160,12 @@ def test_episodes_and_evaluations_count_through_both_robots(two):
         (3, 200, 50),
     ]
     rows = two.record.read("evaluations", schema.EVALUATIONS).to_pylist()
-    # The last rollout of 35 steps ends at 210, and with it the run.
+    # The run ends with the last rollout of 35 steps, at 210.
     assert [row["control_steps"] for row in rows] == [100, 200, 210]
     assert two.record.settings["robots"] == 2
 
 
-def test_the_robot_is_switched_after_its_share_of_the_episodes(two):
+def test_robot_is_switched_after_its_share_of_episodes(two):
     first, second = shape(load_model(5)), shape(load_model(6))
     assert not np.array_equal(first, second)
     assert len(two.shapes) == 210 - 4
@@ -173,7 +173,7 @@ def test_the_robot_is_switched_after_its_share_of_the_episodes(two):
         assert np.array_equal(seen, first if step <= 100 else second), step
 
 
-def test_evaluations_are_with_the_robot_of_the_moment(two):
+def test_evaluations_use_current_robot(two):
     robots = [shape(load_model(seed)) for seed in (5, 6)]
     chosen = {
         steps: [np.array_equal(seen, robot) for robot in robots].index(True)
@@ -182,8 +182,8 @@ def test_evaluations_are_with_the_robot_of_the_moment(two):
     assert chosen == {100: 0, 200: 1, 210: 1}
 
 
-def test_the_second_robot_begins_with_what_was_learned_on_the_first(two, alone):
-    # Updates came after steps 35 and 70; the next comes after 105.
+def test_second_robot_starts_with_policy_of_first(two, alone):
+    # Updates are after steps 35, 70 and 105.
     assert not np.array_equal(alone.weights[1], alone.weights[100])
     for step in (1, 50, 100):
         assert np.array_equal(two.weights[step], alone.weights[step]), step
@@ -195,15 +195,15 @@ def test_the_second_robot_begins_with_what_was_learned_on_the_first(two, alone):
     assert ours[:2] == theirs
 
 
-def test_the_second_robot_keeps_the_transitions_of_the_first(two):
-    # A transition is stored right after the recorder has looked.
+def test_second_robot_keeps_replay_buffer_of_first(two):
+    # A transition is stored directly after the recorder's callback.
     assert [two.stored[step] for step in (100, 101, 210)] == [99, 100, 209]
     kept = flat(load_agent(two.results, two.record.id).policy.weights)
     assert not np.array_equal(two.weights[101], kept)
 
 
 @SHORT
-def test_the_next_robot_draws_on_and_does_not_repeat_the_first_ones_episodes():
+def test_next_robot_continues_random_stream():
     sequence, plain = make_training_env(settings(robots=4), None), make_env(settings(), None)
     seen = {sequence: [], plain: []}
     for env, beginnings in seen.items():
@@ -215,13 +215,13 @@ def test_the_next_robot_draws_on_and_does_not_repeat_the_first_ones_episodes():
                     *_, info = env.step(np.zeros(1, np.float32))
                 assert info["episode"]["l"] == EPISODE
             env.reset()
-    # Pose and target are drawn alike for every robot.
+    # Pose and target are drawn in the same way for every robot.
     assert seen[sequence] == seen[plain]
     assert len(set(seen[plain])) == 3
     assert np.array_equal(shape(sequence), shape(load_model(3)))
 
 
-def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
+def test_all_environments_of_ppo_switch_robots_together(tmp_path):
     ppo = {"hidden_layers": [8], "n_envs": 2, "n_steps": 15, "batch_size": 30, "n_epochs": 1}
     watched = Watched(tmp_path, "ppo", ppo, robots=2, evaluate_episodes=0)
     rows = watched.record.read("episodes", schema.EPISODES).to_pylist()
@@ -237,7 +237,7 @@ def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
 @pytest.mark.parametrize(
     ("robots", "steps", "wanted"), [(3, 200, 300), (2, 50, 100), (2, 150, 200), (4, 225, 400)]
 )
-def test_robots_that_do_not_share_the_episodes_are_refused(robots, steps, wanted):
+def test_steps_not_divisible_by_robots_are_refused(robots, steps, wanted):
     with pytest.raises(ValidationError, match=f"steps must be {wanted},"):
         settings(robots=robots, steps=steps)
 
@@ -266,7 +266,7 @@ def test_robots_that_do_not_share_the_episodes_are_refused(robots, steps, wanted
         (["--augment", "-1", "--robots", "2"], "--augment -1: type a whole number"),
     ],
 )
-def test_what_cannot_be_trained_is_refused_in_a_sentence(arguments, said, tmp_path, capsys):
+def test_invalid_robot_options_are_refused_in_one_line(arguments, said, tmp_path, capsys):
     results = tmp_path / "results"
     assert cli.main(["train", *arguments, "--results", str(results)]) == 2
     printed = capsys.readouterr()
@@ -277,7 +277,7 @@ def test_what_cannot_be_trained_is_refused_in_a_sentence(arguments, said, tmp_pa
     assert not results.exists()
 
 
-def test_the_command_line_asks_for_the_robots_that_were_typed(tmp_path, monkeypatch):
+def test_train_command_requests_given_robots(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
     monkeypatch.setattr(
@@ -295,8 +295,8 @@ def test_the_command_line_asks_for_the_robots_that_were_typed(tmp_path, monkeypa
     ]
 
 
-def reported(path, **changes):
-    """The row of a report's table for runs with such settings, of returns of 500 throughout."""
+def summary_row(path, **changes):
+    """The row of a report's table for a run with these settings and constant returns of 500."""
     results = Results(path)
     wanted = settings("sac", {}, steps=10_000_000, **changes)
     steps = range(1000, 10_000_001, 1000)
@@ -320,17 +320,17 @@ def reported(path, **changes):
     return row
 
 
-def test_the_authors_sequence_is_reported_beside_ours_and_beside_no_other(tmp_path):
-    row = reported(tmp_path / "ten", robots=10)
-    # Published are 807.00 at 9,931,000 and 808.17 at 9,971,000; ours is centred between.
+def test_published_sequence_is_compared_only_with_same_sequence(tmp_path):
+    row = summary_row(tmp_path / "ten", robots=10)
+    # The published medians are 807.00 at 9,931,000 and 808.17 at 9,971,000; 9,950,500 is between.
     assert row["training_return_steps"] == 9_950_500
     assert row["published_median"] == pytest.approx(807.57, abs=0.01)
     assert row["published_figure"] == "augmented-sac"
     assert "trained on 10 augmented robots in sequence" in row["notes"]
-    # Figure 9 ends at 5e6 steps: beside the plain robot there is nothing.
-    row = reported(tmp_path / "plain")
+    # Figure 9 ends at 5e6 steps: there is no published value for the plain robot.
+    row = summary_row(tmp_path / "plain")
     assert np.isnan(row["published_median"])
     assert "augmented" not in row["notes"]
-    row = reported(tmp_path / "one", augment=0)
+    row = summary_row(tmp_path / "one", augment=0)
     assert np.isnan(row["published_median"])
     assert "the published curves are of the plain one" in row["notes"]

@@ -1,4 +1,4 @@
-"""A run keeps what happened, and the same settings give the same rows."""
+"""Tests of runs with stable-baselines3: recorded rows, reproducibility, policies and failures."""
 
 import json
 
@@ -40,7 +40,7 @@ def finished(tmp_path_factory):
     return results, record, reported
 
 
-def test_every_training_episode_is_a_row(finished):
+def test_every_training_episode_is_row(finished):
     _, record, _ = finished
     rows = record.read("episodes", schema.EPISODES).to_pylist()
     assert [row["episode"] for row in rows] == [0, 1, 2]
@@ -53,15 +53,15 @@ def test_every_training_episode_is_a_row(finished):
     assert record.manifest.summary["processor_time"] > rows[-1]["processor_time"]
 
 
-def test_losses_are_null_before_learning_starts_and_numbers_after(finished):
+def test_losses_are_null_before_learning_starts(finished):
     _, record, _ = finished
     rows = record.read("episodes", schema.EPISODES).to_pylist()
     # Learning starts after 75 steps: at the end of the second episode, 100.
     assert [row["critic_loss"] is None for row in rows] == [True, True, False]
-    assert {row["value_loss"] for row in rows} == {None}  # PPO's alone
+    assert {row["value_loss"] for row in rows} == {None}  # only PPO has it
 
 
-def test_evaluations_come_when_asked_for_and_at_the_end(finished):
+def test_evaluations_are_made_at_interval_and_end(finished):
     _, record, _ = finished
     rows = record.read("evaluations", schema.EVALUATIONS).to_pylist()
     assert [(r["evaluation"], r["episode"], r["control_steps"]) for r in rows] == [
@@ -79,7 +79,7 @@ def test_progress_is_reported_after_each_episode(finished):
     assert reported == list(zip([50, 100, 150], returns, strict=True))
 
 
-def test_a_finished_run_is_not_repeated(finished):
+def test_finished_run_is_not_repeated(finished):
     results, record, _ = finished
     before = (record.path / "manifest.json").read_bytes()
     run(settings(), results, lambda *_: pytest.fail("it trained again"))
@@ -93,9 +93,9 @@ def test_a_finished_run_is_not_repeated(finished):
 
 
 @pytest.mark.slow
-def test_the_same_settings_give_the_same_rows_elsewhere(finished, tmp_path):
+def test_same_settings_give_same_rows(finished, tmp_path):
     _, record, _ = finished
-    # Measuring the speed before, as the command line does, changes nothing of the run.
+    # Measuring the speed before the run, as the command line does, does not change the run.
     assert seconds_per_step([settings()], None) > 0
     again = run(settings(), Results(tmp_path))
     for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS)):
@@ -104,7 +104,7 @@ def test_the_same_settings_give_the_same_rows_elsewhere(finished, tmp_path):
     assert record.read_file("policy.safetensors") == again.read_file("policy.safetensors")
 
 
-def test_another_seed_gives_other_episodes(finished, tmp_path):
+def test_other_seed_gives_other_episodes(finished, tmp_path):
     _, record, _ = finished
     other = run(settings(seed=1, steps=EPISODE, evaluate_episodes=0), Results(tmp_path))
     first, second = (
@@ -113,11 +113,11 @@ def test_another_seed_gives_other_episodes(finished, tmp_path):
     assert not set(first) & set(second)
 
 
-def test_the_kept_agent_repeats_an_evaluation(finished):
+def test_saved_agent_reproduces_evaluation(finished):
     results, record, _ = finished
     agent = load_agent(results, record.id)
     assert agent.task == "face_direction"
-    # The evaluation's environment continues from episode to episode, from the seed of the run.
+    # The generator of the evaluation environment is seeded once per run.
     evaluation_seed = int(np.random.SeedSequence(0).generate_state(2)[1])
     env = make_env(settings(), None)
     env.reset(seed=evaluation_seed)
@@ -132,21 +132,21 @@ def test_the_kept_agent_repeats_an_evaluation(finished):
             positions[-1].append(env.unwrapped.data.qpos[:2].copy())
         returns.append(total)
     rows = record.read("evaluations", schema.EVALUATIONS).to_pylist()
-    # The last two were of the final policy; the first two of an earlier one.
+    # The last two episodes are of the final policy, the first two of an earlier one.
     assert returns[2:] == pytest.approx([row["episode_return"] for row in rows[2:]])
-    # At control steps 0, 20 and 40.
+    # Points at control steps 0, 20 and 40.
     assert paths(record) == {(0, 100): 3, (1, 150): 3}
     found = record.read("paths", schema.PATHS).slice(3).select(["x", "y"]).to_pandas()
     np.testing.assert_array_equal(found, np.array(positions[2][::20], np.float32))
 
 
-def test_an_agent_of_no_run_is_refused(finished):
+def test_agent_of_unknown_run_is_refused(finished):
     results, _, _ = finished
     with pytest.raises(RequestError, match="No run face_direction/td3/full/s09-00000000"):
         load_agent(results, "face_direction/td3/full/s09-00000000")
 
 
-def test_ppo_counts_the_steps_of_all_its_environments(tmp_path):
+def test_ppo_counts_steps_of_all_environments(tmp_path):
     ppo = settings(
         "ppo",
         task="move_from_origin",
@@ -164,7 +164,7 @@ def test_ppo_counts_the_steps_of_all_its_environments(tmp_path):
 @pytest.mark.parametrize(
     ("time_limit", "ends"), [("bootstrap", (False, True)), ("terminal", (True, False))]
 )
-def test_the_agent_treats_the_time_limit_as_chosen(time_limit, ends):
+def test_time_limit_ends_episode_as_configured(time_limit, ends):
     env = make_env(settings(time_limit=time_limit), None)
     env.reset(seed=0)
     for _ in range(EPISODE):
@@ -173,7 +173,7 @@ def test_the_agent_treats_the_time_limit_as_chosen(time_limit, ends):
     assert info["episode"]["l"] == EPISODE
 
 
-def test_a_failure_is_recorded_and_tried_again(tmp_path, monkeypatch):
+def test_failure_is_recorded_and_can_be_retried(tmp_path, monkeypatch):
     results = Results(tmp_path)
     wanted = settings(steps=EPISODE, evaluate_episodes=0)
 
@@ -192,14 +192,14 @@ def test_a_failure_is_recorded_and_tried_again(tmp_path, monkeypatch):
     assert run(wanted, results).status == "finished"
 
 
-def test_a_run_in_progress_is_left_to_its_process(tmp_path):
+def test_run_locked_by_another_process_is_refused(tmp_path):
     results = Results(tmp_path)
     record = results.create("run", settings().id, settings().model_dump(mode="json"))
     with record.lock(), pytest.raises(WorkError, match="Another process"):
         run(settings(), results)
 
 
-def test_the_id_names_what_was_done_and_changes_with_every_setting():
+def test_id_depends_on_every_setting():
     base = settings()
     assert base.id.startswith("face_direction/td3/full/s00-")
     others = [

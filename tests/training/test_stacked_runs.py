@@ -1,4 +1,4 @@
-"""Runs of several cells in one stack: what may share it, and what it writes."""
+"""Tests of stacks of runs from several cells: their results, and which runs may share a stack."""
 
 from itertools import chain
 
@@ -25,13 +25,13 @@ ENCODED = {"representation": "dae5", "encoder": "face_direction/dae5-00000000"}
 
 
 def cells_of(algo, **changes):
-    """Two seeds of each of three cells."""
+    """Three cells of two seeds each."""
     kinds = {}, {"task": "move_from_origin"}, ENCODED
     return [[settings(algo, seed, **kind, **changes) for seed in (0, 3)] for kind in kinds]
 
 
 def assert_close(found, expected):
-    """Compares the rows of two records; the sums of a stack are made in another order."""
+    """Compares the rows of two records up to rounding, because a stack sums in another order."""
     assert len(rows(found)) == len(rows(expected)) > 0
     for row, its_row in zip(rows(found), rows(expected), strict=True):
         assert row.keys() == its_row.keys()
@@ -47,7 +47,7 @@ def flat(cells):
 
 @pytest.mark.usefixtures("short_episodes")
 @pytest.mark.parametrize("algo", ["ddpg", pytest.param("ppo", marks=pytest.mark.slow)])
-def test_runs_move_between_a_stack_of_cells_and_their_own(algo, tmp_path, monkeypatch):
+def test_runs_resume_across_stacks_of_different_cells(algo, tmp_path, monkeypatch):
     changes = {"steps": 3 * EPISODE, "evaluate_episodes": 1, "parallel": 1}
     first, second, third = cells_of(algo, **changes)
     cells = [first[:1], second[1:], third[:1]]
@@ -82,7 +82,7 @@ def ids(parts):
     return [[run.id for run in part] for part in parts]
 
 
-def test_a_gpu_gets_all_cells_of_an_algorithm_at_once():
+def test_gpu_trains_all_cells_of_algorithm_together():
     td3, ddpg = cells_of("td3"), cells_of("ddpg")
     apart = [
         [settings("td3", seed, **kind) for seed in (0, 3)]
@@ -99,13 +99,13 @@ def test_a_gpu_gets_all_cells_of_an_algorithm_at_once():
     runs = flat(cells)
     alone = [[run] for run in apart[-1]]
     assert ids(batches(runs, 1, "cuda")) == ids([flat(td3), flat(ddpg), *apart[:-1], *alone])
-    # On two GPUs, cells stay whole.
+    # Two processes never split a cell.
     halves = [[*td3[0], *td3[1]], td3[2]]
     assert ids(batches(flat(td3), 2, "cuda")) == ids(halves)
     assert ids(batches(runs, 1, "cpu")) == ids([*cells[:-1], *alone])
 
 
-def test_networks_without_hidden_layers_stay_with_their_cell():
+def test_networks_without_hidden_layers_are_not_stacked_across_cells():
     cells = cells_of("ppo")
     linear = [
         [
@@ -124,8 +124,8 @@ def gpu_of_4_gb(monkeypatch):
 
 
 @pytest.mark.usefixtures("gpu_of_4_gb")
-def test_cells_that_exceed_the_memory_of_a_gpu_are_several_stacks():
-    # A million rows of 19 + 2 numbers, 84 MB, of each of 48 runs: 4.03 GB, of which 3.2 GB fit.
+def test_cells_that_exceed_gpu_memory_are_several_stacks():
+    # 48 runs with a million rows of 19 + 2 numbers, 84 MB each, need 4.03 GB; 3.2 GB fit.
     tasks = ("move_from_origin", "face_direction", "move_in_direction", "move_to_pose")
     cells = [[large_run(task=task, seed=seed) for seed in range(12)] for task in tasks]
     runs = flat(cells)
@@ -136,13 +136,13 @@ def test_cells_that_exceed_the_memory_of_a_gpu_are_several_stacks():
     assert "of 48 runs will take up to 4.0 GB of the GPU's memory" in memory_sentence(runs, "cuda")
 
 
-def test_a_process_has_at_most_500_runs_of_several_cells():
+def test_process_has_at_most_500_runs_of_several_cells():
     tasks = ("move_from_origin", "face_direction", "move_in_direction")
     cells = [[large_run("ppo", task=task, seed=seed) for seed in range(200)] for task in tasks]
     assert [len(part) for part in batches(flat(cells), 1, "cuda")] == [400, 200]
 
 
-def test_an_encoder_that_is_missing_fails_the_runs_of_its_cell_only(tmp_path):
+def test_missing_encoder_fails_only_runs_of_its_cell(tmp_path):
     full, _, encoded = cells_of("td3")
     encoders, failures = load_encoders_of([*full, *encoded], Results(tmp_path))
     assert encoders == {None: None}

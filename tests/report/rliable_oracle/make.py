@@ -1,4 +1,4 @@
-"""Makes the file that the statistics are tested against, by rliable in an environment of its own.
+"""Writes rliable's reference values for the tests of statistics, in a separate environment.
 
     python -m venv /tmp/rliable && /tmp/rliable/bin/pip install rliable==1.2.0 "pandas<3"
     /tmp/rliable/bin/python tests/report/rliable_oracle/make.py
@@ -17,7 +17,7 @@ THRESHOLDS = [100.0, 300.0, 500.0, 700.0, 900.0]
 
 
 def scores(seed: int, runs: int, tasks: int) -> np.ndarray:
-    """Returns (runs, tasks) skewed scores in [0, 1000], some of them equal."""
+    """Returns skewed scores in [0, 1000] of shape (runs, tasks), with ties."""
     random = np.random.default_rng(seed)
     drawn = 1000 * random.beta(2, 1 + np.arange(tasks), (runs, tasks))
     return np.round(drawn / 25) * 25 if seed % 2 else drawn
@@ -33,7 +33,7 @@ def interval(given, statistic) -> list[float]:
 
 
 def case(seed: int, runs: int, others: int, tasks: int) -> dict:
-    """Returns scores and what rliable makes of them."""
+    """Returns scores with rliable's estimates, intervals and profiles of them."""
     x, y = scores(seed, runs, tasks), scores(seed + 1, others, tasks)
     single = {
         "mean": metrics.aggregate_mean,

@@ -1,4 +1,4 @@
-"""A results directory from a stranger can at worst be refused: it can't reach out, hang or lie."""
+"""Tests of untrusted results directories: no access outside of them, no hang, no traceback."""
 
 import json
 import os
@@ -23,7 +23,7 @@ ESCAPE = "\x1b]0;owned\x07\x1b[2J"
 
 @pytest.fixture
 def secret(tmp_path):
-    """A file that is none of the results', in a directory that must stay as it is."""
+    """A file outside of the results, in a directory that must not change."""
     path = tmp_path / "outside" / "secret"
     path.parent.mkdir()
     path.write_bytes(SECRET)
@@ -31,24 +31,24 @@ def secret(tmp_path):
 
 
 @pytest.fixture
-def theirs(tmp_path):
-    """The stranger's results, with one whole run."""
+def untrusted(tmp_path):
+    """Results from an untrusted source, with one valid run."""
     results = Results(tmp_path / "theirs")
     add_whole_run(results, [7.0])
     yield results
-    # Python's own way to remove folders calls itself for each that lies in another.
+    # shutil.rmtree would exceed the recursion limit on the deeply nested directories.
     subprocess.run(["rm", "-rf", str(results.path)], check=True)
 
 
 @pytest.fixture(autouse=True)
-def _no_endless_waiting():
+def _limit_test_time():
     signal.alarm(120)
     yield
     signal.alarm(0)
 
 
 def first_entry(run, **changes):
-    """Alters what the manifest says of its first file."""
+    """Alters the manifest's entry of its first file."""
     first, *rest = manifest_of(run)["files"]
     alter_manifest(run, files=[{**first, **changes}, *rest])
 
@@ -59,7 +59,7 @@ def replace(path, make):
 
 
 def deep(run):
-    """Folders in folders, deeper than Python calls functions."""
+    """Creates nested directories deeper than Python's recursion limit."""
     at = os.open(run.path, os.O_RDONLY)
     for _ in range(1100):
         os.mkdir("d", dir_fd=at)
@@ -70,7 +70,7 @@ def deep(run):
 
 
 def huge(run):
-    """A manifest of a gigabyte, which needs no room on the disk."""
+    """Extends the manifest to a sparse file of one gigabyte."""
     with open(run.path / "manifest.json", "r+b") as file:
         file.truncate(2**30)
 
@@ -122,11 +122,11 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("make", HOSTILE.values(), ids=HOSTILE)
-def test_no_verb_reads_or_writes_outside_or_fails_without_a_sentence(
-    tmp_path, theirs, secret, make, capsys
+def test_no_command_accesses_files_outside_or_prints_traceback(
+    tmp_path, untrusted, secret, make, capsys
 ):
-    run = theirs.scan("run")[0][0]
-    add_whole_run(theirs, [1.0], seed=1)
+    run = untrusted.scan("run")[0][0]
+    add_whole_run(untrusted, [1.0], seed=1)
     make(run, secret)
     mine = tmp_path / "mine"
     outside = snapshot(secret.parent)
@@ -135,10 +135,10 @@ def test_no_verb_reads_or_writes_outside_or_fails_without_a_sentence(
         ("query", "FROM runs JOIN episodes USING (run)"),
         ("verify",),
         ("repair", "--dry-run"),
-        ("merge", str(theirs.path)),
+        ("merge", str(untrusted.path)),
         ("repair",),
     ):
-        path = mine if verb[0] == "merge" else theirs.path
+        path = mine if verb[0] == "merge" else untrusted.path
         code = main([*verb, "--results", str(path)])
         printed = capsys.readouterr()
         assert code in (0, 1), printed.err
@@ -149,33 +149,33 @@ def test_no_verb_reads_or_writes_outside_or_fails_without_a_sentence(
     assert query.load(Results(mine)).problems == []
 
 
-def test_whole_run_beside_a_hostile_one_is_used(theirs, secret):
-    bad = theirs.scan("run")[0][0]
-    good = add_whole_run(theirs, [1.0], seed=1)
+def test_valid_run_beside_hostile_run_is_read(untrusted, secret):
+    bad = untrusted.scan("run")[0][0]
+    good = add_whole_run(untrusted, [1.0], seed=1)
     HOSTILE["manifest is a pipe"](bad, secret)
-    loaded = query.load(theirs)
+    loaded = query.load(untrusted)
     assert loaded.tables["runs"]["run"].to_pylist() == [good.id]
     assert loaded.problems == [f"{bad.path}/manifest.json can't be read (not a plain file)."]
 
 
 @pytest.mark.parametrize("target", ["secret", "new"])
-def test_lock_that_leads_elsewhere_is_not_opened(theirs, secret, target):
-    run = theirs.scan("run")[0][0]
+def test_lock_that_links_elsewhere_is_not_opened(untrusted, secret, target):
+    run = untrusted.scan("run")[0][0]
     (run.path / "lock").symlink_to(secret.parent / target)
     with pytest.raises(WorkError, match="lock can't be opened"):
         run.lock().__enter__()
     assert snapshot(secret.parent) == {"secret": SECRET}
 
 
-def test_lock_that_is_a_pipe_is_not_waited_for(theirs):
-    run = theirs.scan("run")[0][0]
+def test_lock_that_is_pipe_does_not_block(untrusted):
+    run = untrusted.scan("run")[0][0]
     os.mkfifo(run.path / "lock")
     with run.lock():
         pass
 
 
-def test_small_file_that_claims_all_memory_is_refused(theirs):
-    run = theirs.scan("run")[0][0]
+def test_small_file_with_huge_row_count_is_refused(untrusted):
+    run = untrusted.scan("run")[0][0]
     rows = 60_000_000
     sink = pa.BufferOutputStream()
     same = pa.table({"x": pa.array([True]).take(pa.array([0] * 1_000_000))})
@@ -187,13 +187,13 @@ def test_small_file_that_claims_all_memory_is_refused(theirs):
     (run.path / listed(run)[0]).write_bytes(content)
     first_entry(run, bytes=len(content), sha256=sha256(content), rows=rows)
     with pytest.raises(WorkError, match="60000000 rows are more than a file has"):
-        theirs.find("run", run.id).read("episodes", pa.schema([("x", pa.bool_())]))
+        untrusted.find("run", run.id).read("episodes", pa.schema([("x", pa.bool_())]))
 
 
-def test_manifest_of_a_stranger_is_refused_if_its_settings_nest_without_end(theirs):
-    run = theirs.scan("run")[0][0]
+def test_manifest_with_deeply_nested_settings_is_refused(untrusted):
+    run = untrusted.scan("run")[0][0]
     depth = sys.getrecursionlimit() * 10
     text = json.dumps(manifest_of(run)).replace('"encoder": null', '"encoder": ' + "[" * depth)
     (run.path / "manifest.json").write_text(text)
     with pytest.raises(WorkError, match="is not a manifest that can be read"):
-        theirs.find("run", run.id)
+        untrusted.find("run", run.id)

@@ -72,8 +72,8 @@ def blocks_of(page, text):
             mark = None
         elif mark is not None and token.level == 0:
             raise ValueError(f"{page}: no block of code below the mark of {mark!r}")
-        elif token.type == "html_block" and (said := MARK.fullmatch(token.content)):
-            mark = said[1]
+        elif token.type == "html_block" and (message := MARK.fullmatch(token.content)):
+            mark = message[1]
     return found
 
 

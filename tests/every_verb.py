@@ -46,7 +46,7 @@ _VERBS = (
     (["algorithms"], "td3"),
     (["leaderboard"], "face_direction"),
 )
-PRINTED = {verb[0]: said for verb, said in _VERBS}
+PRINTED = {verb[0]: printed for verb, printed in _VERBS}
 """A text that the output of each command contains."""
 
 

@@ -137,9 +137,9 @@ def test_installed_package_runs_every_command(installed):
     assert done.returncode == 0, done.stderr
     ended = dict(zip(every_verb.PRINTED, json.loads(done.stdout), strict=True))
     for verb in every_verb.PRINTED.keys() - every_verb.missing():
-        code, said = ended[verb]
+        code, printed = ended[verb]
         assert code == 0, verb
-        assert every_verb.PRINTED[verb] in said
+        assert every_verb.PRINTED[verb] in printed
     (manifest,) = installed.glob("results/runs/face_direction/td3/**/manifest.json")
     # The checkout's revision is not recorded: the installed package made the run.
     assert json.loads(manifest.read_text())["provenance"]["git_revision"] is None
@@ -147,5 +147,5 @@ def test_installed_package_runs_every_command(installed):
 
 def test_installed_command_lists_shipped_runs(jbench):
     assert "face_direction/td3/full/s00-" in jbench("runs", "--results", "reference")
-    said = jbench("report", "--results", "reference", "--algo", "ddpg", "--format", "svg")
-    assert "index.html" in said
+    printed = jbench("report", "--results", "reference", "--algo", "ddpg", "--format", "svg")
+    assert "index.html" in printed

@@ -57,8 +57,8 @@ def _fill(directory, demo):
     """
     shutil.copytree(demo, directory)
     manifest = next((directory / "runs").rglob("manifest.json"))
-    said = {**json.loads(manifest.read_text()), "provenance": {"packages": [{"a": 1}]}}
-    manifest.write_text(json.dumps(said))
+    reported = {**json.loads(manifest.read_text()), "provenance": {"packages": [{"a": 1}]}}
+    manifest.write_text(json.dumps(reported))
     run = manifest.parent
     rows = next(run.glob("episodes-*.parquet"))
     shutil.copy(rows, run / "episodes-00007-00000000.parquet")

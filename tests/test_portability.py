@@ -74,9 +74,9 @@ def without_linux(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", every_verb.PRINTED)
 def test_commands_work_without_linux_only_modules(verb, without_linux):
-    code, said = without_linux[verb]
+    code, printed = without_linux[verb]
     assert code == 0
-    assert every_verb.PRINTED[verb] in said
+    assert every_verb.PRINTED[verb] in printed
 
 
 def test_every_command_is_covered():
@@ -148,14 +148,14 @@ def test_without_dm_control_only_its_domain_is_refused(tmp_path):
 
 
 def test_dm_control_domain_needs_no_labmaze(tmp_path):
-    said = answer(
+    printed = answer(
         "-c",
         "import jbench.tasks\nfrom dm_control import suite\n"
         "print(suite.load('jitterbug', 'move_to_pose').action_spec().shape)",
         customized="import sys\nsys.modules['labmaze'] = None\n",
         place=tmp_path,
     )
-    assert said == "(1,)\n"
+    assert printed == "(1,)\n"
 
 
 def test_importing_tasks_without_display_prints_no_warning(tmp_path):

@@ -165,7 +165,7 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
         run_batch([run], results, None, checkpoint_every=0, progress=stop)
     assert results.find("run", run.id).rows("episodes") == 3
     notices = []
-    run_batch([run], results, None, notice=lambda *said: notices.append(said))
+    run_batch([run], results, None, notice=lambda *printed: notices.append(printed))
     reason = "The agent without-state has no state and restore, so its runs can't be resumed."
     assert notices == [(run, 0, reason)]
     record = results.find("run", run.id)
@@ -175,8 +175,8 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
 def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
     # Two entry points of the package can't be loaded.
     assert main(["algorithms", "--json"]) == 1
-    said = json.loads(capsys.readouterr().out)
-    found = {each["name"]: each for each in said["algorithms"]}
+    printed = json.loads(capsys.readouterr().out)
+    found = {each["name"]: each for each in printed["algorithms"]}
     assert {"ddpg", "ppo", "sac", "td3", "random-search"} <= set(found)
     assert found["random-search"] == {
         "name": "random-search",
@@ -188,12 +188,12 @@ def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
     }
     td3 = {each["name"]: each["default"] for each in found["td3"]["settings"]}
     assert (td3["tau"], td3["hidden_layers"]) == (0.005, [350, 250])
-    assert [each["name"] for each in said["broken"]] == ["broken", "no-agent"]
+    assert [each["name"] for each in printed["broken"]] == ["broken", "no-agent"]
     assert main(["algorithms", "sb3_contrib:TQC"]) == 0
     assert "top_quantiles_to_drop_per_net" in capsys.readouterr().out
 
 
 def test_installed_policy_is_evaluated(installed, tmp_path):
     typed = ("evaluate", "--policy", "bang-bang", "--task", "face_direction", "--episodes", "1")
-    said = json.loads(succeed(*typed, "--json", results=tmp_path, short=True).stdout)
-    assert said["settings"]["code"] == "random-search-agent 1.0"
+    printed = json.loads(succeed(*typed, "--json", results=tmp_path, short=True).stdout)
+    assert printed["settings"]["code"] == "random-search-agent 1.0"

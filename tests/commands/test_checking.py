@@ -75,10 +75,10 @@ def altered(trained, tmp_path):
 def test_reproduce_reports_equal_run(trained, capsys, monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS")
     assert main(["reproduce", RUNS[0].id[:-4], "--results", str(trained.path)]) == 0
-    said = capsys.readouterr().out
-    assert f"run {RUNS[0].id}\n" in said
-    assert "evaluation: equal. The kept policy has the recorded return in each of 2" in said
-    assert "training: equal, up to control step 50 (rows of training episodes: 1, of eval" in said
+    output = capsys.readouterr().out
+    assert f"run {RUNS[0].id}\n" in output
+    assert "evaluation: equal. The kept policy has the recorded return in each of 2" in output
+    assert "training: equal, up to control step 50 (rows of training episodes: 1, of eval" in output
     assert os.environ["OMP_NUM_THREADS"] == names.ONE_THREAD["OMP_NUM_THREADS"]
 
 

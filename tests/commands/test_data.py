@@ -62,10 +62,10 @@ def test_collect_stopped_by_ctrl_c_reports_that_it_can_resume(tmp_path):
             while not any(tmp_path.rglob("manifest.json")) and time.monotonic() < deadline:
                 time.sleep(0.02)
             process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=120)
+            _, output = process.communicate(timeout=120)
         finally:
             process.kill()
-    assert said == "Stopped. What was committed is kept; type the same command again.\n"
+    assert output == "Stopped. What was committed is kept; type the same command again.\n"
     assert process.returncode == 1
     assert [record.status for record in Results(tmp_path).scan("dataset")[0]] == ["unfinished"]
 
@@ -83,9 +83,9 @@ def test_datasets_lists_all_with_status_and_steps(results, capsys):
 
 def test_json_of_datasets_has_settings_status_and_size(results, capsys):
     assert main(["datasets", "--results", str(results), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["problems"] == []
-    found = {each["settings"]["seed"]: each for each in said["datasets"]}
+    output = json.loads(capsys.readouterr().out)
+    assert output["problems"] == []
+    found = {each["settings"]["seed"]: each for each in output["datasets"]}
     assert set(found) == {0, 4, 7}
     for seed, record in records(results).items():
         size = sum(path.stat().st_size for path in record.path.glob("*.parquet"))
@@ -98,8 +98,8 @@ def test_json_of_datasets_has_settings_status_and_size(results, capsys):
 
 def test_empty_directory_reports_command_to_type(tmp_path, capsys):
     assert main(["datasets", "--results", str(tmp_path)]) == 0
-    said = f"No datasets in {tmp_path}; jbench collect --steps 100000 makes a small one.\n"
-    assert capsys.readouterr().out == said
+    output = f"No datasets in {tmp_path}; jbench collect --steps 100000 makes a small one.\n"
+    assert capsys.readouterr().out == output
 
 
 @pytest.mark.parametrize(
@@ -128,12 +128,12 @@ def test_export_defaults_to_newest_plain_dataset(results, tmp_path, capsys):
     command = ["export", "--task", "move_to_pose", "--results", str(results), "--json"]
     for id, more in ((newest, ()), (other, ("--dataset", other, "--out", str(tmp_path / "out")))):
         assert main([*command, *more]) == 0
-        said = json.loads(capsys.readouterr().out)
-        assert (said["dataset"], said["task"]) == (id, "move_to_pose")
-        assert said["minari_id"] == f"jitterbug/move_to_pose/{id.replace('/', '-')}-v0"
+        output = json.loads(capsys.readouterr().out)
+        assert (output["dataset"], output["task"]) == (id, "move_to_pose")
+        assert output["minari_id"] == f"jitterbug/move_to_pose/{id.replace('/', '-')}-v0"
         root = tmp_path / "out" if more else results / "minari"
-        assert said["path"] == str(root / said["minari_id"])
-        assert (root / said["minari_id"] / "data" / "metadata.json").exists()
+        assert output["path"] == str(root / output["minari_id"])
+        assert (root / output["minari_id"] / "data" / "metadata.json").exists()
 
 
 @pytest.mark.parametrize(
@@ -159,14 +159,14 @@ def test_export_refuses_damaged_dataset_and_other_schema_version(results, capsys
     part = newest.path / newest.parts("steps")[0].name
     whole = part.read_bytes()
     part.write_bytes(whole[:1000])
-    code, said = refused(capsys, "export", "--results", str(results))
+    code, output = refused(capsys, "export", "--results", str(results))
     assert code == 1
-    assert f"{part} of the dataset {newest.id} is damaged (1000 bytes, not {len(whole)})" in said
+    assert f"{part} of the dataset {newest.id} is damaged (1000 bytes, not {len(whole)})" in output
     part.write_bytes(whole)
     alter_manifest(newest, schema_version=0)
-    code, said = refused(capsys, "export", "--results", str(results), "--dataset", newest.id)
+    code, output = refused(capsys, "export", "--results", str(results), "--dataset", newest.id)
     assert code == 1
-    assert "is of schema version 0, and this jbench reads from 1: read it with the jbench" in said
+    assert "is of schema version 0, and this jbench reads from 1: read it with the jbench" in output
     assert not list(results.glob("minari/**/*.hdf5"))
 
 
@@ -175,9 +175,9 @@ def test_export_does_not_overwrite(results, tmp_path, capsys):
     assert main(list(command)) == 0
     written = [(path, path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*")]
     capsys.readouterr()
-    code, said = refused(capsys, *command)
+    code, output = refused(capsys, *command)
     assert code == 2
-    assert said.endswith(
+    assert output.endswith(
         "exists already and is not overwritten; name another directory with --out."
     )
     assert [(path, path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*")] == written

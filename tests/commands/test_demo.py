@@ -15,10 +15,10 @@ def test_each_command_is_printed_run_and_recorded(tmp_path, monkeypatch, capsys)
     monkeypatch.setattr(demo, "COMMANDS", ("collect --steps 1000", "datasets"))
     place = tmp_path / "mine"
     assert main(["demo", "--results", str(place)]) == 0
-    said = capsys.readouterr().out
-    assert f"\n$ jbench collect --steps 1000 --results {place}\n" in said
-    assert f"1 dataset in {place}" in said
-    assert f"The report: {place / 'report' / 'index.html'}" in said
+    printed = capsys.readouterr().out
+    assert f"\n$ jbench collect --steps 1000 --results {place}\n" in printed
+    assert f"1 dataset in {place}" in printed
+    assert f"The report: {place / 'report' / 'index.html'}" in printed
     (record,) = Results(place).scan("dataset")[0]
     typed = ["jbench", "collect", "--steps", "1000", "--results", str(place)]
     assert record.manifest.provenance["command"] == typed
@@ -27,6 +27,6 @@ def test_each_command_is_printed_run_and_recorded(tmp_path, monkeypatch, capsys)
 def test_failing_command_ends_demo(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(demo, "COMMANDS", ("train --encoder none --steps 1", "runs"))
     assert main(["demo", "--results", str(tmp_path / "results")]) == 2
-    said = capsys.readouterr()
-    assert said.err.startswith("Error: ")
-    assert "$ jbench runs" not in said.out
+    printed = capsys.readouterr()
+    assert printed.err.startswith("Error: ")
+    assert "$ jbench runs" not in printed.out

@@ -71,9 +71,9 @@ def test_repeated_training_is_skipped_and_json_lists_encoders(filled, capsys):
     before = {path: path.stat().st_mtime_ns for path in filled.rglob("*.parquet")}
     wanted = ["train-encoder", "--kind", "pca", "--latent", "2,16", "--results", str(filled)]
     assert main(wanted) == 0
-    said = capsys.readouterr().out
-    assert said.count("is already finished; nothing to do") == 2
-    assert "Next: jbench train --task face_direction --encoder pca:2" in said
+    output = capsys.readouterr().out
+    assert output.count("is already finished; nothing to do") == 2
+    assert "Next: jbench train --task face_direction --encoder pca:2" in output
     assert main([*wanted, "--json"]) == 0
     made = json.loads(capsys.readouterr().out)["encoders"]
     assert [encoder["settings"]["latents"] for encoder in made] == [2, 16]
@@ -220,8 +220,8 @@ def test_killed_training_resumes_bit_for_bit(short, tmp_path, capsys):
     assert row["status"] == "unfinished"
     assert main(["train", "--encoder", row["encoder"], "--results", str(results)]) == 2
     assert "is unfinished" in capsys.readouterr().err
-    said = succeed(*arguments, results=results, short=True).stdout
-    assert f"The encoder {row['encoder']} was interrupted; it resumes." in said
+    output = succeed(*arguments, results=results, short=True).stdout
+    assert f"The encoder {row['encoder']} was interrupted; it resumes." in output
     succeed(*arguments, results=whole, short=True)
     kept = [Results(path).find("encoder", row["encoder"]) for path in (results, whole)]
     for name in (WEIGHTS, DESCRIPTION):

@@ -37,8 +37,8 @@ def test_output_to_full_disk_prints_one_error_line(format, tmp_path):
         process = start(
             "query", LONG, *format, results=tmp_path, stdout=full, stderr=subprocess.PIPE
         )
-        said = process.stderr.read().decode()
-    assert said == "Error: The output can't be written (No space left on device).\n"
+        printed = process.stderr.read().decode()
+    assert printed == "Error: The output can't be written (No space left on device).\n"
     assert process.wait() == 1
 
 

@@ -78,13 +78,13 @@ def test_each_record_keeps_its_command_line(pipeline):
 
 def test_report_shows_every_cell(pipeline, tmp_path):
     done = succeed("report", "--json", "--out", str(tmp_path / "report"), results=pipeline)
-    said = json.loads(done.stdout)
-    cells = {(row["algo"], row["representation"], row["seeds"]) for row in said["table"]}
+    printed = json.loads(done.stdout)
+    cells = {(row["algo"], row["representation"], row["seeds"]) for row in printed["table"]}
     assert cells == {(algo, rep, 2) for algo in ALGOS for rep in ("full", "dae5")}
-    names = {Path(path).name for path in said["files"]}
+    names = {Path(path).name for path in printed["files"]}
     assert {"figure9.png", "figure9.svg", "aggregate.parquet", "aggregate.csv"} <= names
     assert {f"comparison-face_direction-{algo}.png" for algo in ALGOS} <= names
-    assert all(Path(path).stat().st_size > 0 for path in said["files"])
+    assert all(Path(path).stat().st_size > 0 for path in printed["files"])
 
 
 def test_query_joins_episodes_and_runs(pipeline):

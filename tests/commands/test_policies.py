@@ -42,10 +42,10 @@ def test_evaluation_on_other_robot_prints_notice(augmented):
 
 def test_recorded_episodes_equal_printed_summary(tmp_path):
     done = succeed("evaluate", "--policy", "random", "--episodes", "3", "--json", results=tmp_path)
-    said = json.loads(done.stdout)
+    output = json.loads(done.stdout)
     ask = "SELECT median(episode_return) AS m, count(*) AS n FROM policy_episodes"
     (row,) = json.loads(succeed("query", ask, "--json", results=tmp_path).stdout)
-    assert (row["m"], row["n"]) == (said["summary"]["median"], 3)
+    assert (row["m"], row["n"]) == (output["summary"]["median"], 3)
 
 
 @pytest.mark.usefixtures("rendering")
@@ -54,9 +54,9 @@ def test_render_writes_reported_file(tmp_path):
     done = succeed(
         "render", "--out", str(out), "--steps", "20", "--json", results=tmp_path / "none"
     )
-    said = json.loads(done.stdout)
-    assert said["path"] == str(out)
-    assert 0 <= said["episode_return"] <= 20
+    output = json.loads(done.stdout)
+    assert output["path"] == str(out)
+    assert 0 <= output["episode_return"] <= 20
     width, height = Image.open(out).size
     assert width > 2 * height
     assert not (tmp_path / "none").exists()  # pictures are not results

@@ -178,6 +178,6 @@ def test_rules_are_listed_with_settings_and_packages(installed, capsys):
     assert described["quantiles"]["default"] == 25
     assert described["tau"]["description"] == "polyak coefficient of the target networks"
     assert main(["algorithms", "--json"]) == 1
-    said = json.loads(capsys.readouterr().out)
-    assert "tqc" in {each["name"] for each in said["algorithms"]}
-    assert {"no-rule", "missing"} <= {each["name"] for each in said["broken"]}
+    printed = json.loads(capsys.readouterr().out)
+    assert "tqc" in {each["name"] for each in printed["algorithms"]}
+    assert {"no-rule", "missing"} <= {each["name"] for each in printed["broken"]}

@@ -62,10 +62,10 @@ def uninterrupted(tmp_path_factory):
 def test_collection_killed_at_random_moments_resumes_bit_for_bit(tmp_path, kills):
     done = Process("tests.datasets.killed_collections:main", str(tmp_path), kills).finished()
     assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    assert len(said["committed"]) >= kills
-    assert len(set(said["committed"])) > 3  # not all kills were before the first file
-    uninterrupted, *killed = (finished_dataset(Path(path)) for path in said["paths"])
+    printed = json.loads(done.stdout)
+    assert len(printed["committed"]) >= kills
+    assert len(set(printed["committed"])) > 3  # not all kills were before the first file
+    uninterrupted, *killed = (finished_dataset(Path(path)) for path in printed["paths"])
     assert uninterrupted.rows("steps") == 30 * 21
     for record in killed:
         assert checksums(record) == checksums(uninterrupted)
@@ -80,9 +80,11 @@ def error_line(text):
 def test_collection_resumes_after_a_file_size_limit(tmp_path, uninterrupted):
     stopped = Process("tests.datasets.limited:collect", 10_000, str(tmp_path)).finished()
     assert stopped.returncode == 1
-    said = error_line(stopped.stderr)
-    assert said.startswith("Error: No room left to write steps-00000-")
-    assert said.endswith("what was finished is kept: free some space and type the command again.")
+    printed = error_line(stopped.stderr)
+    assert printed.startswith("Error: No room left to write steps-00000-")
+    assert printed.endswith(
+        "what was finished is kept: free some space and type the command again."
+    )
     assert Results(tmp_path).find("dataset", SETTINGS.id).status == "unfinished"
     again = Process("tests.datasets.limited:collect", -1, str(tmp_path)).finished()
     assert again.returncode == 0, again.stderr

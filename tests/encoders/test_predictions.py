@@ -117,9 +117,9 @@ def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys)
     assert tables["encoder_predictions"].num_rows == 0
     assert tables["encoders"].to_pylist()[0]["effective_rank"] is None
     show_encoders([old], Output())
-    said = capsys.readouterr().out
-    assert "Variance explained" in said
-    assert "R²" not in said
+    printed = capsys.readouterr().out
+    assert "Variance explained" in printed
+    assert "R²" not in printed
 
 
 def test_angle_changes_are_wrapped_and_have_unit_variance(simulated):

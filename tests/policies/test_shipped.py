@@ -153,14 +153,14 @@ class TestShippedTwoCells:
         assert find.full_name(Results(shipped()), cell) == name
         shutil.copytree(demo_results.path, tmp_path / "own")
         evaluate = ("evaluate", "--episodes", "1", "--seed", "5", "--threads", "1", "--json")
-        said = []
+        printed = []
         for policy, results in ((name.removeprefix("reference/"), "own"), (cell, "other")):
             capsys.readouterr()
             assert main([*evaluate, "--policy", policy, "--results", str(tmp_path / results)]) == 0
-            said.append(json.loads(capsys.readouterr().out))
-        assert said[1]["summary"] == said[0]["summary"]
-        assert said[1]["summary"]["median"] > 1
-        assert said[1]["settings"]["policy"] == name
+            printed.append(json.loads(capsys.readouterr().out))
+        assert printed[1]["summary"] == printed[0]["summary"]
+        assert printed[1]["summary"]["median"] > 1
+        assert printed[1]["settings"]["policy"] == name
         assert verify(Results(tmp_path / "other"), 1).findings == []
 
     @pytest.mark.parametrize(

@@ -76,12 +76,12 @@ def test_failed_and_unfinished_runs_are_used_and_noted(fabric):
     )
 
 
-@pytest.mark.parametrize(("seeds", "said"), [(1, "only 1 seed"), (2, "only 2 seeds"), (3, None)])
-def test_few_seeds_are_noted(fabric, seeds, said):
+@pytest.mark.parametrize(("seeds", "printed"), [(1, "only 1 seed"), (2, "only 2 seeds"), (3, None)])
+def test_few_seeds_are_noted(fabric, seeds, printed):
     for seed in range(seeds):
         fabric.run([1.0], seed=seed)
     (cell,), _ = fabric.cells()
-    assert [note.split(":")[0] for note in cell.notes] == ([said] if said else [])
+    assert [note.split(":")[0] for note in cell.notes] == ([printed] if printed else [])
 
 
 def test_non_finite_returns_are_noted(fabric):
@@ -151,8 +151,8 @@ class TestSettings:
         assert (run.augment, run.robots, run.hyperparameters) == (3, 1, {"tau": 0.005})
 
     def test_omitted_setting_equals_its_default(self):
-        said = {**RUN, **RunSettings.omitted()}
-        assert alike(read_run(said), ()) == alike(read_run(RUN), ())
+        printed = {**RUN, **RunSettings.omitted()}
+        assert alike(read_run(printed), ()) == alike(read_run(RUN), ())
         foreign = {**RUN, "algo": "my agent"}
         assert alike(read_run({**foreign, "robots": 1}), ()) == alike(read_run(foreign), ())
         assert alike(read_run({**RUN, "robots": 2, "steps": 4000}), ("steps",)) != alike(

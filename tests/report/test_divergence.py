@@ -88,8 +88,8 @@ def test_report_counts_diverged_seeds_and_explains_their_treatment(fabric):
 
 
 def test_invalid_divergence_entry_is_tolerated(fabric):
-    for seed, said in enumerate(("x", -1, [2], True, 1 << 80)):
-        fabric.run(FLAT, seed, diverged=said)
+    for seed, printed in enumerate(("x", -1, [2], True, 1 << 80)):
+        fabric.run(FLAT, seed, diverged=printed)
     (cell,), _ = fabric.cells()
     assert cell.diverged.all()
     assert np.isfinite(cell.returns).all()

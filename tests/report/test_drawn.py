@@ -207,17 +207,17 @@ class TestSizesAndFormats:
         assert not re.search(rb"CreationDate|dc:date|Matplotlib v\d", made[0])
 
     @pytest.mark.parametrize(
-        ("wrong", "said"),
+        ("wrong", "printed"),
         [
             ({"columns": 3}, "--columns 3: type 1 or 2"),
             ({"formats": ("gif",)}, "Unknown format 'gif'; choose "),
             ({"formats": ()}, "need a format"),
         ],
     )
-    def test_invalid_columns_or_formats_are_refused(self, wrong, said):
+    def test_invalid_columns_or_formats_are_refused(self, wrong, printed):
         from jbench.errors import RequestError
 
-        with pytest.raises(RequestError, match=said):
+        with pytest.raises(RequestError, match=printed):
             Request(**wrong)
 
 

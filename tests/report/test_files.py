@@ -251,15 +251,15 @@ class TestRequests:
         assert set(report.aggregate["algo"]) == {"ddpg"}
 
     @pytest.mark.parametrize(
-        ("wrong", "said"),
+        ("wrong", "printed"),
         [
             ({"window": 0}, "window of 0"),
             ({"window": -5}, "window of -5"),
             ({"order": "random"}, "quantile-first or smooth-first"),
         ],
     )
-    def test_invalid_window_or_order_is_refused(self, wrong, said):
-        with pytest.raises(RequestError, match=said):
+    def test_invalid_window_or_order_is_refused(self, wrong, printed):
+        with pytest.raises(RequestError, match=printed):
             Request(**wrong)
 
     def test_report_path_that_is_file_is_refused(self, fabric, out):
@@ -305,6 +305,6 @@ def test_page_shows_table_and_explains_orders(fabric, out):
     page = (out / "index.html").read_text()
     assert "911 [910, 912], n = 3" in page
     assert "963 (Figure 9)" in page
-    said = html.unescape(page)
-    assert "Quantile-first, the order of the paper's Figure 9" in said
-    assert "Smooth-first, the order of Figure 8" in said
+    printed = html.unescape(page)
+    assert "Quantile-first, the order of the paper's Figure 9" in printed
+    assert "Smooth-first, the order of Figure 8" in printed

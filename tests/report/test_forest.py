@@ -90,9 +90,9 @@ class TestHeadline:
     def test_headline_reports_algorithms_that_solve_tasks(self, fabric):
         add_runs(fabric, [950 + seed for seed in range(6)], algo="sac")
         add_runs(fabric, [300 + seed for seed in range(6)], algo="ppo")
-        said = document(fabric).headline
-        assert said.startswith("SAC solves face_direction (median return 952; 900 after ")
-        assert "PPO does not solve face_direction (median return 302; 6 seeds)" in said
+        printed = document(fabric).headline
+        assert printed.startswith("SAC solves face_direction (median return 952; 900 after ")
+        assert "PPO does not solve face_direction (median return 302; 6 seeds)" in printed
 
     def test_headline_of_few_seeds_is_undecided(self, fabric):
         add_runs(fabric, [950, 960, 970], algo="sac")
@@ -122,13 +122,13 @@ class TestHeadline:
         add_runs(fabric, [500 + seed for seed in range(6)], representation="dae12")
         add_runs(fabric, [700 + seed for seed in range(6)], algo="sac")
         add_runs(fabric, [500 + seed for seed in range(6)], algo="sac", representation="dae12")
-        said = document(fabric).headline
+        printed = document(fabric).headline
         # The first sentence answers the paper's question for both algorithms.
         assert re.match(
             r"On face_direction, agents end lower with dae12 than with the full observation "
             r"\(dae12: SAC -200 \[.*\], TD3 -300 \[.*\]; 90% intervals; 6 seeds\)\. "
             r"SAC and TD3 do not solve",
-            said,
+            printed,
         )
 
     def test_headline_names_variants(self, fabric):
@@ -136,8 +136,8 @@ class TestHeadline:
             add_runs(fabric, [800 + seed for seed in range(6)], engine=engine)
             finals = [800 - lower + seed for seed in range(6)]
             add_runs(fabric, finals, representation="dae12", engine=engine)
-        said = document(fabric).headline
-        assert re.search(r"\(dae12: TD3 -300 \[.*\], TD3 stable-baselines3 -100 \[", said)
+        printed = document(fabric).headline
+        assert re.search(r"\(dae12: TD3 -300 \[.*\], TD3 stable-baselines3 -100 \[", printed)
 
     def test_representations_with_one_outcome_share_sentence(self, fabric):
         ends = {"full": 800, "dae12": 500, "pca4": 300, "planar12": 805}
@@ -153,19 +153,19 @@ class TestHeadline:
             for representation, early in (("full", 100), ("dae12", 700)):
                 returns = [early] * 6 + [final] * 2
                 fabric.run(returns, seed, algo="td3", representation=representation)
-        said = document(fabric).headline
+        printed = document(fabric).headline
         # The return is higher by 600 in six of eight episodes: 450 on average.
-        assert said.startswith(
+        assert printed.startswith(
             "On face_direction, agents learn faster with dae12 than with the full observation; "
             "whether they end similarly is undecided (dae12: TD3 +450 ["
         )
-        assert "]; means over the run, 95% interval; 6 seeds)." in said
+        assert "]; means over the run, 95% interval; 6 seeds)." in printed
 
     def test_headline_without_interval_mentions_none(self, fabric):
         add_runs(fabric, [800 + seed for seed in range(6)])
         add_runs(fabric, [820], representation="dae12")
-        said = document(fabric).headline
-        assert "similarly with dae12 and with the full observation (dae12: TD3 +18; 1" in said
+        printed = document(fabric).headline
+        assert "similarly with dae12 and with the full observation (dae12: TD3 +18; 1" in printed
 
     def test_inventory_counts_runs_settings_tasks_and_steps(self, fabric):
         add_runs(fabric, [500, 600])

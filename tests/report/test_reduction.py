@@ -73,9 +73,9 @@ def test_answer_has_outcomes_with_interval_and_seeds(fabric):
 def test_answer_names_seeds_and_tasks_if_they_differ(fabric):
     learn(fabric, {"full": FINALS["full"], "dae12": FINALS["dae12"][:6]})
     learn(fabric, {name: FINALS[name] for name in ("full", "dae12")}, task="move_to_pose")
-    (said,) = reduction_items.answers("a", found_in(fabric))
-    assert said.startswith("(a) Final training return against full. Lower by more than 50: ")
-    assert "; n = 6, 8), TD3 on dae12 on move_to_pose (-200 [" in said
+    (printed,) = reduction_items.answers("a", found_in(fabric))
+    assert printed.startswith("(a) Final training return against full. Lower by more than 50: ")
+    assert "; n = 6, 8), TD3 on dae12 on move_to_pose (-200 [" in printed
 
 
 def test_few_seeds_are_undecided(fabric):
@@ -167,8 +167,8 @@ def test_report_answers_by_evaluation_returns_first(fabric, out):
         *("reduction", "reduction-training"),
         *("reduction_tests", "reduction_tests-training"),
     ]
-    said, _ = [one for one in report.document.summary if one.startswith("Does reduction help?")]
-    assert "planar12 (+200 [" in said
+    printed, _ = [one for one in report.document.summary if one.startswith("Does reduction help?")]
+    assert "planar12 (+200 [" in printed
     numbers = (out / "reduction.csv").read_text().splitlines()
     assert numbers[0].startswith("source,task,algo,representation")
     assert len(numbers) == 1 + 2 * len(FINALS)  # by both kinds of return

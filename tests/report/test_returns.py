@@ -110,10 +110,10 @@ class TestClaims:
             "evaluation": "supported",
             "training": "contradicted",
         }
-        said = contents.document(data).summary
-        (solved,) = [s for s in said if "disagree on whether 900 is reached" in s]
+        printed = contents.document(data).summary
+        (solved,) = [s for s in printed if "disagree on whether 900 is reached" in s]
         assert "face_direction TD3 full (evaluation 952" in solved
-        (claim,) = [s for s in said if "disagree on (g)" in s]
+        (claim,) = [s for s in printed if "disagree on (g)" in s]
         assert "supported by evaluation returns, contradicted by training returns" in claim
         frame = table(data, "verdicts").frame
         (solved,) = [row for row in frame.to_dict("records") if row["claim"].startswith("(g)")]
@@ -123,8 +123,8 @@ class TestClaims:
     def test_no_disagreement_is_reported_if_verdicts_agree(self, fabric):
         for seed in range(6):
             fabric.run(FLAT + seed, seed, evaluated=evaluated(400.0 + seed))
-        said = contents.document(gather(fabric.results, Request(claims=True))).summary
-        assert not [sentence for sentence in said if "disagree" in sentence]
+        printed = contents.document(gather(fabric.results, Request(claims=True))).summary
+        assert not [sentence for sentence in printed if "disagree" in sentence]
 
     def test_seeds_needed_name_power_or_six_seed_rule(self, fabric):
         for seed, final in enumerate((700.0, 800.0, 1000.0)):

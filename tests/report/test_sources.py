@@ -91,7 +91,7 @@ class TestCompare:
         assert one.theirs.settings.engine == "sb3"
 
     @pytest.mark.parametrize(
-        ("compare", "said"),
+        ("compare", "printed"),
         [
             (("engine=none", "engine=sb3"), "No run has engine=none; there are batched, sb3"),
             (("speed=1", "engine=sb3"), "No run has a setting 'speed'; there are algo, .*tau"),
@@ -100,8 +100,8 @@ class TestCompare:
             (("tau=0.25, engine=batched", "tau=0.5"), "no run with an episode of tau=0.25"),
         ],
     )
-    def test_invalid_comparison_is_refused(self, both, compare, said):
-        with pytest.raises(RequestError, match=said):
+    def test_invalid_comparison_is_refused(self, both, compare, printed):
+        with pytest.raises(RequestError, match=printed):
             gather(both, Request(compare=compare))
 
     def test_comparison_of_equal_sides_is_refused(self):

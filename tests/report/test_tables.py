@@ -86,7 +86,7 @@ def test_csv_has_numbers_instead_of_formatted_text():
 
 class TestWording:
     @pytest.mark.parametrize(
-        ("found", "said"),
+        ("found", "printed"),
         [
             (Estimate(668.4, 640.2, 690.6, 1.0), "668 [640, 691]"),
             (Estimate(668.4, math.nan, math.nan, math.nan), "668"),
@@ -94,8 +94,8 @@ class TestWording:
             (Estimate(math.inf, 10.0, math.inf, math.nan), "infinite [10, no upper bound]"),
         ],
     )
-    def test_estimate_is_written_with_interval(self, found, said):
-        assert values.estimate(found).text == said
+    def test_estimate_is_written_with_interval(self, found, printed):
+        assert values.estimate(found).text == printed
 
     def test_infinite_limits_are_worded_by_kind_of_value(self):
         end = Estimate(math.inf, math.inf, math.inf, math.nan)
@@ -119,11 +119,11 @@ class TestWording:
         assert formatting.whole(-0.3) == "0"
 
     @pytest.mark.parametrize(
-        ("steps", "said"),
+        ("steps", "printed"),
         [(500, "500"), (22_500, "22.5k"), (300_000, "300k"), (999_900, "1M"), (2_154_321, "2.15M")],
     )
-    def test_steps_are_abbreviated(self, steps, said):
-        assert formatting.steps(steps) == said
+    def test_steps_are_abbreviated(self, steps, printed):
+        assert formatting.steps(steps) == printed
 
     def test_spread_has_seeds_and_needs_two_seeds(self, fabric):
         for seed in range(11):

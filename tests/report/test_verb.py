@@ -36,13 +36,13 @@ def run_report(results, *arguments):
 
 def test_claims_are_in_json_files_and_page(filled, capsys):
     assert run_report(filled, "--claims", "--json", "--format", "svg", "--window", "4") == 0
-    said = json.loads(capsys.readouterr().out)
-    ours = {c["claim"]: c for c in said["claims"] if c["source"] == "ours"}
+    output = json.loads(capsys.readouterr().out)
+    ours = {c["claim"]: c for c in output["claims"] if c["source"] == "ours"}
     assert set(ours) == set("abcg")
     assert ours["c"]["effect"] == pytest.approx(50)
     assert ours["c"]["verdict"] == "undecided"  # of three seeds
     assert ours["c"]["seeds_needed"] >= 6
-    (one,) = said["comparisons"]
+    (one,) = output["comparisons"]
     assert one["probability_of_improvement"] == 1
     out = filled / "report"
     assert (
@@ -52,7 +52,7 @@ def test_claims_are_in_json_files_and_page(filled, capsys):
     assert (out / "claims.tex").exists()
     command = "jbench report --claims --window 4 --format svg --results"
     assert command in (out / "index.html").read_text()
-    assert str(out / "report.json") in said["files"]
+    assert str(out / "report.json") in output["files"]
 
 
 def test_returns_option_selects_leading_returns(fabric, capsys):
@@ -79,8 +79,8 @@ def test_claims_are_omitted_without_option(filled, capsys):
 def test_comparison_is_written_beside_report(filled, capsys):
     sides = ("--compare", "representation=dae12", "representation=full")
     assert run_report(filled, *sides, "--format", "svg") == 0
-    said = capsys.readouterr().out
-    assert "1.00 [1.00, 1.00]" in said
+    output = capsys.readouterr().out
+    assert "1.00 [1.00, 1.00]" in output
     assert (filled / "comparison" / "index.html").exists()
     assert not (filled / "report").exists()
 
@@ -151,9 +151,9 @@ class TestWatch:
             assert page.read_bytes().count(RELOADS) == 1
             assert not list(page.parent.glob("*.svg"))
             process.send_signal(signal.SIGINT)
-            said = process.stdout.read()
+            output = process.stdout.read()
         assert process.returncode == 0
-        assert "No longer watching" in said
+        assert "No longer watching" in output
         assert RELOADS not in page.read_bytes()
         assert list(page.parent.glob("*.svg"))
 

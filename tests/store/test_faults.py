@@ -41,9 +41,9 @@ def test_full_disk_while_writing_manifest_keeps_committed_rows(results, record):
     # The settings make a manifest that is larger than a part, so that only it has no room.
     settings = {"long": "x" * 20_000}
     alter_manifest(record, settings=settings)
-    said = run_script(results, "store_faults.limit_file_size(8192)\n" + APPENDING)
-    assert said[0].startswith(f"No room left to write manifest.json in {record.path}; what was ")
-    assert said[1] == "[1]"
+    printed = run_script(results, "store_faults.limit_file_size(8192)\n" + APPENDING)
+    assert printed[0].startswith(f"No room left to write manifest.json in {record.path}; what was ")
+    assert printed[1] == "[1]"
     assert results.find("run", "a/b").settings == settings
     assert_unchanged(results, record)
 
@@ -58,8 +58,8 @@ try:
 except WorkError as error:
     print(error)
 """
-    (said,) = run_script(results, script)
-    assert said.startswith("No room left to write policy.json in ")
+    (printed,) = run_script(results, script)
+    assert printed.startswith("No room left to write policy.json in ")
     again = results.find("run", "a/b")
     assert (again.status, read(again)) == ("unfinished", [0, 1, 2, 3, 4])
     again.finish({}, {"policy.json": b"{}"})
@@ -69,20 +69,20 @@ except WorkError as error:
 
 def test_append_that_cannot_rename_keeps_committed_rows(results, record):
     record.append({"t": numbers(1)})
-    said = run_script(results, "store_faults.forbid_renames()\n" + APPENDING)
-    assert "t-00001-" in said[0]
-    assert said[0].endswith(".parquet can't be written (Operation not permitted).")
-    assert said[1] == "[1]"
+    printed = run_script(results, "store_faults.forbid_renames()\n" + APPENDING)
+    assert "t-00001-" in printed[0]
+    assert printed[0].endswith(".parquet can't be written (Operation not permitted).")
+    assert printed[1] == "[1]"
     assert_unchanged(results, record)
 
 
 def test_append_without_write_permission_keeps_committed_rows(results, record):
     record.append({"t": numbers(1)})
     record.path.chmod(0o500)
-    said = run_script(results, "store_faults.drop_privileges()\n" + APPENDING)
+    printed = run_script(results, "store_faults.drop_privileges()\n" + APPENDING)
     record.path.chmod(0o700)
-    assert said[0].endswith(".parquet can't be written (Permission denied).")
-    assert said[1] == "[1]"
+    assert printed[0].endswith(".parquet can't be written (Permission denied).")
+    assert printed[1] == "[1]"
     assert_unchanged(results, record)
 
 
@@ -114,8 +114,8 @@ try:
 except WorkError as error:
     print(error)
 """
-    (said,) = run_script(results, script)
-    assert said.startswith(f"{path} of the run a/b can't be read (Permission denied)")
+    (printed,) = run_script(results, script)
+    assert printed.startswith(f"{path} of the run a/b can't be read (Permission denied)")
 
 
 def test_unwritable_results_directory_is_refused_on_create(tmp_path, results):
@@ -128,8 +128,10 @@ try:
 except RequestError as error:
     print(error)
 """
-    (said,) = run_script(results, script)
-    assert said.startswith(f"{results.path}/runs/a/b can't be made (Permission denied); name a dir")
+    (printed,) = run_script(results, script)
+    assert printed.startswith(
+        f"{results.path}/runs/a/b can't be made (Permission denied); name a dir"
+    )
     assert list(results.path.iterdir()) == []
 
 

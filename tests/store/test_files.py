@@ -55,8 +55,8 @@ def test_write_on_full_disk_keeps_old_file_and_is_reported(tmp_path, before):
     if before is not None:
         path.write_bytes(before)
     command = [sys.executable, "-c", WITHOUT_ROOM, str(path)]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert said == (
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert printed == (
         f"No room left to write file in {tmp_path}; what was finished is kept: "
         "free some space and type the command again.\n"
     )

@@ -49,9 +49,9 @@ def test_record_that_cannot_be_opened_is_kept_and_reported(
     path = run.path / (listed(run)[0] if which == "data" else which)
     fail("open", path, getattr(errno, code))
     assert main(["repair", "--results", str(results.path)]) == 1
-    said = capsys.readouterr().err
-    assert f"{path} can't be read ({os.strerror(getattr(errno, code))})" in said
-    assert "damaged" not in said
+    printed = capsys.readouterr().err
+    assert f"{path} can't be read ({os.strerror(getattr(errno, code))})" in printed
+    assert "damaged" not in printed
     monkeypatch.undo()
     assert snapshot(results.path) == before
     assert verify(results, 1).findings == []
@@ -98,8 +98,8 @@ def test_directory_that_cannot_be_listed_is_reported(results, fail, code, capsys
     fail("scandir", run.path, code)
     for verb in ("runs", "verify", "repair"):
         assert main([verb, "--results", str(results.path)]) == 1
-        said = capsys.readouterr()
-        assert f"{run.path} can't be read ({os.strerror(code)})" in said.out + said.err
+        printed = capsys.readouterr()
+        assert f"{run.path} can't be read ({os.strerror(code)})" in printed.out + printed.err
     with results.locked("run", run.id) as found:  # leftover files are removed the next time
         assert found.id == run.id
 

@@ -109,8 +109,8 @@ def test_record_is_consistent_after_kill_at_any_time(results):
 def test_append_of_two_tables_on_full_disk_commits_neither(results, record):
     record.append({"t": numbers(1)})
     with process_of(results, WITHOUT_ROOM) as process:
-        said = process.stdout.read()
-    assert said.startswith("No room left to write u-00000-")
+        output = process.stdout.read()
+    assert output.startswith("No room left to write u-00000-")
     again = results.find("run", "a/b")
     assert (read(again), read(again, "u")) == ([1], [])
     again.clean()

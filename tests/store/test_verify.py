@@ -261,9 +261,9 @@ for finding in verify(results, 2).findings:
     for path in (run.path / "policy.json", run.path / "manifest.json", run.path):
         mode = path.stat().st_mode
         path.chmod(0)
-        (said,) = run_script(results, script)
+        (printed,) = run_script(results, script)
         path.chmod(mode)
-        assert said.startswith(f"foreign {path} can't be read")
+        assert printed.startswith(f"foreign {path} can't be read")
 
 
 def test_verify_changes_nothing(results):
@@ -299,8 +299,8 @@ before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 (found,) = verify(results, 2).findings
 print(found.problem, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
-    (said,) = run_script(results, script)
-    problem, _, kilobytes = said.rpartition(" ")
+    (printed,) = run_script(results, script)
+    problem, _, kilobytes = printed.rpartition(" ")
     assert problem == "is damaged (its checksum differs)"
     assert int(kilobytes) < 50_000
 

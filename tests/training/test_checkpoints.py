@@ -206,8 +206,8 @@ def test_checkpoint_of_other_run_or_format_is_refused(stopped, changes, reason):
     record = only(path, run)
     role = [role for role in record.roles() if role.startswith("checkpoint-")][-1]
     tensors = safetensors.torch.load(record.read_file(role))
-    said = {**json.loads(bytes(tensors["envelope"].numpy())), **changes}
-    content = bytearray(json.dumps(said).encode())
+    printed = {**json.loads(bytes(tensors["envelope"].numpy())), **changes}
+    content = bytearray(json.dumps(printed).encode())
     tensors["envelope"] = torch.frombuffer(content, dtype=torch.uint8)
     record.append({}, {role: safetensors.torch.save(tensors)})
     ((_, steps, sentence),) = do(path, [run])

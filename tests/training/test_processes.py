@@ -78,12 +78,12 @@ def test_interrupt_during_start_of_worker_ends_worker(verb, tmp_path):
     )
     try:
         # Otherwise this waits for a training of five million control steps.
-        _, said = process.communicate(timeout=120)
+        _, printed = process.communicate(timeout=120)
     finally:
         process.kill()
     assert process.returncode == 1
-    assert said.splitlines()[-1].startswith("Stopped. What was committed is kept")
-    assert "Traceback" not in said
+    assert printed.splitlines()[-1].startswith("Stopped. What was committed is kept")
+    assert "Traceback" not in printed
 
 
 def test_failed_runs_are_retried_only_with_option(tmp_path, capsys, monkeypatch):
@@ -103,10 +103,10 @@ def test_failed_runs_are_retried_only_with_option(tmp_path, capsys, monkeypatch)
     assert plan(runs, results).to_do(retry_failed=False) == [interrupted, new]
     capsys.readouterr()
     assert main(arguments) == 1
-    said = capsys.readouterr()
+    printed = capsys.readouterr()
     assert asked[1:] == [[interrupted, new]]
-    assert f"The run {failed.id} failed before: out of luck\n" in said.out
-    assert said.err == "Error: 1 of 4 runs failed; --retry-failed tries again.\n"
+    assert f"The run {failed.id} failed before: out of luck\n" in printed.out
+    assert printed.err == "Error: 1 of 4 runs failed; --retry-failed tries again.\n"
     # The run remains failed, because nothing is trained here.
     assert main([*arguments, "--retry-failed"]) == 1
     assert asked[2:] == [[interrupted, failed, new]]

@@ -243,7 +243,7 @@ def test_steps_not_divisible_by_robots_are_refused(robots, steps, wanted):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
         (
             ["--robots", "3", "--steps", "10000"],
@@ -266,12 +266,12 @@ def test_steps_not_divisible_by_robots_are_refused(robots, steps, wanted):
         (["--augment", "-1", "--robots", "2"], "--augment -1: type a whole number"),
     ],
 )
-def test_invalid_robot_options_are_refused_in_one_line(arguments, said, tmp_path, capsys):
+def test_invalid_robot_options_are_refused_in_one_line(arguments, output, tmp_path, capsys):
     results = tmp_path / "results"
     assert cli.main(["train", *arguments, "--results", str(results)]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.startswith(f"Error: {said}")
+    assert printed.err.startswith(f"Error: {output}")
     assert printed.err.endswith(".\n")
     assert printed.err.count("\n") == 1
     assert not results.exists()

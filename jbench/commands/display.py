@@ -3,8 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from jbench.commands.output import Output
 from jbench.errors import WorkError
 from jbench.returns import final_return
@@ -130,14 +128,14 @@ def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> 
     output.table(title, ("run", "episodes", "final return", "evaluation"), rows)
 
 
-def show_final_returns(table: pd.DataFrame, output: Output) -> None:
+def show_final_returns(cells: Sequence[Mapping[str, Any]], output: Output) -> None:
     """Prints the main columns of the report's table, one row per cell."""
-    if table.empty:
+    if not cells:
         return
     from jbench.report.formatting import steps
 
     rows = []
-    for cell in table.to_dict("records"):
+    for cell in cells:
         fewest, most = steps(cell["steps_min"]), steps(cell["steps_max"])
         published = cell["published_median"]
         rows.append(
@@ -160,7 +158,7 @@ def show_final_returns(table: pd.DataFrame, output: Output) -> None:
     output.table(title, (*header, *more), rows)
 
 
-def _median_and_band(cell: Mapping[Any, Any], returns: str) -> str:
+def _median_and_band(cell: Mapping[str, Any], returns: str) -> str:
     values = [cell[f"{returns}_return_{name}"] for name in ("median", "q10", "q90")]
     if None in values:
         return ""

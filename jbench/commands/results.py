@@ -53,27 +53,24 @@ def runs(
     filters = parsing.run_filters(database, task, algo, representation, status, seed)
     what: Literal["run", "import"] = "import" if imports else "run"
     lines, problems = list_runs(database, filters, returns, what)
-    header = [what, "status", "episodes", "control steps", "of", "wall time", "created"]
-    rows: list[list[object]] = [
-        [
-            *(line.run, line.status, f"{line.episodes:,}", f"{line.steps_done:,}"),
-            "" if line.steps is None else f"{line.steps:,}",
-            "" if line.wall_time is None else duration(line.wall_time),
-            line.created[:16].replace("T", " "),
-        ]
-        for line in lines
-    ]
+    columns = {
+        what: [line.run for line in lines],
+        "status": [line.status for line in lines],
+        "episodes": [f"{line.episodes:,}" for line in lines],
+        "control steps": [f"{line.steps_done:,}" for line in lines],
+        "of": ["" if line.steps is None else f"{line.steps:,}" for line in lines],
+        "wall time": ["" if line.wall_time is None else duration(line.wall_time) for line in lines],
+        "created": [line.created[:16].replace("T", " ") for line in lines],
+    }
     if any(line.variant for line in lines):
-        header.append("variant")
-        for row, line in zip(rows, lines, strict=True):
-            row.append(line.variant)
+        columns["variant"] = [line.variant for line in lines]
     if returns:
-        header.append("final return")
-        for row, line in zip(rows, lines, strict=True):
-            row.append("" if line.last_return is None else f"{line.last_return:.0f}")
+        finals = [line.last_return for line in lines]
+        columns["final return"] = ["" if final is None else f"{final:.0f}" for final in finals]
     output = Output(json)
     if lines:
-        output.table(counted(len(lines), what), header, rows)
+        rows = list(zip(*columns.values(), strict=True))
+        output.table(counted(len(lines), what), list(columns), rows)
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
     output.document({f"{what}s": [line._asdict() for line in lines], "problems": problems})

@@ -129,8 +129,8 @@ def report(
     request = Request(
         order=names.known("value of --order", order, names.ORDERS),
         window=window,
-        task=task and parsing.known_or_held("task", task, names.TASKS, read),
-        algo=algo and parsing.known_or_held("algo", algo, names.ALGORITHMS, read),
+        task=task and parsing.known_or_held("task", task, read),
+        algo=algo and parsing.known_or_held("algo", algo, read),
         since=since,
         returns=names.known("value of --returns", returns, names.RETURNS),
         claims=claims,

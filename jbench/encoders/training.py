@@ -65,7 +65,7 @@ def train_encoder(
             return record
         kind = make_kind(settings.kind, settings.options)
         states.read(device)
-        if record is None or not record.has_checkpoint(CHECKPOINT):
+        if record is None or CHECKPOINT not in record.roles():
             made_on = device_provenance(device)
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
@@ -100,7 +100,7 @@ def _weights(
     assert isinstance(kind, Learned)
     constants = kind.constants(states)
     learner = Learner(kind, states.size, settings.latents, settings.seed, device, constants)
-    if record.has_checkpoint(CHECKPOINT):
+    if CHECKPOINT in record.roles():
         learner.restore(record.read_file(CHECKPOINT))
     _learn(learner, states, record, progress, commit_every)
     return {name: value.detach().cpu().numpy() for name, value in learner.weights.items()}

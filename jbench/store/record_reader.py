@@ -120,10 +120,6 @@ class RecordReader:
                 return self._content_of(entry)
         raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
 
-    def has_checkpoint(self, role: str) -> bool:
-        """Returns whether a checkpoint of that role is committed."""
-        return role in self.roles()
-
     def roles(self) -> list[str]:
         """Returns the roles of all checkpoints in the order of writing."""
         return [entry.role for entry in self.manifest.files if entry.role is not None]

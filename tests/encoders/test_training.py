@@ -163,7 +163,7 @@ def test_interrupted_training_resumes_to_the_same_weights(trained, tmp_path, kin
     reported = ["epoch", "train_loss", "test_mse", "test_denoising_mse"]
     assert rows(done)[reported].equals(rows(uninterrupted)[reported])
     assert rows(done)["wall_time"].is_monotonic_increasing
-    assert not done.has_checkpoint(CHECKPOINT)
+    assert CHECKPOINT not in done.roles()
 
 
 def test_interrupted_streaming_training_resumes_to_the_same_weights(trained, tmp_path):

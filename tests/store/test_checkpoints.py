@@ -25,11 +25,11 @@ while True:
 
 
 def test_checkpoint_is_read_by_its_role_and_the_newest_is_the_only_one(results, record):
-    assert not record.has_checkpoint(ROLE)
+    assert ROLE not in record.roles()
     for n in range(3):
         record.append({"t": numbers(n)}, {ROLE: b"after %d" % n})
     again = results.find("run", "a/b")
-    assert again.has_checkpoint(ROLE)
+    assert ROLE in again.roles()
     assert (again.read_file(ROLE), read(again)) == (b"after 2", [0, 1, 2])
     assert names(record.path) == {"manifest.json", *listed(record)}
     assert len([name for name in listed(record) if name.endswith(".safetensors")]) == 1
@@ -58,7 +58,7 @@ def test_finishing_drops_the_checkpoints_and_keeps_the_files(results, record):
     record.append({"t": numbers(1)}, {ROLE: b"state"})
     record.finish({}, {"policy.json": b"{}"})
     again = results.find("run", "a/b")
-    assert not again.has_checkpoint(ROLE)
+    assert ROLE not in again.roles()
     assert (again.read_file("policy.json"), read(again)) == (b"{}", [1])
     assert names(record.path) == {"manifest.json", *listed(record)}
     assert all("role" not in entry for entry in manifest_of(record)["files"])
@@ -107,7 +107,7 @@ def test_rows_that_come_anew_take_the_place_of_all_that_there_were(results, reco
     assert (read(again), read(again, "u")) == ([1, 2, 3], [7])
     assert len(again.parts("t")) == 1
     assert len(list(record.path.glob("t-*"))) == 1
-    assert again.has_checkpoint(ROLE)
+    assert ROLE in again.roles()
     # The same rows again are the same file, which stays.
     record.append({"t": numbers(1, 2, 3)}, replace=("t",))
     assert read(results.find("run", "a/b")) == [1, 2, 3]

@@ -60,6 +60,11 @@ class RecordReader:
         """The settings that produced the record."""
         return self.manifest.settings
 
+    @property
+    def size(self) -> int:
+        """Bytes of the committed files."""
+        return sum(entry.bytes for entry in self.manifest.files)
+
     def refresh(self) -> bool:
         """Reads the manifest again; returns whether it has changed.
 

@@ -80,7 +80,7 @@ def _of_dataset(record: Record) -> Row:
     return {
         # A committed episode has a state more than it has steps.
         "steps_done": record.rows("steps") - record.rows("dataset_episodes"),
-        "bytes": sum(entry.bytes for entry in record.manifest.files),
+        "bytes": record.size,
     }
 
 

@@ -122,8 +122,8 @@ def verify(
         findings += _without_writers_files(check)
         if check.record is not None:
             findings += _warnings(check.record, intact)
-    entries = [entry for record in records for entry in record.manifest.files]
-    return Verified(len(records), len(entries), sum(entry.bytes for entry in entries), findings)
+    listed = sum(len(record.manifest.files) for record in records)
+    return Verified(len(records), listed, sum(record.size for record in records), findings)
 
 
 def examine(results: Results, kind: Kind, id: str) -> list[Finding]:

@@ -12,7 +12,7 @@ from jbench.datasets import Dataset, collect, layout
 from jbench.names import TASKS
 from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import simulate
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.tasks import features, model, resets
 from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
@@ -58,7 +58,7 @@ def resimulated(robot, episodes):
 
 
 def kept_state(record):
-    return layout.state_of(record.read("steps", schema.STEPS), EPISODE)
+    return layout.state_of(record.read("steps"), EPISODE)
 
 
 def test_the_id_of_a_plain_dataset_is_unchanged_by_the_augment_setting(plain):
@@ -77,11 +77,9 @@ def test_the_robot_is_in_the_settings_and_the_id(plain, augmented):
 
 
 def test_actions_and_targets_are_those_of_the_plain_robot_and_states_are_not(plain, augmented):
-    first, second = (record.read("steps", schema.STEPS) for record in (plain, augmented))
+    first, second = (record.read("steps") for record in (plain, augmented))
     assert first["action"].equals(second["action"])
-    drawn = [
-        record.read("dataset_episodes", schema.DATASET_EPISODES) for record in (plain, augmented)
-    ]
+    drawn = [record.read("dataset_episodes") for record in (plain, augmented)]
     assert drawn[0].equals(drawn[1])
     first, second = kept_state(plain), kept_state(augmented)
     # They begin alike, and are elsewhere a second later.

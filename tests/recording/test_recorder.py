@@ -23,7 +23,7 @@ from jbench.recording.request import plain_hyperparameters
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import read_run
 from jbench.simulation import Robots, rollout
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.tasks import resets
 from jbench.tasks.robots import load_model
 from tests.command_line import SHORT, Process
@@ -107,7 +107,7 @@ def record_of(results, id):
 
 def test_rows_are_what_the_environment_returned(finished):
     results, id, _, returns = finished
-    rows = record_of(results, id).read("episodes", schema.EPISODES).to_pylist()
+    rows = record_of(results, id).read("episodes").to_pylist()
     assert [row["episode_return"] for row in rows] == pytest.approx(returns, rel=1e-6)
     assert returns[0] > 1
     assert [(row["control_steps"], row["length"]) for row in rows] == [(50, 50), (100, 50)]
@@ -125,7 +125,7 @@ def test_the_first_episode_is_that_of_the_seed(finished, tmp_path):
         assert loop(recording, actor, episodes=1) == returns[:1]
     assert recording.id == id
     first, second = (
-        record_of(where, id).read("evaluations", schema.EVALUATIONS)["episode_return"].to_pylist()
+        record_of(where, id).read("evaluations")["episode_return"].to_pylist()
         for where in (results, tmp_path / "again")
     )
     assert first[:2] == second
@@ -152,7 +152,7 @@ def test_id_and_settings_are_those_that_were_passed(finished):
 
 def test_evaluations_come_when_they_are_due(finished):
     results, id, _, _ = finished
-    rows = record_of(results, id).read("evaluations", schema.EVALUATIONS).to_pylist()
+    rows = record_of(results, id).read("evaluations").to_pylist()
     steps = [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows]
     due = [(0, 50, 0), (0, 50, 1), (1, 100, 0), (1, 100, 1)]
     # The kept policy is evaluated at the end, so that anyone can repeat its evaluation.
@@ -247,7 +247,7 @@ def test_a_killed_run_is_unfinished_and_starts_over(tmp_path):
     assert again.returncode == 0, again.stderr
     assert again.stderr == f"The run {record.id} is unfinished; it starts over.\n"
     (record,) = Results(tmp_path).scan("run")[0]
-    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    rows = record.read("episodes").to_pylist()
     assert (record.status, [row["episode"] for row in rows]) == ("finished", [0, 1])
 
 
@@ -261,13 +261,13 @@ def test_a_model_of_stable_baselines3_is_recorded_by_its_callback(tmp_path):
         ppo = PPO("MlpPolicy", env, n_steps=25, n_epochs=1, policy_kwargs=policy, seed=0)
         ppo.learn(STEPS, recording.sb3_callback())
     record = record_of(tmp_path, recording.id)
-    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    rows = record.read("episodes").to_pylist()
     # Two environments in turn: the first one's episode ends a control step before the second's.
     assert [row["control_steps"] for row in rows] == [99, 100]
     assert all(0 < row["episode_return"] < EPISODE for row in rows)  # not the normalised rewards
     # The second rollout ends after the first update.
     assert all(np.isfinite(row["value_loss"]) for row in rows)
-    evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    evaluations = record.read("evaluations").to_pylist()
     assert [row["control_steps"] for row in evaluations] == [100, 100]
     observations = np.random.default_rng(0).normal(size=(20, 16)).astype(np.float32)
     wanted, _ = ppo.predict(env.normalize_obs(observations), deterministic=True)

@@ -48,7 +48,7 @@ def add_timed(results, returns, seconds, finish=True, **columns):
 
 
 def returns_of(results, id):
-    return results.find("run", id).read("episodes", schema.EPISODES)["episode_return"].to_pylist()
+    return results.find("run", id).read("episodes")["episode_return"].to_pylist()
 
 
 def test_records_of_all_kinds_come_over_byte_for_byte(results, other):
@@ -92,7 +92,7 @@ def test_same_rows_in_another_time_are_the_same_run(results, other):
 def test_same_rows_in_other_files_are_the_same_run(results, other):
     mine = add_timed(results, [1.0, 2.0, 3.0], 3.0)
     theirs = other.create("run", mine.id, mine.settings)
-    rows = mine.read("episodes", schema.EPISODES)
+    rows = mine.read("episodes")
     for first, count in ((0, 1), (1, 0), (1, 2)):
         theirs.append({"episodes": rows.slice(first, count)})
     theirs.finish({}, {"policy.json": b"{}"}, compact=False)
@@ -148,7 +148,7 @@ def test_same_run_with_other_rows_is_refused_and_the_rest_is_merged(results, oth
 def test_same_rows_with_another_policy_are_refused(results, other):
     mine = add_whole_run(results)
     theirs = other.create("run", mine.id, mine.settings)
-    theirs.append({"episodes": mine.read("episodes", schema.EPISODES)})
+    theirs.append({"episodes": mine.read("episodes")})
     theirs.finish({}, {"policy.json": b"[]"})
     (one,) = merge(results, [other])
     assert (one.outcome, "(in policy.json)" in one.reason) == ("refused", True)

@@ -152,14 +152,14 @@ def test_one_augmented_robot_is_learned_and_evaluated_on_throughout(alone):
 
 
 def test_episodes_and_evaluations_count_through_both_robots(two):
-    rows = two.record.read("episodes", schema.EPISODES).to_pylist()
+    rows = two.record.read("episodes").to_pylist()
     assert [(r["episode"], r["control_steps"], r["length"]) for r in rows] == [
         (0, 50, 50),
         (1, 100, 50),
         (2, 150, 50),
         (3, 200, 50),
     ]
-    rows = two.record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    rows = two.record.read("evaluations").to_pylist()
     # The last rollout of 35 steps ends at 210, and with it the run.
     assert [row["control_steps"] for row in rows] == [100, 200, 210]
     assert two.record.settings["robots"] == 2
@@ -189,8 +189,7 @@ def test_the_second_robot_begins_with_what_was_learned_on_the_first(two, alone):
         assert np.array_equal(two.weights[step], alone.weights[step]), step
     assert np.array_equal(two.weights[101], alone.weights[100])
     ours, theirs = (
-        each.record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
-        for each in (two, alone)
+        each.record.read("episodes")["episode_return"].to_pylist() for each in (two, alone)
     )
     assert ours[:2] == theirs
 
@@ -224,7 +223,7 @@ def test_the_next_robot_draws_on_and_does_not_repeat_the_first_ones_episodes():
 def test_all_environments_of_ppo_exchange_their_robots_together(tmp_path):
     ppo = {"hidden_layers": [8], "n_envs": 2, "n_steps": 15, "batch_size": 30, "n_epochs": 1}
     watched = Watched(tmp_path, "ppo", ppo, robots=2, evaluate_episodes=0)
-    rows = watched.record.read("episodes", schema.EPISODES).to_pylist()
+    rows = watched.record.read("episodes").to_pylist()
     assert [row["control_steps"] for row in rows] == [100, 100, 200, 200]
     robots = [shape(load_model(seed)) for seed in (0, 1)]
     assert max(watched.shapes) == 210

@@ -92,12 +92,14 @@ class Output:
 
     @contextmanager
     def progress(self, what: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
-        """Shows progress on standard error inside the `with` block.
+        """Shows progress on standard error inside the `with` block; nothing if the total is 0.
 
         Yields:
             A function that shows how much of the total is done.
         """
-        if sys.stderr.isatty():
+        if not total:
+            yield lambda done: None
+        elif sys.stderr.isatty():
             with _bar(what, total) as update:
                 yield update
         else:

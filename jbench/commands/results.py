@@ -1,8 +1,8 @@
 """Commands for the results database: runs, query, verify, repair, merge."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -136,8 +136,8 @@ def verify(
     from jbench.store.verify import verify as check
 
     output, database = Output(json), parsing.existing_results(results)
-    with _progress(output, "verify", "bytes") as progress:
-        checked = check(database, parsing.all_cores(threads), progress)
+    progress = partial(output.progress, "verify", unit="bytes")
+    checked = check(database, parsing.all_cores(threads), progress)
     record = None
     for finding in checked.findings:
         if (finding.kind, finding.id) != record:
@@ -193,8 +193,8 @@ def repair(
 
     parsing.results_to_write(results)
     output, database = Output(json), parsing.existing_results(results)
-    with _progress(output, "verify", "bytes") as progress:
-        checked = check(database, parsing.all_cores(threads), progress)
+    progress = partial(output.progress, "verify", unit="bytes")
+    checked = check(database, parsing.all_cores(threads), progress)
     done = set_aside(database, checked.findings, dry_run)
     for path, to in done.moved:
         output.say(f"{path} -> {to}")
@@ -228,8 +228,7 @@ def merge(
 
     output, database = Output(json), parsing.results_to_write(results)
     sources = [parsing.results_at(other) for other in others]
-    with _progress(output, "merge", "records") as progress:
-        merged = join(database, sources, progress)
+    merged = join(database, sources, partial(output.progress, "merge", unit="records"))
     refused = [one for one in merged if one.outcome == "refused"]
     for one in refused:
         output.warn(f"{one.record}: {one.reason}")
@@ -241,21 +240,6 @@ def merge(
             f"{counted(len(refused), 'record')} {are(len(refused))} refused, see above; the others "
             "are merged."
         )
-
-
-@contextmanager
-def _progress(output: Output, what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Yields a callback for (done, total); the bar appears when the total is known."""
-    with ExitStack() as stack:
-        shown: list[Callable[[int], None]] = []
-
-        def update(done: int, total: int) -> None:
-            if not shown and total:
-                shown.append(stack.enter_context(output.progress(what, total, unit)))
-            for show in shown:
-                show(done)
-
-        yield update
 
 
 def _counted(words: Iterator[str]) -> str:

@@ -9,6 +9,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -24,6 +25,9 @@ Severity = Literal["damaged", "leftover", "foreign", "warning"]
 """Severity of a finding: a record is damaged; no manifest lists a file; a record can't be checked,
 because a newer jbench wrote it or reading fails; or a record is intact, with a warning.
 """
+
+Progress = Callable[[int], AbstractContextManager[Callable[[int], None]]]
+"""Takes the total of some work; during the work, yields a function that takes how much is done."""
 
 _MAX_TRIES = 5  # for a record that changes during the check
 _AHEAD = 16  # files submitted to the threads in advance
@@ -101,16 +105,17 @@ class _FolderCheck:
         return None if damaged else self.record
 
 
-def verify(
-    results: Results,
-    threads: int,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Verified:
+def no_progress(total: int) -> AbstractContextManager[Callable[[int], None]]:
+    """Shows nothing."""
+    return nullcontext(lambda done: None)
+
+
+def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
     """Checks a results directory.
 
     Args:
         threads: number of files read at a time.
-        progress: called with the bytes read so far and the total.
+        progress: shows the bytes read so far.
     """
     checks = [check for kind in KINDS for check in _checks_of(results, kind)]
     _check_files(checks, threads, progress)
@@ -214,9 +219,7 @@ def _without_writers_files(check: _FolderCheck) -> list[Finding]:
     ]
 
 
-def _check_files(
-    checks: Sequence[_FolderCheck], threads: int, progress: Callable[[int, int], None]
-) -> None:
+def _check_files(checks: Sequence[_FolderCheck], threads: int, progress: Progress) -> None:
     """Checks the files of all records with several threads."""
     entries = [
         (check, check.record, entry)
@@ -226,7 +229,7 @@ def _check_files(
     ]
     total, done = sum(entry.bytes for *_, entry in entries), 0
     pending: deque[Future[Finding | None]] = deque()
-    with ThreadPoolExecutor(threads) as pool:
+    with progress(total) as show, ThreadPoolExecutor(threads) as pool:
         ahead = iter(entries)
         for check, _, entry in entries:
             for _, record, next_entry in itertools.islice(ahead, _AHEAD - len(pending)):
@@ -234,12 +237,12 @@ def _check_files(
             finding = pending.popleft().result()
             check.findings += [] if finding is None else [finding]
             done += entry.bytes
-            progress(done, total)
+            show(done)
 
 
 def _with_files(check: _FolderCheck) -> _FolderCheck:
     """Completes a check with the files of its record."""
-    _check_files([check], 1, lambda done, total: None)
+    _check_files([check], 1, no_progress)
     return check
 
 

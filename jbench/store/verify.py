@@ -92,11 +92,11 @@ class Verified(NamedTuple):
 
 @dataclass
 class _FolderCheck:
-    """A folder, its record if it has one, and the findings so far."""
+    """A folder, the findings so far, and its record if it has one."""
 
     folder: Folder
-    record: Record | None
     findings: list[Finding]
+    record: Record | None = None
 
     @property
     def intact(self) -> Record | None:
@@ -147,9 +147,7 @@ def _checks_of(results: Results, kind: Kind) -> list[_FolderCheck]:
         results.inside(root.name)
     except WorkError:
         problem = "leads out of the results directory; it is not used"
-        return [
-            _FolderCheck(Folder(root, ()), None, [Finding("foreign", kind, ".", root, problem)])
-        ]
+        return [_FolderCheck(Folder(root, ()), [Finding("foreign", kind, ".", root, problem)])]
     return [_check_folder(results, kind, folder) for folder in walk(root)]
 
 
@@ -158,26 +156,24 @@ def _check_folder(results: Results, kind: Kind, folder: Folder) -> _FolderCheck:
     id = folder.path.relative_to(results.path / f"{kind}s").as_posix()
     manifest = folder.path / MANIFEST
     if folder.problem is not None:
-        return _FolderCheck(
-            folder, None, [Finding("foreign", kind, id, folder.path, folder.problem)]
-        )
+        return _FolderCheck(folder, [Finding("foreign", kind, id, folder.path, folder.problem)])
     if not folder.is_record:
-        return _FolderCheck(folder, None, _unlisted_files(kind, id, folder, set()))
+        return _FolderCheck(folder, _unlisted_files(kind, id, folder, set()))
     try:
         record = results.find(kind, id)
     except (WorkError, RequestError) as error:
         foreign = isinstance(error, VersionError | files.UnreadableError)
         severity: Severity = "foreign" if foreign else "damaged"
         problem = str(error).removeprefix(f"{manifest} ").removesuffix(".")
-        return _FolderCheck(folder, None, [Finding(severity, kind, id, manifest, problem)])
+        return _FolderCheck(folder, [Finding(severity, kind, id, manifest, problem)])
     if record is None:  # removed in the meantime
-        return _FolderCheck(folder, None, [])
+        return _FolderCheck(folder, [])
     listed = {MANIFEST, *(entry.name for entry in record.manifest.files)}
     findings = _unlisted_files(kind, id, folder, listed)
     flaw = flaws.of_settings(record)
     if flaw is not None:
         findings.append(Finding("damaged", kind, id, manifest, flaw))
-    return _FolderCheck(folder, record, findings)
+    return _FolderCheck(folder, findings, record)
 
 
 def _settled(results: Results, check: _FolderCheck) -> _FolderCheck:
@@ -249,16 +245,16 @@ def _with_files(check: _FolderCheck) -> _FolderCheck:
 def _flaw(record: Record, entry: FileEntry) -> Finding | None:
     """Returns a finding if a file of a record is damaged or unreadable."""
     path = record.path / entry.name
-    severity: Severity = "damaged"
+    transient = False
     try:
         problem = flaws.of_file(record, entry)
     except OSError as error:
-        severity = "foreign" if files.is_transient(error) else "damaged"
-        problem = str(error.strerror or error)
+        transient, problem = files.is_transient(error), str(error.strerror or error)
     if problem is None:
         return None
-    what = "is damaged" if severity == "damaged" else "can't be read"
-    return Finding(severity, record.kind, record.id, path, f"{what} ({problem})")
+    if transient:
+        return Finding("foreign", record.kind, record.id, path, f"can't be read ({problem})")
+    return Finding("damaged", record.kind, record.id, path, f"is damaged ({problem})")
 
 
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Finding]:

@@ -19,7 +19,7 @@ from typing import Any
 
 from jbench.policies.saved import DESCRIPTION, WEIGHTS, has_policy
 from jbench.settings.alike import variant
-from jbench.store import Record, Results, files, schema
+from jbench.store import Record, Results, files
 from jbench.store.manifest import MANIFEST, FileEntry, Manifest
 from jbench.store.shipped import shipped
 from jbench.store.verify import examine
@@ -59,7 +59,7 @@ def public(manifest: Manifest) -> Manifest:
 
 def last_return(run: Record) -> float | None:
     """Returns the mean return of a run's last evaluation, or None if it has none."""
-    rows = run.read("evaluations", schema.EVALUATIONS).to_pandas()
+    rows = run.read("evaluations").to_pandas()
     if rows.empty:
         return None
     return float(rows.loc[rows["evaluation"] == rows["evaluation"].max(), "episode_return"].mean())

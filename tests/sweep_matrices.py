@@ -6,7 +6,7 @@ import signal
 import time
 from pathlib import Path
 
-from jbench.store import Results, locks, schema
+from jbench.store import Results, locks
 from jbench.store.merge import TIMES
 from jbench.sweeps.cell import all_runs
 from jbench.sweeps.matrix import matrix_cells, read_matrix
@@ -123,8 +123,8 @@ def rows(runs, path):
     kept = []
     for run in runs:
         record = Results(path).find("run", run.id)
-        for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS)):
-            kept += record.read(table, columns).drop(TIMES).to_pylist()
+        for table in ("episodes", "evaluations"):
+            kept += record.read(table).drop(TIMES).to_pylist()
         weights = (f for f in record.manifest.files if f.name == "policy.safetensors")
         kept += [file.sha256 for file in weights]
     return kept

@@ -11,7 +11,7 @@ from jbench.encoders.settings import EncoderSettings
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.evaluation import EvaluationSettings
 from jbench.settings.run import RunSettings
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.store.merge import TIMES
 from jbench.store.shipped import shipped
 from tests.fixtures.make_results import (
@@ -100,7 +100,7 @@ SLOW = pytest.mark.slow
 def test_interrupted_run_resumes_to_recorded_results(algo, results, monkeypatch, capsys):
     monkeypatch.setattr("jbench.sweeps.scheduler._forecast", lambda *_: None)
     interrupted = runs(results, "unfinished")[algo]
-    before = interrupted.read("episodes", schema.EPISODES).drop(TIMES).to_pylist()
+    before = interrupted.read("episodes").drop(TIMES).to_pylist()
     assert [row["control_steps"] for row in before] == [1000]
     assert main([*train(algo, INTERRUPTED), "--results", str(results.path)]) == 0
     resumed = (
@@ -109,7 +109,7 @@ def test_interrupted_run_resumes_to_recorded_results(algo, results, monkeypatch,
     assert resumed in capsys.readouterr().out
     now = results.find("run", interrupted.id)
     assert now.status == "finished"
-    rows = now.read("episodes", schema.EPISODES).drop(TIMES).to_pylist()
+    rows = now.read("episodes").drop(TIMES).to_pylist()
     assert [row["control_steps"] for row in rows] == [1000, 2000]
     assert rows[:1] == before
     # Other processors and libraries round differently.

@@ -50,12 +50,11 @@ def collect(
         output.say(f"The dataset {settings.id} is already finished; nothing to do.")
     with output.progress("collect", settings.steps, "control steps") as progress:
         record = collect_dataset(settings, database, parsing.all_cores(threads), progress)
-    size = sum(entry.bytes for entry in record.manifest.files)
     output.say(
-        f"Dataset {record.id}: {settings.steps:,} control steps, {size / 1e6:.1f} MB, in "
+        f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
         f"{record.path}. Next: jbench train-dae"
     )
-    output.document(display.described(record, bytes=size))
+    output.document(display.described(record, bytes=record.size))
 
 
 def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> None:
@@ -76,7 +75,7 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
         output.say(f"No datasets in {results}; jbench collect --steps 100000 makes a small one.")
     described = [
         display.described(
-            each.record, status=each.record.status, steps=each.steps, bytes=each.bytes
+            each.record, status=each.record.status, steps=each.steps, bytes=each.record.size
         )
         for each in listed
     ]
@@ -96,6 +95,6 @@ def _row(listed: "Listed") -> tuple[str, ...]:
         f"{listed.steps:,}",
         f"{listed.settings.steps:,}",
         "plain" if augment is None else f"--augment {augment}",
-        f"{listed.bytes / 1e6:.1f}",
+        f"{listed.record.size / 1e6:.1f}",
         listed.record.manifest.updated[:16].replace("T", " "),
     )

@@ -3,13 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from jbench.commands.output import Output
 from jbench.errors import WorkError
 from jbench.returns import final_return
 from jbench.settings.run import RunSettings
-from jbench.store import Record, Results, encoder_schema, schema
+from jbench.store import Record, Results
 
 if TYPE_CHECKING:
     from jbench.report.document import TableItem
@@ -40,7 +38,7 @@ def show_encoders(records: Sequence[Record], output: Output) -> None:
         _show_encoder(records[0], output)
     rows = []
     for record in records:
-        (errors,) = record.read("encoder_errors", encoder_schema.ENCODER_ERRORS).to_pylist()
+        (errors,) = record.read("encoder_errors").to_pylist()
         explained = ("test", "pca", "random", "heuristic", "pca_heuristic")
         rows.append(
             (
@@ -60,9 +58,7 @@ def _show_predictions(records: Sequence[Record], output: Output) -> None:
     """Prints how well the latents predict the next control step."""
     rows, targets = [], []
     for record in records:
-        predictions = record.read(
-            "encoder_predictions", encoder_schema.ENCODER_PREDICTIONS
-        ).to_pylist()
+        predictions = record.read("encoder_predictions").to_pylist()
         # Encoders trained before this table existed have no rows.
         if predictions:
             targets = [row["target"].replace("_", " ") for row in predictions]
@@ -86,7 +82,7 @@ def _show_singular_values(record: Record, output: Output) -> None:
 
 def _show_encoder(record: Record, output: Output) -> None:
     """Prints the errors of a trained encoder by epoch, and the final errors by feature."""
-    epochs = record.read("encoder_epochs", encoder_schema.ENCODER_EPOCHS).to_pylist()
+    epochs = record.read("encoder_epochs").to_pylist()
     losses = ("train_loss", "test_mse", "test_denoising_mse")
     shown = sorted({*range(0, len(epochs), max(1, len(epochs) // 8)), len(epochs) - 1})
     if epochs:
@@ -111,7 +107,7 @@ def _show_encoder(record: Record, output: Output) -> None:
                 f"{row['heuristic_mse']:.5f}",
                 f"{row['pca_heuristic_mse']:.5f}",
             )
-            for row in record.read("encoder_features", encoder_schema.ENCODER_FEATURES).to_pylist()
+            for row in record.read("encoder_features").to_pylist()
         ],
     )
 
@@ -130,14 +126,14 @@ def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> 
     output.table(title, ("run", "episodes", "final return", "evaluation"), rows)
 
 
-def show_final_returns(table: pd.DataFrame, output: Output) -> None:
+def show_final_returns(cells: Sequence[Mapping[str, Any]], output: Output) -> None:
     """Prints the main columns of the report's table, one row per cell."""
-    if table.empty:
+    if not cells:
         return
     from jbench.report.formatting import steps
 
     rows = []
-    for cell in table.to_dict("records"):
+    for cell in cells:
         fewest, most = steps(cell["steps_min"]), steps(cell["steps_max"])
         published = cell["published_median"]
         rows.append(
@@ -160,7 +156,7 @@ def show_final_returns(table: pd.DataFrame, output: Output) -> None:
     output.table(title, (*header, *more), rows)
 
 
-def _median_and_band(cell: Mapping[Any, Any], returns: str) -> str:
+def _median_and_band(cell: Mapping[str, Any], returns: str) -> str:
     values = [cell[f"{returns}_return_{name}"] for name in ("median", "q10", "q90")]
     if None in values:
         return ""
@@ -169,8 +165,8 @@ def _median_and_band(cell: Mapping[Any, Any], returns: str) -> str:
 
 
 def _run_row(record: Record) -> tuple[object, ...]:
-    returns = record.read("episodes", schema.EPISODES)["episode_return"].to_numpy()
-    evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    returns = record.read("episodes")["episode_return"].to_numpy()
+    evaluations = record.read("evaluations").to_pylist()
     last = [
         e["episode_return"] for e in evaluations if e["evaluation"] == evaluations[-1]["evaluation"]
     ]

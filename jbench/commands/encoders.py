@@ -166,7 +166,7 @@ def _train(
             if before is not None and before.status == "finished":
                 output.say(f"The encoder {settings.id} is already finished; nothing to do.")
             elif before is not None:
-                how = "resumes" if before.has_checkpoint(CHECKPOINT) else "starts over"
+                how = "resumes" if CHECKPOINT in before.roles() else "starts over"
                 output.say(f"The encoder {settings.id} was interrupted; it {how}.")
             label, epochs = f"{settings.representation} {name}", settings.options.get("epochs", 1)
             with output.progress(label, epochs, "epochs") as progress:

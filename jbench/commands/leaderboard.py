@@ -60,8 +60,8 @@ def leaderboard(
     databases = {str(path): parsing.existing_results(path) for path in directories or [results]}
     read = list(databases.values())
     request = Request(
-        task=task and parsing.known_or_held("task", task, names.TASKS, read),
-        algo=algo and parsing.known_or_held("algo", algo, names.ALGORITHMS, read),
+        task=task and parsing.known_or_held("task", task, read),
+        algo=algo and parsing.known_or_held("algo", algo, read),
         returns=names.known("value of --returns", returns, names.RETURNS),
     )
     ranked, problems = board.of_results(databases, request)

@@ -2,15 +2,17 @@
 
 import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import cache
 from statistics import fmean
+from typing import TYPE_CHECKING
 
 from jbench.commands.output import duration
 from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings
 
-Published = Callable[[str, str, str, float], float | None]
-"""Returns the published median of a task, algorithm and representation at a control step."""
+if TYPE_CHECKING:
+    from jbench.report.data.published import PublishedCurve
 
 _MAX_RETURNS = 6  # with more seeds, a line shows the mean and extremes of the last returns
 _SPARKLINE = 16  # characters
@@ -20,8 +22,8 @@ _BARS = "▁▂▃▄▅▆▇█"
 class Batch:
     """The progress of runs that share a process."""
 
-    def __init__(self, runs: Sequence[RunSettings], published: Published) -> None:
-        self.runs, self._published = runs, published
+    def __init__(self, runs: Sequence[RunSettings]) -> None:
+        self.runs = runs
         self.done = {run.id: 0 for run in runs}
         self._returns: dict[str, float] = {}
         self._curve: list[float] = []
@@ -41,11 +43,6 @@ class Batch:
     def steps(self) -> int:
         """Control steps done, summed over the runs."""
         return sum(self.done.values())
-
-    @property
-    def steps_each(self) -> float:
-        """Mean control steps done of a run."""
-        return self.steps / len(self.runs)
 
     @property
     def gained(self) -> int:
@@ -89,8 +86,7 @@ class Batch:
             text = f"mean {fmean(values):.0f} [{min(values):.0f}, {max(values):.0f}]"
         if self._cells > 1:
             return text
-        run = self.runs[0]
-        published = self._published(run.task, run.algo, run.representation, self.steps_each)
+        published = published_median(self.runs[0], self.steps / len(self.runs))
         return text if published is None or not text else f"{text} (published {published:.0f})"
 
 
@@ -101,3 +97,20 @@ def sparkline(returns: Sequence[float]) -> str:
     means = [fmean(returns[first:last]) for first, last in itertools.pairwise(bounds)]
     levels = [round(mean / EPISODE_STEPS * (len(_BARS) - 1)) for mean in means]
     return "".join(_BARS[min(max(level, 0), len(_BARS) - 1)] for level in levels)
+
+
+def published_median(run: RunSettings, control_steps: float) -> float | None:
+    """Returns the paper's median return of a run's cell at a control step, if it has one."""
+    from jbench.report.data.published import best_median
+
+    cell = run.task, run.algo, run.representation
+    best = best_median(_published_curves(), *cell, control_steps)
+    return None if best is None else best[0]
+
+
+@cache
+def _published_curves() -> "list[PublishedCurve]":
+    from jbench.report.data.published import read_published
+    from jbench.store import query
+
+    return read_published(query.published())

@@ -4,8 +4,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from functools import cache
-from typing import TYPE_CHECKING
 
 from rich import box
 from rich.console import Console
@@ -13,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from jbench.commands.live_batch import Batch, Published
+from jbench.commands.live_batch import Batch
 from jbench.commands.output import Output, duration, printable
 from jbench.settings.run import RunSettings
 from jbench.sweeps.cell_status import CellStatus, seconds_left
@@ -21,23 +19,14 @@ from jbench.sweeps.executors import Message
 from jbench.sweeps.watcher import Watcher
 from jbench.wording import counted
 
-if TYPE_CHECKING:
-    from jbench.report.data.published import PublishedCurve
-
 _PLAIN_EVERY = 60.0  # s between plain lines if stderr is not a terminal
 
 
 class TrainingView(Watcher):
     """Prints the events of a sweep, and shows its processes during training."""
 
-    def __init__(self, output: Output, published: Published | None = None) -> None:
-        """Prints to an output.
-
-        Args:
-            published: medians to show beside the returns (default: the paper's).
-        """
+    def __init__(self, output: Output) -> None:
         self._output, self._live = output, sys.stderr.isatty()
-        self._published = published or _published_median
         self._reset([])
 
     def _reset(self, runs: Sequence[RunSettings]) -> None:
@@ -98,7 +87,7 @@ class TrainingView(Watcher):
 
     def started(self, runs: Sequence[RunSettings]) -> None:
         """Adds the row of a process."""
-        self._batches.append(Batch(runs, self._published))
+        self._batches.append(Batch(runs))
 
     def message(self, run: RunSettings, message: Message) -> None:
         """Shows the progress of a run."""
@@ -168,20 +157,3 @@ def _line(batch: Batch, *, ended: bool = False) -> str:
     if returns:
         parts.append(f"last returns {returns}")
     return f"{name}: {', '.join(parts)}"
-
-
-@cache
-def _published_curves() -> "list[PublishedCurve]":
-    from jbench.report.data.published import read_published
-    from jbench.store import query
-
-    return read_published(query.published())
-
-
-def _published_median(
-    task: str, algo: str, representation: str, control_steps: float
-) -> float | None:
-    from jbench.report.data.published import best_median
-
-    best = best_median(_published_curves(), task, algo, representation, control_steps)
-    return None if best is None else best[0]

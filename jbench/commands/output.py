@@ -64,8 +64,11 @@ class Output:
             console.print(Text(title, style="bold"))
             console.print(table)
 
-    def warn_of_damage(self, problems: Sequence[str]) -> None:
+    def warn_of_damage(self, problems: Sequence[str], advice: str = "") -> None:
         """Prints a warning for each damaged record.
+
+        Args:
+            advice: last sentence of the error.
 
         Raises:
             WorkError: if there is any, after the warnings.
@@ -74,7 +77,7 @@ class Output:
             self.warn(problem)
         if problems:
             count = f"{counted(len(problems), 'record')} {are(len(problems))}"
-            raise WorkError(f"{count} damaged and left out; see above.")
+            raise WorkError(f"{count} damaged and left out; see above. {advice}".rstrip())
 
     def document(self, content: dict[str, Any]) -> None:
         """Prints the JSON document if `--json` was given."""
@@ -89,12 +92,14 @@ class Output:
 
     @contextmanager
     def progress(self, what: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
-        """Shows progress on standard error inside the `with` block.
+        """Shows progress on standard error inside the `with` block; nothing if the total is 0.
 
         Yields:
             A function that shows how much of the total is done.
         """
-        if sys.stderr.isatty():
+        if not total:
+            yield lambda done: None
+        elif sys.stderr.isatty():
             with _bar(what, total) as update:
                 yield update
         else:

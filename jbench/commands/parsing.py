@@ -3,7 +3,6 @@
 import contextlib
 import difflib
 import json
-import re
 from collections.abc import Collection, Sequence
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from jbench import names
 from jbench.errors import RequestError
-from jbench.names import ENCODER_KINDS, FULL, MAX_SEED, OFE, REFERENCE, is_reference
+from jbench.names import ENCODER_KINDS, FULL, MAX_SEED, OFE, REFERENCE, is_reference, kind_of
 from jbench.seeds import parse_numbers
 
 if TYPE_CHECKING:
@@ -20,10 +19,8 @@ if TYPE_CHECKING:
 _SCALES = {"k": 1000, "m": 1_000_000}
 
 
-def known_or_held(
-    setting: str, value: str, known: Collection[str], databases: Sequence["Results"]
-) -> str:
-    """Returns the value if jbench knows it or a run of the results has it.
+def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> str:
+    """Returns the value of a setting if jbench knows it or a run of the results has it.
 
     Args:
         setting: `task`, `algo` or `representation`.
@@ -32,6 +29,7 @@ def known_or_held(
     Raises:
         RequestError: if the value is unknown; the message lists the values of the runs.
     """
+    known = {"task": names.TASKS, "algo": names.ALGORITHMS, "representation": ()}[setting]
     if value in known or (setting == "representation" and _is_representation(value)):
         return value
     if value.lower() in known:
@@ -67,20 +65,17 @@ def run_filters(
         filters["status"] = [names.known("status", status, names.STATUSES)]
     if seed is not None:
         filters["seed"] = parse_numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
-    for setting, value, known in (
-        ("task", task, names.TASKS),
-        ("algo", algo, names.ALGORITHMS),
-        ("representation", representation, ()),
-    ):
+    typed = {"task": task, "algo": algo, "representation": representation}
+    for setting, value in typed.items():
         if value is not None:
-            filters[setting] = [known_or_held(setting, value, known, [results])]
+            filters[setting] = [known_or_held(setting, value, [results])]
     return filters
 
 
 def _is_representation(value: str) -> bool:
     """Returns whether a value is `full`, or a built-in kind with its size, such as dae12."""
-    match = re.fullmatch(r"([a-z-]+)[0-9]+", value)
-    return value == FULL or (match is not None and match[1] in {*ENCODER_KINDS, OFE})
+    kind = kind_of(value)
+    return value == FULL or (value != kind and kind in {*ENCODER_KINDS, OFE})
 
 
 def results_at(path: Path) -> "Results":

@@ -52,7 +52,6 @@ def evaluate(
     from jbench.policies.imported import code_of
     from jbench.settings.base import validated
     from jbench.settings.evaluation import EvaluationSettings
-    from jbench.store import schema
 
     output, (database, policy) = Output(json), database_and_policy(results, policy)
     if target_yaw is not None and not math.isfinite(target_yaw):
@@ -78,7 +77,7 @@ def evaluate(
     total = settings.episodes * names.EPISODE_STEPS
     with output.progress(f"evaluate {policy} {task}", total, "control steps") as progress:
         record = run_episodes(settings, database, parsing.all_cores(threads), progress)
-    returns = record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"].to_numpy()
+    returns = record.read("policy_episodes")["episode_return"].to_numpy()
     summary = record.manifest.summary
     output.say(
         f"{task}, {policy}: median return {summary['median']:.0f} "

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import inspect
 import shlex
 import sys
 import webbrowser
@@ -23,9 +24,9 @@ from jbench.commands.options import (
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.opengl import has_display
-from jbench.wording import are, counted
 
 if TYPE_CHECKING:
+    from jbench.report.document import TableItem
     from jbench.report.report import Report
     from jbench.report.request import Request
     from jbench.store import Results
@@ -128,8 +129,8 @@ def report(
     request = Request(
         order=names.known("value of --order", order, names.ORDERS),
         window=window,
-        task=task and parsing.known_or_held("task", task, names.TASKS, read),
-        algo=algo and parsing.known_or_held("algo", algo, names.ALGORITHMS, read),
+        task=task and parsing.known_or_held("task", task, read),
+        algo=algo and parsing.known_or_held("algo", algo, read),
         since=since,
         returns=names.known("value of --returns", returns, names.RETURNS),
         claims=claims,
@@ -161,29 +162,25 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
     _show(written, output)
     if output.as_json:
         output.document(_document(written))
-    problems = written.data.problems
-    for problem in problems:
-        output.warn(problem)
-    if problems:
-        damaged = len(problems)
-        raise WorkError(
-            f"{counted(damaged, 'record')} {are(damaged)} damaged and left out; see above. "
-            "`jbench verify` lists the damage, `jbench repair` sets it aside."
-        )
+    output.warn_of_damage(
+        written.data.problems,
+        "`jbench verify` lists the damage, `jbench repair` sets it aside.",
+    )
 
 
 def _watch(database: "Results", out: Path, request: "Request", output: Output) -> None:
     """Writes a page whenever the results change, and the whole report after Ctrl-C."""
     from jbench.remembered import remembering
+    from jbench.report.sources import NothingYetError
     from jbench.report.watch import remembered_interrupt, watch
 
-    def report(request: "Request") -> None:
+    def write(request: "Request") -> None:
         try:
             _report(database, out, request, output)
+        except NothingYetError as error:
+            output.say(f"Nothing to report yet: {error}")
         except WorkError as error:
             output.warn(str(error))
-        except RequestError as error:
-            _wait_or_refuse(error, output)
 
     output.say("Watching; Ctrl-C ends it.")
     opened = False
@@ -194,10 +191,10 @@ def _watch(database: "Results", out: Path, request: "Request", output: Output) -
     ):
         for _ in watch(database, request, interrupt):
             memory.next_round()
-            report(request)
+            write(request)
             opened = opened or open_page(out / "index.html")
     output.say("No longer watching; writing the last report with all its files.")
-    report(dataclasses.replace(request, watched=False))
+    write(dataclasses.replace(request, watched=False))
 
 
 def open_page(page: Path) -> bool:
@@ -210,19 +207,10 @@ def open_page(page: Path) -> bool:
     return shows and webbrowser.open(page.resolve().as_uri())
 
 
-def _wait_or_refuse(error: RequestError, output: Output) -> None:
-    """Prints the error if more results may resolve it; raises it otherwise."""
-    from jbench.report.sources import NothingYetError
-
-    if not isinstance(error, NothingYetError):
-        raise error
-    output.say(f"Nothing to report yet: {error}")
-
-
 def _show(written: "Report", output: Output) -> None:
     from jbench.commands import display
 
-    display.show_final_returns(_table(written), output)
+    display.show_final_returns(_cells(written), output)
     for item in _printed_tables(written):
         display.show_item(item, output)
     for note in written.data.notes:
@@ -231,13 +219,13 @@ def _show(written: "Report", output: Output) -> None:
     output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
 
 
-def _table(written: "Report") -> Any:
-    """Returns the table with a row per cell; None for missing values."""
+def _cells(written: "Report") -> list[dict[Any, Any]]:
+    """Returns the row of each cell in the table; None for missing values."""
     table = written.data.table
-    return table.astype(object).where(table.notna(), None)
+    return table.astype(object).where(table.notna(), None).to_dict("records")
 
 
-def _printed_tables(written: "Report") -> list[Any]:
+def _printed_tables(written: "Report") -> list["TableItem"]:
     """Returns the tables that are printed after the final returns."""
     from jbench.report import contents
 
@@ -258,7 +246,7 @@ def _document(written: "Report") -> dict[str, Any]:
 
     findings = written.data.findings
     return {
-        "table": _table(written).to_dict("records"),
+        "table": _cells(written),
         "comparisons": json.loads(to_json(comparisons_frame(written.data.comparisons))),
         **({} if findings is None else {"claims": json.loads(to_json(findings_frame(findings)))}),
         "files": [str(path) for path in written.files],
@@ -269,13 +257,12 @@ def _document(written: "Report") -> dict[str, Any]:
 
 def _command(typed: dict[str, Any]) -> str:
     """Returns the command line that writes this report again; defaults are left out."""
-    defaults = {"returns": "evaluation", "order": "quantile-first", "window": 100}
-    defaults |= {"results": RESULTS}
+    parameters = inspect.signature(report).parameters
     words = ["jbench", "report"]
     for name, value in typed.items():
-        option = f"--{name.strip('_').replace('_', '-')}"
-        if name in ("json", "watch") or value in (None, False, defaults.get(name)):
+        if name in ("json", "watch") or value == parameters[name].default:
             continue
+        option = f"--{name.strip('_').replace('_', '-')}"
         if value is True:
             words.append(option)
         elif name == "format_":

@@ -1,8 +1,8 @@
 """Commands for the results database: runs, query, verify, repair, merge."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -53,27 +53,24 @@ def runs(
     filters = parsing.run_filters(database, task, algo, representation, status, seed)
     what: Literal["run", "import"] = "import" if imports else "run"
     lines, problems = list_runs(database, filters, returns, what)
-    header = [what, "status", "episodes", "control steps", "of", "wall time", "created"]
-    rows: list[list[object]] = [
-        [
-            *(line.run, line.status, f"{line.episodes:,}", f"{line.steps_done:,}"),
-            "" if line.steps is None else f"{line.steps:,}",
-            "" if line.wall_time is None else duration(line.wall_time),
-            line.created[:16].replace("T", " "),
-        ]
-        for line in lines
-    ]
+    columns = {
+        what: [line.run for line in lines],
+        "status": [line.status for line in lines],
+        "episodes": [f"{line.episodes:,}" for line in lines],
+        "control steps": [f"{line.steps_done:,}" for line in lines],
+        "of": ["" if line.steps is None else f"{line.steps:,}" for line in lines],
+        "wall time": ["" if line.wall_time is None else duration(line.wall_time) for line in lines],
+        "created": [line.created[:16].replace("T", " ") for line in lines],
+    }
     if any(line.variant for line in lines):
-        header.append("variant")
-        for row, line in zip(rows, lines, strict=True):
-            row.append(line.variant)
+        columns["variant"] = [line.variant for line in lines]
     if returns:
-        header.append("final return")
-        for row, line in zip(rows, lines, strict=True):
-            row.append("" if line.last_return is None else f"{line.last_return:.0f}")
+        finals = [line.last_return for line in lines]
+        columns["final return"] = ["" if final is None else f"{final:.0f}" for final in finals]
     output = Output(json)
     if lines:
-        output.table(counted(len(lines), what), header, rows)
+        rows = list(zip(*columns.values(), strict=True))
+        output.table(counted(len(lines), what), list(columns), rows)
     else:
         output.say(f"No such {what}s in {results}." if filters else f"No {what}s in {results}.")
     output.document({f"{what}s": [line._asdict() for line in lines], "problems": problems})
@@ -139,8 +136,8 @@ def verify(
     from jbench.store.verify import verify as check
 
     output, database = Output(json), parsing.existing_results(results)
-    with _progress(output, "verify", "bytes") as progress:
-        checked = check(database, parsing.all_cores(threads), progress)
+    progress = partial(output.progress, "verify", unit="bytes")
+    checked = check(database, parsing.all_cores(threads), progress)
     record = None
     for finding in checked.findings:
         if (finding.kind, finding.id) != record:
@@ -196,8 +193,8 @@ def repair(
 
     parsing.results_to_write(results)
     output, database = Output(json), parsing.existing_results(results)
-    with _progress(output, "verify", "bytes") as progress:
-        checked = check(database, parsing.all_cores(threads), progress)
+    progress = partial(output.progress, "verify", unit="bytes")
+    checked = check(database, parsing.all_cores(threads), progress)
     done = set_aside(database, checked.findings, dry_run)
     for path, to in done.moved:
         output.say(f"{path} -> {to}")
@@ -231,8 +228,7 @@ def merge(
 
     output, database = Output(json), parsing.results_to_write(results)
     sources = [parsing.results_at(other) for other in others]
-    with _progress(output, "merge", "records") as progress:
-        merged = join(database, sources, progress)
+    merged = join(database, sources, partial(output.progress, "merge", unit="records"))
     refused = [one for one in merged if one.outcome == "refused"]
     for one in refused:
         output.warn(f"{one.record}: {one.reason}")
@@ -244,21 +240,6 @@ def merge(
             f"{counted(len(refused), 'record')} {are(len(refused))} refused, see above; the others "
             "are merged."
         )
-
-
-@contextmanager
-def _progress(output: Output, what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Yields a callback for (done, total); the bar appears when the total is known."""
-    with ExitStack() as stack:
-        shown: list[Callable[[int], None]] = []
-
-        def update(done: int, total: int) -> None:
-            if not shown and total:
-                shown.append(stack.enter_context(output.progress(what, total, unit)))
-            for show in shown:
-                show(done)
-
-        yield update
 
 
 def _counted(words: Iterator[str]) -> str:

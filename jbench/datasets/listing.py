@@ -14,13 +14,11 @@ class Listed(NamedTuple):
 
     Attributes:
         steps: committed control steps.
-        bytes: on disk.
     """
 
     record: Record
     settings: DatasetSettings
     steps: int
-    bytes: int
 
 
 def list_datasets(results: Results) -> tuple[list[Listed], list[str]]:
@@ -37,6 +35,5 @@ def list_datasets(results: Results) -> tuple[list[Listed], list[str]]:
             )
             continue
         steps = record.rows("dataset_episodes") * EPISODE_STEPS
-        size = sum(entry.bytes for entry in record.manifest.files)
-        datasets.append(Listed(record, settings, steps, size))
+        datasets.append(Listed(record, settings, steps))
     return datasets, problems

@@ -65,7 +65,7 @@ def train_encoder(
             return record
         kind = make_kind(settings.kind, settings.options)
         states.read(device)
-        if record is None or not record.has_checkpoint(CHECKPOINT):
+        if record is None or CHECKPOINT not in record.roles():
             made_on = device_provenance(device)
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
@@ -100,7 +100,7 @@ def _weights(
     assert isinstance(kind, Learned)
     constants = kind.constants(states)
     learner = Learner(kind, states.size, settings.latents, settings.seed, device, constants)
-    if record.has_checkpoint(CHECKPOINT):
+    if CHECKPOINT in record.roles():
         learner.restore(record.read_file(CHECKPOINT))
     _learn(learner, states, record, progress, commit_every)
     return {name: value.detach().cpu().numpy() for name, value in learner.weights.items()}
@@ -114,7 +114,7 @@ def _learn(
     commit_every: float,
 ) -> None:
     """Trains the remaining epochs and commits their rows with checkpoints."""
-    done = record.read("encoder_epochs", encoder_schema.ENCODER_EPOCHS).to_pylist()
+    done = record.read("encoder_epochs").to_pylist()
     before = done[-1]["wall_time"] if done else 0.0
     measure = _error_measure(learner, states)
     rows: list[dict[str, Any]] = []
@@ -231,9 +231,9 @@ def _finish(
         "minimum": states.scaling.minimum.tolist(),
         "maximum": states.scaling.maximum.tolist(),
     }
-    (totals,) = record.read("encoder_errors", encoder_schema.ENCODER_ERRORS).to_pylist()
-    epochs = record.read("encoder_epochs", encoder_schema.ENCODER_EPOCHS).to_pylist()
-    predictions = record.read("encoder_predictions", encoder_schema.ENCODER_PREDICTIONS).to_pylist()
+    (totals,) = record.read("encoder_errors").to_pylist()
+    epochs = record.read("encoder_epochs").to_pylist()
+    predictions = record.read("encoder_predictions").to_pylist()
     names = ("test_mse", "test_explained", "pca_explained", "heuristic_explained")
     record.finish(
         {

@@ -16,7 +16,7 @@ from jbench.names import ImportFormat
 from jbench.settings.base import validated
 from jbench.settings.imported import ImportSettings
 from jbench.store import Results, files, schema
-from jbench.store.manifest import plain_settings
+from jbench.store.manifest import FORMULA, plain_settings
 from jbench.store.parquet import table_of
 
 _READERS: dict[ImportFormat, Callable[[ImportedFile, ImportRequest], list[Series]]] = {
@@ -158,7 +158,7 @@ def _rows(points: pd.DataFrame, id: str) -> pa.Table:
 def _plain_name(name: str) -> str:
     """Returns the name of a file with the characters that a manifest allows."""
     plain = "".join(c if c.isprintable() and c not in "<>|" else "_" for c in name)
-    return f"./{plain}" if plain[:1] in ("=", "+", "@", "-") else plain
+    return f"./{plain}" if plain[:1] in (*FORMULA, "-") else plain
 
 
 def _write(results: Results, curve: _Curve) -> Imported:

@@ -50,7 +50,7 @@ def evaluate(
                 policy.reset(len(episodes))
                 tables = _episodes(settings, episodes, robots, policy.act, progress)
             record.append(tables)
-        returns = record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"]
+        returns = record.read("policy_episodes")["episode_return"]
         q10, median, q90 = np.percentile(returns.to_numpy(), (10, 50, 90))
         record.finish({"median": median, "q10": q10, "q90": q90}, compact=False)
     return record

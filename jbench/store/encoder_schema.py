@@ -23,16 +23,12 @@ ENCODER_EPOCHS = pa.schema(
 `test_denoising_mse` is null for kinds that do not corrupt their input.
 """
 
-_SQUARED = "scaled features squared"
-_ERRORS = (
-    field("test_mse", pa.float64(), _SQUARED),
-    field("test_variance", pa.float64(), _SQUARED),
-    field("pca_mse", pa.float64(), _SQUARED),
-    field("random_mse", pa.float64(), _SQUARED),
-    field("heuristic_mse", pa.float64(), _SQUARED),
-    field("heuristic_variance", pa.float64(), _SQUARED),
-    field("pca_heuristic_mse", pa.float64(), _SQUARED),
-    field("random_heuristic_mse", pa.float64(), _SQUARED),
+_ERRORS = tuple(
+    field(name, pa.float64(), "scaled features squared")
+    for name in (
+        *("test_mse", "test_variance", "pca_mse", "random_mse"),
+        *("heuristic_mse", "heuristic_variance", "pca_heuristic_mse", "random_heuristic_mse"),
+    )
 )
 
 ENCODER_FEATURES = pa.schema(
@@ -55,11 +51,8 @@ ENCODER_ERRORS = pa.schema(
         field("heuristic_states", pa.int64()),
         *_ERRORS,
         *(
-            field(f"{which}explained", pa.float64(), "fraction of the variance")
-            for which in (
-                *("test_", "pca_", "random_"),
-                *("heuristic_", "pca_heuristic_", "random_heuristic_"),
-            )
+            field(f"{which}_explained", pa.float64(), "fraction of the variance")
+            for which in ("test", "pca", "random", "heuristic", "pca_heuristic", "random_heuristic")
         ),
     ]
 )
@@ -83,3 +76,11 @@ ENCODER_PREDICTIONS = pa.schema(
 `yaw_rate`, `tilt_rate`, `forward_speed` and `reward`. It is null for a constant target. Encoders
 that were trained before this table existed have no rows.
 """
+
+ENCODER_TABLES = {
+    "encoder_epochs": ENCODER_EPOCHS,
+    "encoder_features": ENCODER_FEATURES,
+    "encoder_errors": ENCODER_ERRORS,
+    "encoder_predictions": ENCODER_PREDICTIONS,
+}
+"""The tables of an encoder's files by name."""

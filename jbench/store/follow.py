@@ -140,14 +140,15 @@ def _rows_after(record: Record, counts: Mapping[str, int]) -> list[Row]:
     """Returns the rows of a run but the first `counts` ones of each table."""
     rows = [
         (table, _finite(row))
-        for table, columns in schema.EPISODE_TABLES.items()
-        for row in _table_after(record, table, columns, counts[table]).to_pylist()
+        for table, count in counts.items()
+        for row in _table_after(record, table, count).to_pylist()
     ]
     return sorted(rows, key=lambda row: row[1]["control_steps"] or 0)
 
 
-def _table_after(record: Record, table: str, columns: pa.Schema, count: int) -> pa.Table:
+def _table_after(record: Record, table: str, count: int) -> pa.Table:
     """Returns the rows of a table but the first `count`; reads only the files that have them."""
+    columns = schema.EPISODE_TABLES[table]
     parts, before = [columns.empty_table()], 0
     for entry in record.parts(table):
         if before + entry.rows > count:

@@ -12,7 +12,6 @@ from jbench.returns import final_return
 from jbench.settings.alike import variant
 from jbench.settings.run import Run, Unreadable, read_run
 from jbench.settings.variants import variant_words
-from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.manifest import Kind
 from jbench.store.record import Record
@@ -137,11 +136,11 @@ def _line_of_import(record: Record) -> RunLine:
 
 def _with_returns(line: RunLine, record: Record) -> RunLine:
     if record.kind == "import":
-        points = record.read("import_points", schema.IMPORT_POINTS).to_pandas()
+        points = record.read("import_points").to_pandas()
         returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
         is_evaluation = record.settings.get("returns") == "evaluation"
         return line._replace(last_return=final_return(returns[-1:] if is_evaluation else returns))
-    rows = record.read("episodes", schema.EPISODES)
+    rows = record.read("episodes")
     if not len(rows):
         return line
     final = final_return(rows["episode_return"].to_numpy())

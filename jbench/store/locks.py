@@ -31,11 +31,14 @@ class HeldError(WorkError):
 
 
 @contextlib.contextmanager
-def hold(directory: Path, whose: str) -> Iterator[None]:
-    """Holds the exclusive lock of a directory during the block.
+def hold(
+    directory: Path, whose: str, kind: LockFlags = LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING
+) -> Iterator[None]:
+    """Holds a lock of a directory during the block.
 
     Args:
         whose: the locked record, for the error.
+        kind: exclusive by default, without waiting.
 
     Raises:
         HeldError: if another process holds the lock.
@@ -48,11 +51,13 @@ def hold(directory: Path, whose: str) -> Iterator[None]:
         raise WorkError(f"{path} can't be opened ({error.strerror}).") from None
     try:
         try:
-            portalocker.lock(handle, LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING)
+            portalocker.lock(handle, kind)
         except portalocker.AlreadyLocked:
             raise HeldError(whose) from None
         except portalocker.LockException as error:
-            raise WorkError(f"{path} can't be locked ({_reason(error)}).") from None
+            # portalocker wraps the error of the system.
+            reason = getattr(error.__cause__, "strerror", None) or error
+            raise WorkError(f"{path} can't be locked ({reason}).") from None
         yield
     finally:
         files.close(handle)
@@ -63,24 +68,15 @@ def is_held(directory: Path) -> bool:
     return _refuses(directory, os.O_RDONLY, LockFlags.SHARED)
 
 
-@contextlib.contextmanager
-def share(directory: Path) -> Iterator[None]:
-    """Holds a shared lock of a directory, which is created if necessary, during the block.
+def share(directory: Path) -> contextlib.AbstractContextManager[None]:
+    """Creates a directory if necessary, and holds a shared lock of it during the block.
 
     Raises:
         RequestError: if the directory can't be created.
         WorkError: if the file system has no locks.
     """
     files.make_directory(directory)
-    path = directory / LOCK
-    with contextlib.ExitStack() as opened:
-        try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | files.PLAIN, 0o644)
-            opened.callback(files.close, handle)
-            portalocker.lock(handle, LockFlags.SHARED)
-        except (OSError, portalocker.LockException) as error:
-            raise WorkError(f"{path} can't be locked ({_reason(error)}).") from None
-        yield
+    return hold(directory, str(directory), LockFlags.SHARED)
 
 
 def is_shared(directory: Path) -> bool:
@@ -106,8 +102,3 @@ def _refuses(directory: Path, access: int, kind: LockFlags) -> bool:
     finally:
         files.close(handle)
     return False
-
-
-def _reason(error: Exception) -> str:
-    """Returns what the system reports: the error itself, or the one that portalocker wraps."""
-    return str(getattr(error.__cause__ or error, "strerror", None) or error)

@@ -25,6 +25,9 @@ OLDEST_SCHEMA_VERSION = 1
 
 MANIFEST = "manifest.json"
 
+FORMULA = ("=", "+", "@")
+"""Spreadsheets evaluate texts that begin with these."""
+
 Kind = Literal["dataset", "encoder", "run", "evaluation", "import"]
 Status = Literal["unfinished", "finished", "failed"]
 
@@ -43,7 +46,6 @@ _NAMES = frozenset(
         *("engine", "time_limit", "precision"),
     }
 )
-_FORMULA = ("=", "+", "@")  # spreadsheets evaluate texts that begin with these
 _MAX_INTEGER = 2**63  # exclusive bound of a 64-bit column
 
 
@@ -88,7 +90,7 @@ def _plain_provenance(provenance: dict[str, Any]) -> dict[str, Any]:
     typed = set(_texts({"command": provenance.get("command")}))
     for text in texts:
         # An option may begin with "-", but a formula also contains "|" or "(".
-        formula = text[:1] in _FORMULA or (text[:1] == "-" and ("|" in text or "(" in text))
+        formula = text[:1] in FORMULA or (text[:1] == "-" and ("|" in text or "(" in text))
         if not text.isprintable() or formula or ("<" in text and text not in typed):
             raise ValueError(f"{text[:40]!r} can't be in provenance")
     return provenance

@@ -4,7 +4,7 @@ A record is committed as usual, its files first and its manifest last, so an int
 be repeated.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from jbench.store.database import Results
 from jbench.store.manifest import KINDS
 from jbench.store.record import Record
 from jbench.store.repair import Quarantine
-from jbench.store.verify import examine
+from jbench.store.verify import Progress, examine, no_progress
 
 TIMES = ("wall_time", "processor_time")
 """Columns that may differ between two computations of the same record."""
@@ -40,16 +40,14 @@ class Merged(NamedTuple):
 
 
 def merge(
-    results: Results,
-    sources: Sequence[Results],
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    results: Results, sources: Sequence[Results], progress: Progress = no_progress
 ) -> list[Merged]:
     """Merges results directories into one.
 
     Args:
         results: destination.
         sources: only read.
-        progress: called with the number of completed records and of all records.
+        progress: shows the number of completed records.
 
     Raises:
         RequestError: if a source contains no results, or is the destination.
@@ -65,14 +63,14 @@ def merge(
     ]
     records = [(source, record) for source, records, _ in scanned for record in records]
     quarantine = Quarantine(results)
-    for done, (source, record) in enumerate(records):
-        progress(done, len(records))
-        name = f"{record.kind} {record.id}"
-        try:
-            merged.append(Merged(name, _merge_one(results, source, record, quarantine)))
-        except (WorkError, RequestError) as error:
-            merged.append(Merged(name, "refused", str(error)))
-    progress(len(records), len(records))
+    with progress(len(records)) as show:
+        for done, (source, record) in enumerate(records, 1):
+            name = f"{record.kind} {record.id}"
+            try:
+                merged.append(Merged(name, _merge_one(results, source, record, quarantine)))
+            except (WorkError, RequestError) as error:
+                merged.append(Merged(name, "refused", str(error)))
+            show(done)
     return merged
 
 

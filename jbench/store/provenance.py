@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jbench.cores import cores
+from jbench.store.manifest import FORMULA
 
 if TYPE_CHECKING:
     import torch
@@ -79,9 +80,9 @@ def _driver(file: Path = Path("/sys/module/nvidia/version")) -> str | None:
 
 
 def _printable(text: str) -> str:
-    """Returns a word with the characters that a manifest allows; see `manifest.py`."""
+    """Returns a word of a command as a manifest allows it."""
     text = "".join(c if c.isprintable() else "\ufffd" for c in text)
-    return text if text[:1] not in ("=", "+", "@") else f"'{text}"
+    return f"'{text}" if text[:1] in FORMULA else text
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:

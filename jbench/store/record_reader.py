@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 
 from jbench.errors import WorkError
-from jbench.store import files, parquet
+from jbench.store import files, parquet, schema
 from jbench.store.manifest import MANIFEST, SCHEMA_VERSION, FileEntry, Kind, Manifest, Status
 from jbench.store.older import upgraded
 
@@ -60,6 +60,11 @@ class RecordReader:
         """The settings that produced the record."""
         return self.manifest.settings
 
+    @property
+    def size(self) -> int:
+        """Bytes of the committed files."""
+        return sum(entry.bytes for entry in self.manifest.files)
+
     def refresh(self) -> bool:
         """Reads the manifest again; returns whether it has changed.
 
@@ -75,33 +80,34 @@ class RecordReader:
         """Returns the number of committed rows of a table."""
         return sum(entry.rows for entry in self.parts(table))
 
-    def read(self, table: str, schema: pa.Schema) -> pa.Table:
+    def read(self, table: str, columns: pa.Schema | None = None) -> pa.Table:
         """Returns all committed rows of a table, checked against the manifest.
 
         Args:
-            schema: its columns, or some of them; others are not read.
+            columns: to return; None for all columns of `jbench.store.schema.FILES`.
 
         Raises:
             WorkError: if a file is missing or damaged, or lacks a column.
         """
-        parts = [self.read_part(entry, schema) for entry in self.parts(table)]
-        return pa.concat_tables([schema.empty_table(), *parts])
+        columns = schema.FILES[table] if columns is None else columns
+        parts = [self.read_part(entry, columns) for entry in self.parts(table)]
+        return pa.concat_tables([columns.empty_table(), *parts])
 
-    def read_part(self, entry: FileEntry, schema: pa.Schema) -> pa.Table:
+    def read_part(self, entry: FileEntry, columns: pa.Schema) -> pa.Table:
         """Returns the rows of one file, checked against the manifest; see `read`."""
-        dictionaries = [field.name for field in schema if pa.types.is_dictionary(field.type)]
+        dictionaries = [field.name for field in columns if pa.types.is_dictionary(field.type)]
         if self.manifest.schema_version < SCHEMA_VERSION and entry.table is not None:
-            rows = upgraded(entry.table, self.rows_of(entry, dictionaries), schema)
+            rows = upgraded(entry.table, self.rows_of(entry, dictionaries), columns)
         else:
-            rows = self.rows_of(entry, dictionaries, schema.names)
-        if rows.schema.equals(schema, check_metadata=True):
+            rows = self.rows_of(entry, dictionaries, columns.names)
+        if rows.schema.equals(columns, check_metadata=True):
             return rows  # a cast takes a sixth of the time of reading
-        for name in schema.names:
+        for name in columns.names:
             if name not in rows.column_names:
                 reason = f"it has no column {name}: another version of jbench wrote it"
                 raise self._damaged(entry, reason)
         try:
-            return rows.select(schema.names).cast(schema)
+            return rows.select(columns.names).cast(columns)
         except (pa.ArrowException, KeyError) as error:
             raise self._damaged(entry, str(error).splitlines()[0]) from None
 
@@ -119,10 +125,6 @@ class RecordReader:
             if name in (entry.name, entry.role):
                 return self._content_of(entry)
         raise WorkError(f"The {self.kind} {self.id} has no file {name}.")
-
-    def has_checkpoint(self, role: str) -> bool:
-        """Returns whether a checkpoint of that role is committed."""
-        return role in self.roles()
 
     def roles(self) -> list[str]:
         """Returns the roles of all checkpoints in the order of writing."""

@@ -21,7 +21,7 @@ class KindTables(NamedTuple):
 
     Attributes:
         of_records: name of the table that has a row for each record.
-        describe: makes that row.
+        describe: returns the values of that row that neither settings nor summary contain.
         of_files: columns of the tables that the files of a record hold.
     """
 
@@ -31,14 +31,26 @@ class KindTables(NamedTuple):
 
 
 def row_of(record: Record) -> Row:
-    """Returns the row of a record.
+    """Returns the row of a record, with null for what its manifest lacks.
 
     Raises:
         WorkError: if a value of its manifest does not fit into its column.
     """
     table, describe, _ = KINDS[record.kind]
+    manifest = record.manifest
     try:
-        row = describe(record)
+        values = {
+            **manifest.summary,
+            **manifest.settings,
+            **describe(record),
+            record.kind: record.id,
+            "status": manifest.status,
+            "created": manifest.created,
+            "updated": manifest.updated,
+            "settings": json.dumps(manifest.settings, sort_keys=True),
+            "provenance": json.dumps(manifest.provenance, sort_keys=True),
+        }
+        row = {name: values.get(name) for name in schema.TABLES[table].names}
         for field in schema.TABLES[table]:
             pa.scalar(row[field.name], field.type)
     except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
@@ -50,106 +62,43 @@ def row_of(record: Record) -> Row:
     return row
 
 
-def _run_row(record: Record) -> Row:
-    settings = record.settings
+def _of_run(record: Record) -> Row:
     diverged = record.manifest.summary.get("diverged")
     return {
-        "run": record.id,
-        **{
-            name: settings.get(name)
-            for name in ("task", "algo", "representation", "encoder", "seed", "steps")
-        },
-        "engine": settings.get("engine"),
-        "time_limit": settings.get("time_limit"),
-        "variant": variant(settings),
+        "variant": variant(record.settings),
         "episodes": record.rows("episodes"),
-        **{name: record.manifest.summary.get(name) for name in ("wall_time", "processor_time")},
         "diverged": json.dumps(diverged, sort_keys=True) if isinstance(diverged, dict) else None,
-        **_common_row(record),
     }
 
 
-_OF_ENCODERS = ("test_mse", "test_explained", "effective_rank", "wall_time")
+def _of_encoder(record: Record) -> Row:
+    settings = record.settings
+    return {"representation": f"{settings.get('kind')}{settings.get('latents')}"}
 
 
-def _encoder_row(record: Record) -> Row:
-    settings, summary = record.settings, record.manifest.summary
+def _of_dataset(record: Record) -> Row:
     return {
-        "encoder": record.id,
-        "representation": f"{settings.get('kind')}{settings.get('latents')}",
-        **{name: settings.get(name) for name in ("task", "kind", "latents", "seed", "dataset")},
-        **{name: summary.get(name) for name in _OF_ENCODERS},
-        **_common_row(record),
+        # A committed episode has a state more than it has steps.
+        "steps_done": record.rows("steps") - record.rows("dataset_episodes"),
+        "bytes": record.size,
     }
 
 
-def _evaluation_row(record: Record) -> Row:
-    settings, summary = record.settings, record.manifest.summary
-    return {
-        "evaluation": record.id,
-        **{name: settings.get(name) for name in ("task", "policy", "seed", "episodes")},
-        **{name: summary.get(name) for name in ("median", "q10", "q90")},
-        **_common_row(record),
-    }
-
-
-def _import_row(record: Record) -> Row:
-    settings, summary = record.settings, record.manifest.summary
-    hashes, names = settings.get("files"), record.manifest.provenance.get("files")
+def _of_import(record: Record) -> Row:
+    hashes, names = record.settings.get("files"), record.manifest.provenance.get("files")
     files = {}
     if isinstance(hashes, list) and isinstance(names, list):
         files = dict(zip(hashes, names, strict=False))
-    return {
-        "import": record.id,
-        **{
-            name: settings.get(name)
-            for name in ("task", "algo", "representation", "seed", "format", "returns")
-        },
-        **{name: summary.get(name) for name in ("points", "control_steps")},
-        "files": json.dumps(files),
-        **_common_row(record),
-    }
-
-
-def _dataset_row(record: Record) -> Row:
-    return {
-        "dataset": record.id,
-        "seed": record.settings.get("seed"),
-        "steps": record.settings.get("steps"),
-        # A committed episode has a state more than it has steps.
-        "steps_done": record.rows("steps") - record.rows("dataset_episodes"),
-        "bytes": sum(entry.bytes for entry in record.manifest.files),
-        **_common_row(record),
-    }
-
-
-def _common_row(record: Record) -> Row:
-    manifest = record.manifest
-    return {
-        "status": manifest.status,
-        "created": manifest.created,
-        "updated": manifest.updated,
-        "settings": json.dumps(manifest.settings, sort_keys=True),
-        "provenance": json.dumps(manifest.provenance, sort_keys=True),
-    }
+    return {"files": json.dumps(files)}
 
 
 KINDS: dict[Kind, KindTables] = {
-    "run": KindTables("runs", _run_row, schema.RUN_TABLES),
-    "encoder": KindTables(
-        "encoders",
-        _encoder_row,
-        {
-            "encoder_epochs": encoder_schema.ENCODER_EPOCHS,
-            "encoder_features": encoder_schema.ENCODER_FEATURES,
-            "encoder_errors": encoder_schema.ENCODER_ERRORS,
-            "encoder_predictions": encoder_schema.ENCODER_PREDICTIONS,
-        },
-    ),
+    "run": KindTables("runs", _of_run, schema.RUN_TABLES),
+    "encoder": KindTables("encoders", _of_encoder, encoder_schema.ENCODER_TABLES),
     "evaluation": KindTables(
-        "policy_evaluations", _evaluation_row, {"policy_episodes": schema.POLICY_EPISODES}
+        "policy_evaluations", lambda record: {}, {"policy_episodes": schema.POLICY_EPISODES}
     ),
-    "dataset": KindTables("datasets", _dataset_row, {}),
-    "import": KindTables("imports", _import_row, {"import_points": schema.IMPORT_POINTS}),
+    "dataset": KindTables("datasets", _of_dataset, {}),
+    "import": KindTables("imports", _of_import, {"import_points": schema.IMPORT_POINTS}),
 }
 """The tables of each kind of records."""

@@ -3,13 +3,7 @@
 import pyarrow as pa
 
 from jbench.names import TASKS
-from jbench.store.encoder_schema import (
-    ENCODER_EPOCHS,
-    ENCODER_ERRORS,
-    ENCODER_FEATURES,
-    ENCODER_PREDICTIONS,
-    field,
-)
+from jbench.store.encoder_schema import ENCODER_TABLES, field
 
 _RUN = field("run", pa.string())
 _CELL = tuple(field(name, pa.string()) for name in ("task", "algo", "representation"))
@@ -271,14 +265,9 @@ PUBLISHED = pa.schema(
 
 TABLES = {
     "runs": RUNS,
-    "episodes": EPISODES,
-    "evaluations": EVALUATIONS,
-    "paths": PATHS,
+    **RUN_TABLES,
     "encoders": ENCODERS,
-    "encoder_epochs": ENCODER_EPOCHS,
-    "encoder_features": ENCODER_FEATURES,
-    "encoder_errors": ENCODER_ERRORS,
-    "encoder_predictions": ENCODER_PREDICTIONS,
+    **ENCODER_TABLES,
     "datasets": DATASETS,
     "policy_evaluations": POLICY_EVALUATIONS,
     "policy_episodes": POLICY_EPISODES,

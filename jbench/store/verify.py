@@ -9,6 +9,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -24,6 +25,9 @@ Severity = Literal["damaged", "leftover", "foreign", "warning"]
 """Severity of a finding: a record is damaged; no manifest lists a file; a record can't be checked,
 because a newer jbench wrote it or reading fails; or a record is intact, with a warning.
 """
+
+Progress = Callable[[int], AbstractContextManager[Callable[[int], None]]]
+"""Takes the total of some work; during the work, yields a function that takes how much is done."""
 
 _MAX_TRIES = 5  # for a record that changes during the check
 _AHEAD = 16  # files submitted to the threads in advance
@@ -88,11 +92,11 @@ class Verified(NamedTuple):
 
 @dataclass
 class _FolderCheck:
-    """A folder, its record if it has one, and the findings so far."""
+    """A folder, the findings so far, and its record if it has one."""
 
     folder: Folder
-    record: Record | None
     findings: list[Finding]
+    record: Record | None = None
 
     @property
     def intact(self) -> Record | None:
@@ -101,16 +105,17 @@ class _FolderCheck:
         return None if damaged else self.record
 
 
-def verify(
-    results: Results,
-    threads: int,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Verified:
+def no_progress(total: int) -> AbstractContextManager[Callable[[int], None]]:
+    """Shows nothing."""
+    return nullcontext(lambda done: None)
+
+
+def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
     """Checks a results directory.
 
     Args:
         threads: number of files read at a time.
-        progress: called with the bytes read so far and the total.
+        progress: shows the bytes read so far.
     """
     checks = [check for kind in KINDS for check in _checks_of(results, kind)]
     _check_files(checks, threads, progress)
@@ -122,8 +127,8 @@ def verify(
         findings += _without_writers_files(check)
         if check.record is not None:
             findings += _warnings(check.record, intact)
-    entries = [entry for record in records for entry in record.manifest.files]
-    return Verified(len(records), len(entries), sum(entry.bytes for entry in entries), findings)
+    listed = sum(len(record.manifest.files) for record in records)
+    return Verified(len(records), listed, sum(record.size for record in records), findings)
 
 
 def examine(results: Results, kind: Kind, id: str) -> list[Finding]:
@@ -142,9 +147,7 @@ def _checks_of(results: Results, kind: Kind) -> list[_FolderCheck]:
         results.inside(root.name)
     except WorkError:
         problem = "leads out of the results directory; it is not used"
-        return [
-            _FolderCheck(Folder(root, ()), None, [Finding("foreign", kind, ".", root, problem)])
-        ]
+        return [_FolderCheck(Folder(root, ()), [Finding("foreign", kind, ".", root, problem)])]
     return [_check_folder(results, kind, folder) for folder in walk(root)]
 
 
@@ -153,26 +156,24 @@ def _check_folder(results: Results, kind: Kind, folder: Folder) -> _FolderCheck:
     id = folder.path.relative_to(results.path / f"{kind}s").as_posix()
     manifest = folder.path / MANIFEST
     if folder.problem is not None:
-        return _FolderCheck(
-            folder, None, [Finding("foreign", kind, id, folder.path, folder.problem)]
-        )
+        return _FolderCheck(folder, [Finding("foreign", kind, id, folder.path, folder.problem)])
     if not folder.is_record:
-        return _FolderCheck(folder, None, _unlisted_files(kind, id, folder, set()))
+        return _FolderCheck(folder, _unlisted_files(kind, id, folder, set()))
     try:
         record = results.find(kind, id)
     except (WorkError, RequestError) as error:
         foreign = isinstance(error, VersionError | files.UnreadableError)
         severity: Severity = "foreign" if foreign else "damaged"
         problem = str(error).removeprefix(f"{manifest} ").removesuffix(".")
-        return _FolderCheck(folder, None, [Finding(severity, kind, id, manifest, problem)])
+        return _FolderCheck(folder, [Finding(severity, kind, id, manifest, problem)])
     if record is None:  # removed in the meantime
-        return _FolderCheck(folder, None, [])
+        return _FolderCheck(folder, [])
     listed = {MANIFEST, *(entry.name for entry in record.manifest.files)}
     findings = _unlisted_files(kind, id, folder, listed)
     flaw = flaws.of_settings(record)
     if flaw is not None:
         findings.append(Finding("damaged", kind, id, manifest, flaw))
-    return _FolderCheck(folder, record, findings)
+    return _FolderCheck(folder, findings, record)
 
 
 def _settled(results: Results, check: _FolderCheck) -> _FolderCheck:
@@ -214,9 +215,7 @@ def _without_writers_files(check: _FolderCheck) -> list[Finding]:
     ]
 
 
-def _check_files(
-    checks: Sequence[_FolderCheck], threads: int, progress: Callable[[int, int], None]
-) -> None:
+def _check_files(checks: Sequence[_FolderCheck], threads: int, progress: Progress) -> None:
     """Checks the files of all records with several threads."""
     entries = [
         (check, check.record, entry)
@@ -226,7 +225,7 @@ def _check_files(
     ]
     total, done = sum(entry.bytes for *_, entry in entries), 0
     pending: deque[Future[Finding | None]] = deque()
-    with ThreadPoolExecutor(threads) as pool:
+    with progress(total) as show, ThreadPoolExecutor(threads) as pool:
         ahead = iter(entries)
         for check, _, entry in entries:
             for _, record, next_entry in itertools.islice(ahead, _AHEAD - len(pending)):
@@ -234,28 +233,28 @@ def _check_files(
             finding = pending.popleft().result()
             check.findings += [] if finding is None else [finding]
             done += entry.bytes
-            progress(done, total)
+            show(done)
 
 
 def _with_files(check: _FolderCheck) -> _FolderCheck:
     """Completes a check with the files of its record."""
-    _check_files([check], 1, lambda done, total: None)
+    _check_files([check], 1, no_progress)
     return check
 
 
 def _flaw(record: Record, entry: FileEntry) -> Finding | None:
     """Returns a finding if a file of a record is damaged or unreadable."""
     path = record.path / entry.name
-    severity: Severity = "damaged"
+    transient = False
     try:
         problem = flaws.of_file(record, entry)
     except OSError as error:
-        severity = "foreign" if files.is_transient(error) else "damaged"
-        problem = str(error.strerror or error)
+        transient, problem = files.is_transient(error), str(error.strerror or error)
     if problem is None:
         return None
-    what = "is damaged" if severity == "damaged" else "can't be read"
-    return Finding(severity, record.kind, record.id, path, f"{what} ({problem})")
+    if transient:
+        return Finding("foreign", record.kind, record.id, path, f"can't be read ({problem})")
+    return Finding("damaged", record.kind, record.id, path, f"is damaged ({problem})")
 
 
 def _warnings(record: Record, intact: Collection[tuple[Kind, str]]) -> Iterator[Finding]:

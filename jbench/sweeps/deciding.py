@@ -17,7 +17,7 @@ from jbench.report.analysis.reduction import BASELINES
 from jbench.report.data.curves import FloatArray, final_returns
 from jbench.settings.alike import SEED, alike, with_implied
 from jbench.settings.run import RunSettings
-from jbench.store import Record, Results, schema
+from jbench.store import Record, Results
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.training.status import run_status
 
@@ -103,13 +103,13 @@ def final_return(record: Record) -> float:
     Raises:
         WorkError: if the rows can't be read, or the return is not finite.
     """
-    rows = record.read("evaluations", schema.EVALUATIONS)
+    rows = record.read("evaluations")
     if rows.num_rows:
         which = rows["evaluation"].to_numpy()
         returns = rows["episode_return"].to_numpy()[which == which.max()]
         mean = float(returns.mean())
     else:
-        rows = record.read("episodes", schema.EPISODES)
+        rows = record.read("episodes")
         returns, steps = (
             rows[name].to_numpy().astype(np.float64)[None]
             for name in ("episode_return", "control_steps")

@@ -66,7 +66,7 @@ class RunLog:
         self._paths, self._paths_changed = schema.PATHS.empty_table(), False
         if position is not None:
             self._before = self._rows_of(position)
-            committed = record.read("paths", schema.PATHS)
+            committed = record.read("paths")
             self._paths = committed.filter(pc.less(committed["evaluation"], self._evaluations))
             self._paths_changed = self._paths.num_rows < committed.num_rows
 
@@ -177,8 +177,7 @@ class RunLog:
 
     def _committed(self) -> dict[str, pa.Table]:
         """Returns the committed rows of episodes by table."""
-        tables = schema.EPISODE_TABLES.items()
-        return {name: self._record.read(name, columns) for name, columns in tables}
+        return {name: self._record.read(name) for name in schema.EPISODE_TABLES}
 
     def _rows_of(self, position: Position) -> dict[str, pa.Table] | None:
         """Returns these rows up to a checkpoint, or None if there are no later ones.

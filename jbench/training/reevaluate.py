@@ -13,7 +13,7 @@ from jbench.errors import RequestError
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, Unreadable, read_run
-from jbench.store import Record, Results, schema
+from jbench.store import Record, Results
 from jbench.training.engines import make_trainer
 from jbench.training.evaluation import Evaluator, evaluate_policy, seeds_of
 from jbench.training.log import POLICY_EVALUATION
@@ -127,7 +127,7 @@ def _difference(recorded: NDArray[np.float64], computed: NDArray[np.float64]) ->
 
 
 def _last_evaluation(record: Record) -> _Last | None:
-    rows = record.read("evaluations", schema.EVALUATIONS).to_pandas(use_threads=False)
+    rows = record.read("evaluations").to_pandas(use_threads=False)
     if rows.empty:
         return None
     number = int(rows["evaluation"].max())
@@ -145,7 +145,7 @@ def _evaluated_by_policy(record: Record, settings: RunSettings | ExternalSetting
     number = record.manifest.summary.get(POLICY_EVALUATION)
     if number is not None or isinstance(settings, ExternalSettings):
         return number if isinstance(number, int) else None
-    rows = record.read("evaluations", schema.EVALUATIONS)
+    rows = record.read("evaluations")
     steps = np.unique(rows["control_steps"].to_numpy())
     previous = int(steps[-2]) if len(steps) > 1 else 0
     was_due = steps[-1] // settings.evaluate_every != previous // settings.evaluate_every

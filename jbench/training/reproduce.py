@@ -125,7 +125,7 @@ def find_run(results: Results, name: str) -> tuple[Results, Record]:
 
 def default_episodes(record: Record) -> int:
     """Returns how many episodes to train again: up to the first updates, and at least one."""
-    rows = record.read("episodes", schema.EPISODES)
+    rows = record.read("episodes")
     losses = np.column_stack([rows[name].is_valid().to_numpy() for name in schema.LOSSES])
     updated = np.flatnonzero(losses.any(axis=1))
     return int(updated[0]) + 1 if len(updated) else 1
@@ -245,9 +245,7 @@ def _train(
 
 def _rows(record: Record, table: str, until: int) -> dict[_Key, dict[str, Any]]:
     """Returns the rows up to a control step, without times."""
-    rows = (
-        record.read(table, schema.EPISODE_TABLES[table]).drop_columns([*TIMES, "run"]).to_pylist()
-    )
+    rows = record.read(table).drop_columns([*TIMES, "run"]).to_pylist()
     number = "episode" if table == "episodes" else "evaluation"
     keys = ((row["control_steps"], table, row[number], row["episode"]) for row in rows)
     keyed = zip(keys, rows, strict=True)

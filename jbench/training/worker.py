@@ -15,8 +15,16 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jbench.settings.run import RunSettings
+    from jbench.store import Results
+
+_Send = Callable[[dict[str, Any]], None]
 
 
 def main() -> int:
@@ -39,8 +47,10 @@ def main() -> int:
     # Records contain the command line that the user typed.
     sys.argv = request["command"]
     runs = [RunSettings(**settings) for settings in request["runs"]]
+    results = Results(Path(request["results"]))
+    failures: dict[str, Exception]
     try:
-        failures = _train(runs, request, send)
+        failures = _train(runs, results, request, send)
     except (RequestError, WorkError) as error:
         failures = dict.fromkeys((run.id for run in runs), error)
     except Exception as error:
@@ -49,13 +59,12 @@ def main() -> int:
         traceback.print_exc()
         failure = WorkError(sentence_of_failure(error))
         failures = dict.fromkeys((run.id for run in runs), failure)
-    results = Results(Path(request["results"]))
     for run in runs:
         send({"run": run.id, **_ended(run, results, failures.get(run.id))})
     return 1 if failures else 0
 
 
-def _ended(run: Any, results: Any, failure: Exception | None) -> dict[str, Any]:
+def _ended(run: "RunSettings", results: "Results", failure: Exception | None) -> dict[str, Any]:
     """Returns the last message of a run; records a failure that is not recorded yet."""
     from jbench.store.locks import HeldError
     from jbench.training.status import record_failure, run_status
@@ -69,45 +78,46 @@ def _ended(run: Any, results: Any, failure: Exception | None) -> dict[str, Any]:
     return {"failed": str(failure)}
 
 
-def _train(runs: list[Any], request: dict[str, Any], send: Any) -> dict[str, Any]:
+def _train(
+    runs: Sequence["RunSettings"], results: "Results", request: dict[str, Any], send: _Send
+) -> dict[str, Exception]:
     """Trains all runs; returns the error of each failed run by id."""
-    from jbench.store import Results
     from jbench.training.batched_run import run_batch
     from jbench.training.environment import load_encoders_of
 
-    results, device = Results(Path(request["results"])), request["device"]
-    encoders, failures = load_encoders_of(runs, results)
+    encoders, unusable = load_encoders_of(runs, results)
+    failures: dict[str, Exception] = {**unusable}
     runs = [run for run in runs if run.id not in failures]
     if not runs:
         return failures
 
-    def report(settings: Any, steps: int, episode_return: float | None) -> None:
-        send({"run": settings.id, "control_steps": steps, "episode_return": episode_return})
+    def report(run: "RunSettings", steps: int, episode_return: float | None) -> None:
+        send({"run": run.id, "control_steps": steps, "episode_return": episode_return})
 
-    def report_resumed(settings: Any, steps: int, sentence: str) -> None:
-        send({"run": settings.id, "resumed_at": steps, "reason": sentence})
+    def report_resumed(run: "RunSettings", steps: int, sentence: str) -> None:
+        send({"run": run.id, "resumed_at": steps, "reason": sentence})
 
     if runs[0].engine != "sb3":
         return failures | run_batch(
             runs,
             results,
             [encoders[run.encoder] for run in runs],
-            device=device,
+            device=request["device"],
             checkpoint_every=request["checkpoint_every"],
             progress=report,
             notice=report_resumed,
         )
-    from jbench.training.sb3_run import run
+    from jbench.training import sb3_run
 
-    for settings in runs:
-        record = results.find("run", settings.id)
-        if record is not None and record.status != "finished":
-            report_resumed(settings, 0, "")
-        run(settings, results, lambda steps, value: report(settings, steps, value))  # noqa: B023
+    (run,) = runs
+    record = results.find("run", run.id)
+    if record is not None and record.status != "finished":
+        report_resumed(run, 0, "")
+    sb3_run.run(run, results, partial(report, run))
     return failures
 
 
-def _sender() -> Any:
+def _sender() -> _Send:
     """Returns a function that writes messages to stdout; other output is redirected to stderr."""
     messages = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)

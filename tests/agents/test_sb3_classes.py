@@ -8,7 +8,7 @@ from jbench.agents import sb3_classes
 from jbench.agents.algorithms import algorithm_fields
 from jbench.errors import RequestError
 from jbench.settings.run import RunSettings, read_run
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.training.request import request_runs
 from jbench.training.sb3_run import run
 
@@ -49,7 +49,7 @@ def test_run_of_class_is_recorded(finished):
     assert record.status == "finished"
     assert record.manifest.provenance["package"].startswith("sb3_contrib 2.")
     assert read_run(record.settings) == settings
-    (row,) = record.read("episodes", schema.EPISODES).to_pylist()
+    (row,) = record.read("episodes").to_pylist()
     assert row["critic_loss"] > 0
     assert record.rows("evaluations") == 1
 

@@ -8,7 +8,7 @@ import pytest
 from jbench.cli import main
 from jbench.policies.saved import WEIGHTS, has_policy
 from jbench.settings.run import RunSettings
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
 from tests.command_line import SHORT, Process, succeed
@@ -169,7 +169,7 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
     reason = "The agent without-state has no state and restore, so its runs can't be resumed."
     assert notices == [(run, 0, reason)]
     record = results.find("run", run.id)
-    assert record.read("episodes", schema.EPISODES)["episode"].to_pylist() == list(range(8))
+    assert record.read("episodes")["episode"].to_pylist() == list(range(8))
 
 
 def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):

@@ -11,7 +11,7 @@ import safetensors.numpy
 from jbench import names
 from jbench.cli import main
 from jbench.policies.saved import DESCRIPTION, WEIGHTS
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from tests.training.small_runs import EPISODE, shorten_episodes, small_run
 
@@ -52,7 +52,7 @@ def altered(trained, tmp_path):
     shutil.copytree(trained.path, results.path)
     for run, change in zip(RUNS, ("weight", "return", "policy"), strict=True):
         before = trained.find("run", run.id)
-        rows = before.read("episodes", schema.EPISODES)
+        rows = before.read("episodes")
         if change == "return":
             values = rows["episode_return"].to_numpy().copy()
             values[0] = np.nextafter(values[0], np.inf)
@@ -66,7 +66,7 @@ def altered(trained, tmp_path):
             DESCRIPTION: before.read_file(DESCRIPTION),
         }
         record = results.create("run", run.id, before.settings, {"device": "cpu"})
-        evaluations = before.read("evaluations", schema.EVALUATIONS)
+        evaluations = before.read("evaluations")
         record.append({"episodes": rows, "evaluations": evaluations})
         record.finish(before.manifest.summary, {} if change == "policy" else files)
     return results
@@ -117,7 +117,7 @@ def test_run_without_evaluations_fails_comparison(trained, tmp_path, capsys):
     before = trained.find("run", RUNS[0].id)
     files = {name: before.read_file(name) for name in (WEIGHTS, DESCRIPTION)}
     record = results.create("run", RUNS[0].id, before.settings)
-    record.append({"episodes": before.read("episodes", schema.EPISODES)})
+    record.append({"episodes": before.read("episodes")})
     record.finish(before.manifest.summary, files)
     at = ["--results", str(results.path)]
     assert main(["reproduce", RUNS[0].id, "--episodes", "0", *at]) == 1

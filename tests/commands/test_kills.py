@@ -8,7 +8,7 @@ import time
 from functools import partial
 
 from jbench.errors import WorkError
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.store.query import load
 from tests import command_line
 from tests.command_line import SHORT, train
@@ -68,7 +68,7 @@ def test_killed_training_is_readable_and_resumes(tmp_path):
     found = results.scan("run")[0]
     for record in found:
         assert record.status == "unfinished"
-        assert set(record.read("episodes", schema.EPISODES)["length"].to_pylist()) <= {SHORT}
+        assert set(record.read("episodes")["length"].to_pylist()) <= {SHORT}
         wait_until_free(record)
     done = succeed(*arguments, results=tmp_path)
     for record in found:

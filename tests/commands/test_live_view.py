@@ -6,8 +6,7 @@ from contextlib import contextmanager
 import pytest
 from rich.console import Console
 
-from jbench.commands import live_view
-from jbench.commands.live_batch import sparkline
+from jbench.commands.live_batch import published_median, sparkline
 from jbench.commands.live_view import TrainingView
 from jbench.commands.output import Output
 from jbench.sweeps.cell import Cell
@@ -34,7 +33,7 @@ def episode(run, steps, episode_return):
 @contextmanager
 def trained(runs):
     """A view during training; standard error is not a terminal."""
-    view = TrainingView(Output(), lambda *_: None)
+    view = TrainingView(Output())
     with view.training(runs):
         yield view
 
@@ -54,21 +53,21 @@ def test_each_process_has_line_with_steps_and_last_returns(runs):
         assert any(line.startswith("0 of 4 runs ended, ") for line in lines)
 
 
-def test_published_median_at_same_step_follows_last_returns(runs):
-    asked = []
-    view = TrainingView(Output(), lambda *request: asked.append(request) or 612.4)
-    with view.training(runs):
-        view.started(runs[:2])
-        view.message(runs[0], episode(runs[0], 2000, 12.4))
-        view.message(runs[1], episode(runs[1], 1000, 999.6))
-        assert any("▁█ 12 1000 (published 612)" in line for line in shown(view))
-    assert asked[-1] == ("face_direction", "td3", "full", 1500.0)
+def test_published_median_at_same_step_follows_last_returns(tmp_path):
+    runs = runs_of_matrix(write_matrix(tmp_path, steps=2_000_000), tmp_path)
+    with trained(runs) as view:
+        view.started(runs)
+        view.message(runs[0], episode(runs[0], 1_500_000, 12.4))
+        view.message(runs[1], episode(runs[1], 500_000, 999.6))
+        # The mean of both is a million steps.
+        assert any("▁█ 12 1000 (published 953)" in line for line in shown(view))
 
 
 def test_published_median_of_td3_at_million_steps(runs):
     # Figure 9 of the paper, digitised in published_curves.csv.
-    assert live_view._published_median("face_direction", "td3", "full", 1e6) == 953.47
-    assert live_view._published_median("face_direction", "td3", "planar12", 1e6) is None
+    assert published_median(runs[0], 1e6) == 953.47
+    encoded = runs[0].model_copy(update={"representation": "planar12"})
+    assert published_median(encoded, 1e6) is None
 
 
 def test_sparkline_shows_means_of_returns_between_0_and_1000():
@@ -140,13 +139,12 @@ def test_long_forecast_names_options_that_shorten_it(tmp_path, capsys):
 
 
 def test_process_of_several_cells_shows_their_number(tmp_path):
-    runs = runs_of_matrix(write_matrix(tmp_path), tmp_path)
+    runs = runs_of_matrix(write_matrix(tmp_path, steps=2_000_000), tmp_path)
     other = [run.model_copy(update={"task": "move_to_pose"}) for run in runs]
-    view = TrainingView(Output(), lambda *_: 612.4)
-    with view.training([*runs, *other]):
+    with trained([*runs, *other]) as view:
         view.started([*runs, *other])
-        view.message(runs[0], episode(runs[0], 1000, 12.4))
+        view.message(runs[0], episode(runs[0], 2_000_000, 12.4))
         (line,) = (line for line in shown(view) if "td3" in line)
-    assert line.startswith("td3 4 runs of 2 cells 1,000/8,000 ")
+    assert line.startswith("td3 4 runs of 2 cells 2,000,000/8,000,000 ")
     assert " 12" in line
     assert "published" not in line

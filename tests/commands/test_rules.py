@@ -11,7 +11,7 @@ from jbench.agents.algorithms import algorithm_fields
 from jbench.cli import main
 from jbench.policies.saved import WEIGHTS, has_policy
 from jbench.settings.run import RunSettings
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from tests.agents.killed_run import stack_seeds
 from tests.command_line import SHORT, Process, succeed
@@ -81,7 +81,7 @@ def test_train_and_sweep_make_same_runs(swept):
         assert (chosen["quantiles"], chosen["dropped"], chosen["tau"]) == (5, 2, 0.005)
         assert (run.settings["engine"], run.settings["package"]) == ("batched", PACKAGE)
         assert run.manifest.provenance["package"] == "tqc-rule 2.1"
-        (episode,) = run.read("episodes", schema.EPISODES).to_pylist()
+        (episode,) = run.read("episodes").to_pylist()
         assert episode["critic_loss"] > 0
         assert episode["entropy_coefficient"] is None
 

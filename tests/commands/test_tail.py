@@ -9,7 +9,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from jbench.cli import main
-from jbench.store import Results, schema
+from jbench.store import Results
 from tests.command_line import INTERRUPTIBLE, succeed, train
 from tests.store.store_rows import listed
 from tests.store.store_whole import add_whole_run
@@ -38,8 +38,8 @@ def test_tail_prints_each_committed_row_until_ctrl_c(tmp_path):
     lines = [json.loads(line) for line in out.read_text().splitlines()]
     for run in runs:
         rows = [line for line in lines if line["run"] == run.id]
-        for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS)):
-            committed = run.read(table, columns).to_pylist()
+        for table in ("episodes", "evaluations"):
+            committed = run.read(table).to_pylist()
             assert committed
             assert [row for row in rows if row["table"] == table] == [
                 {"table": table, **row} for row in committed
@@ -49,7 +49,7 @@ def test_tail_prints_each_committed_row_until_ctrl_c(tmp_path):
         events = EventAccumulator(str(tmp_path / "results" / "tensorboard" / run.id))
         events.Reload()
         logged = [event.value for event in events.Scalars("training/episode_return")]
-        returns = run.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
+        returns = run.read("episodes")["episode_return"].to_pylist()
         assert logged == pytest.approx(returns, rel=1e-6)  # float32
 
 

@@ -12,7 +12,7 @@ from jbench.datasets import Dataset, collect, layout
 from jbench.names import TASKS
 from jbench.settings.dataset import DatasetSettings
 from jbench.simulation import simulate
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.tasks import features, model, resets
 from jbench.tasks.rewards import reward
 from jbench.tasks.robots import load_model
@@ -58,7 +58,7 @@ def simulate_again(robot, episodes):
 
 
 def kept_state(record):
-    return layout.state_of(record.read("steps", schema.STEPS), EPISODE)
+    return layout.state_of(record.read("steps"), EPISODE)
 
 
 def test_id_of_plain_dataset_ignores_augment_setting(plain):
@@ -77,11 +77,9 @@ def test_augmented_robot_is_part_of_settings_and_id(plain, augmented):
 
 
 def test_augmented_robot_has_same_actions_but_other_states(plain, augmented):
-    first, second = (record.read("steps", schema.STEPS) for record in (plain, augmented))
+    first, second = (record.read("steps") for record in (plain, augmented))
     assert first["action"].equals(second["action"])
-    drawn = [
-        record.read("dataset_episodes", schema.DATASET_EPISODES) for record in (plain, augmented)
-    ]
+    drawn = [record.read("dataset_episodes") for record in (plain, augmented)]
     assert drawn[0].equals(drawn[1])
     first, second = kept_state(plain), kept_state(augmented)
     # Initial positions are equal, those a second later are not.

@@ -8,7 +8,6 @@ import pytest
 from scipy import stats
 
 from jbench.names import TASKS
-from jbench.store import schema
 from jbench.tasks import model as robot
 from jbench.tasks.features import TARGET_HEIGHT
 from jbench.tasks.gym import JitterbugEnv
@@ -31,7 +30,7 @@ EVERY_TASK = pytest.mark.parametrize("task", TASKS)
 @pytest.fixture(scope="module")
 def steps(six_episodes):
     """All states and actions, (episodes, steps + 1) by column."""
-    rows = six_episodes.read("steps", schema.STEPS)
+    rows = six_episodes.read("steps")
     columns = {name: rows[name].to_numpy(zero_copy_only=False) for name in rows.column_names}
     return {name: column.reshape(6, 1001) for name, column in columns.items()}
 
@@ -39,7 +38,7 @@ def steps(six_episodes):
 @pytest.fixture(scope="module")
 def targets(six_episodes):
     """Position and yaw of every task's targets, (episodes, 3)."""
-    rows = six_episodes.read("dataset_episodes", schema.DATASET_EPISODES)
+    rows = six_episodes.read("dataset_episodes")
     assert rows["episode"].to_pylist() == list(range(6))
     parts = ("x", "y", "yaw")
     return {t: np.stack([rows[f"{t}_target_{p}"].to_numpy() for p in parts], 1) for t in TASKS}
@@ -62,7 +61,7 @@ def test_rows_are_whole_episodes_in_order(steps):
 
 
 def test_only_last_state_of_episode_has_no_action(six_episodes):
-    rows = six_episodes.read("steps", schema.STEPS)
+    rows = six_episodes.read("steps")
     missing = rows["action"].is_null().to_numpy(zero_copy_only=False)
     np.testing.assert_array_equal(missing, rows["step"].to_numpy() == 1000)
     others = [name for name in rows.column_names if name != "action"]

@@ -24,7 +24,7 @@ from jbench.encoders.settings import encoder_settings
 from jbench.encoders.states import Shard, States
 from jbench.errors import RequestError
 from jbench.settings.dataset import DatasetSettings
-from jbench.store import Results, encoder_schema, schema
+from jbench.store import Results
 from jbench.store.query import load
 from tests.encoders.encoder_data import observations_of
 from tests.encoders.test_training import rows, train
@@ -110,7 +110,7 @@ def test_predictions_and_effective_rank_are_in_database(trained):
 def test_encoder_without_predictions_is_read_and_shown(trained, results, capsys):
     old = results.create("encoder", trained.record.id, trained.record.settings)
     for name in ("encoder_features", "encoder_errors"):
-        old.append({name: trained.record.read(name, getattr(schema, name.upper()))})
+        old.append({name: trained.record.read(name)})
     old.finish({"test_mse": 0.1})
     tables, problems = load(results)
     assert problems == []
@@ -248,7 +248,7 @@ def test_dmd_recovers_order_of_linear_system_in_any_units(order):
 def test_encoder_with_more_latents_than_features_is_evaluated(trained, results):
     record = train(trained.states, results, "random-features", 64)
     assert load_encoder(results, record.id)[0].latent_size == 64
-    (errors,) = record.read("encoder_errors", encoder_schema.ENCODER_ERRORS).to_pylist()
+    (errors,) = record.read("encoder_errors").to_pylist()
     assert errors["pca_explained"] == pytest.approx(1, abs=1e-5)
     assert len(rows(record, "encoder_predictions")) == len(TARGETS)
 

@@ -20,7 +20,7 @@ from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.encoders.states import Shard, States, split_episodes
 from jbench.encoders.training import CHECKPOINT, train_encoder
 from jbench.errors import RequestError, WorkError
-from jbench.store import Results, encoder_schema, query, schema
+from jbench.store import Results, encoder_schema, query
 from jbench.tasks.labels import feature_labels
 from tests.encoders.encoder_data import make_dataset, observations_of, random_states
 
@@ -61,7 +61,7 @@ def files(record):
 
 
 def rows(record, table="encoder_epochs"):
-    return record.read(table, getattr(schema, table.upper())).to_pandas()
+    return record.read(table).to_pandas()
 
 
 def of_rank_two(size=6):
@@ -163,7 +163,7 @@ def test_interrupted_training_resumes_to_same_weights(trained, tmp_path, kind, c
     reported = ["epoch", "train_loss", "test_mse", "test_denoising_mse"]
     assert rows(done)[reported].equals(rows(uninterrupted)[reported])
     assert rows(done)["wall_time"].is_monotonic_increasing
-    assert not done.has_checkpoint(CHECKPOINT)
+    assert CHECKPOINT not in done.roles()
 
 
 def test_interrupted_streaming_training_resumes_to_same_weights(trained, tmp_path):
@@ -186,9 +186,7 @@ def test_errors_are_not_committed_twice_after_interruption(trained, tmp_path):
     results = Results(tmp_path / "stopped")
     train_until(5, trained.states, results)
     (begun,) = results.scan("encoder")[0]
-    begun.append(
-        {"encoder_errors": uninterrupted.read("encoder_errors", encoder_schema.ENCODER_ERRORS)}
-    )
+    begun.append({"encoder_errors": uninterrupted.read("encoder_errors")})
     done = train(trained.states, results)
     assert len(rows(done, "encoder_errors")) == 1
     assert files(done) == files(uninterrupted)
@@ -323,7 +321,7 @@ def test_finished_encoder_is_not_trained_again(trained):
 
 def test_unfinished_encoder_without_checkpoint_restarts(trained, results):
     begun = results.create("encoder", trained.settings.id, trained.settings.model_dump())
-    old = trained.record.read("encoder_epochs", encoder_schema.ENCODER_EPOCHS).slice(0, 2)
+    old = trained.record.read("encoder_epochs").slice(0, 2)
     begun.append({"encoder_epochs": old})
     again = train_encoder(trained.settings, trained.states, results)
     assert rows(again)["epoch"].tolist() == [1, 2, 3, 4]

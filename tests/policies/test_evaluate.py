@@ -8,7 +8,7 @@ import pytest
 from jbench.cli import main
 from jbench.policies.evaluate import evaluate
 from jbench.settings.evaluation import EvaluationSettings
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.store.query import load, run_sql
 from jbench.tasks import resets
 from jbench.tasks.features import Target
@@ -28,7 +28,7 @@ def _short_episodes():
 
 
 def returns_of(record):
-    return record.read("policy_episodes", schema.POLICY_EPISODES)["episode_return"].to_pylist()
+    return record.read("policy_episodes")["episode_return"].to_pylist()
 
 
 def beginning(task, seed, episode):
@@ -58,7 +58,7 @@ def test_rewards_of_recorded_states_sum_to_returns(tmp_path):
         task="move_in_direction", policy="random", episodes=2, states=True, target_yaw=math.pi / 4
     )
     record = evaluate(settings, Results(tmp_path), threads=2)
-    states = record.read("policy_states", schema.POLICY_STATES).to_pandas()
+    states = record.read("policy_states").to_pandas()
     sums = states.groupby("episode")["reward"].sum()
     assert sums.to_list() == pytest.approx(returns_of(record), rel=1e-5)
     assert (
@@ -67,7 +67,7 @@ def test_rewards_of_recorded_states_sum_to_returns(tmp_path):
         .map(lambda s: s == [*range(1, EPISODE + 1)])
         .all()
     )
-    episodes = record.read("policy_episodes", schema.POLICY_EPISODES).to_pandas()
+    episodes = record.read("policy_episodes").to_pandas()
     assert set(episodes["target_yaw"]) == {math.pi / 4}
     assert states["action"].between(-1, 1).all()
     assert states["action"].std() == pytest.approx(1 / math.sqrt(3), rel=0.05)  # uniform

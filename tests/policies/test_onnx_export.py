@@ -19,7 +19,7 @@ from jbench.policies.network import Layer, Network
 from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import Policy, TrainedAgent
 from jbench.simulation import Robots, rollout
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.tasks import features, resets
 from jbench.tasks.robots import load_model
 from tests.encoders.encoder_data import make_dataset, observations_of
@@ -54,7 +54,7 @@ def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
     assert main([*evaluate, *where]) == 0
     assert main(["export", RUN, "--out", str(tmp_path / "policy.onnx"), *where]) == 0
     (record,) = Results(results).scan("evaluation")[0]
-    states = record.read("policy_states", schema.POLICY_STATES)
+    states = record.read("policy_states")
     recorded = states["action"].to_numpy().reshape(EPISODE, 1, 1)
     # Replaying the recorded actions must reproduce the return of the evaluation.
     seen, episode_return, actions = [], 0.0, iter(recorded)
@@ -67,7 +67,7 @@ def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
     with Robots(load_model(None), 1, 1) as robots:
         for transition in rollout(TASK, robots, starts, replay):
             episode_return += transition.rewards[0]
-    (evaluated,) = record.read("policy_episodes", schema.POLICY_EPISODES).to_pylist()
+    (evaluated,) = record.read("policy_episodes").to_pylist()
     assert episode_return == evaluated["episode_return"] > 1
     exported = run_model(
         tmp_path / "policy.onnx", features.denormalize(TASK, np.array(seen[:EPISODE]))

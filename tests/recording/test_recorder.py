@@ -23,7 +23,7 @@ from jbench.recording.request import plain_hyperparameters
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import read_run
 from jbench.simulation import Robots, rollout
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.tasks import resets
 from jbench.tasks.robots import load_model
 from tests.command_line import SHORT, Process
@@ -107,7 +107,7 @@ def record_of(results, id):
 
 def test_rows_equal_returns_of_environment(finished):
     results, id, _, returns = finished
-    rows = record_of(results, id).read("episodes", schema.EPISODES).to_pylist()
+    rows = record_of(results, id).read("episodes").to_pylist()
     assert [row["episode_return"] for row in rows] == pytest.approx(returns, rel=1e-6)
     assert returns[0] > 1
     assert [(row["control_steps"], row["length"]) for row in rows] == [(50, 50), (100, 50)]
@@ -125,7 +125,7 @@ def test_seed_determines_first_episode(finished, tmp_path):
         assert loop(recording, actor, episodes=1) == returns[:1]
     assert recording.id == id
     first, second = (
-        record_of(where, id).read("evaluations", schema.EVALUATIONS)["episode_return"].to_pylist()
+        record_of(where, id).read("evaluations")["episode_return"].to_pylist()
         for where in (results, tmp_path / "again")
     )
     assert first[:2] == second
@@ -152,7 +152,7 @@ def test_id_and_settings_equal_arguments(finished):
 
 def test_evaluations_are_made_at_interval(finished):
     results, id, _, _ = finished
-    rows = record_of(results, id).read("evaluations", schema.EVALUATIONS).to_pylist()
+    rows = record_of(results, id).read("evaluations").to_pylist()
     steps = [(row["evaluation"], row["control_steps"], row["episode"]) for row in rows]
     due = [(0, 50, 0), (0, 50, 1), (1, 100, 0), (1, 100, 1)]
     # The saved policy is evaluated at the end, so that its evaluation can be repeated.
@@ -247,7 +247,7 @@ def test_killed_run_is_unfinished_and_restarts(tmp_path):
     assert again.returncode == 0, again.stderr
     assert again.stderr == f"The run {record.id} is unfinished; it starts over.\n"
     (record,) = Results(tmp_path).scan("run")[0]
-    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    rows = record.read("episodes").to_pylist()
     assert (record.status, [row["episode"] for row in rows]) == ("finished", [0, 1])
 
 
@@ -261,13 +261,13 @@ def test_callback_records_model_of_stable_baselines3(tmp_path):
         ppo = PPO("MlpPolicy", env, n_steps=25, n_epochs=1, policy_kwargs=policy, seed=0)
         ppo.learn(STEPS, recording.sb3_callback())
     record = record_of(tmp_path, recording.id)
-    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    rows = record.read("episodes").to_pylist()
     # Two environments alternate: the first episode ends one control step before the second.
     assert [row["control_steps"] for row in rows] == [99, 100]
     assert all(0 < row["episode_return"] < EPISODE for row in rows)  # not the normalised rewards
     # The second rollout ends after the first update.
     assert all(np.isfinite(row["value_loss"]) for row in rows)
-    evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    evaluations = record.read("evaluations").to_pylist()
     assert [row["control_steps"] for row in evaluations] == [100, 100]
     observations = np.random.default_rng(0).normal(size=(20, 16)).astype(np.float32)
     wanted, _ = ppo.predict(env.normalize_obs(observations), deterministic=True)

@@ -13,7 +13,7 @@ from jbench.report.formatting import display_name, signed
 from jbench.report.request import Request
 from jbench.report.tables.values import estimate
 from jbench.settings.run import RunSettings
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
 
@@ -43,7 +43,7 @@ def last_twenty(runs, steps, **settings):
     """Returns the last 20 training returns of each of some seeds on face_direction."""
     wanted = {"task": "face_direction", "steps": steps, **settings}
     return [
-        record.read("episodes", schema.EPISODES)["episode_return"].to_numpy()[-20:]
+        record.read("episodes")["episode_return"].to_numpy()[-20:]
         for record in runs
         if wanted.items() <= RunSettings(**record.settings).__dict__.items()
     ]

@@ -25,11 +25,11 @@ while True:
 
 
 def test_new_checkpoint_replaces_older_one_of_its_role(results, record):
-    assert not record.has_checkpoint(ROLE)
+    assert ROLE not in record.roles()
     for n in range(3):
         record.append({"t": numbers(n)}, {ROLE: b"after %d" % n})
     again = results.find("run", "a/b")
-    assert again.has_checkpoint(ROLE)
+    assert ROLE in again.roles()
     assert (again.read_file(ROLE), read(again)) == (b"after 2", [0, 1, 2])
     assert names(record.path) == {"manifest.json", *listed(record)}
     assert len([name for name in listed(record) if name.endswith(".safetensors")]) == 1
@@ -58,7 +58,7 @@ def test_finish_removes_checkpoints_and_keeps_files(results, record):
     record.append({"t": numbers(1)}, {ROLE: b"state"})
     record.finish({}, {"policy.json": b"{}"})
     again = results.find("run", "a/b")
-    assert not again.has_checkpoint(ROLE)
+    assert ROLE not in again.roles()
     assert (again.read_file("policy.json"), read(again)) == (b"{}", [1])
     assert names(record.path) == {"manifest.json", *listed(record)}
     assert all("role" not in entry for entry in manifest_of(record)["files"])
@@ -107,7 +107,7 @@ def test_append_with_replace_replaces_all_rows_of_table(results, record):
     assert (read(again), read(again, "u")) == ([1, 2, 3], [7])
     assert len(again.parts("t")) == 1
     assert len(list(record.path.glob("t-*"))) == 1
-    assert again.has_checkpoint(ROLE)
+    assert ROLE in again.roles()
     # Identical rows give the same file, which is kept.
     record.append({"t": numbers(1, 2, 3)}, replace=("t",))
     assert read(results.find("run", "a/b")) == [1, 2, 3]

@@ -88,7 +88,7 @@ from tests.store.store_rows import add_run
 while True:
     for returns in ([1.0], [1.0, 2.0]):
         record = add_run(results, "c", returns)
-        record.append({"episodes": record.read("episodes", schema.EPISODES).slice(0, 1)})
+        record.append({"episodes": record.read("episodes").slice(0, 1)})
         record.finish({})
         print("finished", flush=True)
 """

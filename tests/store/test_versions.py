@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from jbench.errors import WorkError
-from jbench.store import Results, encoder_schema, query, schema
+from jbench.store import Results, query
 from jbench.store.manifest import OLDEST_SCHEMA_VERSION, SCHEMA_VERSION
 from jbench.store.merge import merge
 from jbench.store.verify import verify
@@ -33,7 +33,7 @@ def test_kept_files_have_oldest_supported_version(old):
 
 
 def test_episodes_of_old_version_are_read(old):
-    rows = only(old, "run").read("episodes", schema.EPISODES).to_pylist()
+    rows = only(old, "run").read("episodes").to_pylist()
     assert [(row["episode_return"], row["wall_time"]) for row in rows] == [
         (10.0, 2.0),
         (20.0, 4.0),
@@ -51,9 +51,7 @@ def test_renamed_column_is_read_under_new_name(old):
 
 
 def test_columns_missing_from_old_version_are_null(old):
-    (row,) = (
-        only(old, "encoder").read("encoder_features", encoder_schema.ENCODER_FEATURES).to_pylist()
-    )
+    (row,) = only(old, "encoder").read("encoder_features").to_pylist()
     assert (row["feature"], row["test_mse"], row["test_variance"]) == ("position_x", 0.25, 1.0)
     assert {name for name, value in row.items() if value is None} == {
         *("pca_mse", "random_mse", "heuristic_mse", "heuristic_variance"),
@@ -74,7 +72,7 @@ def test_old_records_are_valid_and_can_be_merged(tmp_path, old):
 def test_new_rows_are_read_together_with_old_rows(old):
     run = only(old, "run")
     run.append({"episodes": episodes(run.id, [70.0])})
-    rows = only(old, "run").read("episodes", schema.EPISODES)
+    rows = only(old, "run").read("episodes")
     assert rows["episode_return"].to_pylist() == [10.0, 20.0, 60.0, 70.0]
 
 
@@ -90,4 +88,4 @@ def test_column_missing_from_current_version_is_damage(old):
     encoder = only(old, "encoder")
     alter_manifest(encoder, schema_version=SCHEMA_VERSION)
     with pytest.raises(WorkError, match="it has no column train_loss: another version"):
-        only(old, "encoder").read("encoder_epochs", encoder_schema.ENCODER_EPOCHS)
+        only(old, "encoder").read("encoder_epochs")

@@ -13,7 +13,6 @@ from jbench.registration import environment_id, register_environments
 from jbench.settings import run
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
-from jbench.store import schema
 from jbench.store.merge import TIMES
 from jbench.training import batch, engines, reproduce, status
 
@@ -52,7 +51,7 @@ def small_run(algo, overrides, **changes):
 
 def paths(record):
     """Returns the number of rows of each path by evaluation and control steps."""
-    found = record.read("paths", schema.PATHS).to_pylist()
+    found = record.read("paths").to_pylist()
     return dict(Counter((row["evaluation"], row["control_steps"]) for row in found))
 
 
@@ -60,6 +59,6 @@ def rows(record):
     """Returns all rows of a run, without times."""
     return [
         {name: value for name, value in row.items() if name not in TIMES}
-        for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS))
-        for row in record.read(table, columns).to_pylist()
+        for table in ("episodes", "evaluations")
+        for row in record.read(table).to_pylist()
     ]

@@ -7,7 +7,7 @@ import torch
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.settings.algorithms import algorithm_settings
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.sweeps.executors import batches
 from jbench.training import engines, evaluation
 from jbench.training.batched_run import run_batch
@@ -59,7 +59,7 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
     run = settings(steps=150, evaluate_every=100)
     run_batch([run], results, None, progress=lambda *now: reported.append(now))
     record = results.find("run", run.id)
-    episodes = record.read("episodes", schema.EPISODES).to_pylist()
+    episodes = record.read("episodes").to_pylist()
     assert [(row["episode"], row["control_steps"]) for row in episodes] == [
         (0, 50),
         (1, 100),
@@ -69,7 +69,7 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
     # Learning starts at the end of the first episode.
     assert [row["critic_loss"] is None for row in episodes] == [True, False, False]
     assert all(row["critic_loss"] > 0 for row in episodes[1:])
-    evaluations = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    evaluations = record.read("evaluations").to_pylist()
     assert [(row["evaluation"], row["control_steps"]) for row in evaluations] == [
         (0, 100),
         (0, 100),
@@ -103,7 +103,7 @@ def test_parallel_environments_share_steps_and_updates(tmp_path):
     changes = {"task": "move_from_origin", "parallel": 4, "evaluate_episodes": 0}
     run = settings("ddpg", steps=4 * EPISODE, **changes)
     run_batch([run], results, None)
-    episodes = results.find("run", run.id).read("episodes", schema.EPISODES).to_pylist()
+    episodes = results.find("run", run.id).read("episodes").to_pylist()
     assert [row["control_steps"] for row in episodes] == [200] * 4
     assert len({row["episode_return"] for row in episodes}) == 4
     assert paths(results.find("run", run.id)) == {}
@@ -115,7 +115,7 @@ def test_paths_are_of_own_episodes_of_each_seed(tmp_path):
     for run in runs:
         record, agent = results.find("run", run.id), load_agent(results, run.id)
         _, seed = seeds_of(run.seed)
-        found = record.read("paths", schema.PATHS).to_pandas()
+        found = record.read("paths").to_pandas()
         assert paths(record) == {(0, 50): 3, (2, 150): 3}
         made = evaluate_policy(run, seed, 2, agent.act, 1)
         last = found[found["evaluation"] == 2]

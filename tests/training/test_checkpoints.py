@@ -9,7 +9,7 @@ import pytest
 import safetensors.torch
 import torch
 
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.training import checkpoints, log
 from jbench.training.batched_run import run_batch
 from jbench.training.checkpoints import _next_piece, _Piece, load
@@ -259,7 +259,7 @@ def test_number_of_files_of_run_is_limited(tmp_path, monkeypatch):
     stop_at(tmp_path / "stopped", [run], 300)
     record = only(tmp_path / "stopped", run)
     assert len(record.parts("episodes")) <= 3
-    numbers = record.read("episodes", schema.EPISODES)["episode"].to_pylist()
+    numbers = record.read("episodes")["episode"].to_pylist()
     assert numbers == list(range(6))
     # Two pieces of equal size are joined.
     assert sum(role.startswith("replay-") for role in record.roles()) == 1

@@ -8,7 +8,7 @@ import safetensors.torch
 
 import jbench.training.engines
 from jbench.agents.divergence import DivergedError
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from jbench.training.log import RunLog
 from jbench.training.sb3_run import run as run_sb3
@@ -117,7 +117,7 @@ def test_other_runs_of_batch_are_unaffected(tmp_path, engines):
     # Weights are checked before the checkpoint at 200 control steps, together with the last row.
     assert failed.manifest.summary["diverged"]["what"] == "weights"
     assert failed.manifest.summary["diverged"]["control_steps"] == 200
-    episodes = failed.read("episodes", schema.EPISODES)
+    episodes = failed.read("episodes")
     assert episodes["control_steps"].to_pylist() == [50, 100, 150, 200]
     positions = [int(role.split("-")[1]) for role in failed.roles() if "checkpoint" in role]
     assert positions == [100, 150]
@@ -154,7 +154,7 @@ def test_diverging_stable_baselines3_agent_fails(algo, tmp_path):
     diverged = record.manifest.summary["diverged"]
     assert {*diverged} == {"update", "control_steps", "what"}
     assert EPISODE < diverged["control_steps"] < 450
-    episodes = record.read("episodes", schema.EPISODES)
+    episodes = record.read("episodes")
     assert episodes.num_rows > 0
     assert episodes["control_steps"][-1].as_py() <= diverged["control_steps"]
 

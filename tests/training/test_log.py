@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbench.simulation.paths import Path
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.training.log import Position, RunLog
 
 
@@ -21,7 +21,7 @@ def evaluate(log, number):
 
 
 def numbers(record):
-    return record.read("paths", schema.PATHS)["evaluation"].to_pylist()
+    return record.read("paths")["evaluation"].to_pylist()
 
 
 def test_latest_path_replaces_previous_one(record):
@@ -34,7 +34,7 @@ def test_latest_path_replaces_previous_one(record):
     log.commit()
     assert numbers(record) == [0, 0, 2, 2]
     assert record.rows("evaluations") == 3
-    last = record.read("paths", schema.PATHS).to_pylist()[-1]
+    last = record.read("paths").to_pylist()[-1]
     assert last == {
         **{"run": "r", "evaluation": 2, "control_steps": 3000, "time": np.float32(0.2)},
         **{"x": 0.5, "y": 0.5, "heading": 2.5},

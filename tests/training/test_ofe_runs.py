@@ -13,7 +13,7 @@ from jbench.settings.alike import comparable
 from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.settings.variants import variant_labels
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.sweeps import deciding
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from jbench.training.batched_run import run_batch
@@ -115,7 +115,7 @@ def test_ofe_run_records_prediction_loss_and_policy_with_features(tmp_path):
     results, run = Results(tmp_path), settings()
     assert run_batch([run], results, None) == {}
     record = results.find("run", run.id)
-    losses = record.read("episodes", schema.EPISODES)["prediction_loss"].to_pylist()
+    losses = record.read("episodes")["prediction_loss"].to_pylist()
     assert len(losses) == 2
     assert 0 < losses[1] < 10
     agent = load_agent(results, run.id)

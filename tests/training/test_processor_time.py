@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbench.store import Results, query, schema
+from jbench.store import Results, query
 from jbench.store.verify import verify
 from jbench.training import log
 from jbench.training.checkpoints import load
@@ -27,8 +27,9 @@ def clock(monkeypatch):
 
 def times(record):
     """Processor times of the episodes and evaluations of a run."""
-    tables = (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS))
-    return [record.read(table, columns)["processor_time"].to_pylist() for table, columns in tables]
+    return [
+        record.read(table)["processor_time"].to_pylist() for table in ("episodes", "evaluations")
+    ]
 
 
 @pytest.mark.parametrize("seeds", [1, 3])
@@ -62,12 +63,12 @@ def test_resumed_run_continues_processor_time_of_checkpoint(tmp_path):
 def test_run_of_version_2_resumes_without_processor_time(tmp_path):
     shutil.copytree(VERSION_2, tmp_path / "old")
     run = settings("td3", 1, steps=200, evaluate_every=50)
-    kept = only(tmp_path / "old", run).read("episodes", schema.EPISODES)
+    kept = only(tmp_path / "old", run).read("episodes")
     ((seed, steps, _),) = do(tmp_path / "old", [run])
     assert (seed, steps) == (1, 100)
     record = only(tmp_path / "old", run)
     assert (record.status, record.manifest.schema_version) == ("finished", 2)
-    rows = record.read("episodes", schema.EPISODES)
+    rows = record.read("episodes")
     assert rows["control_steps"].to_pylist() == [50, 100, 150, 200]
     assert rows.slice(0, 2).equals(kept)
     # The fifth evaluation is at 210, the end of a rollout.

@@ -10,7 +10,7 @@ import safetensors.numpy
 import jbench
 from jbench.errors import RequestError
 from jbench.policies.saved import DESCRIPTION, WEIGHTS
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.training import reproduce as reproducing
 from jbench.training import sb3_run
 from jbench.training.batched_run import run_batch
@@ -21,7 +21,6 @@ from jbench.training.reproduce import default_episodes, find_run, reproduce
 from tests.demo_results import ENCODER
 from tests.training.small_runs import EPISODE, shorten_episodes, small_run
 
-TABLES = {"episodes": schema.EPISODES, "evaluations": schema.EVALUATIONS}
 OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_starts": 10}
 ON_POLICY = {"batch_size": 10, "n_envs": 2, "n_steps": 25}
 
@@ -50,7 +49,7 @@ def trained(tmp_path_factory):
 def altered_copy(results, into, run, tables=None, files=None, summary=None):
     """Writes a copy of a run with other rows, files or summary, with valid checksums."""
     before = results.find("run", run.id)
-    rows = {name: before.read(name, columns) for name, columns in TABLES.items()}
+    rows = {name: before.read(name) for name in ("episodes", "evaluations")}
     kept = {name: before.read_file(name) for name in (WEIGHTS, DESCRIPTION)}
     record = Results(into).create("run", run.id, before.settings, {"device": "cpu"})
     record.append({**rows, **(tables or {})})
@@ -76,7 +75,7 @@ def test_run_is_reproduced_bit_for_bit(trained):
     done = reproduce(trained, record, 1, shown.append)
     assert done.evaluation.verdict == "equal"
     assert done.evaluation.control_steps == 100
-    recorded = record.read("evaluations", schema.EVALUATIONS)["episode_return"].to_pylist()[2:]
+    recorded = record.read("evaluations")["episode_return"].to_pylist()[2:]
     assert list(done.evaluation.computed) == recorded
     assert done.retraining == (1, 2, 50, True, None)
     assert (shown, done.changed, done.equal) == ([50], {}, True)
@@ -104,7 +103,7 @@ def test_run_with_parallel_environments_is_reproduced(tmp_path):
 
 def test_return_altered_by_one_bit_is_reported(trained, tmp_path):
     run = settings()
-    rows = trained.find("run", run.id).read("episodes", schema.EPISODES)
+    rows = trained.find("run", run.id).read("episodes")
     before = rows["episode_return"][1].as_py()
     after = float(np.nextafter(before, np.inf))
     altered = with_value(rows, 1, "episode_return", after)
@@ -120,7 +119,7 @@ def test_return_altered_by_one_bit_is_reported(trained, tmp_path):
 
 def test_missing_row_is_reported(trained, tmp_path):
     run = settings()
-    rows = trained.find("run", run.id).read("evaluations", schema.EVALUATIONS)
+    rows = trained.find("run", run.id).read("evaluations")
     results, record = altered_copy(trained, tmp_path, run, {"evaluations": rows.slice(1)})
     found = reproduce(results, record, 1).retraining.difference
     assert found[:3] == ("evaluations", 0, 50)
@@ -222,7 +221,7 @@ def test_run_without_reproducible_data_is_refused(trained, tmp_path):
     record = results.create("run", run.id, run.values)
     with pytest.raises(RequestError, match="is unfinished and has no episode to compare with"):
         reproduce(results, record, 1)
-    rows = trained.find("run", run.id).read("episodes", schema.EPISODES)
+    rows = trained.find("run", run.id).read("episodes")
     record.append({"episodes": rows})
     with pytest.raises(RequestError, match="has not finished: type --episodes 1 or more"):
         reproduce(results, record, 0)

@@ -7,7 +7,7 @@ import pytest
 
 from jbench.policies.saved import WEIGHTS
 from jbench.settings.ofe import OFESettings
-from jbench.store import Results, schema
+from jbench.store import Results
 from tests.command_line import Process
 from tests.training.small_runs import rows, small_run
 
@@ -30,7 +30,7 @@ def outcome(path, run):
     record = Results(path).find("run", run.id)
     assert record.status == "finished"
     assert record.roles() == []
-    paths = record.read("paths", schema.PATHS).to_pylist()
+    paths = record.read("paths").to_pylist()
     return rows(record), paths, record.read_file(WEIGHTS)
 
 

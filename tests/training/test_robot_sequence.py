@@ -152,14 +152,14 @@ def test_run_on_augmented_robot_trains_and_evaluates_on_it(alone):
 
 
 def test_episodes_and_evaluations_are_numbered_across_robots(two):
-    rows = two.record.read("episodes", schema.EPISODES).to_pylist()
+    rows = two.record.read("episodes").to_pylist()
     assert [(r["episode"], r["control_steps"], r["length"]) for r in rows] == [
         (0, 50, 50),
         (1, 100, 50),
         (2, 150, 50),
         (3, 200, 50),
     ]
-    rows = two.record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    rows = two.record.read("evaluations").to_pylist()
     # The run ends with the last rollout of 35 steps, at 210.
     assert [row["control_steps"] for row in rows] == [100, 200, 210]
     assert two.record.settings["robots"] == 2
@@ -189,8 +189,7 @@ def test_second_robot_starts_with_policy_of_first(two, alone):
         assert np.array_equal(two.weights[step], alone.weights[step]), step
     assert np.array_equal(two.weights[101], alone.weights[100])
     ours, theirs = (
-        each.record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
-        for each in (two, alone)
+        each.record.read("episodes")["episode_return"].to_pylist() for each in (two, alone)
     )
     assert ours[:2] == theirs
 
@@ -224,7 +223,7 @@ def test_next_robot_continues_random_stream():
 def test_all_environments_of_ppo_switch_robots_together(tmp_path):
     ppo = {"hidden_layers": [8], "n_envs": 2, "n_steps": 15, "batch_size": 30, "n_epochs": 1}
     watched = Watched(tmp_path, "ppo", ppo, robots=2, evaluate_episodes=0)
-    rows = watched.record.read("episodes", schema.EPISODES).to_pylist()
+    rows = watched.record.read("episodes").to_pylist()
     assert [row["control_steps"] for row in rows] == [100, 100, 200, 200]
     robots = [shape(load_model(seed)) for seed in (0, 1)]
     assert max(watched.shapes) == 210

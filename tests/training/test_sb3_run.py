@@ -8,7 +8,7 @@ import pytest
 from jbench.errors import RequestError, WorkError
 from jbench.policies.saved import load_agent
 from jbench.settings.run import RunSettings
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.store.merge import TIMES
 from jbench.training.environment import make_env
 from jbench.training.sb3_run import run
@@ -42,7 +42,7 @@ def finished(tmp_path_factory):
 
 def test_every_training_episode_is_row(finished):
     _, record, _ = finished
-    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    rows = record.read("episodes").to_pylist()
     assert [row["episode"] for row in rows] == [0, 1, 2]
     assert [row["control_steps"] for row in rows] == [50, 100, 150]
     assert {row["length"] for row in rows} == {EPISODE}
@@ -55,7 +55,7 @@ def test_every_training_episode_is_row(finished):
 
 def test_losses_are_null_before_learning_starts(finished):
     _, record, _ = finished
-    rows = record.read("episodes", schema.EPISODES).to_pylist()
+    rows = record.read("episodes").to_pylist()
     # Learning starts after 75 steps: at the end of the second episode, 100.
     assert [row["critic_loss"] is None for row in rows] == [True, True, False]
     assert {row["value_loss"] for row in rows} == {None}  # only PPO has it
@@ -63,7 +63,7 @@ def test_losses_are_null_before_learning_starts(finished):
 
 def test_evaluations_are_made_at_interval_and_end(finished):
     _, record, _ = finished
-    rows = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    rows = record.read("evaluations").to_pylist()
     assert [(r["evaluation"], r["episode"], r["control_steps"]) for r in rows] == [
         (0, 0, 100),
         (0, 1, 100),
@@ -75,7 +75,7 @@ def test_evaluations_are_made_at_interval_and_end(finished):
 
 def test_progress_is_reported_after_each_episode(finished):
     _, record, reported = finished
-    returns = record.read("episodes", schema.EPISODES)["episode_return"].to_pylist()
+    returns = record.read("episodes")["episode_return"].to_pylist()
     assert reported == list(zip([50, 100, 150], returns, strict=True))
 
 
@@ -98,8 +98,8 @@ def test_same_settings_give_same_rows(finished, tmp_path):
     # Measuring the speed before the run, as the command line does, does not change the run.
     assert seconds_per_step([settings()], None) > 0
     again = run(settings(), Results(tmp_path))
-    for table, columns in (("episodes", schema.EPISODES), ("evaluations", schema.EVALUATIONS)):
-        first, second = (r.read(table, columns).drop(TIMES) for r in (record, again))
+    for table in ("episodes", "evaluations"):
+        first, second = (r.read(table).drop(TIMES) for r in (record, again))
         assert first.equals(second)
     assert record.read_file("policy.safetensors") == again.read_file("policy.safetensors")
 
@@ -107,9 +107,7 @@ def test_same_settings_give_same_rows(finished, tmp_path):
 def test_other_seed_gives_other_episodes(finished, tmp_path):
     _, record, _ = finished
     other = run(settings(seed=1, steps=EPISODE, evaluate_episodes=0), Results(tmp_path))
-    first, second = (
-        r.read("episodes", schema.EPISODES)["episode_return"].to_pylist() for r in (record, other)
-    )
+    first, second = (r.read("episodes")["episode_return"].to_pylist() for r in (record, other))
     assert not set(first) & set(second)
 
 
@@ -131,12 +129,12 @@ def test_saved_agent_reproduces_evaluation(finished):
             total += reward
             positions[-1].append(env.unwrapped.data.qpos[:2].copy())
         returns.append(total)
-    rows = record.read("evaluations", schema.EVALUATIONS).to_pylist()
+    rows = record.read("evaluations").to_pylist()
     # The last two episodes are of the final policy, the first two of an earlier one.
     assert returns[2:] == pytest.approx([row["episode_return"] for row in rows[2:]])
     # Points at control steps 0, 20 and 40.
     assert paths(record) == {(0, 100): 3, (1, 150): 3}
-    found = record.read("paths", schema.PATHS).slice(3).select(["x", "y"]).to_pandas()
+    found = record.read("paths").slice(3).select(["x", "y"]).to_pandas()
     np.testing.assert_array_equal(found, np.array(positions[2][::20], np.float32))
 
 
@@ -154,7 +152,7 @@ def test_ppo_counts_steps_of_all_environments(tmp_path):
         evaluate_episodes=0,
         overrides={"n_envs": 4, "n_steps": 10, "batch_size": 20, "n_epochs": 1},
     )
-    rows = run(ppo, Results(tmp_path)).read("episodes", schema.EPISODES).to_pylist()
+    rows = run(ppo, Results(tmp_path)).read("episodes").to_pylist()
     # Four environments end their first episodes together, at step 50 of each.
     assert [row["control_steps"] for row in rows] == 4 * [200]
     assert len({row["episode_return"] for row in rows}) == 4

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from jbench.errors import WorkError
 from jbench.report.data.cells import file_name
 from jbench.report.figure import Axis, Figure, HeatMap, Panel, Series, Style, padded
-from jbench.store import Record, Results, schema
+from jbench.store import Record, Results
 
 _COLORS = ("#009e73", "#e69f00", "#0072b2", "#cc79a7")
 _REACH = 2.0  # m from the origin; the fastest gait moves 0.14 m in a second
@@ -73,7 +73,7 @@ def behaviours(results: Results, task: str | None = None) -> tuple[list[Behaviou
 
 def _behaviour(record: Record) -> Behaviour:
     """Reads the states of an evaluation, whose manifest is untrusted."""
-    states = record.read("policy_states", schema.POLICY_STATES)
+    states = record.read("policy_states")
     settings, yaw = record.settings, record.settings.get("target_yaw")
     try:
         return Behaviour(

@@ -60,7 +60,7 @@ BANDS = {
 @pytest.mark.parametrize(
     ("algo", "steps", "engine", "precision", "seeds"),
     [
-        ("td3", 100_000, "batched", "float32", 6),
+        ("td3", 100_000, "batched", "float32", 10),
         ("td3", 100_000, "batched", "bfloat16", 4),
         ("td3", 100_000, "sb3", "float32", 4),
         ("sac", 100_000, "batched", "float32", 6),

@@ -1,8 +1,10 @@
 """Trains the runs of a batch, each from its last checkpoint."""
 
 import contextlib
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from functools import partial
+
+import torch
 
 from jbench.agents.algorithms import code_of
 from jbench.devices import find_device
@@ -57,20 +59,9 @@ def run_batch(
         WorkError: if the results can't be written.
     """
     found = find_device(device)
-    made_on = {**device_provenance(found), **code_of(runs[0].algo)}
-    encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(runs)
-    members: list[Member] = []
-    failures: dict[str, WorkError] = {}
     with contextlib.ExitStack() as locks:
-        for run, own_encoder in zip(runs, encoders, strict=True):
-            try:
-                record = locks.enter_context(results.locked("run", run.id))
-                member = begin(run, own_encoder, record, results, made_on, notice)
-            except WorkError as error:
-                failures[run.id] = error
-            else:
-                members += [member] if member is not None else []
-        try:
+        members, failures = _begin_all(runs, results, encoder, found, notice, locks)
+        with _failed_on_error(members):
             while members:
                 # Seeds may have stopped at different steps: those behind catch up first.
                 behind = min(member.control_steps for member in members)
@@ -82,14 +73,49 @@ def run_batch(
                 train = partial(_train, device, checkpoint_every, stop, progress, in_turns=turns)
                 for failed in take_turns([train(part) for part in parts], found):
                     failures |= failed
-                members = [m for m in members if m.is_behind(until)]
-        except Exception as error:
-            for member in members:
-                if member.record.status == "unfinished":
-                    with contextlib.suppress(WorkError):
-                        member.record.fail(sentence_of_failure(error))
-            raise
+                members[:] = [m for m in members if m.is_behind(until)]
     return failures
+
+
+def _begin_all(
+    runs: Sequence[RunSettings],
+    results: Results,
+    encoder: Encoder | Sequence[Encoder | None] | None,
+    device: torch.device,
+    notice: Notice,
+    locks: contextlib.ExitStack,
+) -> tuple[list[Member], dict[str, WorkError]]:
+    """Locks the runs and loads their checkpoints.
+
+    Returns:
+        The unfinished runs, and the error of each run that can't be trained by id.
+    """
+    made_on = {**device_provenance(device), **code_of(runs[0].algo)}
+    encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(runs)
+    members: list[Member] = []
+    failures: dict[str, WorkError] = {}
+    for run, own_encoder in zip(runs, encoders, strict=True):
+        try:
+            record = locks.enter_context(results.locked("run", run.id))
+            member = begin(run, own_encoder, record, results, made_on, notice)
+        except WorkError as error:
+            failures[run.id] = error
+        else:
+            members += [member] if member is not None else []
+    return members, failures
+
+
+@contextlib.contextmanager
+def _failed_on_error(members: Sequence[Member]) -> Iterator[None]:
+    """Marks unfinished runs as failed if the block raises an error."""
+    try:
+        yield
+    except Exception as error:
+        for member in members:
+            if member.record.status == "unfinished":
+                with contextlib.suppress(WorkError):
+                    member.record.fail(sentence_of_failure(error))
+        raise
 
 
 def _divided(members: Sequence[Member], groups: int) -> list[Sequence[Member]]:

@@ -62,7 +62,7 @@ BANDS = {
     [
         ("td3", 100_000, "batched", "float32", 10),
         ("td3", 100_000, "batched", "bfloat16", 4),
-        ("td3", 100_000, "sb3", "float32", 4),
+        ("td3", 100_000, "sb3", "float32", 7),
         ("sac", 100_000, "batched", "float32", 6),
         ("sac", 100_000, "sb3", "float32", 4),
         ("ddpg", 300_000, "batched", "float32", 6),

@@ -236,7 +236,7 @@ def test_run_without_reproducible_data_is_refused(trained, tmp_path):
 def test_default_episodes_include_first_updates(trained):
     record = trained.find("run", settings().id)
     assert default_episodes(record) == 1
-    td3 = find_run(trained, "reference/face_direction/td3/full/s05")[1]
+    td3 = find_run(trained, "reference/face_direction/td3/full/s05-1fe5f7e8")[1]
     assert default_episodes(td3) == 12  # its first update is after 11,000 control steps
 
 

@@ -17,7 +17,7 @@ import argparse
 import subprocess
 import sys
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
@@ -228,19 +228,22 @@ def _rate_in(groups: int, algo: str, size: Size, seeds: int, device: torch.devic
 
     def train() -> Generator[None, None, float]:
         with engine_of(algo, size, seeds // groups, device) as engine:
-            steps = engine.learn(10**12)
-            while engine.control_steps < size.warm_up:
-                next(steps)
-                if engine.begin_updates():
-                    yield
+            yield from _learn(engine, lambda: engine.control_steps >= size.warm_up)
             first, began = engine.control_steps, time.perf_counter()
-            while (took := time.perf_counter() - began) < size.seconds:
-                next(steps)
-                if engine.begin_updates():
-                    yield
+            yield from _learn(engine, lambda: time.perf_counter() - began >= size.seconds)
+            took = time.perf_counter() - began
             return seeds // groups * (engine.control_steps - first) / took
 
     return sum(take_turns([train() for _ in range(groups)], device))
+
+
+def _learn(engine: Engine, is_done: Callable[[], bool]) -> Iterator[None]:
+    """Trains until something is done; yields when updates were begun."""
+    steps = engine.learn(10**12)
+    while not is_done():
+        next(steps)
+        if engine.begin_updates():
+            yield
 
 
 def report_profile(size: Size, device: torch.device, report: Report) -> None:

@@ -29,8 +29,6 @@ def clean(
     for name, value in list(element.attrib.items()):
         del element.attrib[name]
         element.attrib.update(_attributes(name.rpartition("}")[2], value, prefix))
-    if element.tag == "defs":
-        _inherit_colors(element)
     for name in ("fill", "stroke"):
         color = element.get(name, "")
         if _COLOR.fullmatch(color) and kept:
@@ -41,18 +39,10 @@ def clean(
         element.set("fill", _unmatched("#000000"))  # the default, which the page's CSS changes
     for child in element:
         clean(child, prefix, colors, keep, kept)
-
-
-def _inherit_colors(definitions: ElementTree.Element) -> None:
-    """Removes the colors of defined markers, so that they have those of their `<use>`.
-
-    Matplotlib writes the color of a marker's edge in both. The page's rules match the `<use>`, but
-    not the copy of the marker in it, which has no `<figure>` above it.
-    """
-    for marker in definitions:
-        if marker.tag.rpartition("}")[2] == "path":
-            styles = marker.get("style", "").split(";")
-            marker.set("style", ";".join(s for s in styles if not s.strip().startswith("stroke:")))
+        if element.tag == "defs" and child.tag == "path":
+            # Its `<use>` has the same color, and the page's rules match only that: the copy of the
+            # path in it has no `<figure>` above it.
+            child.attrib.pop("stroke", None)
 
 
 def _attributes(name: str, value: str, prefix: str) -> dict[str, str]:

@@ -100,6 +100,16 @@ class TestProcessorTime:
         # The last window within 20 episodes is centred between the 18th and the 19th.
         assert processor.timed_curve(item)[0][-1] == 18.5
 
+    def test_representations_of_one_algorithm_have_different_looks(self, fabric):
+        kinds = ("full", "dae12", "pca12", "planar12", "random12", "scaled16")
+        for representation in kinds:
+            evaluated = {10_000: 300.0, 20_000: 500.0}
+            fabric.run(RETURNS, representation=representation, evaluated=evaluated, seconds=1.0)
+        figure = processor.processor_time_figure(fabric.learned(kind=EVALUATION), [])
+        (panel,) = figure.panels
+        looks = {(one.style.color, one.style.dash, one.style.marker) for one in panel.series}
+        assert len(looks) == len(panel.series) == len(kinds)
+
     @pytest.mark.usefixtures("undrawn")
     def test_runs_without_processor_time_are_skipped_and_noted(self, fabric, out):
         fabric.run(RETURNS, 0)

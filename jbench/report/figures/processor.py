@@ -6,11 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from jbench.names import TASKS
+from jbench.names import TASKS, kind_of
 from jbench.report.data.cells import Cell, LearnedCurve, in_order
 from jbench.report.data.curves import FloatArray, centres
 from jbench.report.figure import Axis, Figure, Panel, Series, Style
 from jbench.report.figures import curve_series
+from jbench.report.figures.encoders import look_of
 from jbench.report.figures.learning_curves import algorithm_colors
 from jbench.report.tables import values
 
@@ -70,10 +71,11 @@ def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
     for item, times, median in sorted(timed, key=lambda one: one[0].cell.words != ""):
         algo = item.cell.algo
         shown = curve_series.drawn_points(len(times), _MAX_POINTS)
+        _, marker = look_of(kind_of(item.cell.representation))
         style = Style(
             colors[algo],
             curve_series.line_style(drawn[algo]),
-            marker="o" if len(shown) == 1 or not kind.smoothed else "",
+            marker=marker if len(shown) == 1 or not kind.smoothed else "",
         )
         drawn[algo] += 1
         series.append(

@@ -25,8 +25,8 @@ from statistics import median
 from typing import Any, NamedTuple
 
 import torch
+from clock import Clock
 from stacked_updates import Updates, peak
-from update_rates import Clock
 
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.make import make_engine
@@ -203,7 +203,8 @@ def report_training(size: Size, device: torch.device, report: Report) -> None:
     for algo, tasks, environments in product(ALGORITHMS, (TASK, TASKS), size.environments):
         options = {"tasks": tasks, "environments": environments}
         with engine_of(algo, size, size.trained, device, **options) as engine:
-            clock, steps = Clock(engine), engine.learn(10**12)
+            clock, steps = Clock(), engine.learn(10**12)
+            clock.watch_loop(engine)
             while engine.control_steps < size.warm_up:
                 next(steps)
             clock.reset()

@@ -5,7 +5,8 @@ control step: two single-threaded processes with five of ten seeds each, against
 each library with one seed each. All processes stay in memory and run alternately for a few seconds,
 so that other work on the machine affects them equally; a ratio is the median over the rounds. Rates
 are per second of wall time and per second of processor time, which other processes do not take.
-Then it measures DDPG's update relative to its own matrix products.
+Then it measures DDPG's update relative to its own matrix products, and what takes the time of whole
+training with the published settings.
 
 SBX is built on JAX and needs a separate environment: `--make-sbx DIR` creates it and compares with
 it, `--sbx-python DIR/bin/python` reuses it.
@@ -153,6 +154,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7, help="rounds of all contenders")
     parser.add_argument("--seconds", type=float, default=3.0, help="per contender and round")
     arguments = parser.parse_args()
+    import shares
     from update_rates import cpu_rows
 
     if arguments.make_sbx is not None:
@@ -160,6 +162,7 @@ def main() -> None:
     for algo in arguments.algos.split(","):
         compare(algo, arguments)
     cpu_rows()
+    shares.rows()
 
 
 if __name__ == "__main__":

@@ -1,7 +1,4 @@
-"""Measures updates without the robots, and the parts of whole training.
-
-`benchmarks/train.py` prints the rows of a CPU, `benchmarks/gpu.py` those of a GPU.
-"""
+"""Measures updates without the robots, for `benchmarks/train.py`."""
 
 import subprocess
 import sys
@@ -13,7 +10,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.settings.algorithms import algorithm_settings
@@ -117,35 +113,6 @@ def cpu_rows() -> None:
                 flush=True,
             )
         other.kill()
-
-
-class Clock:
-    """Measures the time of the parts of an engine's loop."""
-
-    PARTS = ("_explore_actions", "_store", "_learn")
-
-    def __init__(self, engine: Engine) -> None:
-        """Starts measuring."""
-        self.spent: dict[str, float] = {}
-        for name in self.PARTS:
-            self._watch(engine, name, name.strip("_"))
-        self._watch(engine.environments, "step", "robots")
-
-    def reset(self) -> None:
-        """Resets the measured times."""
-        self.spent = dict.fromkeys(self.spent, 0.0)
-
-    def _watch(self, owner: Any, method: str, name: str) -> None:
-        function = getattr(owner, method)
-        self.spent[name] = 0.0
-
-        def watched(*arguments: Any) -> Any:
-            began = time.perf_counter()
-            result = function(*arguments)
-            self.spent[name] += time.perf_counter() - began
-            return result
-
-        setattr(owner, method, watched)
 
 
 if __name__ == "__main__":

@@ -2,22 +2,24 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import cache
 from typing import Any
 
 from jbench.settings.algorithms import SCRIPT, SETTINGS, algorithm_settings
-from jbench.settings.alike import VARIANT, Flat, flatten
+from jbench.settings.alike import COMPARED, VARIANT, Flat, alike, flatten
 from jbench.settings.run import Run, RunSettings
 
 _HYPERPARAMETERS = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
+_SAME_NAME = (*COMPARED, "task", "encoder")  # settings that a name on all tasks leaves out
 _BASE = "settings"  # the option of `jbench train` that selects all hyperparameters
 
 _WORDS = {
     ("engine", "sb3"): "stable-baselines3",
     ("precision", "bfloat16"): "bfloat16",
+    ("precision", "tf32"): "tf32",
     (_BASE, "published"): "",
 }
 """Settings that have a name of their own; none for the published hyperparameters."""
@@ -36,12 +38,26 @@ def variant_labels(settings: Mapping[str, Run | Mapping[str, Any]]) -> dict[str,
 
 
 def variant_words(settings: Mapping[str, Run]) -> dict[str, str]:
-    """Returns the name of each variant in legends: as `variant_labels`, without defaults.
+    """Returns the names of variants of one algorithm and representation in legends.
 
-    A setting with a name of its own is called by it: `stable-baselines3` instead of `engine=sb3`.
-    The variant with all defaults has an empty name.
+    A name is relative to the variants on all tasks, so that it means the same settings on each. It
+    has no defaults, so that of the variant with all defaults is empty. A setting with a name of its
+    own is called by it, `stable-baselines3` instead of `engine=sb3`, and is always named.
     """
-    return _labels(settings, _word)
+    tasks: dict[str, dict[str, list[str]]] = {}
+    for name, run in settings.items():
+        same = tasks.setdefault(alike(run, _SAME_NAME), {})
+        same.setdefault(str(run.task), []).append(name)
+    # One of each group; the names of the others are the same.
+    first = {next(iter(same.values()))[0]: key for key, same in tasks.items()}
+    words = _labels({name: settings[name] for name in first}, _word, _SAME_NAME, _is_named)
+    found: dict[str, str] = {}
+    for name, key in first.items():
+        for variants in tasks[key].values():
+            # Those of one task differ in their evaluations or encoders.
+            more = _labels({variant: settings[variant] for variant in variants}, _word)
+            found |= {v: ", ".join(filter(None, (words[name], text))) for v, text in more.items()}
+    return found
 
 
 def _word(name: str, value: Any) -> str:
@@ -51,17 +67,36 @@ def _word(name: str, value: Any) -> str:
     return _WORDS.get((name, str(value)), f"{name}={_text(value)}")
 
 
+def _is_named(flat: Flat, path: tuple[str, ...]) -> bool:
+    """Returns whether a setting of a run has a name of its own, and is not a default."""
+    # The engine of agents of other packages follows from the algorithm.
+    ours = flat.get(("algo",)) in SETTINGS
+    return ours and bool(_WORDS.get((path[-1], str(flat.get(path)))))
+
+
 def _labels(
-    settings: Mapping[str, Run | Mapping[str, Any]], form: Callable[[str, Any], str]
+    settings: Mapping[str, Run | Mapping[str, Any]],
+    form: Callable[[str, Any], str],
+    left_out: Collection[str] = VARIANT,
+    always: Callable[[Flat, tuple[str, ...]], bool] = lambda flat, path: False,
 ) -> dict[str, str]:
-    """Returns the labels of variants; `form` makes a text of the name and value of a setting."""
+    """Returns the labels of variants.
+
+    Args:
+        form: makes a text of the name and value of a setting.
+        left_out: settings that are not in the labels.
+        always: whether a setting is in the labels even if all variants agree on it.
+    """
     flat = {variant: _with_base(flatten(values)) for variant, values in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     differing = [
         path
         for path in paths
-        if path not in {(name,) for name in VARIANT}
-        and len({_exact(values.get(path, ...)) for values in flat.values()}) > 1
+        if path not in {(name,) for name in left_out}
+        and (
+            len({_exact(values.get(path, ...)) for values in flat.values()}) > 1
+            or any(always(values, path) for values in flat.values())
+        )
     ]
     names = _short_names(differing)
     rows = sorted(

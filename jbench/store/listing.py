@@ -81,7 +81,7 @@ def _with_variants(lines: list[tuple[RunLine, Record]]) -> list[RunLine]:
     cells: dict[tuple[str | None, ...], dict[str, Run]] = {}
     keys = []
     for line, record in lines:
-        cell, key = (line.task, line.algo, line.representation), variant(record.settings)
+        cell, key = (line.algo, line.representation), variant(record.settings)
         keys.append((cell, key))
         run = read_run(record.settings)
         if not isinstance(run, Unreadable):

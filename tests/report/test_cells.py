@@ -197,6 +197,34 @@ class TestVariants:
         fabric.run([1], task="move_to_pose", engine="cpu", representation="dae12")
         assert [cell.label for cell in fabric.cells()[0]] == ["", "", ""]
 
+    def test_name_means_same_settings_on_every_task(self, fabric):
+        for task, engine, rate in (
+            ("face_direction", "batched", 1e-4),
+            ("face_direction", "sb3", 1e-4),
+            ("move_to_pose", "sb3", 1e-4),
+            ("move_to_pose", "batched", 0.01),
+        ):
+            fabric.run([1], task=task, engine=engine, hyperparameters={"learning_rate": rate})
+        assert [(cell.task, cell.short_name) for cell in fabric.cells()[0]] == [
+            ("face_direction", "TD3, learning_rate=1e-04"),
+            ("face_direction", "TD3, stable-baselines3, learning_rate=1e-04"),
+            ("move_to_pose", "TD3, learning_rate=0.01"),
+            ("move_to_pose", "TD3, stable-baselines3, learning_rate=1e-04"),
+        ]
+
+    def test_engine_of_only_variant_is_named(self, fabric):
+        fabric.run([1], engine="sb3")
+        assert [cell.short_name for cell in fabric.cells()[0]] == ["TD3, stable-baselines3"]
+
+    def test_different_evaluations_are_named_only_within_task(self, fabric):
+        for task, every in (("face_direction", 10), ("face_direction", 20), ("move_to_pose", 30)):
+            fabric.run([1], task=task, evaluate_every=every)
+        assert [cell.short_name for cell in fabric.cells()[0]] == [
+            "TD3, evaluate_every=10",
+            "TD3, evaluate_every=20",
+            "TD3",
+        ]
+
     def test_setting_missing_in_one_variant_is_labelled_not_set(self):
         labels = variant_labels({"a": {"noise": {"sigma": 0.1}}, "b": {}})
         assert labels == {"a": "sigma=0.1", "b": "sigma=(not set)"}

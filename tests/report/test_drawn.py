@@ -124,6 +124,35 @@ class TestProcessorTime:
         assert re.match(r"Not all runs of face_direction td3 full have recorded processor", note)
 
 
+def test_variant_has_same_line_style_in_all_panels(fabric):
+    for task, more in (
+        ("face_direction", {}),
+        ("face_direction", {"precision": "bfloat16"}),
+        ("move_to_pose", {"precision": "bfloat16"}),
+        ("move_to_pose", {"engine": "sb3"}),
+    ):
+        settings = {"engine": "batched", **more}
+        fabric.run(RETURNS, task=task, seconds=1.0, evaluated={40_000: 300.0}, **settings)
+    learned = fabric.learned(window=4)
+    for figure in (
+        grid_figure(learned, [], Request()),
+        grid_figure(fabric.learned(kind=EVALUATION), [], Request()),
+        processor.processor_time_figure(learned, []),
+        profiles.profiles_figure(cells(fabric)),
+    ):
+        looks = {}
+        for panel in figure.panels:
+            for one in panel.series:
+                looks.setdefault(one.label, set()).add((one.style.color, one.style.dash))
+        looks.pop("", None)
+        assert {name: len(of_name) for name, of_name in looks.items()} == {
+            "TD3": 1,
+            "TD3, bfloat16": 1,
+            "TD3, stable-baselines3": 1,
+        }
+        assert len(set.union(*looks.values())) == 3
+
+
 class TestMatrix:
     def test_field_shows_median_spread_steps_and_n(self, fabric):
         seeds(fabric, np.arange(0, 1100, 100))

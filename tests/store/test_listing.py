@@ -27,7 +27,7 @@ def test_finished_and_unfinished_runs_are_listed(results):
     assert begun[2:10] == ("sac", "full", 1, "unfinished", 1, 1000, 3000, None)
 
 
-def test_variant_names_settings_that_differ_within_cell(results):
+def test_variant_names_settings_that_differ_between_tasks_and_special_ones(results):
     published = algorithm_settings("ddpg", "published").model_dump(mode="json")
     read = {"engine": "batched", "evaluate_every": 20_000, "evaluate_episodes": 10}
     read["hyperparameters"] = published
@@ -37,7 +37,12 @@ def test_variant_names_settings_that_differ_within_cell(results):
     add_whole_run(results, seed=2, precision="bfloat16", **changed)
     add_whole_run(results, algo="td3", precision="bfloat16", **read)
     lines, _ = list_runs(results, {})
-    assert [line.variant for line in lines] == ["tau=0.001", "tau=0.01", "bfloat16, tau=0.01", ""]
+    assert [line.variant for line in lines] == [
+        "tau=0.001",
+        "tau=0.01",
+        "bfloat16, tau=0.01",
+        "bfloat16",
+    ]
     (line,), _ = list_runs(results, {"seed": {1}})
     assert line.variant == ""
 

@@ -11,7 +11,7 @@ from jbench.report.data.cells import OURS, Cell, paper_order
 from jbench.report.data.curves import BAND_SEEDS, BoolArray, FloatArray, IntArray, Points
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
-from jbench.settings.run import parse_run
+from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import variant_labels, variant_words
 from jbench.wording import counted
 
@@ -62,10 +62,14 @@ def build_cells(
         for run, status in zip(runs["run"][idle], runs["status"][idle], strict=True)
     ]
     runs = runs[~idle]
+    words = {
+        variant: text
+        for _, group in runs.groupby(["algo", "representation"])
+        for variant, text in variant_words(_settings(group)).items()
+    }
     cells = []
     for _, group in runs.groupby(_KEY[:3]):
-        settings = dict(zip(group["variant"], group["typed"], strict=True))
-        words = variant_words(settings)
+        settings = _settings(group)
         for variant, label in variant_labels(settings).items():
             seeds = _Seeds(group[group["variant"] == variant])
             names = label, words[variant]
@@ -74,6 +78,11 @@ def build_cells(
             if any(run in evaluated for run in seeds.chosen["run"]) or seeds.diverged_too_early():
                 cells.append(_build_cell(seeds, names, EVALUATION, evaluated, source))
     return sorted(cells, key=paper_order), notes
+
+
+def _settings(runs: pd.DataFrame) -> dict[str, Run]:
+    """Returns the settings of each variant among these runs."""
+    return dict(zip(runs["variant"], runs["typed"], strict=True))
 
 
 class _Seeds:

@@ -1,12 +1,12 @@
 """Series of learning curves, ours and the paper's, and their key."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from jbench.report.analysis.statistics import Estimate
-from jbench.report.data.cells import IMPORTED, SOLVED, LearnedCurve, page_tags
+from jbench.report.data.cells import IMPORTED, SOLVED, Cell, LearnedCurve, page_tags
 from jbench.report.data.curves import BAND_SEEDS, IntArray
 from jbench.report.data.published import PublishedCurve
 from jbench.report.figure import (
@@ -54,6 +54,20 @@ _ONE_SEED_KEY = "published: one seed"
 def line_style(nth: int) -> Dash:
     """Returns the style of the n-th line of a color."""
     return _LINE_STYLES[nth % len(_LINE_STYLES)]
+
+
+def line_numbers(
+    cells: Iterable[Cell], line_of: Callable[[Cell], Hashable] = lambda cell: cell.short_name
+) -> dict[Hashable, int]:
+    """Returns the number of each line among those of its algorithm, in all panels of a figure.
+
+    Lines of the default settings come first, so that they are solid; see `line_style`.
+    """
+    numbers: dict[str, dict[Hashable, int]] = {}
+    for cell in sorted(cells, key=lambda cell: cell.words != ""):
+        of_algo = numbers.setdefault(cell.algo, {})
+        of_algo.setdefault(line_of(cell), len(of_algo))
+    return {line: number for of_algo in numbers.values() for line, number in of_algo.items()}
 
 
 def interval_bars(one: Estimate, *, along_x: bool = False) -> list[Band]:

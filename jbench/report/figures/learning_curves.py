@@ -1,6 +1,6 @@
 """Learning curves: a grid of tasks as in Figure 9, and comparisons as in Figures 7 and 8."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 
 from jbench.names import ALGORITHMS, FULL, TASKS, Order, kind_of
 from jbench.report.data.cells import IMPORTED, Cell, LearnedCurve, in_order
@@ -46,9 +46,10 @@ def grid_figure(
     present = in_order({cell.task for cell, _ in learned}, TASKS)
     tasks = present if len(present) == 1 else in_order({*present, *TASKS}, TASKS)
     colors = algorithm_colors([cell.algo for cell, _ in learned])
+    shown = {task: shown_in_grid(learned, task) for task in tasks}
+    numbers = curve_series.line_numbers(cell for items in shown.values() for cell, _ in items)
     panels = [
-        _task_panel(task, shown_in_grid(learned, task), published, colors, kind, request)
-        for task in tasks
+        _task_panel(task, shown[task], published, colors, numbers, kind, request) for task in tasks
     ]
     notes = [_note(learned, [BAND], panels, request)]
     if kind is TRAINING:
@@ -116,7 +117,8 @@ def _task_panel(
     task: str,
     learned: Sequence[LearnedCurve],
     published: Sequence[PublishedCurve],
-    colors: dict[str, str],
+    colors: Mapping[str, str],
+    numbers: Mapping[Hashable, int],
     kind: Returns,
     request: Request,
 ) -> Panel:
@@ -128,7 +130,7 @@ def _task_panel(
     series: list[Series] = []
     for algo in dict.fromkeys(item.cell.algo for item in learned):
         same = [item for item in learned if item.cell.algo == algo]
-        series += _variants(same, colors[algo], [BAND], lambda cell: cell.learner, request)
+        series += _variants(same, colors[algo], numbers, [BAND], lambda cell: cell.learner, request)
         for curve in published:
             if (curve.figure, curve.task, curve.algo) == ("fig9", task, algo):
                 series += curve_series.published_series(
@@ -155,7 +157,10 @@ def _comparison_figure(
     for representation in ours:
         same = [item for item in learned if item.cell.representation == representation]
         color, _ = look_of(kind_of(representation))
-        series += _variants(same, color, bands[::-1], lambda cell: cell.representation, request)
+        numbers = curve_series.line_numbers(item.cell for item in same)
+        series += _variants(
+            same, color, numbers, bands[::-1], lambda cell: cell.representation, request
+        )
     for curve in sorted(published, key=lambda curve: curve.representation != FULL):
         series += curve_series.published_series(
             *(curve, look_of(kind_of(curve.representation))[0], QUARTILES, curve.representation),
@@ -180,17 +185,19 @@ def _comparison_figure(
 def _variants(
     learned: Sequence[LearnedCurve],
     color: str,
+    numbers: Mapping[Hashable, int],
     bands: Sequence[tuple[int, int]],
     name: Callable[[Cell], str],
     request: Request,
 ) -> list[Series]:
-    """Returns curves of one color, with a line style each; that with the defaults is solid."""
-    ordered = sorted(learned, key=lambda item: item.cell.words != "")
+    """Returns curves of one color, with the line style of their number each."""
+    ordered = sorted(learned, key=lambda item: numbers[item.cell.short_name])
     return [
         one
-        for style, item in enumerate(ordered)
+        for item in ordered
         for one in curve_series.learned_series(
-            item, color, style, bands, name(item.cell), each_seed=request.each_seed
+            *(item, color, numbers[item.cell.short_name], bands, name(item.cell)),
+            each_seed=request.each_seed,
         )
     ]
 

@@ -1,7 +1,6 @@
 """Figure of return against processor time."""
 
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -41,6 +40,7 @@ def processor_time_figure(
     kind = learned[0].cell.kind
     tasks = in_order({item.cell.task for item, *_ in timed}, TASKS)
     colors = algorithm_colors([item.cell.algo for item, *_ in timed])
+    numbers = curve_series.line_numbers(item.cell for item, *_ in timed)
     note = (
         f"Shown: the {kind.long}. Processor time of a seed is counted since its run began, over "
         "all cores, evaluations included; seeds that are trained in one process share its time "
@@ -51,7 +51,7 @@ def processor_time_figure(
     return Figure(
         f"{kind.name.capitalize()} return against processor time",
         [
-            _panel(task, [one for one in timed if one[0].cell.task == task], colors)
+            _panel(task, [one for one in timed if one[0].cell.task == task], colors, numbers)
             for task in tasks
         ],
         [
@@ -62,22 +62,24 @@ def processor_time_figure(
     )
 
 
-def _panel(task: str, timed: Sequence[_Timed], colors: dict[str, str]) -> Panel:
+def _panel(
+    task: str,
+    timed: Sequence[_Timed],
+    colors: Mapping[str, str],
+    numbers: Mapping[Hashable, int],
+) -> Panel:
     kind = timed[0][0].cell.kind
     longest = max(float(times[-1]) for _, times, _ in timed)
     size, unit = next((s, name) for least, s, name in _UNITS if longest >= least)
-    drawn: Counter[str] = Counter()
     series = []
     for item, times, median in sorted(timed, key=lambda one: one[0].cell.words != ""):
-        algo = item.cell.algo
         shown = curve_series.drawn_points(len(times), _MAX_POINTS)
         _, marker = look_of(kind_of(item.cell.representation))
         style = Style(
-            colors[algo],
-            curve_series.line_style(drawn[algo]),
+            colors[item.cell.algo],
+            curve_series.line_style(numbers[item.cell.short_name]),
             marker=marker if len(shown) == 1 or not kind.smoothed else "",
         )
-        drawn[algo] += 1
         series.append(
             Series(
                 *(times[shown] / size, median[shown], style, item.cell.short_name),

@@ -1,7 +1,6 @@
 """Performance profiles: the share of runs that end above each return."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,6 +26,7 @@ from jbench.report.figures.curve_series import (
     SOLVED_KEY,
     SOLVED_STYLE,
     details_text,
+    line_numbers,
     line_style,
 )
 from jbench.report.figures.learning_curves import algorithm_colors
@@ -38,22 +38,9 @@ THRESHOLDS: FloatArray = np.linspace(0, 1000, 201)
 
 _RESAMPLES = 1000  # for a band; intervals in tables use more
 _ALL = "all tasks together"
-_NAMES = ("task", "source", "algo", "representation", "steps")
 
-
-class _Learner(NamedTuple):
-    """What the runs of a line have in common.
-
-    Attributes:
-        representation: their representation and the settings of their variant.
-        steps: control steps of training.
-    """
-
-    source: str
-    algo: str
-    representation: str
-    steps: str
-    name: str
+_Line = tuple[str, str]
+"""Name of a learner within a task, and the control steps that it was trained for."""
 
 
 def profiles_figure(cells: Sequence[Cell]) -> Figure | None:
@@ -67,14 +54,10 @@ def profiles_figure(cells: Sequence[Cell]) -> Figure | None:
     if not groups:
         return None
     returns = cells[0].kind
-    learners = list(dict.fromkeys(learner for lines in groups.values() for learner in lines))
-    learners.sort(key=lambda learner: len(learner.name))  # those with default settings are solid
-    colors = algorithm_colors([learner.algo for learner in learners])
-    styles: dict[_Learner, Style] = {}
-    for learner in learners:
-        drawn = sum(other.algo == learner.algo for other in styles)
-        styles[learner] = Style(colors[learner.algo], line_style(drawn))
-    several = len({learner.name for learner in learners}) < len(learners)
+    drawn = [cell for lines in groups.values() for of_line in lines.values() for cell in of_line]
+    colors, numbers = algorithm_colors([cell.algo for cell in drawn]), line_numbers(drawn, _line)
+    styles = {_line(c): Style(colors[c.algo], line_style(numbers[_line(c)])) for c in drawn}
+    several = len({name for name, _ in styles}) < len(styles)
     x = Axis(f"final {returns.name} return", (0, 1000))
     y = Axis("share of runs above", (-0.02, 1.02))
     solved = ReferenceLine(SOLVED, SOLVED_STYLE, vertical=True)
@@ -83,7 +66,7 @@ def profiles_figure(cells: Sequence[Cell]) -> Figure | None:
             task,
             x,
             y,
-            [_series(task, *line, styles[line[0]], several) for line in lines.items()],
+            [_series(task, of_line, styles[line], several) for line, of_line in lines.items()],
             [solved],
         )
         for task, lines in groups.items()
@@ -111,50 +94,64 @@ def profiles_frame(cells: Sequence[Cell]) -> pd.DataFrame:
     parts = [
         pd.DataFrame(
             {
-                **dict(zip(_NAMES, (task, *learner[:4]), strict=True)),
-                "returns": cells[0].kind.name,
-                "seeds": sum(len(seeds) for seeds in strata),
+                "task": task,
+                "source": of_line[0].source,
+                "algo": of_line[0].algo,
+                "representation": of_line[0].representation_label,
+                "steps": steps,
+                "returns": of_line[0].kind.name,
+                "seeds": sum(map(len, _strata(of_line))),
                 "final_return": THRESHOLDS,
-                "share_above": st.performance_profile(strata, THRESHOLDS),
+                "share_above": st.performance_profile(_strata(of_line), THRESHOLDS),
             }
         )
         for task, lines in _groups(cells).items()
-        for learner, strata in lines.items()
+        for (_, steps), of_line in lines.items()
     ]
     return pd.concat(parts, ignore_index=True)
 
 
-def _groups(cells: Sequence[Cell]) -> dict[str, dict[_Learner, list[FloatArray]]]:
-    """Returns the final returns by task and learner, with a stratum per task."""
-    finals: dict[str, dict[_Learner, list[FloatArray]]] = {}
-    tasks = in_order({cell.task for cell in cells}, TASKS)
-    for task in tasks:
-        for cell in (cell for cell in cells if cell.task == task):
-            final = scores_of(cell).final
-            if len(final):
-                names = cell.source, cell.algo, cell.representation_label
-                learner = _Learner(*names, trained(cell).text, cell.short_name)
-                finals.setdefault(task, {}).setdefault(learner, []).append(final)
-    if len(finals) > 1:
-        shared = [k for k in next(iter(finals.values())) if all(k in f for f in finals.values())]
+def _line(cell: Cell) -> _Line:
+    return cell.short_name, trained(cell).text
+
+
+def _strata(cells: Sequence[Cell]) -> list[FloatArray]:
+    """Returns the final returns of cells of different tasks, a stratum each."""
+    return [scores_of(cell).final for cell in cells]
+
+
+def _groups(cells: Sequence[Cell]) -> dict[str, dict[_Line, list[Cell]]]:
+    """Returns the cells of each line by task, and those of the lines on all tasks together."""
+    groups: dict[str, dict[_Line, list[Cell]]] = {}
+    for task in in_order({cell.task for cell in cells}, TASKS):
+        for cell in cells:
+            if cell.task == task and len(scores_of(cell).final):
+                groups.setdefault(task, {}).setdefault(_line(cell), []).append(cell)
+    if len(groups) > 1:
+        first, *others = groups.values()
+        shared = [line for line in first if all(line in lines for lines in others)]
         if shared:
-            finals[_ALL] = {k: [f[k][0] for f in finals.values()] for k in shared}
-    return finals
+            groups[_ALL] = {line: [lines[line][0] for lines in groups.values()] for line in shared}
+    return groups
 
 
-def _series(
-    task: str, learner: _Learner, strata: Sequence[FloatArray], style: Style, named_steps: bool
-) -> Series:
-    enough = min(len(seeds) for seeds in strata) >= st.MIN_SEEDS
-    share = st.performance_profile(strata, THRESHOLDS)
-    bands = [Band(*_interval(strata))] if enough else []
-    label = f"{learner.name}, {learner.steps} steps" if named_steps else learner.name
-    # The settings of the variant follow the representation.
-    representation = learner.representation.partition(",")[0]
-    tags = page_tags(learner.algo, representation, learner.source, None if task == _ALL else task)
-    detail = _detail(learner, strata)
-    more: dict[str, Any] = {"detail": detail, "entries": (label,), "tags": tags}
-    return Series(THRESHOLDS, share, style, label, bands, **more)
+def _series(task: str, cells: Sequence[Cell], style: Style, named_steps: bool) -> Series:
+    strata, cell = _strata(cells), cells[0]
+    name, steps = _line(cell)
+    enough = min(map(len, strata)) >= st.MIN_SEEDS
+    runs = counted(sum(map(len, strata)), "run")
+    seeds = f"{runs} on {len(strata)} tasks" if len(strata) > 1 else counted(len(strata[0]), "seed")
+    label = f"{name}, {steps} steps" if named_steps else name
+    return Series(
+        THRESHOLDS,
+        st.performance_profile(strata, THRESHOLDS),
+        style,
+        label,
+        [Band(*_interval(strata))] if enough else [],
+        detail=f"{seeds}, {steps} control steps",
+        entries=(label,),
+        tags=page_tags(cell.algo, cell.representation, cell.source, None if task == _ALL else task),
+    )
 
 
 @remembered
@@ -172,10 +169,3 @@ def _interval(strata: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
         drawn += random.binomial(len(seeds), share, size) / len(seeds) / len(strata)
     low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
     return low, high
-
-
-def _detail(learner: _Learner, strata: Sequence[FloatArray]) -> str:
-    runs = sum(len(seeds) for seeds in strata)
-    several = f"{counted(runs, 'run')} on {len(strata)} tasks"
-    seeds = counted(runs, "seed") if len(strata) == 1 else several
-    return f"{seeds}, {learner.steps} control steps"

@@ -68,8 +68,7 @@ class Series:
     Attributes:
         label: text in legend and tooltip; a series without a label is in neither.
         detail: further text in the tooltip, such as the number of seeds.
-        entries: further entries of the legend or the key that this series belongs to: a page hides
-            it together with any of them.
+        entries: further entries of the legend or the key that this series belongs to.
         tags: task, algorithm, representation and source, by which a page filters.
         bands: drawn in the line's color, the widest first.
         partial: (points,) where the line is dotted; None: nowhere.
@@ -88,6 +87,11 @@ class Series:
     partial: BoolArray | None = None
     edges: FloatArray | None = None
     zorder: float = 2.0
+
+    @property
+    def belongs_to(self) -> tuple[str, ...]:
+        """Entries of legend and key with any of which a page hides it: first its own label."""
+        return tuple(dict.fromkeys(entry for entry in (self.label, *self.entries) if entry))
 
 
 @dataclass(frozen=True)
@@ -190,12 +194,6 @@ class Panel:
     heat_map: HeatMap | None = None
     arrow: tuple[tuple[float, float], tuple[float, float]] | None = None
     text: str = ""
-
-    @property
-    def labels(self) -> list[str]:
-        """Texts of the legend."""
-        labels = [line.label for line in self.references] + [one.label for one in self.series]
-        return [label for label in labels if label]
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,11 @@ def whole(value: float) -> str:
     return f"{round(value):,d}"
 
 
+def tenths(value: float) -> str:
+    """Formats a return with one decimal."""
+    return f"{value:,.1f}"
+
+
 def signed(value: float) -> str:
     """Formats a difference of returns."""
     return f"{round(value):+,d}" if round(value) else "0"

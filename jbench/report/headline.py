@@ -7,7 +7,7 @@ from typing import NamedTuple
 from jbench.names import FULL
 from jbench.report import formatting
 from jbench.report.analysis.claims import Verdict
-from jbench.report.analysis.examine import decide
+from jbench.report.analysis.examine import decide_solved
 from jbench.report.analysis.reduction import Reduction
 from jbench.report.analysis.scores import Summary
 from jbench.report.analysis.statistics import DECIDING_SEEDS
@@ -69,10 +69,11 @@ def inventory(views: Sequence[View]) -> list[tuple[str, str]]:
     cells = cells_of(views)
     if not cells:
         return []
-    steps = sum(int(cell.steps.sum()) for cell in cells)
+    # A seed that diverged has points, but no control steps, up to the end of the others.
+    steps = sum(int(cell.steps[~cell.diverged].sum()) for cell in cells)
     texts = [
         counted(sum(len(cell.seeds) for cell in cells), "run"),
-        counted(len(cells), "setting"),
+        counted(len(cells), "cell"),
         counted(len({cell.task for cell in cells}), "task"),
         f"{formatting.steps(steps)} control steps",
     ]
@@ -84,7 +85,7 @@ def _answer(summary: Summary) -> _Answer | None:
     if median is None or math.isnan(median.estimate.value):
         return None
     reached = summary.get("steps_to_solved", "median")
-    verdict = decide(median.estimate, median.seeds, SOLVED)[0]
+    verdict = decide_solved(median.estimate, median.seeds)[0]
     steps = math.inf if reached is None else reached.estimate.value
     return _Answer(summary.cell, verdict, median.estimate.value, median.seeds, steps)
 
@@ -132,7 +133,7 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     medians = formatting.span([answer.median for answer in group], formatting.whole)
     reached = [answer.reached for answer in group if answer.reached != math.inf]
     when = (
-        f"{SOLVED} after {formatting.span(reached, formatting.steps)} control steps"
+        f"return {SOLVED} after {formatting.span(reached, formatting.steps)} control steps"
         if reached
         else ""
     )
@@ -149,11 +150,12 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
 
 
 def _on_reductions(found: Sequence[Reduction]) -> Iterator[str]:
-    """Yields a sentence for each task and outcome, with its representations; the decided first."""
+    """Yields a sentence for each source, task and outcome; the decided ones first."""
     groups: dict[tuple[str, str], list[Reduction]] = {}
     for one in found:
-        groups.setdefault((one.cell.task, _outcome(one)), []).append(one)
-    for (task, outcome), group in sorted(groups.items(), key=lambda g: g[0][1] == "undecided"):
+        where = f"{one.cell.prefix}on {one.cell.task}"
+        groups.setdefault((where, _outcome(one)), []).append(one)
+    for (where, outcome), group in sorted(groups.items(), key=lambda g: g[0][1] == "undecided"):
         claim = "c" if outcome in _SPEEDS else "a"
         effects: dict[str, list[str]] = {}
         for one in group:
@@ -162,7 +164,7 @@ def _on_reductions(found: Sequence[Reduction]) -> Iterator[str]:
             effects.setdefault(one.cell.representation, []).append(text)
         listed = [f"{name}: {', '.join(texts)}" for name, texts in effects.items()]
         sentence = _REDUCTIONS[outcome].format(names=_listed(list(effects), "or"))
-        yield f"on {task}, {sentence} ({'; '.join([*listed, *_basis(group, claim)])})"
+        yield f"{where}, {sentence} ({'; '.join([*listed, *_basis(group, claim)])})"
 
 
 def _outcome(one: Reduction) -> str:
@@ -178,7 +180,8 @@ def _basis(group: Sequence[Reduction], claim: str) -> Iterator[str]:
         kind = "means over the run, 95%" if claim == "c" else "90%"
         yield f"{kind} interval{'s' * (intervals > 1)}"
     seeds = [float(number) for one in group for number in one.seeds]
-    yield f"{formatting.span(seeds, formatting.whole)} seeds"
+    count = formatting.span(seeds, formatting.whole)
+    yield f"{count} seed{'' if count == '1' else 's'}"
 
 
 def _listed(names: Sequence[str], word: str = "and") -> str:

@@ -196,7 +196,7 @@ def _findings(
     curves = [
         curve
         for curve in published
-        if request.task in (None, curve.task) and request.algo in (None, curve.algo, "ppo")
+        if request.task in (None, curve.task) and request.algo in (None, curve.algo)
     ]
     ours = [finding for view in shown for finding in view.findings]
     findings = [*ours, *by_hand, *published_claims.examine_published(curves)]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import REFERENCE
@@ -21,6 +22,7 @@ from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import value_text
 from jbench.store import Results, query
+from jbench.wording import are, counted
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
 _MORE = (
@@ -76,7 +78,11 @@ def own(results: Results, request: Request, name: str = OURS, *, strict: bool = 
 def imported(results: Results, request: Request) -> Source:
     """Returns the imported curves, which form separate cells; they have no date of a beginning."""
     tables, problems = query.load(results, ("imports", "import_points"))
-    runs = as_runs(tables["imports"], tables["import_points"])
+    imports = tables["imports"]
+    for name, value in (("task", request.task), ("algo", request.algo)):
+        if value is not None:
+            imports = imports.filter(pc.equal(imports[name], value))
+    runs = as_runs(imports, tables["import_points"])
     problems += runs.problems
     source = _source(runs.tables, problems, replace(request, since=None), IMPORTED, strict=False)
     cells = [with_spacing_note(cell) for cell in source.cells]
@@ -117,7 +123,8 @@ def reference(request: Request, path: Path) -> Source:
     """Returns the runs shipped with jbench, which form separate cells."""
     if not path.is_dir():
         return Source([], pd.DataFrame(), [_NO_REFERENCE], [], {}, REFERENCE)
-    source = _source(*_load(Results(path)), request, REFERENCE, strict=False)
+    filters = replace(request, since=None)  # the date is about runs of the user
+    source = _source(*_load(Results(path)), filters, REFERENCE, strict=False)
     return source if source.cells else replace(source, notes=[*source.notes, _NO_REFERENCE])
 
 
@@ -204,9 +211,13 @@ def _begun_since(runs: pd.DataFrame, request: Request) -> tuple[pd.DataFrame, li
         return runs, []
     begun = pd.to_datetime(runs["created"], utc=True, errors="coerce", format="ISO8601") >= since
     count = int((~begun).sum())
-    notes = [f"{count} runs were begun before {request.since} and are left out."] if count else []
+    notes = (
+        [f"{counted(count, 'run')} begun before {request.since} {are(count)} left out."]
+        if count
+        else []
+    )
     if count and count == len(runs):
-        raise NothingYetError(f"No run was begun since {request.since}; {notes[0]}")
+        raise NothingYetError(f"No run was begun since {request.since}. {notes[0]}")
     return runs[begun], notes
 
 

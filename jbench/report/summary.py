@@ -1,13 +1,16 @@
 """Summary of a report: what was run, what is solved, and the conclusions."""
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
-from jbench.report import agreement, formatting
+from jbench.report import formatting
 from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
+from jbench.report.analysis.examine import decide_solved
+from jbench.report.analysis.scores import Summary
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.cells import OURS, SOLVED, Cell
 from jbench.report.formatting import display_name
@@ -17,6 +20,12 @@ from jbench.report.views import View, cells_of
 from jbench.wording import counted
 
 _MAX_NAMED = 12
+_MEANING = {
+    "solved": "solved",
+    "uncertain": f"the median is at {SOLVED} or more, but uncertain",
+    "not solved": f"the median is below {SOLVED}",
+}
+"""States of a cell and what they mean."""
 
 
 def sentences(
@@ -34,7 +43,7 @@ def sentences(
     """
     if not views[0].learned:
         return ["There are no runs yet, only encoders or evaluated policies."]
-    lines = [_what_was_run(views, runs), *map(_what_is_solved, views), *agreement.on_solved(views)]
+    lines = [_what_was_run(views, runs), *map(_what_is_solved, views), *_on_solved(views)]
     lead = views[0]
     if lead.reductions:
         lines += [
@@ -45,7 +54,7 @@ def sentences(
     if findings is None:
         return [*lines, "For verdicts on the paper's claims, type the same command with --claims."]
     lines += [f"({c}) {claim.text} {_verdict(c, findings)}" for c, claim in CLAIMS.items()]
-    return [*lines, *agreement.on_claims(findings)]
+    return [*lines, *_on_claims(findings)]
 
 
 def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
@@ -76,7 +85,7 @@ def _what_is_solved(view: View) -> str:
     """Returns a sentence on the cells that are solved according to one kind of return."""
     states: dict[str, list[str]] = {}
     for summary in view.statistics:
-        state, text = agreement.solved(summary)
+        state, text = _solved(summary)
         states.setdefault(state, []).append(f"{values.cell_name(summary.cell)} ({text})")
     solved = "; ".join(states.get("solved", ["nothing"]))
     sentence = (
@@ -87,6 +96,50 @@ def _what_is_solved(view: View) -> str:
         cells = "; ".join(states["uncertain"])
         sentence += f" The median is at {SOLVED} or more, but uncertain: {cells}."
     return sentence
+
+
+def _solved(summary: Summary) -> tuple[str, str]:
+    """Returns the state of a cell, and its median with its interval as text.
+
+    The state is `solved`, `uncertain` or `not solved`: whether the median's interval, only the
+    median, or neither is at 900 or more.
+    """
+    one = summary.get("final_return", "median")
+    if one is None or math.isnan(one.estimate.value):
+        return "not solved", "no final return"
+    below = one.estimate.value < SOLVED
+    # A median of 899.6 must not read 900.
+    precise = below and round(one.estimate.value) >= SOLVED
+    value = values.estimate(one.estimate, formatting.tenths if precise else formatting.whole)
+    text = f"{value and value.text}, {values.count_of(summary.cell, one.seeds)}"
+    if below:
+        return "not solved", text
+    verdict, _ = decide_solved(one.estimate, one.seeds)
+    return ("solved" if verdict == "supported" else "uncertain"), text
+
+
+def _on_solved(views: Sequence[View]) -> list[str]:
+    """Returns a sentence on the cells whose state depends on the kind of return, if any."""
+    by_cell: dict[tuple[str, ...], dict[str, tuple[str, str]]] = {}
+    names: dict[tuple[str, ...], str] = {}
+    for view in views:
+        for summary in view.statistics:
+            key = summary.cell.key
+            by_cell.setdefault(key, {})[view.kind.name] = _solved(summary)
+            names[key] = values.cell_name(summary.cell)
+    differing = [
+        f"{names[key]} ("
+        + "; ".join(f"{kind} {text}: {_MEANING[state]}" for kind, (state, text) in states.items())
+        + ")"
+        for key, states in by_cell.items()
+        if len({state for state, _ in states.values()}) > 1
+    ]
+    if not differing:
+        return []
+    return [
+        f"Evaluation and training returns disagree on whether {SOLVED} is reached: "
+        f"{'; '.join(differing)}."
+    ]
 
 
 def _how_they_compare(found: Sequence[Comparison]) -> Iterator[str]:
@@ -115,3 +168,20 @@ def _verdict(letter: str, findings: Sequence[Finding]) -> str:
         parts.append(f"{source}, {returns} returns: {text}")
     sentence = "; ".join(parts)
     return f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def _on_claims(findings: Sequence[Finding]) -> list[str]:
+    """Returns a sentence for each claim with comparisons on which the kinds of return disagree."""
+    verdicts: dict[tuple[str, str, str], dict[str, str]] = {}
+    for one in findings:
+        key = one.claim, one.source, one.compared
+        verdicts.setdefault(key, {})[one.returns] = one.verdict
+    disagreements: dict[str, list[str]] = {}
+    for (claim, source, compared), by_kind in verdicts.items():
+        if len(set(by_kind.values())) > 1:
+            text = ", ".join(f"{verdict} by {kind} returns" for kind, verdict in by_kind.items())
+            disagreements.setdefault(claim, []).append(f"{source}, {compared}: {text}")
+    return [
+        f"Evaluation and training returns disagree on ({claim}): {'; '.join(cases)}."
+        for claim, cases in disagreements.items()
+    ]

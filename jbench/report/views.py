@@ -1,8 +1,12 @@
 """A view: the part of a report on one kind of return."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
+import numpy as np
+
+from jbench.names import Order
 from jbench.report.analysis import comparisons, reduction, scores
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.comparisons import Comparison
@@ -14,6 +18,9 @@ from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.published import PublishedCurve, imported_curve
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns, in_order_of
 from jbench.report.request import Request
+
+SEQUENCE_WINDOW = 20
+"""Episodes in a moving average, within each robot's episodes (the authors' script)."""
 
 Compare = Callable[[Sequence[Sequence[Cell]]], list[Comparison]]
 """Compares the cells of each source, for one kind of return."""
@@ -110,9 +117,29 @@ def cells_of(views: Sequence[View]) -> list[Cell]:
 
 def curve_of(cell: Cell, request: Request) -> Curve:
     """Returns the curve of a cell: a moving average of episodes, or the single evaluations."""
+    if cell.kind.smoothed and cell.robots > 1:
+        return _sequence_curve(cell, request.order)
     window = request.window if cell.kind.smoothed else 1
     arrays = cell.returns, cell.control_steps, cell.lengths
     return learning_curve(*arrays, request.order, window)
+
+
+def _sequence_curve(cell: Cell, order: Order) -> Curve:
+    """Aggregates runs on several robots, each robot's episodes separately.
+
+    A moving average across the switch from one robot to the next would hide it.
+    """
+    parts = []
+    for first in range(0, cell.returns.shape[1], cell.robot_episodes):
+        columns = slice(first, first + cell.robot_episodes)
+        returns, control_steps = cell.returns[:, columns], cell.control_steps[:, columns]
+        lengths = np.clip(cell.lengths - first, 0, returns.shape[1])
+        parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
+    names = ("control_steps", "seeds", "quantiles", "each", "widths")
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names
+    }
+    return replace(parts[0], **joined)
 
 
 def compare_within(sources: Sequence[Sequence[Cell]]) -> list[Comparison]:

@@ -89,6 +89,11 @@ def evaluations(run, means, seconds=None):
     return rows(columns, schema.EVALUATIONS)
 
 
+def labels(panel):
+    """Returns the texts of a panel's legend."""
+    return [one.label for one in (*panel.references, *panel.series) if one.label]
+
+
 class FabricatedResults:
     """Adds runs to a results directory."""
 

@@ -3,12 +3,13 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jbench.policies.evaluate import evaluate
 from jbench.report.figures import behaviour
 from jbench.settings.evaluation import EvaluationSettings
-from jbench.store import Results
+from jbench.store import Results, parquet, schema
 from tests.training.small_runs import EPISODE
 
 
@@ -92,3 +93,17 @@ def test_evaluation_with_invalid_settings_is_reported(tmp_path):
     found, (problem,) = behaviour.behaviours(results)
     assert found == []
     assert "The evaluation a/b has invalid settings" in problem
+
+
+@pytest.mark.parametrize("speeds", [[], [1.0, np.nan]])
+def test_evaluation_without_finite_states_is_reported(tmp_path, speeds):
+    results = Results(tmp_path)
+    settings = {"task": "face_direction", "policy": "random", "episodes": 1, "states": True}
+    record = results.create("evaluation", "a/b", settings)
+    fields = schema.POLICY_STATES
+    columns = {name: [0.0] * len(speeds) for name in fields.names} | {"motor_velocity": speeds}
+    record.append({"policy_states": parquet.table_of(pd.DataFrame(columns), fields)})
+    record.finish({"median": 1.0})
+    found, (problem,) = behaviour.behaviours(results)
+    assert found == []
+    assert "no states, or states that are not finite" in problem

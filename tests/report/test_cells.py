@@ -89,9 +89,9 @@ def test_non_finite_returns_are_noted(fabric):
         fabric.run(returns, seed=seed)
     (cell,), _ = fabric.cells()
     np.testing.assert_equal(cell.returns[:2], [[1, np.nan, 2], [np.nan, np.nan, 3]])
-    assert [note for note in cell.notes if "not numbers" in note] == [
-        "seed 0 has 1 returns that are not numbers and are left out",
-        "seed 1 has 2 returns that are not numbers and are left out",
+    assert [note for note in cell.notes if "not finite" in note] == [
+        "1 return of seed 0 is not finite and left out",
+        "2 returns of seed 1 are not finite and left out",
     ]
 
 

@@ -6,6 +6,10 @@ import pytest
 from jbench.report.analysis import examine, statistics
 from jbench.report.analysis.claims import SeedsNeeded
 from jbench.report.analysis.statistics import Estimate
+from jbench.report.page import tables
+from jbench.report.report import gather
+from jbench.report.request import Request
+from jbench.report.tables import claim_items
 
 
 def learn(fabric, finals, *, algo="ddpg", task="face_direction", **more):
@@ -97,6 +101,18 @@ def test_cells_of_other_robots_or_algorithms_are_not_compared(fabric):
     learn(fabric, NARROW, algo="ppo", representation="dae12")
     assert not findings(fabric, "a")
     assert not findings(fabric, "e")
+
+
+def test_published_findings_are_filtered_by_algorithm(fabric):
+    learn(fabric, NARROW, algo="ppo")
+    data = gather(fabric.results, Request(claims=True, algo="ppo"))
+    published = [one for one in data.findings if one.source.startswith("Figure")]
+    assert {one.claim for one in published} == {"g"}
+    assert all("ppo" in one.compared for one in published)
+    item = claim_items.findings_table(data.findings)
+    rows = tables.table(item.frame, "claims")
+    assert 'data-source="published"' in rows
+    assert 'data-source="Figure 9"' not in rows
 
 
 def test_seeds_needed_for_ratio_use_its_logarithm():

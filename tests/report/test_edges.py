@@ -95,7 +95,7 @@ def test_non_finite_returns_are_counted_in_notes(fabric):
     fabric.run(np.r_[math.inf, FLAT[:39]], 2)
     report = GatheredReport(fabric)
     (row,) = report.rows
-    for part in ("seed 0 has 1 returns", "seed 1 has 40 returns", "seed 2 has 1 returns"):
+    for part in ("1 return of seed 0 is", "40 returns of seed 1 are", "1 return of seed 2 is"):
         assert part in row["notes"]
     assert row["training_return_median"] == 500
     # Seed 1 has no final return and is not counted in n.

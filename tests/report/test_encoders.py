@@ -10,9 +10,11 @@ import pytest
 from jbench.errors import RequestError
 from jbench.names import OFE
 from jbench.report.figures import encoders, figure_items
+from jbench.report.page import legends
 from jbench.report.report import write_report
 from jbench.report.request import Request
 from jbench.store import Results, encoder_schema, query
+from tests.report.conftest import labels
 
 pytestmark = pytest.mark.usefixtures("no_png")
 
@@ -83,6 +85,16 @@ def test_rows_are_ordered_by_task_kind_and_size(results):
     assert set(table_of(results, "move_to_pose")["task"]) == {"move_to_pose"}
 
 
+def test_series_of_encoders_belong_to_their_legend_entry(results):
+    for kind in ("pca", "dae"):
+        add(results, kind, 4, 0.5)
+    figure = encoders.error_figure(table_of(results))
+    entries = legends.legend(figure, set())
+    assert [entries.count(f'data-entry="{i}"') for i in range(2)] == [1, 1]
+    named = [one for panel in figure.panels for one in panel.series if one.label]
+    assert [one.belongs_to for one in named] == [("dae",), ("pca",)]
+
+
 def test_encoders_with_other_options_are_separate_lines(results):
     for horizon in (1, 5):
         for latents in (2, 4):
@@ -90,7 +102,7 @@ def test_encoders_with_other_options_are_separate_lines(results):
     table = table_of(results)
     assert table["settings"].tolist() == ["horizon=1"] * 2 + ["horizon=5"] * 2
     figure = encoders.error_figure(table)
-    assert figure.panels[0].labels == ["ddae horizon=1", "ddae horizon=5"]
+    assert labels(figure.panels[0]) == ["ddae horizon=1", "ddae horizon=5"]
 
 
 def test_unfinished_encoders_are_skipped(results):
@@ -117,7 +129,7 @@ def test_figure_has_panel_per_task_and_line_per_kind(results):
     assert {style.color for style in styles} == {"#000000"}
     assert test.style.dash != heuristic.style.dash
     assert their_own.style.color != test.style.color
-    assert panel.labels == ["pca", "their-own"]
+    assert labels(panel) == ["pca", "their-own"]
     assert len(figure.key) == 2
 
 

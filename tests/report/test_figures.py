@@ -20,6 +20,7 @@ from jbench.report.figures.learning_curves import (
     grid_figure,
 )
 from jbench.report.request import Request
+from tests.report.conftest import labels
 
 RETURNS = np.linspace(0, 800, 40)
 
@@ -100,7 +101,7 @@ class TestGrid:
     def test_curve_is_median_with_seeds_and_window_in_detail(self, fabric, grid):
         seeds(fabric, 3)
         drawn = panel(grid(), "face_direction")
-        assert drawn.labels == ["TD3"]
+        assert labels(drawn) == ["TD3"]
         median = series(drawn, "TD3")
         assert median.detail == "3 seeds, window 4"
         # The median of a ramp plus 0, 1 and 2 is the ramp plus 1, for every window.
@@ -122,7 +123,7 @@ class TestGrid:
         seeds(fabric, 2, algo="ddpg")
         seeds(fabric, 3, algo="sac")
         drawn = panel(grid(), "face_direction")
-        two, three = (series(drawn, label) for label in drawn.labels)
+        two, three = (series(drawn, label) for label in labels(drawn))
         assert two.style.color == ALGORITHM_COLORS["ddpg"]
         assert list(two.bands) == []
         (band,) = three.bands
@@ -146,7 +147,7 @@ class TestGrid:
             seeds(fabric, 1, algo=algo)
         drawn = panel(grid(), "face_direction")
         assert series(drawn, "SAC").style.color == alone
-        assert len({series(drawn, label).style.color for label in drawn.labels}) == 5
+        assert len({series(drawn, label).style.color for label in labels(drawn)}) == 5
 
     def test_published_curve_is_dashed_in_colour_of_algorithm(self, fabric, grid, published):
         seeds(fabric, 3)
@@ -155,7 +156,7 @@ class TestGrid:
         (curve,) = [
             c for c in published if (c.figure, c.task, c.algo) == ("fig9", "face_direction", "td3")
         ]
-        ours = series(drawn, drawn.labels[0])
+        ours = series(drawn, labels(drawn)[0])
         assert dashed.y.tolist() == curve.quantiles[50].tolist()
         assert dashed.style.color == ours.style.color
         assert dashed.style.width < ours.style.width
@@ -190,8 +191,8 @@ class TestGrid:
         for rate in (1e-4, 1e-3, 1e-2, 2e-2, 5e-2):
             seeds(fabric, 1, hyperparameters={"learning_rate": rate})
         drawn = panel(grid(), "face_direction")
-        assert drawn.labels[0] == "TD3, learning_rate=1e-04"
-        styles = [series(drawn, label).style for label in drawn.labels]
+        assert labels(drawn)[0] == "TD3, learning_rate=1e-04"
+        styles = [series(drawn, label).style for label in labels(drawn)]
         assert len({style.color for style in styles}) == 1
         assert len({(style.dash, style.marker) for style in styles}) == 5
 
@@ -199,7 +200,7 @@ class TestGrid:
         seeds(fabric, 1, algo="sac", representation="dae12")
         seeds(fabric, 1, algo="td3", representation="dae12")
         seeds(fabric, 1, algo="td3")
-        assert panel(grid(), "face_direction").labels == [
+        assert labels(panel(grid(), "face_direction")) == [
             "SAC on dae12",
             "TD3",
         ]
@@ -251,7 +252,7 @@ class TestComparison:
         for representation in ("full", "ae3", "dae12", "vae6"):
             seeds(fabric, 1, representation=representation)
         (drawn,) = comparisons()["face_direction", "td3"].panels
-        colors = {label.split()[0]: series(drawn, label).style.color for label in drawn.labels}
+        colors = {label.split()[0]: series(drawn, label).style.color for label in labels(drawn)}
         kinds = {"full": "full", "ae3": "ae", "dae12": "dae", "vae6": "vae"}
         assert colors == {name: look_of(kind)[0] for name, kind in kinds.items()}
         assert len(set(colors.values())) == 4
@@ -273,7 +274,7 @@ class TestComparison:
         figure = comparisons()["move_in_direction", "ddpg"]
         drawn = panel(figure, "move_in_direction, DDPG")
         # The published curve shares the color and the legend entry of our representation.
-        assert drawn.labels == ["full", "dae12"]
+        assert labels(drawn) == ["full", "dae12"]
         ours, theirs = (one for one in drawn.series if "full" in one.entries and one.detail)
         assert theirs.detail == "published full (Figure 8, 10 seeds)"
         assert (theirs.style.dash, theirs.style.color) == ("--", ours.style.color)
@@ -291,7 +292,7 @@ class TestComparison:
         seeds(fabric, 1, algo="ddpg", representation="dae12")
         figure = comparisons()["face_direction", "ddpg"]
         drawn = panel(figure, "face_direction, DDPG")
-        assert drawn.labels == ["dae12", "full"]
+        assert labels(drawn) == ["dae12", "full"]
         assert series(drawn, "full").detail == "Figure 7, 1 seed"
         assert edges(drawn) == []
         assert "published: one seed" in key(figure)
@@ -359,4 +360,4 @@ class TestFiles:
         ]
         figure = grid_figure(learned, published, Request(order=order, window=window))
         assert plotting.to_svg(plotting.draw(figure)).startswith(b"<?xml")
-        assert panel(figure, name).labels == [name]
+        assert labels(panel(figure, name)) == [name]

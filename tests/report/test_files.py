@@ -162,7 +162,7 @@ class TestTable:
             "seed 1 failed after 300 episodes",
             "seed 2 unfinished after 400 episodes",
             "seeds of unequal length, 300 to 400 episodes",
-            "seed 2 has 1 returns that are not numbers",
+            "1 return of seed 2 is not finite",
         ):
             assert part in row["notes"]
             assert any(

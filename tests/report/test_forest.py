@@ -17,8 +17,8 @@ def add_runs(fabric, finals, **settings):
         fabric.run(np.full(40, float(final)), seed, **settings)
 
 
-def document(fabric):
-    return contents.document(gather(fabric.results, Request()))
+def document(fabric, request=None):
+    return contents.document(gather(fabric.results, request or Request()))
 
 
 def forest(fabric):
@@ -61,6 +61,15 @@ class TestForest:
         assert dashed.x[0] == dashed.x[1] > 900
         assert dashed.y.mean() == 0
 
+    def test_caption_describes_only_drawn_marks(self, fabric):
+        add_runs(fabric, [900, 900, 900], task="their_task")
+        assert "Dashed" not in forest(fabric).caption
+        assert "differ in their control steps" not in forest(fabric).caption
+        for seed in range(3):
+            fabric.run(np.full(300, 500.0), seed, algo="sac")
+        assert "Dashed: the paper's median" in forest(fabric).caption
+        assert "Rows differ in their control steps." in forest(fabric).caption
+
     def test_all_tasks_panel_weights_tasks_equally_and_needs_every_task(self, fabric):
         add_runs(fabric, [900, 900, 900], algo="sac")
         add_runs(fabric, [300, 300, 300], algo="sac", task="move_to_pose")
@@ -91,13 +100,13 @@ class TestHeadline:
         add_runs(fabric, [950 + seed for seed in range(6)], algo="sac")
         add_runs(fabric, [300 + seed for seed in range(6)], algo="ppo")
         printed = document(fabric).headline
-        assert printed.startswith("SAC solves face_direction (median return 952; 900 after ")
+        assert printed.startswith("SAC solves face_direction (median return 952; return 900 after ")
         assert "PPO does not solve face_direction (median return 302; 6 seeds)" in printed
 
     def test_headline_of_few_seeds_is_undecided(self, fabric):
         add_runs(fabric, [950, 960, 970], algo="sac")
         assert document(fabric).headline.startswith(
-            "Whether SAC solves face_direction is undecided (median return 960; 900 after "
+            "Whether SAC solves face_direction is undecided (median return 960; return 900 after "
         )
         assert document(fabric).headline.endswith("; 3 seeds). (These are training returns.)")
 
@@ -167,12 +176,35 @@ class TestHeadline:
         printed = document(fabric).headline
         assert "similarly with dae12 and with the full observation (dae12: TD3 +18; 1" in printed
 
-    def test_inventory_counts_runs_settings_tasks_and_steps(self, fabric):
+    def test_headline_names_source_of_reductions(self, fabric, tmp_path, monkeypatch):
+        shipped = type(fabric)(tmp_path / "reference")
+        monkeypatch.setattr("jbench.report.report.shipped", lambda: tmp_path / "reference")
+        for runs, encoded in ((fabric, 790), (shipped, 500)):
+            add_runs(runs, [800 + seed for seed in range(6)])
+            add_runs(runs, [encoded + seed for seed in range(6)], representation="dae12")
+        printed = document(fabric, Request(reference=True)).headline
+        assert "On face_direction, agents end similarly with dae12 and with the full" in printed
+        assert "Reference: on face_direction, agents end lower with dae12 than with the" in printed
+
+    def test_median_that_rounds_to_900_is_printed_with_decimal(self, fabric):
+        add_runs(fabric, [899.6] * 6)
+        add_runs(fabric, [899.6] * 6, algo="sac", evaluated={40_000: 950.0})
+        (line,) = [one for one in document(fabric).summary if "disagree on whether 900" in one]
+        assert "training 899.6 [899.6, 899.6], n = 6: the median is below 900" in line
+
+    def test_median_of_exactly_900_solves_task(self, fabric):
+        add_runs(fabric, [900] * 6)
+        assert document(fabric).headline.startswith("TD3 solves face_direction")
+        assert "more, from at least 6 seeds: face_direction TD3 full (900 [900, 900], n = 6)" in (
+            " ".join(document(fabric).summary)
+        )
+
+    def test_inventory_counts_runs_cells_tasks_and_steps(self, fabric):
         add_runs(fabric, [500, 600])
         add_runs(fabric, [500], algo="sac", task="move_to_pose")
         assert document(fabric).inventory == [
             ("3", "runs"),
-            ("2", "settings"),
+            ("2", "cells"),
             ("2", "tasks"),
             ("120k", "control steps"),
         ]

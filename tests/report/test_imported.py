@@ -89,7 +89,7 @@ def test_imports_with_evaluations_only_are_reported(tmp_path):
     document = contents.document(data)
     assert document.summary[0].startswith("6 runs in 1 cell on 1 task: imported, not verified: fa")
     # Each of the 6 seeds ends at control step 8,000.
-    counts = [("6", "runs"), ("1", "setting"), ("1", "task"), ("48k", "control steps")]
+    counts = [("6", "runs"), ("1", "cell"), ("1", "task"), ("48k", "control steps")]
     assert document.inventory == counts
 
 
@@ -97,8 +97,16 @@ def test_imports_with_evaluations_only_are_counted_beside_training(imported, tmp
     add(imported, tmp_path, "other", {0: 500.0, 1: 510.0}, more=("--returns", "evaluation"))
     document = contents.document(gather(Results(imported), Request()))
     assert document.summary[0].startswith("14 runs in 3 cells on 1 task: ")
-    counts = [("14", "runs"), ("3", "settings"), ("1", "task"), ("112k", "control steps")]
+    counts = [("14", "runs"), ("3", "cells"), ("1", "task"), ("112k", "control steps")]
     assert document.inventory == counts
+
+
+def test_notes_count_only_imports_that_pass_filters(imported):
+    notes = gather(Results(imported), Request(algo="fast")).notes
+    assert [note for note in notes if "curves (csv)" in note] == [
+        "6 imported curves (csv) are not verified: jbench has not run the agents. Imported curves "
+        "are in no claim."
+    ]
 
 
 def test_training_and_evaluation_of_label_are_one_cell(tmp_path):
@@ -117,7 +125,7 @@ def test_longest_import_of_seed_is_used(tmp_path):
     add(path, tmp_path, "fast", {0: 500}, "longer", episodes=12)
     data = gather(Results(path), Request())
     assert data.table["training_return_q10"].tolist() == [655]  # of 500, 810, …, 850
-    assert any(note.startswith("1 imported curves are not used") for note in data.notes)
+    assert any(note.startswith("1 imported curve is not used") for note in data.notes)
 
 
 def test_seeds_with_points_at_different_control_steps_are_noted(tmp_path):

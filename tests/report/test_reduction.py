@@ -113,7 +113,8 @@ def test_figure_compares_at_common_step_and_lists_shorter_cells(fabric):
     (interval,) = planar.bands
     assert interval.bars
     assert planar.detail == "n = 8"
-    assert "Seeds: full 8; " in figure.caption
+    seeds = "Seeds: face_direction, TD3 at 80k control steps: full 8, dae12 8, pca4 8, planar12 8, "
+    assert seeds in figure.caption
     assert 790 < interval.low[0] < 800 < interval.high[0] < 810
     baselines = {line.label: line for line in panel.references}
     assert baselines["full"].at == pytest.approx(600)
@@ -175,6 +176,7 @@ def test_report_answers_by_evaluation_returns_first(fabric, out):
 
 
 def test_number_of_inputs_of_agent():
+    assert reduction.numbers_seen("ofe12", "a task of another package") == 12
     assert kind_of("lld-vae12") == "lld-vae"
     assert reduction.numbers_seen("lld-vae12", "face_direction") == 12
     assert reduction.numbers_seen("full", "face_direction") is None

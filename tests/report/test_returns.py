@@ -66,7 +66,7 @@ class TestCells:
             fabric.run(FLAT, seed, evaluated=evaluated(last))
         (cell,), _ = fabric.cells(EVALUATION)
         assert scores_of(cell).final.tolist() == [910]
-        assert cell.notes == ("seed 0 has 1 evaluations that are not numbers and are left out",)
+        assert cell.notes == ("1 evaluation of seed 0 is not finite and left out",)
 
 
 class TestStatistics:
@@ -192,7 +192,7 @@ class TestLengths:
         drawn = heat_map.matrix_figure(cells).panels[0].heat_map
         assert np.isnan(drawn.values[:, 0]).tolist() == [True, False, False]
         assert [cell.framed for cell in drawn.texts] == [True, False, False]
-        assert drawn.texts[0].text == "500 [500, 500]\n120k steps\nn = 1"
+        assert drawn.texts[0].text == "500\n120k steps\nn = 1"
         assert "Only cells of 40k control steps are coloured" in heat_map.caption(cells)
 
     def test_tables_have_control_steps(self, fabric):

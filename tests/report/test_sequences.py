@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from jbench.report import contents
 from jbench.report.data.published import read_sequences
-from jbench.report.figures.sequences import sequence_curve, sequence_figures
-from jbench.report.report import write_report
+from jbench.report.figures.sequences import sequence_figures
+from jbench.report.report import gather, write_report
 from jbench.report.request import Request
+from jbench.report.views import curve_of
 from jbench.store import query
+from tests.report.conftest import labels
 
 SAC = {"algo": "sac", "task": "move_in_direction", "augment": 0, "robots": 2}
 # Two robots of 80 episodes: 80 returns of 100, then 80 of 300.
@@ -24,7 +27,7 @@ def test_windows_never_span_change_of_robots(fabric):
         fabric.run(RETURNS + seed, seed, **SAC)
     ((cell, _),) = fabric.learned()
     assert (cell.robots, cell.robot_episodes) == (2, 80)
-    curve = sequence_curve(cell, "quantile-first")
+    curve = curve_of(cell, Request())
     # Each robot's 80 episodes have 61 full windows of 20, and 10 truncated ones at each end; the
     # median of seeds 0, 1 and 2 adds 1.
     assert curve.window == 20
@@ -38,7 +41,26 @@ def test_run_on_first_robot_uses_planned_changes(fabric):
     fabric.run(RETURNS[:40], 0, status="unfinished", steps=160_000, **SAC)
     ((cell, _),) = fabric.learned()
     assert cell.robot_episodes == 80
-    assert sequence_curve(cell, "smooth-first").quantile(50).tolist() == [100.0] * 41
+    assert curve_of(cell, Request(order="smooth-first")).quantile(50).tolist() == [100.0] * 41
+
+
+def test_download_has_drawn_points(fabric):
+    fabric.run(RETURNS, 0, **SAC)
+    fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
+    document = contents.document(gather(fabric.results, Request()))
+    (item,) = [one for one in document.items if one.name.startswith("robots-")]
+    (curve,) = [one for one in item.figure.panels[0].series if one.label.startswith("full, 2")]
+    assert item.data["control_steps"].tolist() == curve.x.tolist()
+    assert item.data["q50"].tolist() == curve.y.tolist()
+    assert set(item.data["window"]) == {*range(10, 21)}
+
+
+def test_switches_of_all_cells_are_drawn(fabric):
+    fabric.run(RETURNS, 0, **SAC)
+    fabric.run(RETURNS, 0, **{**SAC, "robots": 4})
+    (figure,) = sequence_figures(fabric.learned(), [], Request()).values()
+    at = [line.at for line in figure.panels[0].references if line.vertical]
+    assert at == [40_000, 80_000, 120_000]
 
 
 def test_figure_shows_own_and_published_curves_and_robot_changes(fabric, sequences):
@@ -47,9 +69,9 @@ def test_figure_shows_own_and_published_curves_and_robot_changes(fabric, sequenc
     ((key, figure),) = sequence_figures(fabric.learned(), sequences, Request()).items()
     assert key == ("move_in_direction", "sac")
     (panel,) = figure.panels
-    assert len(panel.labels) == 2
-    assert panel.labels[0].startswith("full, 2 robots")
-    assert panel.labels[1] == "full, 10 robots"
+    assert len(labels(panel)) == 2
+    assert labels(panel)[0].startswith("full, 2 robots")
+    assert labels(panel)[1] == "full, 10 robots"
     (published,) = [one for one in panel.series if one.label == "full, 10 robots"]
     assert published.detail == "augmented SAC, 10 seeds"
     theirs = sequences[0].quantiles[50]

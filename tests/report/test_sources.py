@@ -50,7 +50,7 @@ class TestSince:
         assert any("begun before" in note for note in data.notes) == (len(seeds) == 1)
 
     def test_no_run_since_date_is_refused(self, dated):
-        with pytest.raises(RequestError, match="No run was begun since 2026-12-01; 2 runs"):
+        with pytest.raises(RequestError, match=r"No run was begun since 2026-12-01\. 2 runs"):
             gather(dated, Request(since="2026-12-01"))
 
     def test_invalid_date_is_refused(self):
@@ -154,6 +154,9 @@ class TestReference:
         ]
         assert sources.reference(Request(algo="td3"), tmp_path / "reference").cells != []
         assert sources.reference(Request(algo="ppo"), tmp_path / "reference").cells == []
+        # The date selects the user's own runs.
+        later = Request(since="2999-01-01")
+        assert len(sources.reference(later, tmp_path / "reference").cells) == 2
 
     def test_missing_reference_runs_are_noted(self, tmp_path):
         for directory in (tmp_path / "nowhere", tmp_path):

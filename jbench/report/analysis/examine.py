@@ -54,8 +54,7 @@ def examine_heuristic(task: str, returns: FloatArray) -> Finding:
 
 def _solves(letter: str, compared: str, values: FloatArray, **more: Any) -> Finding:
     effect = st.estimate(st.median, [values])
-    # A median of exactly 900 is 900 or more.
-    verdict = decide(effect, len(values), SOLVED - 1e-9)
+    verdict = decide_solved(effect, len(values))
     return Finding(letter, compared, effect, len(values), *verdict, **more)
 
 
@@ -92,6 +91,11 @@ def decide(
     if logarithmic and effect.value > 0:
         distance, error = np.log(effect.value / boundary), error / effect.value
     return "undecided", _needed(seeds_to_decide(distance, error, seeds), seeds)
+
+
+def decide_solved(median: st.Estimate, seeds: int) -> tuple[Verdict, SeedsNeeded | None]:
+    """Returns the verdict on a median return of `SOLVED` or more, and the seeds needed."""
+    return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task
 
 
 def _needed(by_power: int | None, seeds: int) -> SeedsNeeded | None:

@@ -25,8 +25,7 @@ from jbench.report.analysis.claims import (
     Finding,
     Verdict,
 )
-from jbench.report.analysis.examine import decide
-from jbench.report.data.cells import SOLVED
+from jbench.report.analysis.examine import decide, decide_solved
 from jbench.report.data.published import SEEDS, PublishedCurve
 from jbench.report.data.returns import TRAINING
 
@@ -63,7 +62,7 @@ def _of_figure_9(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
     more: dict[str, Any] = {"seeds": SEEDS, "source": "Figure 9"}
     for curve in curves:
         effect = _median(curve)
-        verdict, _ = decide(effect, SEEDS, SOLVED - 1e-9)
+        verdict, _ = decide_solved(effect, SEEDS)
         yield _finding("g", _name(curve), effect, _BAND, verdict, **more)
     for ppo in (curve for curve in curves if curve.algo == ON_POLICY):
         for other in (c for c in curves if c.task == ppo.task and c.algo in OFF_POLICY):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from jbench.names import FULL, OFE, kind_of
+from jbench.names import FULL, OFE, TASKS, kind_of
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.examine import reduction_findings
@@ -88,7 +88,7 @@ def numbers_seen(representation: str, task: str) -> int | None:
     if kind == representation:
         return None
     numbers = int(representation.removeprefix(kind))
-    if kind != OFE:
+    if kind != OFE or task not in TASKS:
         return numbers
     # Imported here because the package imports dm_control.
     from jbench.tasks.labels import feature_labels

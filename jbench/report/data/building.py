@@ -13,7 +13,7 @@ from jbench.report.data.divergence import Divergence, count_divergence, divergen
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import variant_labels, variant_words
-from jbench.wording import counted
+from jbench.wording import are, counted
 
 POINT = ("episode_return", "control_steps", "processor_time")
 """Columns of the tables `episodes` and `evaluations` with the numbers of `Points`."""
@@ -216,7 +216,7 @@ def _notes(
     for status in ("failed", "unfinished"):
         ended = others[others["status"] == status]
         for seed, episodes in zip(ended["seed"], ended["recorded"], strict=True):
-            notes.append(f"seed {seed} {status} after {episodes} episodes")
+            notes.append(f"seed {seed} {status} after {counted(episodes, 'episode')}")
     if others["recorded"].nunique() > 1:
         shortest, longest = others["recorded"].min(), others["recorded"].max()
         notes.append(f"seeds of unequal length, {shortest} to {longest} episodes")
@@ -232,9 +232,9 @@ def _notes_on_points(
         present: (seeds, points) whether a seed has a point there.
         absent: (seeds,) number of points without a return.
     """
-    name = "returns" if kind is TRAINING else "evaluations"
+    name = "return" if kind is TRAINING else "evaluation"
     notes = [
-        f"seed {seed} has {count} {name} that are not numbers and are left out"
+        f"{counted(count, name)} of seed {seed} {are(count)} not finite and left out"
         for seed, count in zip(chosen["seed"], absent, strict=True)
         if count
     ]

@@ -15,6 +15,7 @@ from jbench.report.data.returns import TRAINING
 from jbench.settings.alike import variant
 from jbench.store import schema
 from jbench.store.parquet import table_of
+from jbench.wording import are, counted
 
 _LABELS = ["task", "algo", "representation"]
 _SEED = [*_LABELS, "seed"]
@@ -115,8 +116,8 @@ def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:
         return []
     formats = sorted(set(chosen["format"]))
     notes = [
-        f"{len(chosen)} imported curves ({', '.join(formats)}) are not verified: jbench has not "
-        "run their agents. They are in no claim."
+        f"{counted(len(chosen), 'imported curve')} ({', '.join(formats)}) {are(len(chosen))} not "
+        "verified: jbench has not run the agents. Imported curves are in no claim."
     ]
     logged = [name for name in formats if name not in _EPISODES]
     if logged:
@@ -127,7 +128,7 @@ def _notes(frame: pd.DataFrame, chosen: pd.DataFrame) -> list[str]:
     shorter = len(frame) - len(chosen)
     if shorter:
         notes.append(
-            f"{shorter} imported curves are not used, since a longer one of the same seed was "
-            "imported."
+            f"{counted(shorter, 'imported curve')} {are(shorter)} not used, since a longer one of "
+            "the same seed was imported."
         )
     return notes

@@ -52,7 +52,7 @@ class PublishedCurve:
     @property
     def figure_name(self) -> str:
         """Name of the figure in the paper, such as `Figure 9`."""
-        return self.figure.replace("fig", "Figure ").replace(_SEQUENCE, "augmented SAC")
+        return name_of_figure(self.figure)
 
     @property
     def source(self) -> str:
@@ -74,6 +74,11 @@ class PublishedCurve:
         if not low <= control_steps <= high:
             return None
         return float(np.interp(control_steps, self.control_steps, self.quantiles[50]))
+
+
+def name_of_figure(figure: str) -> str:
+    """Returns the name of a figure by its id: `Figure 9`, or `augmented SAC`."""
+    return figure.replace("fig", "Figure ").replace(_SEQUENCE, "augmented SAC")
 
 
 def imported_curve(item: LearnedCurve) -> PublishedCurve:

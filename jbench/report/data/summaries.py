@@ -109,7 +109,7 @@ def cell_notes(item: LearnedCurve, published: Sequence[PublishedCurve], window: 
     notes = list(cell.notes)
     if cell.kind is not TRAINING:
         return notes
-    if curve.window != window:
+    if curve.window != window and cell.robots <= 1:
         notes.append(
             f"window of {curve.window} instead of {window} episodes, as the longest run has "
             f"{cell.lengths.max()}"

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbench.errors import WorkError
@@ -82,13 +83,25 @@ def _behaviour(record: Record) -> Behaviour:
             float(record.manifest.summary["median"]),
             int(settings["episodes"]),
             None if yaw is None else float(yaw),
-            *(states[name].to_numpy() for name in ("motor_velocity", "x", "y")),
+            *_columns(states),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise WorkError(
-            f"The evaluation {record.id} has invalid settings ({error}); delete {record.path} to "
-            "make it again."
+            f"The evaluation {record.id} has invalid settings or states ({error}); delete "
+            f"{record.path} to make it again."
         ) from None
+
+
+def _columns(states: pa.Table) -> list[NDArray[np.float32]]:
+    """Returns motor velocities and positions.
+
+    Raises:
+        ValueError: if there are none, or some are not finite.
+    """
+    columns = [states[name].to_numpy() for name in ("motor_velocity", "x", "y")]
+    if not (states.num_rows and all(np.isfinite(column).all() for column in columns)):
+        raise ValueError("no states, or states that are not finite")
+    return columns
 
 
 def figures(behaviours: Sequence[Behaviour]) -> dict[str, Figure]:

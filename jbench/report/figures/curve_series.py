@@ -47,7 +47,7 @@ BAND = (10, 90)
 QUARTILES = (25, 75)
 """Percentiles of a second, narrower band."""
 
-OURS_KEY, PUBLISHED_KEY = "ours: median", "published: median"
+MEDIAN_KEY, PUBLISHED_KEY = "median", "published: median"
 _ONE_SEED_KEY = "published: one seed"
 
 
@@ -126,7 +126,7 @@ def learned_series(
     )
     thin = Style(color, width=0.5, alpha=0.45)
     label = ", ".join(filter(None, (item.cell.prefix + name, item.cell.words)))
-    of: dict[str, Any] = {"entries": (label, OURS_KEY), "tags": item.cell.tags}
+    of: dict[str, Any] = {"entries": (label, MEDIAN_KEY), "tags": item.cell.tags}
     return [
         *(Series(x, row, thin, **of) for row in (curve.each[:, shown] if each_seed else ())),
         Series(
@@ -177,31 +177,32 @@ def published_series(
     return [median, *edges]
 
 
+def is_published(panel: Panel) -> bool:
+    """Returns whether a panel shows a median of the paper."""
+    return any(PUBLISHED_KEY in one.entries for one in panel.series)
+
+
 def curve_key(
     panels: Sequence[Panel],
     bands: Sequence[tuple[int, int]],
     *,
     each_seed: bool = False,
-    whose: str = "ours",
 ) -> list[tuple[str, Style | Shade]]:
     """Returns the key of the kinds of lines and bands that panels show.
 
     Args:
         bands: bands of our curves, the narrowest first; published curves have only that one.
-        whose: name of the curves that are not published.
     """
     series = [one for panel in panels for one in panel.series]
     shown = {entry for one in series for entry in one.entries}
     color = KEY_COLOR
-    key: list[tuple[str, Style | Shade]] = [(f"{whose}: median", Style(color, width=_WIDTH))]
+    key: list[tuple[str, Style | Shade]] = [(MEDIAN_KEY, Style(color, width=_WIDTH))]
     if any(one.partial is not None and one.partial.any() for one in series):
-        key.append((f"{whose}: not reached by all seeds", Style(color, DOTS, _WIDTH)))
+        key.append(("not reached by all seeds", Style(color, DOTS, _WIDTH)))
     if each_seed:
-        key.append((f"{whose}: a single seed", Style(color, width=0.5, alpha=0.6)))
+        key.append(("a single seed", Style(color, width=0.5, alpha=0.6)))
     for i, band in enumerate(bands if any(one.bands for one in series) else ()):
-        key.append(
-            (f"{whose}: {percentiles(band)}", Shade(color, _BAND_ALPHA * (len(bands) + 1 - i)))
-        )
+        key.append((percentiles(band), Shade(color, _BAND_ALPHA * (len(bands) + 1 - i))))
     for name in (PUBLISHED_KEY, _ONE_SEED_KEY):
         if name in shown:
             key.append((name, Style(color, "--", 1.0)))

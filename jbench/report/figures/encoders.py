@@ -74,7 +74,9 @@ def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.Da
     yaw_rate, forward_speed, tilt_rate and reward; and of the effective_rank. The last five are NaN
     for encoders that were trained before they were measured.
     """
-    encoders, errors = (tables[name].to_pandas() for name in ("encoders", "encoder_errors"))
+    encoders, errors = (
+        tables[name].to_pandas(use_threads=False) for name in ("encoders", "encoder_errors")
+    )
     finished = encoders[(encoders["status"] == "finished") & encoders["kind"].notna()]
     if task is not None:
         finished = finished[finished["task"] == task]
@@ -86,7 +88,7 @@ def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.Da
     rows = rows.assign(settings=_labels(rows))
     for name in _FRACTIONS:
         rows[name] = 1 - rows[f"{name}_explained"]
-    predictions = tables["encoder_predictions"].to_pandas()
+    predictions = tables["encoder_predictions"].to_pandas(use_threads=False)
     r2 = predictions.pivot_table(values="r2", index="encoder", columns="target", observed=True)
     rows = rows.merge(r2.reindex(columns=list(PREDICTED)), on="encoder", how="left")
     rows["effective_rank"] = rows["effective_rank"].astype(float)

@@ -78,14 +78,15 @@ def of_curves(
     if not view.leads:
         yield from of_tasks(view, published, aggregate, request)
     aggregate = aggregate[aggregate["returns"] == view.kind.name]
-    compared = learning_curves.comparison_figures(
-        _on_one_robot(view.drawn), [*published, *view.baselines], request
-    )
+    drawn = _on_one_robot(view.drawn)
+    on_one = aggregate["variant"].isin([item.cell.variant for item in drawn])
+    compared = learning_curves.comparison_figures(drawn, published, request)
     title = f"Full against encoded observations, {view.kind.plural}"
-    yield from _of_learners(compared, "comparison" if training else "evaluations", title, aggregate)
+    name = "comparison" if training else "evaluations"
+    yield from _of_learners(compared, name, title, aggregate[on_one])
     if training:
-        in_sequence = sequences.sequence_figures(view.learned, published, request)
-        yield from _of_learners(in_sequence, "robots", "Sequence of robots", aggregate)
+        several = sequences.sequence_figures(view.learned, published, request)
+        yield from _of_learners(several, "robots", "Sequence of robots", aggregate[~on_one])
 
 
 def _of_learners(

@@ -1,6 +1,6 @@
 """Forest plot: the final returns of all cells with their uncertainty, a row for each."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,13 +11,12 @@ from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import Summary, scores_of
 from jbench.report.data.cells import SOLVED, Cell, in_order, page_tags
 from jbench.report.data.published import PUBLISHED, PublishedCurve
-from jbench.report.data.returns import Returns
 from jbench.report.data.summaries import published_beside
 from jbench.report.figure import Axis, Figure, Panel, ReferenceLine, Series, Style
 from jbench.report.figures.curve_series import KEY_COLOR, SOLVED_KEY, SOLVED_STYLE, interval_bars
 from jbench.report.figures.learning_curves import algorithm_colors
 from jbench.report.tables import values
-from jbench.wording import counted
+from jbench.wording import are, counted
 
 ALL_TASKS = "all tasks"
 _MAX_ROWS = 40
@@ -72,7 +71,7 @@ def forest_figure(
         f"Final {kind.plural} with their uncertainty",
         panels,
         key,
-        [_note(kind, len(rows) - len(shown), ALL_TASKS in series)],
+        [_note(cells, len(rows) - len(shown), drawn, has_all_tasks=ALL_TASKS in series)],
     )
 
 
@@ -91,14 +90,22 @@ def _row_names(cells: Sequence[Cell]) -> list[str]:
     return list(dict.fromkeys(cell.short_name for cell in ordered))
 
 
-def _note(kind: Returns, left_out: int, has_all_tasks: bool) -> str:
-    """Returns what the marks mean, and how many rows are left out."""
+def _note(
+    cells: Sequence[Cell], left_out: int, drawn: Collection[str], *, has_all_tasks: bool
+) -> str:
+    """Returns what the drawn marks mean, and how many rows are left out."""
+    steps = {step for cell in cells for step in cell.trained}
     return (
-        f"{kind.final} Dot with bar: interquartile mean across seeds and its 95% interval "
+        f"{cells[0].kind.final} Dot with bar: interquartile mean across seeds and its 95% interval "
         f"(uncertainty), for at least {st.MIN_SEEDS} seeds; with fewer than {st.DECIDING_SEEDS} "
-        "the interval is too narrow and decides nothing. Small dots: seeds. Dashed: the paper's "
-        "median training return at the same control steps. Rows differ in their control steps."
-        + (f" {left_out} more rows are in the tables." if left_out else "")
+        "the interval is too narrow and decides nothing. Small dots: seeds."
+        + (
+            " Dashed: the paper's median training return at the same control steps."
+            if _PUBLISHED in drawn
+            else ""
+        )
+        + (" Rows differ in their control steps." if len(steps) > 1 else "")
+        + (f" {counted(left_out, 'more row')} {are(left_out)} in the tables." if left_out else "")
         + (
             f" {ALL_TASKS.capitalize()}: learners with runs on each of them; seeds are resampled "
             "within each task."

@@ -82,7 +82,8 @@ def matrix_figure(cells: Sequence[Cell]) -> Figure:
             continue
         seeds = len(scores_of(cell).final)
         steps, count = values.trained(cell).text, values.count_of(cell, seeds)
-        text = f"{median:.0f} [{low:.0f}, {high:.0f}]\n{steps} steps\n{count}"
+        band = f" [{low:.0f}, {high:.0f}]" if seeds > 1 else ""
+        text = f"{median:.0f}{band}\n{steps} steps\n{count}"
         colored = colored_steps is not None and _steps(cell) == colored_steps
         if colored:
             medians[row, column] = median

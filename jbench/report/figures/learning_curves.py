@@ -7,7 +7,7 @@ from jbench.report.data.cells import IMPORTED, Cell, LearnedCurve, in_order
 from jbench.report.data.curves import BAND_SEEDS
 from jbench.report.data.published import PPO_ENVIRONMENTS, PublishedCurve
 from jbench.report.data.returns import TRAINING, Returns
-from jbench.report.figure import Axis, Figure, Panel, Series, Shade, Style
+from jbench.report.figure import Axis, Figure, Panel, Series
 from jbench.report.figures import curve_series
 from jbench.report.figures.curve_series import BAND, QUARTILES, SOLVED_LINE
 from jbench.report.figures.encoders import look_of
@@ -52,17 +52,17 @@ def grid_figure(
         _task_panel(task, shown[task], published, colors, numbers, kind, request) for task in tasks
     ]
     notes = [_note(learned, [BAND], panels, request)]
-    if kind is TRAINING:
+    if any(curve_series.is_published(panel) for panel in panels):
         notes.append(
             "Published: Figure 9, training returns, full observation, 10 seeds, quantile-first, "
             f"100 episodes. {_CUT_NOTE}"
         )
-    if kind is TRAINING and any(cell.algo == "ppo" for cell, _ in learned):
-        notes.append(_PPO_NOTE)
+        if any(cell.algo == "ppo" for cell, _ in learned):
+            notes.append(_PPO_NOTE)
     return Figure(
         f"{kind.name.capitalize()} return while learning the Jitterbug tasks",
         panels,
-        _key(learned, [BAND], panels, request),
+        curve_series.curve_key(panels, [BAND], each_seed=request.each_seed),
         notes,
     )
 
@@ -74,7 +74,7 @@ def comparison_figures(
 
     Args:
         learned: our curves of one kind of return, in the order of the paper.
-        published: as for `grid_figure`.
+        published: the paper's curves.
         request: as for `grid_figure`.
 
     Returns:
@@ -177,7 +177,7 @@ def _comparison_figure(
     return Figure(
         f"Full against encoded observations: {kind.name} return",
         [panel],
-        _key(learned, bands, [panel], request),
+        curve_series.curve_key([panel], bands, each_seed=request.each_seed),
         [_note(learned, bands, [panel], request), *_published_text(published)],
     )
 
@@ -200,16 +200,6 @@ def _variants(
             each_seed=request.each_seed,
         )
     ]
-
-
-def _key(
-    learned: Sequence[LearnedCurve],
-    bands: Sequence[tuple[int, int]],
-    panels: Sequence[Panel],
-    request: Request,
-) -> list[tuple[str, Style | Shade]]:
-    whose = IMPORTED if all(item.cell.source == IMPORTED for item in learned) else "ours"
-    return curve_series.curve_key(panels, bands, each_seed=request.each_seed, whose=whose)
 
 
 def _note(

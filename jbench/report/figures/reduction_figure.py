@@ -42,23 +42,19 @@ def reduction_figure(groups: Sequence[Group]) -> Figure:
         ("one seed", Style(curve_series.KEY_COLOR, "", marker="o", size=2.5, alpha=0.5)),
         curve_series.SOLVED_KEY,
     ]
-    steps = ", ".join(
-        dict.fromkeys(f"{formatting.steps(group.control_steps)} control steps" for group in groups)
-    )
-    seeds = dict.fromkeys(
-        f"{point.cell.representation_words} {len(point.final)}"
+    seeds = [
+        f"{group.name} at {formatting.steps(group.control_steps)} control steps: "
+        + ", ".join(f"{p.cell.representation_words} {len(p.final)}" for p in group.points)
         for group in groups
-        for point in group.points
-    )
+    ]
     short = [cell.name for group in groups for cell in group.short]
     note = (
         f"{kind.final} Points and lines: interquartile means across seeds; bars and bands: their "
         f"95% intervals (uncertainty), for at least {MIN_SEEDS} seeds. Full is the observation "
         "itself; scaled is the observation with the encoders' scaling, so that a difference from "
-        f"it is due to reduction alone. Measured at {steps}. "
-        f"Seeds: {'; '.join(seeds)}."
+        f"it is due to reduction alone. Seeds: {'; '.join(seeds)}."
         + (
-            f" Left out because some seed has not reached them: {'; '.join(short)}."
+            f" Left out because some seed has not reached these steps: {'; '.join(short)}."
             if short
             else ""
         )

@@ -1,14 +1,8 @@
 """Training on a sequence of augmented robots, compared with the authors' sequence."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
 
-import numpy as np
-
-from jbench.names import Order
-from jbench.report.data.cells import Cell, LearnedCurve
-from jbench.report.data.curves import Curve, learning_curve
+from jbench.report.data.cells import LearnedCurve
 from jbench.report.data.published import SEQUENCE_ROBOTS, PublishedCurve
 from jbench.report.figure import Figure, Panel, ReferenceLine, Series, Style
 from jbench.report.figures import curve_series
@@ -16,27 +10,7 @@ from jbench.report.figures.curve_series import BAND, SOLVED_LINE
 from jbench.report.figures.learning_curves import ALGORITHM_COLORS, band_text, order_text
 from jbench.report.formatting import display_name
 from jbench.report.request import Request
-
-SEQUENCE_WINDOW = 20
-"""Episodes in a moving average, within each robot's episodes (the authors' script)."""
-
-
-def sequence_curve(cell: Cell, order: Order) -> Curve:
-    """Aggregates runs on several robots, each robot's episodes separately.
-
-    A moving average across the switch from one robot to the next would hide it.
-    """
-    parts = []
-    for first in range(0, cell.returns.shape[1], cell.robot_episodes):
-        columns = slice(first, first + cell.robot_episodes)
-        returns, control_steps = cell.returns[:, columns], cell.control_steps[:, columns]
-        lengths = np.clip(cell.lengths - first, 0, returns.shape[1])
-        parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
-    names = ("control_steps", "seeds", "quantiles", "each", "widths")
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names
-    }
-    return replace(parts[0], **joined)
+from jbench.report.views import SEQUENCE_WINDOW
 
 
 def sequence_figures(
@@ -47,27 +21,30 @@ def sequence_figures(
     """Returns the figures of cells with several robots, by task and algorithm.
 
     Args:
-        learned: our curves of training returns; those with several robots are drawn.
+        learned: our curves of training returns, each robot's episodes averaged separately; those
+            with several robots are drawn.
         published: the paper's curves; those with several robots are drawn.
         request: determines the order of smoothing, and whether every seed is drawn as well.
     """
-    several = [item.cell for item in learned if item.cell.robots > 1]
+    several = [item for item in learned if item.cell.robots > 1]
     figures = {}
-    for task, algo in dict.fromkeys((cell.task, cell.algo) for cell in several):
-        ours = [cell for cell in several if (cell.task, cell.algo) == (task, algo)]
+    for task, algo in dict.fromkeys((cell.task, cell.algo) for cell, _ in several):
+        ours = [item for item in several if (item.cell.task, item.cell.algo) == (task, algo)]
         theirs = [c for c in published if c.sequence and (c.task, c.algo) == (task, algo)]
         figures[task, algo] = _figure(ours, theirs, request)
     return figures
 
 
-def _figure(cells: Sequence[Cell], published: Sequence[PublishedCurve], request: Request) -> Figure:
+def _figure(
+    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve], request: Request
+) -> Figure:
+    cells = [item.cell for item in learned]
     task, algo = cells[0].task, cells[0].algo
     end = max(cell.longest for cell in cells)
     color = ALGORITHM_COLORS.get(algo, "#000000")
     series: list[Series] = []
-    for style, cell in enumerate(cells):
-        item = LearnedCurve(cell, sequence_curve(cell, request.order))
-        name = f"{cell.representation}, {cell.robots} robots"
+    for style, item in enumerate(learned):
+        name = f"{item.cell.representation}, {item.cell.robots} robots"
         series += curve_series.learned_series(
             item, color, style, [BAND], name, each_seed=request.each_seed
         )
@@ -76,10 +53,13 @@ def _figure(cells: Sequence[Cell], published: Sequence[PublishedCurve], request:
         series += curve_series.published_series(
             curve, color, BAND, name, labelled=True, each_seed=request.each_seed
         )
-    robot_steps = cells[0].robot_episodes * end / cells[0].returns.shape[1]
+    switches = {
+        switch * cell.robot_episodes * cell.longest / cell.returns.shape[1]
+        for cell in cells
+        for switch in range(1, cell.robots)
+    }
     changes = [
-        ReferenceLine(change * robot_steps, Style("0.75", width=0.7), vertical=True)
-        for change in range(1, cells[0].robots)
+        ReferenceLine(steps, Style("0.75", width=0.7), vertical=True) for steps in sorted(switches)
     ]
     notes = [
         f"Shown: the {cells[0].kind.long}. "

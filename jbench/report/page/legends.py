@@ -26,7 +26,7 @@ def legend(figure: Figure, colors: set[str]) -> str:
     Args:
         colors: receives the colors of the lines.
     """
-    belonging = {entry for p in figure.panels for one in p.series for entry in one.entries}
+    belonging = {entry for p in figure.panels for one in p.series for entry in one.belongs_to}
     entries = []
     for i, (label, style) in enumerate(figure.legend):
         colors.add(to_hex(style.color))

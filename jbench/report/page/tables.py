@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.report.data.published import PUBLISHED
 from jbench.report.document import Value
 from jbench.report.page.text import html
 
@@ -74,9 +75,14 @@ def _tags(frame: pd.DataFrame) -> list[dict[str, str]]:
     for i, name in enumerate(frame.columns):
         for of_row, cell in zip(tags, frame.iloc[:, i].tolist(), strict=True):
             if name in _TAGS and isinstance(cell, str):
-                # Settings of the variant follow a representation: "full, bfloat16".
-                text = cell.partition(",")[0] if _TAGS[name] == "representation" else cell
-                of_row[_TAGS[name]] = text
+                # Settings of the variant follow a representation: "full, bfloat16". Claims name the
+                # figure of the paper.
+                tag = _TAGS[name]
+                if tag == "representation":
+                    cell = cell.partition(",")[0]
+                elif tag == "source" and cell.startswith("Figure"):
+                    cell = PUBLISHED
+                of_row[tag] = cell
     return tags
 
 

@@ -23,7 +23,7 @@ MAX_CELLS = 10_000
 
 _DIGITS = 7  # significant digits
 
-Box = tuple[float, float, float, float]
+Edges = tuple[float, float, float, float]
 """Left, top, right and lower edge of a panel, in points of the SVG."""
 
 
@@ -35,7 +35,9 @@ def points_each(figures: Iterable[Figure]) -> int:
     return max(2, min(MAX_POINTS, PAGE_POINTS // max(1, series)))
 
 
-def panels(figure: Figure, boxes: Sequence[Box], points: int = MAX_POINTS) -> list[dict[str, Any]]:
+def panels(
+    figure: Figure, boxes: Sequence[Edges], points: int = MAX_POINTS
+) -> list[dict[str, Any]]:
     """Returns the panels that have values, for the script.
 
     Each has `title`, `box`, its axes `x` and `y`, and `lines` and `grid`, one of which is empty.
@@ -94,7 +96,7 @@ def _lines(panel: Panel, points: int, entries: Mapping[str, int]) -> list[dict[s
     for series in panel.series:
         shown = np.flatnonzero(_on_axis(series.x, panel.x) & _on_axis(series.y, panel.y))
         if _has_values(series) and shown.size:
-            of = [entries[entry] for entry in series.entries if entry in entries]
+            of = [entries[entry] for entry in series.belongs_to if entry in entries]
             lines.append({**_line(series, thinned(shown, points)), "of": of})
     return lines
 

@@ -19,7 +19,7 @@ from jbench.report.figures.panels import SERIES
 from jbench.report.figures.plotting import KEPT, draw, draw_alone, to_svg, width_of
 from jbench.report.page import svg
 from jbench.report.page.text import html, plain
-from jbench.report.page.tooltips import Box
+from jbench.report.page.tooltips import Edges
 
 CORNERS = 250_000
 """Maximum points of the lines and areas of all figures in a page, each about 14 bytes."""
@@ -45,7 +45,7 @@ class Drawing(NamedTuple):
     colors: set[str]
     widths: list[float]
     height: float
-    boxes: list[Box]
+    boxes: list[Edges]
 
     @property
     def width(self) -> float:
@@ -78,8 +78,8 @@ class _Part(NamedTuple):
     content: str
     colors: set[str]
     size: tuple[float, float]
-    boxes: list[Box]
-    around: Box
+    boxes: list[Edges]
+    around: Edges
 
 
 def element(
@@ -187,7 +187,7 @@ def _parsed(drawn: Drawn) -> tuple[ElementTree.Element, tuple[float, float]]:
     return root, (width, height)
 
 
-def _boxes(drawn: Drawn, size: tuple[float, float]) -> list[Box]:
+def _boxes(drawn: Drawn, size: tuple[float, float]) -> list[Edges]:
     """Returns the boxes of all axes in points."""
     width, height = size
     places = (axes.get_position() for axes in drawn.axes)
@@ -229,7 +229,7 @@ def _mark(axes: ElementTree.Element, number: int, panel: Panel, entries: Mapping
         name, _, place = one.get("id", "").partition("-")
         if name == SERIES and place:
             series = panel.series[int(place.split("-")[1])]
-            of = [str(entries[entry]) for entry in series.entries if entry in entries]
+            of = [str(entries[entry]) for entry in series.belongs_to if entry in entries]
             one.set("data-of", " ".join(of))
             for tag, value in series.tags.items():
                 one.set(f"data-{tag}", plain(value))

@@ -10,7 +10,7 @@ from jbench.report.analysis.comparisons import best_of
 from jbench.report.analysis.scores import SPREADS
 from jbench.report.analysis.statistics import DECIDING_SEEDS, MIN_SEEDS
 from jbench.report.data.cells import SOLVED, Cell, in_order, verified
-from jbench.report.data.published import PublishedCurve
+from jbench.report.data.published import PublishedCurve, name_of_figure
 from jbench.report.data.returns import TRAINING
 from jbench.report.data.summaries import published_beside
 from jbench.report.document import TableItem, Value
@@ -120,8 +120,7 @@ def _published(cell: Cell, published: Sequence[PublishedCurve]) -> Value | None:
     if found is None:
         return None
     median, figure = found
-    name = figure.replace("fig", "Figure ")
-    return Value(f"{median:.0f} ({name})", median)
+    return Value(f"{median:.0f} ({name_of_figure(figure)})", median)
 
 
 def spreads(view: View) -> TableItem | None:

@@ -151,7 +151,7 @@ def closest(value: str, names: Sequence[str]) -> str | None:
     return by_initials.get(value) or next(iter(close), None)
 
 
-def one_of(names: Iterable[str]) -> str:
+def one_of(names: Iterable[str], word: str = "or") -> str:
     """Returns names as a list in prose: `a, b or c`."""
     *others, last = names
-    return f"{', '.join(others)} or {last}" if others else last
+    return f"{', '.join(others)} {word} {last}" if others else last

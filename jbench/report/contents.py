@@ -212,7 +212,7 @@ def _curves(data: ReportData) -> list[Item]:
         for view in data.views
         for item in figure_items.of_curves(view, data.published, aggregate, request)
     ]
-    return [*curves, *figure_items.of_time(data.views[0], data.runs)]
+    return [*curves, *figure_items.of_time(data.views[0], provenance(data.runs))]
 
 
 def _leaderboard(data: ReportData) -> list[Item]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from jbench.names import FULL
+from jbench.names import FULL, one_of
 from jbench.report import formatting
 from jbench.report.analysis.claims import Verdict
 from jbench.report.analysis.examine import decide_solved
@@ -128,7 +128,8 @@ def _names(chosen: Sequence[_Answer], of_task: Sequence[_Answer]) -> Iterator[st
 
 
 def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) -> str:
-    who, tasks = _listed(names), _listed(list(dict.fromkeys(a.cell.task for a in group)))
+    who = one_of(names, "and")
+    tasks = one_of(dict.fromkeys(answer.cell.task for answer in group), "and")
     one, several = len(names) == 1, len(group) > 1
     medians = formatting.span([answer.median for answer in group], formatting.whole)
     reached = [answer.reached for answer in group if answer.reached != math.inf]
@@ -163,7 +164,7 @@ def _on_reductions(found: Sequence[Reduction]) -> Iterator[str]:
             text = " ".join(filter(None, (display_name(one.cell.algo), one.cell.words, effect)))
             effects.setdefault(one.cell.representation, []).append(text)
         listed = [f"{name}: {', '.join(texts)}" for name, texts in effects.items()]
-        sentence = _REDUCTIONS[outcome].format(names=_listed(list(effects), "or"))
+        sentence = _REDUCTIONS[outcome].format(names=one_of(effects))
         yield f"{where}, {sentence} ({'; '.join([*listed, *_basis(group, claim)])})"
 
 
@@ -182,8 +183,3 @@ def _basis(group: Sequence[Reduction], claim: str) -> Iterator[str]:
     seeds = [float(number) for one in group for number in one.seeds]
     count = formatting.span(seeds, formatting.whole)
     yield f"{count} seed{'' if count == '1' else 's'}"
-
-
-def _listed(names: Sequence[str], word: str = "and") -> str:
-    """Returns names as a list in words."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {word} {names[-1]}"

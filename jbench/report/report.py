@@ -25,7 +25,7 @@ from jbench.report.analysis import (
 )
 from jbench.report.contents import ReportData
 from jbench.report.data import summaries
-from jbench.report.data.cells import Cell, of_kind, verified
+from jbench.report.data.cells import of_kind, verified
 from jbench.report.data.published import PublishedCurve, read_published, read_sequences
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import Document, FigureItem
@@ -47,13 +47,11 @@ class Report:
 
     Attributes:
         data: data of the report; its notes also name files that were kept.
-        figures: files of the figures.
         files: all files written.
     """
 
     data: ReportData
     document: Document
-    figures: list[Path]
     files: list[Path]
 
 
@@ -78,13 +76,11 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     ]
     if request.watched:
         # Whoever watches looks at the page. What is drawn is remembered in this process only.
-        tasks, drawn = tasks[-1:], []
-    figures = {f"{item.name}.{ending}" for item in drawn for ending in request.formats}
+        tasks = tasks[-1:]
     paths, kept = output_directory.write(out, parallel.files_of(tasks, cores()))
     return Report(
         data=replace(data, notes=[*data.notes, *kept]),
         document=document,
-        figures=[path for path in paths if path.name in figures],
         files=paths,
     )
 
@@ -93,13 +89,8 @@ def gather(results: Results, request: Request) -> ReportData:
     """Returns the data of a report; see `write_report`."""
     if request.compare is not None:
         one, other = (sources.side(text, results, request) for text in request.compare)
-        names = {name for text in request.compare for name in sources.names_of(text)}
-        notes = _check_comparable(one, other, names)
-
-        def compare(sides: Sequence[Sequence[Cell]]) -> list[comparisons.Comparison]:
-            return comparisons.across(sides[0], sides[1], names)
-
-        return _report_data([one, other], compare, notes, request)
+        notes = _check_comparable(one, other, sources.names_compared(request))
+        return _report_data([one, other], notes, request)
     own, *imported = sources.own_and_imported(results, request)
     behaviours, unread = behaviour.behaviours(results, request.task)
     encoder_table = encoders.encoder_table(own.tables, request.task)
@@ -117,7 +108,7 @@ def gather(results: Results, request: Request) -> ReportData:
         raise sources.NothingYetError(
             f"No run has an episode yet; wait for them. {' '.join(own.notes)}"
         )
-    data = _report_data(reported, views.compare_within, [], request)
+    data = _report_data(reported, [], request)
     problems = [*data.problems, *unread]
     return replace(data, encoders=encoder_table, behaviours=behaviours, problems=problems)
 
@@ -142,7 +133,6 @@ def _check_comparable(one: Source, other: Source, names: Collection[str]) -> lis
 
 def _report_data(
     reported: Sequence[Source],
-    compare: views.Compare,
     more_notes: Sequence[str],
     request: Request,
 ) -> ReportData:
@@ -150,7 +140,7 @@ def _report_data(
     table = query.published()
     # Figures select from these by the number of the paper's figure.
     published = [*read_published(table), *read_sequences(table)]
-    shown = views.views_of([s.cells for s in reported], published, request, compare)
+    shown = views.views_of([s.cells for s in reported], published, request)
     learned = [item for view in shown for item in view.learned]
     findings, untested = _findings(shown, published, reported[0], request)
     notes = [

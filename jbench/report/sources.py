@@ -157,11 +157,14 @@ def side(text: str, results: Results, request: Request) -> Source:
     return source
 
 
-def names_of(text: str) -> tuple[str, ...]:
-    """Returns the names of the settings in one side of a comparison; a directory has none."""
-    if Path(text).is_dir():
-        return ()
-    return tuple(part.partition("=")[0].strip() for part in text.split(","))
+def names_compared(request: Request) -> set[str]:
+    """Returns the names of the settings on both sides of a comparison; directories have none."""
+    return {
+        part.partition("=")[0].strip()
+        for side in request.compare or ()
+        if not Path(side).is_dir()
+        for part in side.split(",")
+    }
 
 
 def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
@@ -252,7 +255,7 @@ def _choice(text: str, settings: Sequence[Run]) -> Callable[[Run], bool]:
     for part in text.split(","):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not (name and equals):
-            named = _names_of(part.strip(), settings)
+            named = _names_with_value(part.strip(), settings)
             example = f"{named[0]}={part.strip()}" if named else "engine=sb3 engine=batched"
             raise RequestError(
                 f"--compare {text}: there is no such directory; type two results directories, or "
@@ -271,7 +274,7 @@ def _choice(text: str, settings: Sequence[Run]) -> Callable[[Run], bool]:
     )
 
 
-def _names_of(value: str, settings: Sequence[Run]) -> list[str]:
+def _names_with_value(value: str, settings: Sequence[Run]) -> list[str]:
     """Returns the names of the settings that have a value in some run, in alphabetical order."""
     return sorted(
         {

@@ -1,6 +1,6 @@
 """A view: the part of a report on one kind of return."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,14 +16,12 @@ from jbench.report.analysis.scores import Summary
 from jbench.report.data.cells import IMPORTED, Cell, LearnedCurve, of_kind, paper_order, verified
 from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.published import PublishedCurve, imported_curve
-from jbench.report.data.returns import EVALUATION, TRAINING, Returns, in_order_of
+from jbench.report.data.returns import EVALUATION, KINDS, TRAINING, Returns
 from jbench.report.request import Request
+from jbench.report.sources import names_compared
 
 SEQUENCE_WINDOW = 20
 """Episodes in a moving average, within each robot's episodes (the authors' script)."""
-
-Compare = Callable[[Sequence[Sequence[Cell]]], list[Comparison]]
-"""Compares the cells of each source, for one kind of return."""
 
 
 @dataclass(frozen=True)
@@ -77,17 +75,16 @@ def views_of(
     sources: Sequence[Sequence[Cell]],
     published: Sequence[PublishedCurve],
     request: Request,
-    compare: Compare,
 ) -> list[View]:
     """Returns a view for each kind of return, the leading one first; at least one.
 
     Args:
         sources: cells of each source, of both kinds.
-        request: determines the leading kind, the smoothing, and whether claims are tested.
-        compare: compares the cells of one kind.
+        request: determines the leading kind, the smoothing, what is compared, and whether claims
+            are tested.
     """
     views: list[View] = []
-    for kind in in_order_of(request.returns):
+    for kind in sorted(KINDS.values(), key=lambda kind: kind.name != request.returns):
         of_sources = [of_kind(cells, kind) for cells in sources]
         cells = sorted((cell for one in of_sources for cell in one), key=paper_order)
         if not cells and (kind is not TRAINING or views):
@@ -99,7 +96,7 @@ def views_of(
                 leads=not views,
                 learned=learned,
                 statistics=scores.summaries(learned, published),
-                comparisons=compare(of_sources),
+                comparisons=_comparisons(of_sources, request),
                 reductions=reduction.reductions(verified(cells)),
                 groups=reduction.groups(verified(cells)),
                 findings=examine(verified(cells)) if request.claims else [],
@@ -142,8 +139,11 @@ def _sequence_curve(cell: Cell, order: Order) -> Curve:
     return replace(parts[0], **joined)
 
 
-def compare_within(sources: Sequence[Sequence[Cell]]) -> list[Comparison]:
-    """Compares the cells of all sources with each other."""
+def _comparisons(sources: Sequence[Sequence[Cell]], request: Request) -> list[Comparison]:
+    """Compares the two sides of the request, or the cells of all sources with each other."""
+    if request.compare is not None:
+        one, other = sources
+        return comparisons.across(one, other, names_compared(request))
     return comparisons.within([cell for cells in sources for cell in cells])
 
 

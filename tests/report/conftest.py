@@ -94,6 +94,11 @@ def labels(panel):
     return [one.label for one in (*panel.references, *panel.series) if one.label]
 
 
+def drawn_files(report):
+    """Returns the names of the PNG, SVG and PDF files of a written report."""
+    return [path.name for path in report.files if path.suffix in (".png", ".svg", ".pdf")]
+
+
 class FabricatedResults:
     """Adds runs to a results directory."""
 

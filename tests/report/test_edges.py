@@ -108,7 +108,7 @@ def test_run_with_only_nan_returns_is_reported(fabric, out):
     report = GatheredReport(fabric)
     assert math.isnan(report.rows[0]["training_return_median"])
     assert "| TD3 | full | 40k |  |" in report.table("final_returns")
-    assert write_report(fabric.results, out, ALL).figures
+    assert write_report(fabric.results, out, ALL).files
 
 
 def test_cell_with_one_representation_has_no_comparison(fabric):

@@ -14,7 +14,7 @@ from jbench.report.page import legends
 from jbench.report.report import write_report
 from jbench.report.request import Request
 from jbench.store import Results, encoder_schema, query
-from tests.report.conftest import labels
+from tests.report.conftest import drawn_files, labels
 
 pytestmark = pytest.mark.usefixtures("no_png")
 
@@ -144,7 +144,7 @@ def test_report_without_runs_has_encoder_figure_and_table(results, tmp_path):
     for latents, explained in ((2, 0.5), (4, 0.75)):
         add(results, "vae", latents, explained)
     report = write_report(results, tmp_path / "report")
-    assert [path.name for path in report.figures] == ["encoders.png", "encoders.svg"]
+    assert drawn_files(report) == ["encoders.png", "encoders.svg"]
     written = pd.read_csv(tmp_path / "report" / "encoders.csv")
     assert written["test"].tolist() == pytest.approx([0.5, 0.25])
     page = (tmp_path / "report" / "index.html").read_text()

@@ -10,7 +10,7 @@ from jbench.report.report import gather, write_report
 from jbench.report.request import Request
 from jbench.report.views import curve_of
 from jbench.store import query
-from tests.report.conftest import labels
+from tests.report.conftest import drawn_files, labels
 
 SAC = {"algo": "sac", "task": "move_in_direction", "augment": 0, "robots": 2}
 # Two robots of 80 episodes: 80 returns of 100, then 80 of 300.
@@ -83,9 +83,9 @@ def test_figure_shows_own_and_published_curves_and_robot_changes(fabric, sequenc
 @pytest.mark.usefixtures("undrawn")
 def test_grid_excludes_robot_sequences(fabric, out):
     fabric.run(RETURNS, 0, **SAC)
-    names = {path.name for path in write_report(fabric.results, out).figures}
+    names = {*drawn_files(write_report(fabric.results, out))}
     drawn = ("forest", "matrix", "robots-move_in_direction-sac")
     assert names == {f"{name}.{kind}" for name in drawn for kind in ("png", "svg")}
     fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
-    names = {path.name for path in write_report(fabric.results, out).figures}
+    names = {*drawn_files(write_report(fabric.results, out))}
     assert {"figure9.svg", "robots-move_in_direction-sac.svg"} <= names

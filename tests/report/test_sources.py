@@ -12,6 +12,7 @@ from jbench.report.contents import document
 from jbench.report.data.returns import TRAINING
 from jbench.report.report import gather, write_report
 from jbench.report.request import Request
+from tests.report.conftest import drawn_files
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -122,7 +123,7 @@ class TestCompare:
         assert any("Only in" in note and "sac" in note for note in report.data.notes)
         page = (out / "index.html").read_text()
         assert "the interquartile means differ by +200" in page
-        assert "comparison-face_direction-td3.png" in {path.name for path in report.figures}
+        assert "comparison-face_direction-td3.png" in drawn_files(report)
 
     def test_refused_comparison_reports_setting_that_differs(self, fabric, tmp_path):
         other = type(fabric)(tmp_path / "other")

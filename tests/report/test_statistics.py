@@ -8,7 +8,7 @@ import pytest
 
 from jbench.report.analysis import resampling
 from jbench.report.analysis import statistics as st
-from jbench.report.analysis.power import seeds_to_decide
+from jbench.report.analysis.examine import seeds_to_decide
 from jbench.report.data.curves import steps_to_threshold
 
 _MADE = json.loads((Path(__file__).parent / "rliable_oracle" / "made.json").read_text())

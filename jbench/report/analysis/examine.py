@@ -20,12 +20,15 @@ from jbench.report.analysis.claims import (
     Verdict,
 )
 from jbench.report.analysis.comparisons import algorithm_pairs
-from jbench.report.analysis.power import seeds_to_decide
 from jbench.report.analysis.scores import compared_scores
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.returns import EVALUATION
 from jbench.report.formatting import steps
+
+# Quantiles of the normal distribution, for a two-sided test at 5% and for a power of 80%.
+_SIGNIFICANCE, _POWER = 1.959964, 0.841621
+_MAX_SEEDS = 1_000_000  # limit of a recommendation
 
 
 def examine(cells: Sequence[Cell]) -> list[Finding]:
@@ -105,6 +108,28 @@ def _needed(by_power: int | None, seeds: int) -> SeedsNeeded | None:
     if seeds < st.DECIDING_SEEDS and by_power <= st.DECIDING_SEEDS:
         return SeedsNeeded(st.DECIDING_SEEDS, "six-seed rule")
     return SeedsNeeded(by_power, "80% power")
+
+
+def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int | None:
+    """Returns the seeds per group that decide a comparison with a power of 80% at 5%, two-sided.
+
+    The standard error falls with the root of the number of seeds; the true effect is assumed to
+    equal the observed one (Cohen, 1988, chapter 2, by the normal approximation).
+
+    Args:
+        distance: distance of the effect from the deciding value.
+        standard_error: standard error of the effect at the present number of seeds.
+        seeds: present number of seeds per group.
+
+    Returns:
+        None if the distance is 0 or unknown, or if more than a million seeds were needed.
+    """
+    if not (np.isfinite(distance) and np.isfinite(standard_error)) or distance == 0:
+        return None
+    root = abs((_SIGNIFICANCE + _POWER) * standard_error / distance)
+    if root > np.sqrt(_MAX_SEEDS / seeds):
+        return None
+    return max(st.MIN_SEEDS, int(np.ceil(seeds * root**2)))
 
 
 def decide_similar(

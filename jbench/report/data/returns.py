@@ -64,8 +64,3 @@ EVALUATION = Returns(
 )
 KINDS: dict[ReturnsName, Returns] = {kind.name: kind for kind in (EVALUATION, TRAINING)}
 """Both kinds by name, evaluations first."""
-
-
-def in_order_of(lead: ReturnsName) -> list[Returns]:
-    """Returns both kinds, the leading one first."""
-    return sorted(KINDS.values(), key=lambda kind: kind.name != lead)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jbench.report.analysis.reduction import Point
 from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import IMPORTED, SOLVED, Cell, LearnedCurve, page_tags
 from jbench.report.data.curves import BAND_SEEDS, IntArray
@@ -20,6 +21,7 @@ from jbench.report.figure import (
     Shade,
     Style,
 )
+from jbench.report.tables import values
 from jbench.wording import counted
 
 SOLVED_STYLE = Style("#8a8a8a", width=0.8)
@@ -75,6 +77,20 @@ def interval_bars(one: Estimate, *, along_x: bool = False) -> list[Band]:
     if not np.isfinite(one.low):
         return []
     return [Band(np.array([one.low]), np.array([one.high]), bars=True, along_x=along_x)]
+
+
+def mean_point(point: Point, at: float, style: Style) -> Series:
+    """Returns the interquartile mean of a representation's seeds with its interval, at an x."""
+    words = point.cell.representation_words
+    return Series(
+        np.array([at]),
+        np.array([point.estimate.value]),
+        style,
+        words,
+        interval_bars(point.estimate),
+        detail=values.count_of(point.cell, len(point.final)),
+        tags=point.cell.tags,
+    )
 
 
 def returns_axis(label: str) -> Axis:

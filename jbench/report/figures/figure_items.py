@@ -1,9 +1,7 @@
 """Figures of a report, with their titles and numbers."""
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import pandas as pd
 
@@ -122,10 +120,11 @@ def of_reduction(view: View, encoder_table: pd.DataFrame) -> Iterator[FigureItem
             yield FigureItem("prediction_returns", against.title, against, data)
 
 
-def of_time(view: View, runs: pd.DataFrame) -> Iterator[FigureItem]:
-    """Yields the returns against processor time."""
+def of_time(view: View, provenance: pd.DataFrame) -> Iterator[FigureItem]:
+    """Yields the returns against processor time; `provenance` has a row for each run."""
     one_robot = _on_one_robot(view.learned)
-    figure = processor.processor_time_figure(one_robot, processors(runs))
+    processors = sorted({*provenance.get("processor", ())} - {""})
+    figure = processor.processor_time_figure(one_robot, processors)
     if figure is not None:
         data = processor.processor_time_frame(one_robot)
         yield FigureItem("processor_time", figure.title, figure, data)
@@ -152,15 +151,3 @@ def of_behaviour(behaviours: Sequence[Behaviour]) -> Iterator[FigureItem]:
     """Yields the motor velocities and positions of policies."""
     for name, figure in behaviour.figures(behaviours).items():
         yield FigureItem(name, figure.title, figure)
-
-
-def processors(runs: pd.DataFrame) -> list[str]:
-    """Returns the names of the processors of runs, each once."""
-    names = {_processor(text) for text in runs["provenance"]} if len(runs) else set()
-    return sorted(names - {""})
-
-
-def _processor(provenance: str) -> str:
-    recorded: Any = json.loads(provenance)
-    name = recorded.get("processor") if isinstance(recorded, dict) else None
-    return name if isinstance(name, str) else ""

@@ -104,4 +104,5 @@ def matrix_figure(cells: Sequence[Cell]) -> Figure:
 
 def _steps(cell: Cell) -> int | None:
     """Returns the control steps of training of a cell; None if its seeds differ."""
-    return int(cell.steps[0]) if (cell.steps == cell.steps[0]).all() else None
+    low, high = cell.trained
+    return low if low == high else None

@@ -1,8 +1,11 @@
 """Sizes of figures for a screen or a paper, and positions of panels, legend and notes."""
 
-from collections.abc import Callable
+from functools import cache
 from textwrap import wrap
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.font_manager import FontProperties
 
 from jbench.report.figure import Axis, Figure, HeatMap, Panel
 
@@ -21,13 +24,11 @@ SMALL = 8.0
 """Font size of most texts, in points."""
 
 _TINY = 5.5  # points; font size in narrow cells
+_MEASURED_DPI = 100.0  # of drawings, as texts are not exactly as wide at another resolution
 _CHARACTERS = 16  # characters of the small size per inch
 
 COLUMN_NAME, ROW_NAME = (20, 3), (48, 3)
 """Maximum characters in a line, and lines, of names below and beside a panel."""
-
-Measure = Callable[[str], float]
-"""Returns the width of a text of the small size, in inches."""
 
 
 class Sheet(NamedTuple):
@@ -109,9 +110,7 @@ class Layout(NamedTuple):
     shared: bool
 
 
-def lay_out(
-    figure: Figure, sheet: Sheet, measure: Measure, *, text: bool, legend: bool = True
-) -> Layout:
+def lay_out(figure: Figure, sheet: Sheet, *, text: bool, legend: bool = True) -> Layout:
     """Returns the positions of the panels, of the legend above them, and of the notes below.
 
     The sizes follow from the texts, so that none is cut off or covers another one.
@@ -119,7 +118,6 @@ def lay_out(
     Args:
         figure: a figure without heat maps.
         sheet: its format.
-        measure: measures texts.
         text: whether it has title and notes.
         legend: whether it has a legend.
     """
@@ -133,13 +131,13 @@ def lay_out(
     ) == 1
     beside = int((width - _LEAST * columns) * _CHARACTERS)
     name_size = min(ROW_NAME[0], beside), int(sheet.row / _LABEL_LINE)
-    left = max(_left_of(panel.y, name_size, measure) for panel in figure.panels)
+    left = max(_left_of(panel.y, name_size) for panel in figure.panels)
     gap = 0.27 if shared else max(_TICKS, left - _LEFT + _TICKS) + 0.06
     panel_width = (width - left - (columns - 1) * gap - 2 * MARGIN - 0.06) / columns
     panel_height = _height(figure, sheet)
     if rows > 1 and sheet.paper and sheet.columns > _FEW and not figure.panels[0].y.names:
         panel_height *= _LOWER  # so that two rows are no higher than a third of a page
-    entries, top = _flow(figure if legend else None, width, measure)
+    entries, top = _flow(figure if legend else None, width)
     title = _TITLE_HEIGHT if text else 0.0
     entries = [(label, Box(box.left, box.top + title)) for label, box in entries]
     top += title
@@ -151,7 +149,7 @@ def lay_out(
         for column, panel in enumerate(row):
             beneath = figure.panels[first + columns + column :][:1]
             same = bool(beneath) and beneath[0].x.label == panel.x.label
-            label = "" if same else _fitted(panel.x.label, panel_width, measure)
+            label = "" if same else _fitted(panel.x.label, panel_width)
             labels.append(label)
             at = MARGIN + left + column * (panel_width + gap)
             box = Box(at, top, panel_width, panel_height)
@@ -165,12 +163,12 @@ def lay_out(
     return Layout(width, height, places, entries, corner, notes, shared)
 
 
-def _left_of(axis: Axis, size: tuple[int, int], measure: Measure) -> float:
+def _left_of(axis: Axis, size: tuple[int, int]) -> float:
     """Returns the space to the left of a panel; `size` is that of `shortened` names."""
     if axis.names is None:
         return _LEFT if axis.label else _TICKS
     lines = [line for name in axis.names for line in shortened(name, *size).split("\n")]
-    return max(map(measure, lines), default=0.0) + 0.1
+    return max(map(width_of, lines), default=0.0) + 0.1
 
 
 def shortened(name: str, characters: int, lines: int) -> str:
@@ -190,14 +188,12 @@ def _height(figure: Figure, sheet: Sheet) -> float:
     return sheet.single_height if len(figure.panels) == 1 else sheet.height
 
 
-def _fitted(label: str, width: float, measure: Measure) -> str:
+def _fitted(label: str, width: float) -> str:
     """Returns a label in as many lines as it needs below a panel."""
-    return in_lines(label, max(8, int(len(label) * width / max(measure(label), 1e-9))))
+    return in_lines(label, max(8, int(len(label) * width / max(width_of(label), 1e-9))))
 
 
-def _flow(
-    figure: Figure | None, width: float, measure: Measure
-) -> tuple[list[tuple[str, Box]], float]:
+def _flow(figure: Figure | None, width: float) -> tuple[list[tuple[str, Box]], float]:
     """Returns the entries of a legend in rows from the left, and the end of the last row."""
     if figure is None or not figure.legend:
         return [], 0.0
@@ -205,8 +201,8 @@ def _flow(
     left, top, lines = MARGIN, MARGIN, 1
     room = width - 2 * MARGIN - HANDLE - _GAP
     for label, _ in figure.legend:
-        text = label if measure(label) <= room else _fitted(label, 0.8 * room, measure)
-        across = HANDLE + _GAP + max(map(measure, text.split("\n")))
+        text = label if width_of(label) <= room else _fitted(label, 0.8 * room)
+        across = HANDLE + _GAP + max(map(width_of, text.split("\n")))
         if left > MARGIN and left + across > width - MARGIN:
             left, top, lines = MARGIN, top + _LINE_HEIGHT * lines, 1
         entries.append((text, Box(left, top)))
@@ -241,9 +237,23 @@ def in_lines(text: str, characters: int) -> str:
     return "\n".join(line for part in text.split("\n") for line in wrap(part, characters)) or " "
 
 
-def free_characters(sheet: Sheet, columns: int) -> int:
-    """Returns the characters in a line of the title of a heat map."""
-    return int(15 * sheet.width / columns) - 8 if sheet.paper else 1000
+def free_characters(sheet: Sheet) -> int:
+    """Returns the characters in a line of the title of a heat map, of two in a row on paper."""
+    return int(15 * sheet.width / 2) - 8 if sheet.paper else 1000
+
+
+@cache
+def width_of(text: str) -> float:
+    """Returns the width of a text of the small size, in inches."""
+    measure: Any = _renderer().get_text_width_height_descent
+    font = FontProperties(size=SMALL)
+    return max(float(measure(t, font, ismath=False)[0]) for t in text.split("\n")) / _MEASURED_DPI
+
+
+@cache
+def _renderer() -> Any:
+    make: Any = RendererAgg
+    return make(1, 1, _MEASURED_DPI)
 
 
 def _table_width(heat_map: HeatMap | None, sheet: Sheet) -> float:

@@ -120,9 +120,7 @@ def _style_panel(
     """Sets title, axes and grid of a panel."""
     flat = panel.heat_map is not None
     if panel.title:
-        title = (
-            layout.in_lines(panel.title, layout.free_characters(sheet, 2)) if flat else panel.title
-        )
+        title = layout.in_lines(panel.title, layout.free_characters(sheet)) if flat else panel.title
         title_look = (SMALL, "normal") if flat else (SMALL if sheet.paper else _MEDIUM, "bold")
         size, weight = title_look
         # Only a second axis above moves a title; else matplotlib measures all labels for nothing.

@@ -2,16 +2,15 @@
 
 import io
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import matplotlib
 from matplotlib.artist import Artist
-from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure as Drawn
-from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -26,7 +25,6 @@ KEPT = "heat-map"
 _LARGE = 12.0  # points
 _BOLD = 1.2  # times as wide as other text, at most
 _PNG_DPI = {False: 150, True: 300}  # on a screen, and on paper
-_MEASURED_DPI = 100.0  # of drawings, as texts are not exactly as wide at another resolution
 _PICTURE_DPI = 200  # resolution of rasterized parts in SVG and PDF files
 _COMPACT = {"borderaxespad": 0, "borderpad": 0, "labelspacing": 0.35, "handletextpad": 0.6}
 """Spacing of a legend, in units of its font size."""
@@ -102,7 +100,7 @@ def _saved(drawn: Drawn, **options: Any) -> bytes:
 
 def _lines(figure: Figure, sheet: Sheet, *, text: bool, legend: bool, picture: bool) -> Drawn:
     """Draws a figure whose size depends on its texts."""
-    laid = layout.lay_out(figure, sheet, width_of, text=text, legend=legend)
+    laid = layout.lay_out(figure, sheet, text=text, legend=legend)
     drawn = _empty(laid)
     corner = partial(_corner, laid)
     for i, panel in enumerate(figure.panels):
@@ -110,7 +108,7 @@ def _lines(figure: Figure, sheet: Sheet, *, text: bool, legend: bool, picture: b
     for (label, box), (_, style) in zip(laid.legend, figure.legend, strict=False):
         _entry(drawn, _handle(style), label, corner(box))
     if text:
-        room = (laid.width - 2 * layout.MARGIN) / max(width_of(figure.title), 1e-9)
+        room = (laid.width - 2 * layout.MARGIN) / max(layout.width_of(figure.title), 1e-9)
         size_of_title = min(_LARGE, SMALL * room / _BOLD)
         corner_of_title = corner(Box(layout.MARGIN, layout.MARGIN))
         _text(drawn, corner_of_title, figure.title, size_of_title, "bold")
@@ -165,20 +163,6 @@ def _heat_maps(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Dr
     if text:
         drawn.suptitle(figure.title, fontsize=_LARGE, fontweight="bold", parse_math=False)
     return drawn
-
-
-@cache
-def width_of(text: str) -> float:
-    """Returns the width of a text of the small size, in inches."""
-    measure: Any = _renderer().get_text_width_height_descent
-    font = FontProperties(size=SMALL)
-    return max(float(measure(t, font, ismath=False)[0]) for t in text.split("\n")) / _MEASURED_DPI
-
-
-@cache
-def _renderer() -> Any:
-    make: Any = RendererAgg
-    return make(1, 1, _MEASURED_DPI)
 
 
 def _handle(style: Style | Shade) -> Artist:

@@ -21,7 +21,6 @@ from jbench.report.figures.encoders import (
     latents_axis,
     look_of,
 )
-from jbench.report.tables import values
 
 _NOTE = (
     "R² of a small network with fixed settings that predicts a quantity of the next control step "
@@ -79,7 +78,7 @@ def returns_figure(groups: Sequence[Group], table: pd.DataFrame) -> Figure | Non
         y = curve_series.returns_axis(f"final {points[0].cell.kind.axis}")
         for quantity, name in PREDICTED.items():
             series = [
-                _point_series(one, measured[one.cell.task, one.cell.representation][quantity])
+                _point(one, measured[one.cell.task, one.cell.representation][quantity])
                 for one in points
             ]
             x = Axis(f"R² of the {name}", _UNIT)
@@ -111,14 +110,6 @@ def _by_representation(table: pd.DataFrame) -> dict[tuple[str, str], dict[str, f
     }
 
 
-def _point_series(point: Point, r2: float) -> Series:
+def _point(point: Point, r2: float) -> Series:
     color, marker = look_of(kind_of(point.cell.representation))
-    return Series(
-        np.array([max(r2, 0.0)]),
-        np.array([point.estimate.value]),
-        Style(color, "", marker=marker, size=6),
-        point.cell.representation_words,
-        curve_series.interval_bars(point.estimate),
-        detail=values.count_of(point.cell, len(point.final)),
-        tags=point.cell.tags,
-    )
+    return curve_series.mean_point(point, max(r2, 0.0), Style(color, "", marker=marker, size=6))

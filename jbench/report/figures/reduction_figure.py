@@ -1,7 +1,6 @@
 """Figure of the final return of each representation."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from jbench.report.figure import (
 )
 from jbench.report.figures import curve_series
 from jbench.report.figures.encoders import look_of
-from jbench.report.tables import values
 
 _BASELINE_STYLES = {FULL: Style("#595959"), SCALED: Style("#b8a200", "--")}
 _BESIDE = 0.2
@@ -94,16 +92,6 @@ def _point_series(column: int, point: Point) -> list[Series]:
     """Returns the seeds of a representation, and their interquartile mean with its interval."""
     color, marker = look_of(kind_of(point.cell.representation))
     seed = Style(color, "", marker=marker, size=2.5, alpha=0.5)
-    of: dict[str, Any] = {"entries": (point.cell.representation_words,), "tags": point.cell.tags}
-    return [
-        Series(np.full(len(point.final), column - _BESIDE), point.final, seed, **of),
-        Series(
-            np.array([float(column)]),
-            np.array([point.estimate.value]),
-            Style(color, marker=marker, size=6),
-            point.cell.representation_words,
-            curve_series.interval_bars(point.estimate),
-            detail=values.count_of(point.cell, len(point.final)),
-            **of,
-        ),
-    ]
+    mean = curve_series.mean_point(point, column, Style(color, marker=marker, size=6))
+    beside = np.full(len(point.final), column - _BESIDE)
+    return [Series(beside, point.final, seed, entries=(mean.label,), tags=mean.tags), mean]

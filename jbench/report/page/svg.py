@@ -10,15 +10,22 @@ _NOT_ATTRIBUTES = ("font", "mix-blend-mode", "-inkscape-stroke")
 
 
 def clean(
-    element: ElementTree.Element, prefix: str, colors: set[str], keep: tuple[str, ...], kept: bool
+    root: ElementTree.Element, prefix: str, colors: set[str], keep: tuple[str, ...] = ()
 ) -> None:
-    """Converts an element and its children in place, and collects their colors.
+    """Converts a drawing in place, and collects its colors.
 
     Args:
         colors: receives the colors that differ on a dark page.
         keep: prefixes of the ids of elements that keep their colors.
-        kept: whether a parent keeps its colors.
     """
+    _clean(root, prefix, colors, keep, False)
+    _drop_ids(root)
+
+
+def _clean(
+    element: ElementTree.Element, prefix: str, colors: set[str], keep: tuple[str, ...], kept: bool
+) -> None:
+    """Converts an element and its children; `kept` is whether a parent keeps its colors."""
     element.tag = element.tag.rpartition("}")[2]
     element.text = element.tail = None
     for child in list(element):
@@ -38,7 +45,7 @@ def clean(
     if begins and element.get("fill") is None:
         element.set("fill", _unmatched("#000000"))  # the default, which the page's CSS changes
     for child in element:
-        clean(child, prefix, colors, keep, kept)
+        _clean(child, prefix, colors, keep, kept)
         if element.tag == "defs" and child.tag == "path":
             # Its `<use>` has the same color, and the page's rules match only that: the copy of the
             # path in it has no `<figure>` above it.
@@ -64,7 +71,7 @@ def _attributes(name: str, value: str, prefix: str) -> dict[str, str]:
     return {name: _REFERENCE.sub(rf"url(#{prefix}\1)", value)}
 
 
-def drop_ids(root: ElementTree.Element) -> None:
+def _drop_ids(root: ElementTree.Element) -> None:
     """Removes the ids that nothing refers to, which are most."""
     used = {
         name

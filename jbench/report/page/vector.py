@@ -14,9 +14,9 @@ from matplotlib.figure import Figure as Drawn
 from jbench.remembered import remembered
 from jbench.report.figure import Figure, Panel
 from jbench.report.figures import layout
-from jbench.report.figures.layout import SCREEN, Layout, Sheet
+from jbench.report.figures.layout import SCREEN, Box, Layout, Sheet
 from jbench.report.figures.panels import SERIES
-from jbench.report.figures.plotting import KEPT, draw, draw_alone, to_svg, width_of
+from jbench.report.figures.plotting import KEPT, draw, draw_alone, to_svg
 from jbench.report.page import svg
 from jbench.report.page.text import html, plain
 from jbench.report.page.tooltips import Edges
@@ -53,20 +53,6 @@ class Drawing(NamedTuple):
         return sum(self.widths)
 
 
-class _Rectangle(NamedTuple):
-    """The rectangle of a figure that an element shows: left, top, width and height in points."""
-
-    left: float
-    top: float
-    width: float
-    height: float
-
-    @property
-    def box(self) -> str:
-        """The `viewBox` of the element."""
-        return " ".join(f"{number:.6g}" for number in self)
-
-
 class _Part(NamedTuple):
     """A part of a figure: one panel of lines, or all heat maps.
 
@@ -98,7 +84,7 @@ def element(
     if any(panel.heat_map is not None for panel in figure.panels):
         parts = [_heat_maps(figure, prefix, sheet, picture=picture)]
     else:
-        laid = layout.lay_out(figure, sheet, width_of, text=False, legend=False)
+        laid = layout.lay_out(figure, sheet, text=False, legend=False)
         entries = figure.entries
         parts = [
             _panel(panel, i, entries, laid, sheet, f"{prefix}{i}-", picture=picture)
@@ -107,7 +93,7 @@ def element(
     boxes = [box for part in parts for box in part.boxes]
     colors = set().union(*(part.colors for part in parts))
     if len(parts) == 1 or any(panel.y.names is not None for panel in figure.panels):
-        whole = _Rectangle(0, 0, *parts[0].size)
+        whole = Box(0, 0, *parts[0].size)
         element = _svg("".join(part.content for part in parts), whole, title)
         return Drawing(element, colors, [whole.width], whole.height, boxes)
     rectangles = _rectangles(parts)
@@ -118,13 +104,13 @@ def element(
     return Drawing("".join(elements), colors, widths, rectangles[0].height, boxes)
 
 
-def _rectangles(parts: Sequence[_Part]) -> list[_Rectangle]:
+def _rectangles(parts: Sequence[_Part]) -> list[Box]:
     """Returns what to show of each panel: as wide as its texts, and as high as those of all."""
     pairs = [(part.around, box) for part in parts for box in part.boxes]
     above = max(box[1] - around[1] for around, box in pairs) + _AROUND
     below = max(around[3] - box[3] for around, box in pairs) + _AROUND
     return [
-        _Rectangle(
+        Box(
             around[0] - _AROUND,
             box[1] - above,
             around[2] - around[0] + 2 * _AROUND,
@@ -142,9 +128,8 @@ def _heat_maps(figure: Figure, prefix: str, sheet: Sheet, *, picture: bool) -> _
     for number, (axes, panel) in enumerate(zip(_axes(root), figure.panels, strict=False)):
         _mark(axes, number, panel, figure.entries)
     colors: set[str] = set()
-    # The hatch pattern of a heat map is among the definitions.
-    svg.clean(root, prefix, colors, (KEPT, "h"), False)
-    svg.drop_ids(root)
+    # The hatch pattern of a heat map, whose id begins with "h", is among the definitions.
+    svg.clean(root, prefix, colors, (KEPT, "h"))
     boxes = _boxes(drawn, size)[: len(figure.panels)]
     return _Part(_content(root), colors, size, boxes, (0.0, 0.0, *size))
 
@@ -169,8 +154,7 @@ def _panel(
     inner = ElementTree.Element("svg")
     inner.extend([axes, *(one for one in root if one.tag.endswith("defs"))])
     colors: set[str] = set()
-    svg.clean(inner, prefix, colors, (KEPT,), False)
-    svg.drop_ids(inner)
+    svg.clean(inner, prefix, colors)
     tight: Any = drawn.axes[0].get_tightbbox()
     scale, height = 72 / drawn.dpi, size[1]
     around = (
@@ -202,12 +186,13 @@ def _content(root: ElementTree.Element) -> str:
     return text.partition(">")[2].removesuffix("</svg>")
 
 
-def _svg(content: str, shown: _Rectangle, title: str) -> str:
-    """Returns an element with this content."""
+def _svg(content: str, shown: Box, title: str) -> str:
+    """Returns an element with this content, of which it shows a box in points."""
+    view = " ".join(f"{number:.6g}" for number in shown)
     inherited = " ".join(f'{name}="{value}"' for name, value in _INHERITED.items())
     return (
         f'<svg role="img" aria-label="{html(title)}" width="{shown.width:g}pt" '
-        f'height="{shown.height:g}pt" viewBox="{shown.box}" {inherited}>{content}</svg>'
+        f'height="{shown.height:g}pt" viewBox="{view}" {inherited}>{content}</svg>'
     )
 
 

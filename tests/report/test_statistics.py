@@ -56,6 +56,21 @@ def test_tasks_with_unequal_seeds_have_equal_weight():
     assert st.mean(unequal) == 0.5
     assert st.performance_profile(unequal, np.array([0.5])).tolist() == [0.5]
     assert st.median(unequal) == 1.0  # of four runs: 0, 1, 1, 1
+    # Four runs of weight 1/8 at 0, one of 1/4 at 100 and one at 200. A sixth is left out at each
+    # end, so that 1/3, 1/4 and 1/12 are left: (25 + 200 / 12) / (2 / 3).
+    weighted = [np.zeros(4), np.array([200.0, 100.0])]
+    assert st.interquartile_mean(weighted) == pytest.approx(62.5)
+    resampled = [np.zeros((3, 4)), np.tile([200.0, 100.0], (3, 1))]
+    assert st.interquartile_mean(resampled) == pytest.approx([62.5] * 3)
+
+
+def test_weighted_interquartile_mean_equals_plain_one_for_equal_weights():
+    scores = np.random.default_rng(0).normal(size=12)
+    # Each score of the first task is there twice: the same distribution, of twice as many seeds.
+    doubled = [np.repeat(scores[:4], 2), scores[4:8], scores[8:]]
+    exact = [np.repeat(scores[:4], 2), np.repeat(scores[4:8], 2), np.repeat(scores[8:], 2)]
+    # A quarter of 16 and of 24 scores is left out at each end.
+    assert st.interquartile_mean(doubled) == pytest.approx(st.interquartile_mean(exact))
 
 
 def test_spread_matches_hand_computed_values():

@@ -75,12 +75,26 @@ def mean(strata: Strata) -> FloatArray:
 def interquartile_mean(strata: Strata) -> FloatArray:
     """Returns the mean without the lowest and highest quarter.
 
-    Of n scores, n // 4 are left out at each end (Agarwal et al., 2021, section 4.3).
+    Of n scores, n // 4 are left out at each end (Agarwal et al., 2021, section 4.3). Every task
+    counts the same: where tasks have different numbers of seeds, scores have different weights, and
+    the same share of all weights is left out.
     """
-    ordered = _ordered(strata)
-    count = ordered.shape[-1]
-    middle: FloatArray = np.mean(ordered[..., count // 4 : count - count // 4], axis=-1)
-    return middle
+    sizes = [seeds.shape[-1] for seeds in strata]
+    count = sum(sizes)
+    if len({*sizes}) == 1:
+        middle: FloatArray = np.mean(
+            _ordered(strata)[..., count // 4 : count - count // 4], axis=-1
+        )
+        return middle
+    scores = _pooled(strata)
+    weights = np.concatenate([np.full(n, 1 / n / len(sizes)) for n in sizes])
+    order = np.argsort(scores, axis=-1)
+    ends = np.cumsum(weights[order], axis=-1)
+    low = count // 4 / count
+    kept = np.clip(ends, low, 1 - low) - np.clip(ends - weights[order], low, 1 - low)
+    sums = np.sum(kept * np.take_along_axis(scores, order, axis=-1), axis=-1)
+    weighted: FloatArray = sums / (1 - 2 * low)
+    return weighted
 
 
 def interquartile_range(strata: Strata) -> FloatArray:

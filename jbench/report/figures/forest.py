@@ -107,8 +107,8 @@ def _note(
         + (" Rows differ in their control steps." if len(steps) > 1 else "")
         + (f" {counted(left_out, 'more row')} {are(left_out)} in the tables." if left_out else "")
         + (
-            f" {ALL_TASKS.capitalize()}: learners with runs on each of them; seeds are resampled "
-            "within each task."
+            f" {ALL_TASKS.capitalize()}: learners with runs on each of them; each task counts the "
+            "same, and seeds are resampled within it."
             if has_all_tasks
             else ""
         )

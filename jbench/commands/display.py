@@ -130,12 +130,13 @@ def show_final_returns(cells: Sequence[Mapping[str, Any]], output: Output) -> No
     """Prints the main columns of the report's table, one row per cell."""
     if not cells:
         return
+    from jbench.report.data.published import name_of_figure
     from jbench.report.formatting import steps
 
     rows = []
     for cell in cells:
         fewest, most = steps(cell["steps_min"]), steps(cell["steps_max"])
-        published = cell["published_median"]
+        published, figure = cell["published_median"], cell["published_figure"]
         rows.append(
             (
                 cell["task"],
@@ -147,7 +148,7 @@ def show_final_returns(cells: Sequence[Mapping[str, Any]], output: Output) -> No
                 fewest if fewest == most else f"{fewest} to {most}",
                 _median_and_band(cell, "evaluation"),
                 _median_and_band(cell, "training"),
-                "" if published is None else f"{published:.0f} ({cell['published_figure']})",
+                "" if published is None else f"{published:.0f} ({name_of_figure(figure)})",
             )
         )
     header = ("task", "algo", "representation", "seeds", "control steps")

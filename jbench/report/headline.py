@@ -20,15 +20,15 @@ from jbench.wording import are, counted
 _MAX_PARTS = 5
 _SPEEDS = ("faster", "slower")
 _REDUCTIONS = {
-    "lower": "agents end lower with {names} than with the full observation",
-    "higher": "agents end higher with {names} than with the full observation",
-    "similar": "agents end similarly with {names} and with the full observation",
-    "undecided": "it is undecided whether agents end similarly with {names} and with the full "
-    "observation",
+    "lower": "agents reach lower final returns with {names} than with the full observation",
+    "higher": "agents reach higher final returns with {names} than with the full observation",
+    "similar": "agents reach similar final returns with {names} and with the full observation",
+    "undecided": "it is undecided whether agents reach similar final returns with {names} and with "
+    "the full observation",
 }
 _REDUCTIONS |= {
-    speed: f"agents learn {speed} with {{names}} than with the full observation; whether they end "
-    "similarly is undecided"
+    speed: f"agents learn {speed} with {{names}} than with the full observation; whether their "
+    "final returns are similar is undecided"
     for speed in _SPEEDS
 }
 

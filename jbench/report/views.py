@@ -155,7 +155,10 @@ def missing_evaluations(views: Sequence[View], request: Request) -> list[str]:
     if not without:
         return []
     if evaluated:
-        return [f"Without evaluations, therefore only in training returns: {'; '.join(without)}."]
+        return [
+            f"These cells have no evaluations and appear only with training returns: "
+            f"{'; '.join(without)}."
+        ]
     if request.returns == TRAINING.name:
         return []
     return ["No run has evaluations: the report leads with training returns, exploration included."]

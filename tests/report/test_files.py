@@ -48,7 +48,7 @@ def test_all_files_are_written_and_listed(fabric, out):
     assert report.data.problems == []
     assert report.data.notes == [
         "No run has evaluations: the report leads with training returns, exploration included.",
-        "In no cell have all runs recorded processor time: return against processor time is not "
+        "No cell has the processor times of all its runs, so return against processor time is not "
         "drawn.",
     ]
 

@@ -134,7 +134,8 @@ class TestHeadline:
         printed = document(fabric).headline
         # The first sentence answers the paper's question for both algorithms.
         assert re.match(
-            r"On face_direction, agents end lower with dae12 than with the full observation "
+            r"On face_direction, agents reach lower final returns with dae12 than with the full "
+            r"observation "
             r"\(dae12: SAC -200 \[.*\], TD3 -300 \[.*\]; 90% intervals; 6 seeds\)\. "
             r"SAC and TD3 do not solve",
             printed,
@@ -153,9 +154,9 @@ class TestHeadline:
         for representation, final in ends.items():
             add_runs(fabric, [final + seed for seed in range(6)], representation=representation)
         lower, similar, _ = document(fabric).headline.split(". ", 2)
-        assert "agents end lower with dae12 or pca4 than with" in lower
+        assert "agents reach lower final returns with dae12 or pca4 than with" in lower
         assert re.search(r"\(dae12: TD3 -300 \[.*\]; pca4: TD3 -500 \[", lower)
-        assert "agents end similarly with planar12 and with" in similar
+        assert "agents reach similar final returns with planar12 and with" in similar
 
     def test_faster_representation_is_reported_with_undecided_final_return(self, fabric):
         for seed, final in enumerate(range(700, 940, 40)):
@@ -166,7 +167,7 @@ class TestHeadline:
         # The return is higher by 600 in six of eight episodes: 450 on average.
         assert printed.startswith(
             "On face_direction, agents learn faster with dae12 than with the full observation; "
-            "whether they end similarly is undecided (dae12: TD3 +450 ["
+            "whether their final returns are similar is undecided (dae12: TD3 +450 ["
         )
         assert "]; means over the run, 95% interval; 6 seeds)." in printed
 
@@ -174,7 +175,7 @@ class TestHeadline:
         add_runs(fabric, [800 + seed for seed in range(6)])
         add_runs(fabric, [820], representation="dae12")
         printed = document(fabric).headline
-        assert "similarly with dae12 and with the full observation (dae12: TD3 +18; 1" in printed
+        assert "with dae12 and with the full observation (dae12: TD3 +18; 1" in printed
 
     def test_headline_names_source_of_reductions(self, fabric, tmp_path, monkeypatch):
         shipped = type(fabric)(tmp_path / "reference")
@@ -183,8 +184,14 @@ class TestHeadline:
             add_runs(runs, [800 + seed for seed in range(6)])
             add_runs(runs, [encoded + seed for seed in range(6)], representation="dae12")
         printed = document(fabric, Request(reference=True)).headline
-        assert "On face_direction, agents end similarly with dae12 and with the full" in printed
-        assert "Reference: on face_direction, agents end lower with dae12 than with the" in printed
+        assert (
+            "On face_direction, agents reach similar final returns with dae12 and with the"
+            in printed
+        )
+        assert (
+            "Reference: on face_direction, agents reach lower final returns with dae12 than"
+            in printed
+        )
 
     def test_median_that_rounds_to_900_is_printed_with_decimal(self, fabric):
         add_runs(fabric, [899.6] * 6)

@@ -371,7 +371,7 @@ class TestDownloads:
     def test_large_table_is_thinned_and_labelled(self):
         frame = pd.DataFrame({"a": range(1000), "b": 1.5})
         link = downloads.link("t", frame, 500)
-        assert "row 1 of every 4 of 1,000, to keep the page small" in link
+        assert "one of every 4 of 1,000 rows, to keep the page small" in link
         assert self.read(link)["a"].tolist() == list(range(0, 1000, 4))
 
     def test_large_data_are_compressed(self):

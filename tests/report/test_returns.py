@@ -161,7 +161,7 @@ class TestReport:
         ddpg = report.data.table[report.data.table["algo"] == "ddpg"]
         assert ddpg["evaluation_return_median"].tolist() == [900, 800]
         assert ddpg["training_return_median"].tolist() == [500, 500]
-        (note,) = [note for note in report.data.notes if "Without evaluations" in note]
+        (note,) = [note for note in report.data.notes if "have no evaluations" in note]
         assert "face_direction sac full" in note
         assert "evaluation return of the deterministic policy" in (out / "index.html").read_text()
 

@@ -254,10 +254,7 @@ def steps_to_threshold(
 
     Args:
         returns: (seeds, points) smoothed episode returns; NaN after a run's end.
-        control_steps: (points,) or (seeds, points).
+        control_steps: (points,).
     """
     reached = np.nan_to_num(returns, nan=-np.inf) >= threshold
-    first = np.argmax(reached, axis=1)
-    steps = np.broadcast_to(control_steps, returns.shape)
-    first_steps = np.take_along_axis(steps, first[:, None], axis=1)[:, 0]
-    return np.where(reached.any(axis=1), first_steps, np.inf)
+    return np.where(reached.any(axis=1), control_steps[np.argmax(reached, axis=1)], np.inf)

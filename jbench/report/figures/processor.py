@@ -114,12 +114,12 @@ def left_out(cells: Sequence[Cell]) -> list[str]:
         return []
     if len(names) == len(cells):
         return [
-            "In no cell have all runs recorded processor time: return against processor time is "
+            "No cell has the processor times of all its runs, so return against processor time is "
             "not drawn."
         ]
     return [
-        f"Not all runs of {'; '.join(names)} have recorded processor time: return against "
-        "processor time is drawn without them."
+        "Return against processor time is drawn without these cells, since some of their runs have "
+        f"not recorded it: {'; '.join(names)}."
     ]
 
 

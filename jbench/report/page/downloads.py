@@ -37,7 +37,7 @@ def link(name: str, frame: pd.DataFrame, cells: int) -> str:
     content = query.to_csv(flat(frame.iloc[::step])).encode(errors="backslashreplace")
     note = f"CSV, {_size(len(content))}"
     if step > 1:
-        note += f"; row 1 of every {step} of {len(frame):,}, to keep the page small"
+        note += f"; one of every {step} of {len(frame):,} rows, to keep the page small"
     if len(content) >= PACKED:
         ending = ".csv.gz"
         packed = base64.b64encode(gzip.compress(content, _LEVEL, mtime=0)).decode()
@@ -55,12 +55,9 @@ def link(name: str, frame: pd.DataFrame, cells: int) -> str:
 def flat(frame: pd.DataFrame) -> pd.DataFrame:
     """Returns a table as data, with rounded numbers."""
     data = data_frame(frame)
-    columns = {i: data.iloc[:, i] for i in range(data.shape[1])}
-    rounded = {
-        i: pd.Series(_rounded(column.to_numpy(float))) if column.dtype.kind == "f" else column
-        for i, column in columns.items()
-    }
-    return pd.DataFrame(rounded).set_axis(data.columns, axis=1)
+    floats = data.columns[[dtype.kind == "f" for dtype in data.dtypes]]
+    data[floats] = _rounded(data[floats].to_numpy(float))
+    return data
 
 
 def _rounded(values: "np.ndarray[Any, np.dtype[np.float64]]") -> Any:

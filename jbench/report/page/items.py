@@ -7,7 +7,7 @@ import pandas as pd
 from jbench.report.document import Document, FigureItem, Item, TableItem
 from jbench.report.figures.layout import Sheet
 from jbench.report.page import downloads, legends, tables, tooltips, vector
-from jbench.report.page.text import html, identifier, json_block, paragraphs
+from jbench.report.page.text import html, identifier, json_block
 
 _PAPER = (515, 570)  # points; maximum width and height of a figure on paper in portrait format
 _PAPER_TURNED = (770, 425)  # points; the same in landscape format
@@ -87,7 +87,8 @@ def foot(name: str, frame: pd.DataFrame | None, state: PageState) -> str:
 
 def caption(texts: Sequence[str], name: str, *, shown: int = _SHORT) -> str:
     """Returns paragraphs; those of more characters than `shown` are folded behind their name."""
-    content, length = paragraphs(texts), sum(map(len, texts))
+    content = "".join(f"<p>{html(text)}</p>\n" for text in texts)
+    length = sum(map(len, texts))
     if length <= shown:
         return content if length else ""
     return f'<details class="how"><summary>{html(name)}</summary>{content}</details>'

@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Iterable
 from html import escape
 from typing import Any
 
@@ -37,8 +36,3 @@ def json_block(value: Any) -> str:
 def identifier(name: str) -> str:
     """Returns a name as an HTML id of letters, digits and hyphens."""
     return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "x"
-
-
-def paragraphs(texts: Iterable[str]) -> str:
-    """Returns a paragraph of HTML for each text."""
-    return "".join(f"<p>{html(text)}</p>\n" for text in texts)

@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from jbench.report.document import TableItem, Value, data_frame
+from jbench.store import query
 
 _LATEX = {
     **{"&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}"},
@@ -56,7 +57,7 @@ def to_latex(item: TableItem) -> str:
 
 def to_csv(item: TableItem) -> str:
     """Returns a table as CSV with one number per column."""
-    return data_frame(item.frame).to_csv(index=False, lineterminator="\n")
+    return query.to_csv(data_frame(item.frame))
 
 
 FORMATS = {"md": to_markdown, "tex": to_latex, "csv": to_csv}

@@ -94,7 +94,7 @@ def table(view: View) -> TableItem | None:
     rows = []
     for one, named in zip(found, values.names([one.cell for one in found]), strict=True):
         numbers = numbers_seen(one.cell.representation, one.cell.task)
-        row = {**named, "numbers": numbers, "against": one.baseline}
+        row = {**named, "input size": numbers, "against": one.baseline}
         row["n"] = values.counts(one.seeds, "baseline")
         row["at control step"] = values.at_step(one.findings[0].control_steps or 0)
         for finding, heading in zip(one.findings, _HEADINGS, strict=True):

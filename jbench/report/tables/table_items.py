@@ -136,7 +136,7 @@ def spreads(view: View) -> TableItem | None:
         for name in SPREADS:
             row[_SPREAD_NAMES[name]] = values.of_statistic(summary, "final_return", name)
         for name in SPREADS:
-            row[f"{_SPREAD_NAMES[name]}, as a multiple of {FULL}'s"] = values.of_statistic(
+            row[f"{_SPREAD_NAMES[name]}, relative to {FULL}"] = values.of_statistic(
                 summary, "final_return", f"{name}_ratio", formatting.ratio
             )
         rows.append(row)
@@ -235,10 +235,16 @@ def encoder_errors(table: pd.DataFrame) -> TableItem:
     """Returns the table of the encoders' errors."""
     names = {
         **{"task": "task", "kind": "kind", "settings": "settings", "latents": "latents"},
-        **{"seeds": "n", "test": "not explained", "pca": "PCA's", "random": "random projection's"},
-        **{"heuristic": "on the heuristic's episodes", "pca_heuristic": "PCA's there"},
-        **{"yaw_rate": "R² of yaw rate", "forward_speed": "forward speed"},
-        **{"tilt_rate": "tilt rate", "reward": "reward", "effective_rank": "effective rank"},
+        **{
+            "seeds": "n",
+            "test": "not explained",
+            "pca": "by PCA",
+            "random": "by random projection",
+        },
+        **{"heuristic": "heuristic's episodes: not explained"},
+        **{"pca_heuristic": "heuristic's episodes: by PCA", "yaw_rate": "R² of yaw rate"},
+        **{"forward_speed": "R² of forward speed", "tilt_rate": "R² of tilt rate"},
+        **{"reward": "R² of reward", "effective_rank": "effective rank"},
     }
     shown = table[list(names)].rename(columns=names)
     for name in list(names.values())[5:]:

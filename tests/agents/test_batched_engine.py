@@ -1,7 +1,9 @@
 """Tests of engines: independent seeds, resuming, and agreement with stable-baselines3."""
 
 import dataclasses
+import gc
 import json
+import weakref
 
 import numpy as np
 import pytest
@@ -157,6 +159,23 @@ def test_restored_engine_continues_bit_for_bit(algo, options, stop):
     done = len(whole[0]) - len(rest[0])
     assert 0 < done < len(whole[0])
     assert_same((whole[0][done:], whole[1][done:], whole[2][done:], *whole[3:]), rest)
+
+
+@pytest.mark.parametrize("stacked", [False, True])
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_engine_is_freed_with_last_reference(algo, stacked):
+    gc.disable()
+    try:
+        with engine_of(algo, [0, 1], stacked=stacked) as engine:
+            for _ in engine.learn(STEPS):
+                pass
+            updates = engine._groups if isinstance(engine, OffPolicyEngine) else engine._epochs
+            parts = [engine, engine._team.tensors, *updates]
+            references = [weakref.ref(part) for part in parts]
+        del engine, updates, parts
+        assert [reference() for reference in references] == [None] * len(references)
+    finally:
+        gc.enable()
 
 
 def test_restoring_seeds_with_different_step_counts_is_refused():

@@ -164,6 +164,32 @@ def test_other_settings_stay_on_gpu(algo, options):
     assert min(regions_of(algo, **options).values()) > 0
 
 
+class Transfers(TorchDispatchMode):
+    """Notes each operation that copies from the CPU to the device, for which a GPU may wait."""
+
+    def __init__(self, seen):
+        super().__init__()
+        self.seen = seen
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        result = function(*args, **(kwargs or {}))
+        leaves = tree_leaves((args, kwargs, result))
+        if len({leaf.device for leaf in leaves if isinstance(leaf, torch.Tensor)}) > 1:
+            self.seen.append("transfer")
+        return result
+
+
+def test_ppo_copies_nothing_to_device_between_updates():
+    settings, seen = algorithm_settings("ppo"), []
+    team = Team(PPO, settings, [SIZE] * SEEDS, Tensors(SEEDS, device=GPU), stacked=True)
+    rollout = Rollout(SEEDS, 1, 2 * settings.batch_size, SIZE)
+    epochs = Epochs(settings, team.groups[0], [Streams(seed, 1) for seed in range(SEEDS)], rollout)
+    epochs._update = lambda *_: seen.append("update")
+    with Transfers(seen):
+        epochs.run()
+    assert seen == ["transfer"] * 2 + ["update"] * (2 * settings.n_epochs)
+
+
 @pytest.mark.parametrize("rule", [TQC, REDQ])
 def test_rules_of_other_packages_stay_on_gpu(rule):
     assert min(regions_of(rule).values()) > 0

@@ -106,7 +106,7 @@ class Epochs:
             streams: of the seeds of the group.
             rollout: of all seeds.
         """
-        self.seeds = group.seeds
+        self.seeds, self._group = group.seeds, group
         self._settings, self._learner, self._streams = settings, group.learner, streams
         rows = rollout.rows[group.seeds.start : group.seeds.stop]
         # Transitions of each seed, environment by environment.
@@ -114,26 +114,29 @@ class Epochs:
         self._transitions = rows.shape[1] * rows.shape[2]
         self._scratch = group.learner.view.scratch
         self._rows = self._source.to(group.learner.view.device, copy=True)
-        self._update = Captured(self._update_once, self._rows.device)
+        self._update = Captured(self._rows.device)
 
     def run(self) -> None:
         """Makes all updates of a rollout."""
         self._learner.reset_losses([])
         self._rows.copy_(self._source)
-        for _ in range(self._settings.n_epochs):
-            orders = self._orders()
+        for orders in self._orders():
             for start in range(0, self._transitions, self._settings.batch_size):
                 indices = orders[..., start : start + self._settings.batch_size]
                 self._indices(indices.shape[-1]).copy_(indices)
-                self._update(indices.shape[-1])
+                self._update(self._update_once, indices.shape[-1])
 
     def _orders(self) -> Tensor:
-        """Returns a random order (..., transitions) of each seed's rows."""
-        orders = [stream.updates.permutation(self._transitions) for stream in self._streams]
-        if not self._learner.view.batch_shape:
-            return torch.from_numpy(orders[0])
-        offset_orders = [order + seed * self._transitions for seed, order in enumerate(orders)]
-        return torch.from_numpy(np.stack(offset_orders)).to(self._rows.device)
+        """Returns a random order of each seed's rows for each epoch, (epochs, ..., transitions).
+
+        All are drawn before the first update, since nothing may wait for a GPU's updates.
+        """
+        epochs, count = range(self._settings.n_epochs), self._transitions
+        orders = [
+            np.stack([stream.updates.permutation(count) for _ in epochs])
+            for stream in self._streams
+        ]
+        return self._group.stack(orders, count)
 
     def _indices(self, size: int) -> Tensor:
         return self._scratch("indices", size, dtype=torch.int64)

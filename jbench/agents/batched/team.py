@@ -3,9 +3,11 @@
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Concatenate, Generic, NamedTuple, TypeVar
+from typing import Any, Concatenate, Generic, NamedTuple, TypeVar
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.agents.batched.graphs import Captured
@@ -30,6 +32,29 @@ class Group(NamedTuple, Generic[_Learner]):
     def select(self, streams: Sequence[Streams]) -> Sequence[Streams]:
         """Returns the streams of the group's seeds."""
         return streams[self.seeds.start : self.seeds.stop]
+
+    def stack(self, per_seed: Sequence[NDArray[Any]], offset: int = 0) -> Tensor:
+        """Stacks the draws of each seed for the device, to which a GPU copies without waiting.
+
+        Args:
+            per_seed: (count, ...) of each seed.
+            offset: added once to those of the second seed, twice to those of the third, and so on.
+
+        Returns:
+            (count, seeds, ...); (count, ...) on the CPU for one seed without a stack.
+        """
+        if not self.learner.view.batch_shape:
+            return torch.from_numpy(per_seed[0])
+        if offset:
+            per_seed = [draws + seed * offset for seed, draws in enumerate(per_seed)]
+        device, (count, *shape) = self.learner.view.device, per_seed[0].shape
+        on_cpu = torch.empty(
+            (count, len(per_seed), *shape),
+            dtype=torch.from_numpy(per_seed[0]).dtype,
+            pin_memory=device.type == "cuda",
+        )
+        np.stack(per_seed, axis=1, out=on_cpu.numpy())
+        return on_cpu.to(device, non_blocking=True)
 
 
 class Team(Generic[_Learner]):
@@ -76,7 +101,7 @@ class Team(Generic[_Learner]):
             if self._stack is None
             else [Group(self._stack, range(tensors.seeds))]
         )
-        self._captured = Captured(self._run_stack, tensors.device)
+        self._captured = Captured(tensors.device)
         self._inputs: dict[Hashable, list[tuple[Tensor, Tensor]]] = {}
         self._outputs: dict[Hashable, Tensor] = {}
 
@@ -131,7 +156,7 @@ class Team(Generic[_Learner]):
             on_cpu.copy_(x)
             # The copy of the outputs below waits until this one is complete.
             on_device.copy_(on_cpu, non_blocking=True)
-        self._captured(key)
+        self._captured(self._run_stack, key)
         return self._outputs[key].cpu()
 
     @contextmanager

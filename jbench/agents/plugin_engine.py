@@ -77,7 +77,8 @@ class PluginEngine(Closing):
         torch.manual_seed(seed)
         np.random.seed(seed)  # noqa: NPY002 - agents of others may use it
         random.seed(seed)
-        self._agent = kind(settings, spec, seed, device or torch.device("cpu"))
+        self._device = device or torch.device("cpu")
+        self._agent = kind(settings, spec, seed, self._device)
         # A policy that can't be saved is refused now, not after the training.
         self.policy(0)
 
@@ -113,7 +114,8 @@ class PluginEngine(Closing):
     def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
         """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
         inputs = self.environments.encode(torch.from_numpy(observations))[0].numpy()
-        with torch.no_grad(), torch.random.fork_rng(devices=[]):
+        gpus = [self._device] if self._device.type == "cuda" else []
+        with torch.no_grad(), torch.random.fork_rng(gpus):
             return self._checked("act", self._agent.act(inputs), inputs)[None]
 
     def policy(self, seed: int) -> Network | None:
@@ -149,7 +151,7 @@ class PluginEngine(Closing):
             "episode_steps": self.environments.steps,
             "streams": self._streams.state(),
             "losses": pack(self._losses, tensors),
-            "generators": pack(_generators(), tensors),
+            "generators": pack(_generators(self._device), tensors),
             "agent": pack(self._agent.state(), tensors),
         }
         world = self.environments.state(0)
@@ -157,7 +159,7 @@ class PluginEngine(Closing):
         return SeedState(tensors, scalars)
 
     def restore(self, states: Sequence[SeedState]) -> None:
-        """Restores what `state` returned; on a CPU, training continues with the same bits."""
+        """Restores what `state` returned, after which training continues with the same bits."""
         ((tensors, scalars),) = states
         world = {name: tensor.numpy() for name, tensor in under(WORLD, tensors).items()}
         self.environments.restore(0, world, scalars["episodes"], scalars["episode_steps"])
@@ -165,7 +167,7 @@ class PluginEngine(Closing):
         self.control_steps = scalars["control_steps"]
         self._losses = unpack(scalars["losses"], tensors)
         self._agent.restore(unpack(scalars["agent"], tensors))
-        _restore_generators(unpack(scalars["generators"], tensors))
+        _restore_generators(unpack(scalars["generators"], tensors), self._device)
 
     def _checked(
         self, method: str, actions: Any, observations: NDArray[np.float32]
@@ -204,13 +206,18 @@ Trainer = Engine | PluginEngine
 """What trains the agents of a batch of runs."""
 
 
-def _generators() -> dict[str, Any]:
-    """Returns the states of the global random generators."""
+def _generators(device: torch.device) -> dict[str, Any]:
+    """Returns the states of the global random generators, with that of an agent's GPU."""
     legacy = np.random.get_state(legacy=False)  # noqa: NPY002
-    return {"torch": torch.get_rng_state(), "numpy": legacy, "python": random.getstate()}
+    states = {"torch": torch.get_rng_state(), "numpy": legacy, "python": random.getstate()}
+    if device.type == "cuda":
+        states["cuda"] = torch.cuda.get_rng_state(device)
+    return states
 
 
-def _restore_generators(states: Mapping[str, Any]) -> None:
+def _restore_generators(states: Mapping[str, Any], device: torch.device) -> None:
     torch.set_rng_state(states["torch"])
+    if device.type == "cuda" and "cuda" in states:  # the run may have been on a CPU
+        torch.cuda.set_rng_state(states["cuda"], device)
     np.random.set_state(states["numpy"])  # noqa: NPY002
     random.setstate(states["python"])

@@ -11,8 +11,7 @@ from typing import TypeVar
 import torch
 
 MIN_SEEDS = 20
-"""Number of seeds from which there are two groups: a GPU computes smaller stacks less efficiently.
-"""
+"""With at least this many seeds there are two groups; smaller stacks use a GPU less well."""
 
 _Result = TypeVar("_Result")
 
@@ -43,7 +42,8 @@ def take_turns(
             opened.callback(training.close)
         while turns:
             index = turns.popleft()
-            with torch.cuda.stream(streams[index] if streams else None):
+            # torch.cuda.stream(None) would initialise CUDA, which takes memory of a GPU.
+            with torch.cuda.stream(streams[index]) if streams else contextlib.nullcontext():
                 try:
                     next(trainings[index])
                     turns.append(index)

@@ -32,7 +32,16 @@ class Batch:
         members: Sequence[Member],
         device: str,
         checkpoint_every: float,
+        sharing: int,
     ) -> None:
+        """Makes the engine, and restores it from the checkpoints of the runs.
+
+        Args:
+            device: see `jbench.devices.find_device`.
+            checkpoint_every: minimum seconds between two checkpoints.
+            sharing: number of runs that share the process, those of other groups among them.
+        """
+        self._sharing = sharing
         self._members, self._timer = members, CommitTimer(checkpoint_every)
         self._clock = ProcessorClock()
         self._failures: dict[int, WorkError] = {}
@@ -152,7 +161,6 @@ class Batch:
         steps = self._engine.control_steps
         if self._evaluator.last_steps < steps:
             self._evaluate()
-        together = len(self._members)
         self._share_processor_time()
         for index in self._active():
             log, record = self._members[index].log, self._members[index].record
@@ -160,7 +168,7 @@ class Batch:
             evaluated = self._evaluated.get(index)
             # The copy of another package's policy rounds its sums in another way.
             is_same = evaluated is not None and isinstance(self._engine, Engine)
-            summary = {**log.summary(steps, evaluated=is_same), "together": together}
+            summary = {**log.summary(steps, evaluated=is_same), "together": self._sharing}
             record.finish(summary, policy_files(evaluated or self._engine.policy(index)))
 
     def _fail_diverged(self, *, weights: bool = False) -> None:

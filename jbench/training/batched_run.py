@@ -61,19 +61,25 @@ def run_batch(
     found = find_device(device)
     with contextlib.ExitStack() as locks:
         members, failures = _begin_all(runs, results, encoder, found, notice, locks)
-        with _failed_on_error(members):
-            while members:
-                # Seeds may have stopped at different steps: those behind catch up first.
-                behind = min(member.control_steps for member in members)
-                ahead = [m.control_steps for m in members if m.control_steps > behind]
-                together = [member for member in members if member.control_steps == behind]
-                parts = _divided(together, groups or number_of_groups(len(together), found))
-                stop = min(ahead, default=until)
-                turns = len(parts) > 1
-                train = partial(_train, device, checkpoint_every, stop, progress, in_turns=turns)
+        sharing = len(members)
+        while members := [member for member in members if member.is_behind(until)]:
+            # Seeds may have stopped at different steps: those behind catch up first.
+            behind = min(member.control_steps for member in members)
+            ahead = [m.control_steps for m in members if m.control_steps > behind]
+            together = [member for member in members if member.control_steps == behind]
+            parts = _divided(together, groups or number_of_groups(len(together), found))
+            train = partial(
+                _train,
+                device,
+                checkpoint_every,
+                min(ahead, default=until),
+                progress,
+                in_turns=len(parts) > 1,
+                sharing=sharing,
+            )
+            with _failed_on_error(members):
                 for failed in take_turns([train(part) for part in parts], found):
                     failures |= failed
-                members[:] = [m for m in members if m.is_behind(until)]
     return failures
 
 
@@ -132,7 +138,8 @@ def _train(
     members: Sequence[Member],
     *,
     in_turns: bool,
+    sharing: int,
 ) -> Generator[None, None, dict[str, WorkError]]:
-    """Trains a group of runs; see `Batch.train`."""
-    batch = Batch(members, device, checkpoint_every)  # on the stream of the group
+    """Trains a group of runs; see `Batch`."""
+    batch = Batch(members, device, checkpoint_every, sharing)  # on the stream of the group
     return (yield from batch.train(until, progress, in_turns=in_turns))

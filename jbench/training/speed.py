@@ -45,20 +45,21 @@ def seconds_per_step(
 
 def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device: str) -> float:
     """Returns the seconds per control step of each seed, from a rollout and its updates."""
-    algorithm, first = algorithm_of(settings), 0
+    algorithm = algorithm_of(settings)
     if isinstance(algorithm, PPOSettings):
         rollout, measured = algorithm.n_steps * algorithm.n_envs, settings
+        first = rollout
     else:
         assert isinstance(algorithm, OffPolicySettings)
         often = _short_schedule(algorithm, settings.environments)
         rollout = max(often["train_freq"], _UPDATES)
-        # Warm up until the first updates have been made.
         first = algorithm.batch_size + rollout
         changes = {"buffer_size": _STEPS, "learning_starts": algorithm.batch_size, **often}
         measured = settings.model_copy(
             update={"hyperparameters": {**settings.hyperparameters, **changes}}
         )
     with make_trainer(measured, list(range(seeds)), encoder, device) as engine:
+        # Warm up until the first updates have been made.
         for _ in engine.learn(first):
             pass
         before, began = engine.control_steps, time.perf_counter()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from jbench.agents.batched.engine import Engine
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.settings.algorithms import algorithm_settings
@@ -85,6 +86,21 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
     before = record.manifest
     run_batch([run], results, None)
     assert results.find("run", run.id).manifest == before
+
+
+def test_runs_stop_at_given_step_or_stay_after_it(tmp_path):
+    results = Results(tmp_path)
+    ahead, behind = (settings("ddpg", seed, steps=4 * EPISODE) for seed in range(2))
+
+    def train_until(episodes, *runs):
+        assert run_batch(runs, results, None, until=episodes * EPISODE) == {}
+        return [results.find("run", run.id).rows("episodes") for run in runs]
+
+    assert train_until(3, ahead) == [3]
+    assert train_until(2, ahead) == [3]
+    assert train_until(1, ahead, behind) == [3, 1]
+    assert train_until(2, ahead, behind) == [3, 2]
+    assert train_until(3, ahead, behind) == [3, 3]
 
 
 def test_run_locked_by_another_process_is_skipped(tmp_path):
@@ -203,6 +219,21 @@ def test_speed_is_measured_with_any_number_of_environments():
         evaluate_episodes=0,
     )
     assert seconds_per_step([run], None) > 0
+
+
+@pytest.mark.parametrize("algo", ["td3", "ppo"])
+def test_speed_is_measured_after_first_updates(algo, monkeypatch):
+    updates, learn = [], Engine.learn
+
+    def noted(engine, steps):
+        updates.append(engine.updates)
+        return learn(engine, steps)
+
+    monkeypatch.setattr(Engine, "learn", noted)
+    assert seconds_per_step([settings(algo)], None) > 0
+    before, measured = updates
+    assert before == 0
+    assert measured > 0
 
 
 @pytest.mark.parametrize("algo", ["td3", pytest.param("ppo", marks=SLOW)])

@@ -29,7 +29,7 @@ def make_trainer(
     Args:
         seeds: of the agents; one, if the agent is of another package.
         encoder: of all seeds, or one for each seed.
-        device: one of `jbench.names.DEVICES`.
+        device: see `jbench.devices.find_device`.
         tasks: one for each seed; None for that of the settings.
 
     Raises:

@@ -48,7 +48,7 @@ def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device:
     algorithm = algorithm_of(settings)
     if isinstance(algorithm, PPOSettings):
         rollout, measured = algorithm.n_steps * algorithm.n_envs, settings
-        first = rollout
+        first = 0 if device == "cpu" else rollout  # a GPU's first calls take longer
     else:
         assert isinstance(algorithm, OffPolicySettings)
         often = _short_schedule(algorithm, settings.environments)

@@ -10,7 +10,7 @@ from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store import Results
 from jbench.sweeps.executors import batches
-from jbench.training import engines, evaluation
+from jbench.training import engines, evaluation, speed
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import evaluate_policy, robot_model, seeds_of
 from jbench.training.request import training_device
@@ -222,15 +222,16 @@ def test_speed_is_measured_with_any_number_of_environments():
 
 
 @pytest.mark.parametrize("algo", ["td3", "ppo"])
-def test_speed_is_measured_after_first_updates(algo, monkeypatch):
-    updates, learn = [], Engine.learn
+def test_speed_on_gpu_is_measured_after_first_updates(algo, monkeypatch):
+    updates, learn, make = [], Engine.learn, speed.make_trainer
 
     def noted(engine, steps):
         updates.append(engine.updates)
         return learn(engine, steps)
 
     monkeypatch.setattr(Engine, "learn", noted)
-    assert seconds_per_step([settings(algo)], None) > 0
+    monkeypatch.setattr(speed, "make_trainer", lambda *about: make(*about[:-1], "cpu"))
+    assert seconds_per_step([settings(algo)], None, "cuda") > 0
     before, measured = updates
     assert before == 0
     assert measured > 0

@@ -12,6 +12,9 @@ from jbench.tasks.features import State, center_of_mass_velocity, motor_angle
 REST_HEIGHT = 0.035
 """Height of the torso's frame at the start of an episode (m)."""
 
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+"""Orientation of the torso's frame at rest, heading along x: a quaternion, scalar first."""
+
 MOTOR = -1
 """Index of the motor joint in qpos and in qvel."""
 

@@ -154,7 +154,7 @@ class Environments(Closing):
         """Returns the simulation state of one seed, for `restore`."""
         rows = self._rows(seed)
         return {
-            "simulation": self._robots.snapshot()[rows],
+            "simulation": self._robots.snapshot(range(rows.start, rows.stop)),
             "target_position": self._target.position[rows].copy(),
             "target_yaw": self._target.yaw[rows].copy(),
             "returns": self._returns[seed].copy(),

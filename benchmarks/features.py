@@ -13,7 +13,7 @@ import torch
 
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner
-from jbench.agents.batched.rules import ON_FEATURES
+from jbench.agents.batched.make import ON_FEATURES
 from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.tensors import Tensors
 from jbench.settings.algorithms import TD3Settings

@@ -145,20 +145,16 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
         RequestError: if there is no such matrix, or it is invalid.
     """
     content = read_content(name)
-    for key in content:
-        _known(name, "key", key, (*Matrix.model_fields, PART))
+    try:
+        for key in content:
+            known("key", key, (*Matrix.model_fields, PART))
+    except RequestError as error:
+        raise RequestError(f"{name}: {error}") from None
     parts = [_matrix({**part, **changes}, where) for where, part in parts_of(content, name).items()]
     engines = sorted({part.engine or "batched" for part in parts})
     if len(engines) > 1:
         raise RequestError(f"{name}: all parts need the same engine, not {' and '.join(engines)}.")
     return parts
-
-
-def _known(where: str, what: str, value: str, names: Sequence[str]) -> None:
-    try:
-        known(what, value, names)
-    except RequestError as error:
-        raise RequestError(f"{where}: {error}") from None
 
 
 def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:

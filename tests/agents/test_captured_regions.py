@@ -15,12 +15,12 @@ from torch.utils._pytree import tree_leaves
 
 from jbench.agents.batched import engine, off_policy
 from jbench.agents.batched.autograd import AutogradLearner
+from jbench.agents.batched.make import LEARNERS, ON_FEATURES
 from jbench.agents.batched.on_policy import Epochs
 from jbench.agents.batched.ppo import PPO
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.rollout import Rollout
 from jbench.agents.batched.rule import make_rule
-from jbench.agents.batched.rules import LEARNERS, ON_FEATURES
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
@@ -114,7 +114,7 @@ def regions_of(
         if ofe is not None:
             found["pretraining"] = kernels_in(updates._pretrain_once, None, tensors)
         methods = [(engine.act, 1)]
-        if group.learner.random_policy:
+        if group.learner.is_stochastic:
             methods.append((off_policy._explore, 2))
     for method, count in methods:
         key = (method, *[(SEEDS, 1, SIZE), (SEEDS, 1, 1)][:count])

@@ -41,7 +41,7 @@ class AutogradLearner(OffPolicyLearner):
         """See `Learner`; the parameters of the given rule are not used."""
         self.losses = tuple(name for name in rule.losses if name in LOSSES)
         self.noise_per_transition = rule.noise_per_transition
-        self.random_policy = type(rule).explore is not Rule.explore
+        self.is_stochastic = type(rule).explore is not Rule.explore
         super().__init__(settings, observation_size, view, low_precision)
         self._settings = settings
         trained = set(rule.losses.values())

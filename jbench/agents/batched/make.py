@@ -6,15 +6,24 @@ from functools import partial
 import torch
 
 from jbench.agents.batched.autograd import AutogradLearner
+from jbench.agents.batched.ddpg import DDPG
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.environments import Cell, Environments, Models
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.batched.on_features import (
+    DDPGOnFeatures,
+    OnFeatures,
+    SACOnFeatures,
+    TD3OnFeatures,
+)
 from jbench.agents.batched.on_policy import OnPolicyEngine
+from jbench.agents.batched.ppo import PPO
 from jbench.agents.batched.rule import Rule
 from jbench.agents.batched.rule_check import checked_rule
-from jbench.agents.batched.rules import LEARNERS, ON_FEATURES
+from jbench.agents.batched.sac import SAC
 from jbench.agents.batched.streams import Streams
+from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
 from jbench.cores import cores
@@ -24,6 +33,16 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, PRECISIONS, TimeLimit, one_of
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.ofe import OFESettings
+
+LEARNERS: dict[str, type[Learner]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
+"""jbench's own update rules by name of the algorithm."""
+
+ON_FEATURES: dict[str, type[OnFeatures]] = {
+    "ddpg": DDPGOnFeatures,
+    "sac": SACOnFeatures,
+    "td3": TD3OnFeatures,
+}
+"""Update rules on learned features."""
 
 
 def make_engine(

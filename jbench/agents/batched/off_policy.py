@@ -96,7 +96,7 @@ class OffPolicyEngine(Engine):
 
     def _policy_actions(self, observations: Tensor) -> Tensor:
         """Returns actions (seeds, environments, 1) of the policies, without action noise."""
-        if not self._team.each[0].random_policy:
+        if not self._team.each[0].is_stochastic:
             return self._team.run(act, observations)
         shape = observations.shape[1], 1
         noise = np.stack([each.actions.standard_normal(shape) for each in self._streams])

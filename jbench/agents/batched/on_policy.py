@@ -12,8 +12,8 @@ from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.environments import Environments, Step
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.padding import with_padding, without_padding
-from jbench.agents.batched.ppo import PPO, Minibatch
-from jbench.agents.batched.rollout import Rollout
+from jbench.agents.batched.ppo import PPO
+from jbench.agents.batched.rollout import Rollout, minibatch_of
 from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Group, Team
 from jbench.names import TimeLimit
@@ -47,7 +47,7 @@ class OnPolicyEngine(Engine):
         self._epochs = [
             Epochs(settings, group, group.select(streams), self._rollout) for group in team.groups
         ]
-        self._outputs = torch.zeros(seeds, count, 3)
+        self._outputs: Tensor  # of the last call of `PPO.explore`
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         shape = observations.shape
@@ -149,8 +149,3 @@ class Epochs:
         indices = self._indices(size).view(-1)
         torch.index_select(self._rows, 0, indices, out=batch.view(-1, width))
         self._learner.update(minibatch_of(batch))
-
-
-def minibatch_of(rows: Tensor) -> Minibatch:
-    """Returns a minibatch from rows (..., N, size + 6) of a `Rollout`."""
-    return Minibatch(rows[..., :-6], *rows[..., -6:-1].split(1, dim=-1))

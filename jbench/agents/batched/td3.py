@@ -9,7 +9,6 @@ from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import (
     OffPolicyLearner,
     initialize_uniform,
-    polyak_update,
     tanh_gradient,
 )
 from jbench.agents.batched.network import Network
@@ -99,4 +98,4 @@ class TD3(OffPolicyLearner):
 
             # Update the target networks.
             self.critic_targets.polyak_update(self.critics, self._tau)
-            polyak_update(self.actor_target, self.actor, self._tau)
+            self.actor_target.polyak_update(self.actor, self._tau)

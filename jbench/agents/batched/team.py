@@ -14,7 +14,7 @@ from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.streams import Streams
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.tensors import SeedView, Tensors
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy
 from jbench.settings.algorithms import AlgorithmSettings
@@ -90,8 +90,8 @@ class Team(Generic[_Learner]):
         self._sizes, largest = sizes, max(sizes)
         self._make = partial(learner, settings, low_precision=low_precision)
         # It comes first, because it decides how the tensors lie in memory.
-        self._stack = self._make(largest, tensors.stacked_view()) if stacked else None
-        self.each = [self._make(largest, tensors.seed_view(seed)) for seed in range(len(sizes))]
+        self._stack = self._make(largest, SeedView(tensors)) if stacked else None
+        self.each = [self._make(largest, SeedView(tensors, seed)) for seed in range(len(sizes))]
         self._padding = [
             learner.input_weights(slice(size, largest)) if size < largest else {}
             for size, learner in zip(sizes, self.each, strict=True)
@@ -166,7 +166,7 @@ class Team(Generic[_Learner]):
             yield self.each[seed]
             return
         own = Tensors(1, self.tensors.dtype)
-        learner = self._make(self._sizes[seed], own.seed_view(0))
+        learner = self._make(self._sizes[seed], SeedView(own, 0))
         for name, values in self.state(seed).items():
             own.saved[name][0] = values
         yield learner

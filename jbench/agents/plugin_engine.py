@@ -32,9 +32,11 @@ class PluginEngine(Closing):
         control_steps: over all environments.
         diverged: what diverged, at index 0.
         is_resumable: whether the agent has `state` and `restore`.
+        keeps_policy_exactly: see `Engine`; the copy of an agent's policy may round differently.
     """
 
     updates: int | None = None
+    keeps_policy_exactly = False
 
     def __init__(
         self,
@@ -110,6 +112,10 @@ class PluginEngine(Closing):
             )
             self._note_losses(self._agent.learn(transition))
             yield step.episode_returns
+
+    def begin_updates(self) -> bool:
+        """Returns False: the agent itself decides when it learns; see `Engine.begin_updates`."""
+        return False
 
     def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
         """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""

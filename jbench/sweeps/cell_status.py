@@ -137,12 +137,11 @@ def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None
 
     from jbench.training.speed import seconds_per_step
 
-    # On a GPU the seeds are trained as one stack; with other cells in it they take less time. The
-    # encoder's cost is negligible.
+    # On a GPU the seeds are trained as one stack; with other cells in it they take less time.
     together = runs[:1] if device == "cpu" else runs
     try:
         with one_thread():
-            return seconds_per_step(together, None, device) / len(together)
+            return seconds_per_step(together, device) / len(together)
     except (RequestError, WorkError, RuntimeError):
         return None
     finally:

@@ -218,7 +218,7 @@ def test_speed_is_measured_with_any_number_of_environments():
         evaluate_every=10**4,
         evaluate_episodes=0,
     )
-    assert seconds_per_step([run], None) > 0
+    assert seconds_per_step([run]) > 0
 
 
 @pytest.mark.parametrize("algo", ["td3", "ppo"])
@@ -231,7 +231,7 @@ def test_speed_on_gpu_is_measured_after_first_updates(algo, monkeypatch):
 
     monkeypatch.setattr(Engine, "learn", noted)
     monkeypatch.setattr(speed, "make_trainer", lambda *about: make(*about[:-1], "cpu"))
-    assert seconds_per_step([settings(algo)], None, "cuda") > 0
+    assert seconds_per_step([settings(algo)], "cuda") > 0
     before, measured = updates
     assert before == 0
     assert measured > 0
@@ -242,6 +242,6 @@ def test_measuring_speed_does_not_change_results(algo, tmp_path):
     run = settings(algo, evaluate_episodes=0)
     once, again = Results(tmp_path / "once"), Results(tmp_path / "again")
     run_batch([run], once, None)
-    assert seconds_per_step([run], None) > 0
+    assert seconds_per_step([run]) > 0
     run_batch([run], again, None)
     assert rows(once.find("run", run.id)) == rows(again.find("run", run.id))

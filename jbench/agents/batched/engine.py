@@ -46,9 +46,11 @@ class Engine(Closing):
         diverged: the diverged seeds by index. Their robots get the action 0 and they may stop
             learning; the other seeds are not affected.
         is_resumable: whether there are `state` and `restore`.
+        keeps_policy_exactly: whether the actions of a copy from `policy`, loaded again, are those
+            of the agent bit for bit.
     """
 
-    is_resumable = True
+    is_resumable = keeps_policy_exactly = True
 
     def __init__(
         self,

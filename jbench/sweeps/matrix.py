@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from pydantic import BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
 
 from jbench.agents.algorithms import algorithm_fields, check_name, settings_of
-from jbench.encoders.registry import find_kind, kind_names
+from jbench.encoders.registry import find_kind, kind_names, only_size
 from jbench.encoders.settings import encoder_settings
 from jbench.errors import RequestError
 from jbench.names import (
@@ -245,10 +245,8 @@ def _check_names(matrix: Matrix) -> None:
 
 def _kind_and_latents(name: str, task: str) -> tuple[str, int]:
     """Returns kind and size of a representation such as dae12, dae:12 or planar."""
-    if name in kind_names():
-        sizes = find_kind(name).latent_sizes(task)
-        if len(sizes) == 1:
-            return name, sizes[0]
+    if name in kind_names() and (size := only_size(name, task)) is not None:
+        return name, size
     match = _REPRESENTATION.fullmatch(name)
     if match is None:  # such as a kind without a number
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))

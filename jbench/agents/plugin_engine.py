@@ -11,7 +11,7 @@ from torch import nn
 
 from jbench.agents.batched.engine import WORLD, Engine, SeedState, under
 from jbench.agents.batched.environments import Cell, Environments, Models
-from jbench.agents.batched.streams import Streams
+from jbench.agents.batched.generators import Generators
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.agents.packing import pack, unpack
 from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable
@@ -65,9 +65,9 @@ class PluginEngine(Closing):
             UnsupportedPolicyError: if its policy can't be saved.
         """
         self._name, self._time_limit = name, time_limit
-        self._streams = Streams(seed, environments)
+        self._generators = Generators(seed, environments)
         self.environments = Environments(
-            [Cell(task, [self._streams.environments], encoder)],
+            [Cell(task, [self._generators.environments], encoder)],
             models=models,
             episode_steps=episode_steps,
         )
@@ -155,7 +155,7 @@ class PluginEngine(Closing):
             "control_steps": self.control_steps,
             "episodes": self.environments.episodes,
             "episode_steps": self.environments.steps,
-            "streams": self._streams.state(),
+            "streams": self._generators.state(),
             "losses": pack(self._losses, tensors),
             "generators": pack(_generators(self._device), tensors),
             "agent": pack(self._agent.state(), tensors),
@@ -169,7 +169,7 @@ class PluginEngine(Closing):
         ((tensors, scalars),) = states
         world = {name: tensor.numpy() for name, tensor in under(WORLD, tensors).items()}
         self.environments.restore(0, world, scalars["episodes"], scalars["episode_steps"])
-        self._streams.restore(scalars["streams"])
+        self._generators.restore(scalars["streams"])
         self.control_steps = scalars["control_steps"]
         self._losses = unpack(scalars["losses"], tensors)
         self._agent.restore(unpack(scalars["agent"], tensors))

@@ -10,11 +10,11 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.environments import Environments, Step
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.ppo import PPO
 from jbench.agents.batched.rollout import Rollout, minibatch_of
-from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Group, Team
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import PPOSettings
@@ -28,30 +28,31 @@ class OnPolicyEngine(Engine):
         settings: PPOSettings,
         team: Team[Any],
         environments: Environments,
-        streams: Sequence[Streams],
+        generators: Sequence[Generators],
         *,
         time_limit: TimeLimit = "bootstrap",
     ) -> None:
         """Starts with untrained agents.
 
         Args:
-            streams: one per seed.
+            generators: one per seed.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         """
         seeds, count = environments.observations.shape[:2]
         # The number of transitions does not depend on the number of environments.
         steps = max(1, settings.n_steps * settings.n_envs // count)
-        super().__init__(team, environments, streams, steps)
+        super().__init__(team, environments, generators, steps)
         self._settings, self._bootstrap = settings, time_limit == "bootstrap"
         self._rollout = Rollout(seeds, count, steps, environments.size, team.tensors.dtype)
         self._epochs = [
-            Epochs(settings, group, group.select(streams), self._rollout) for group in team.groups
+            Epochs(settings, group, group.select(generators), self._rollout)
+            for group in team.groups
         ]
         self._outputs: Tensor  # of the last call of `PPO.explore`
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         shape = observations.shape
-        draws = [each.actions.standard_normal((shape[1], 1)) for each in self._streams]
+        draws = [each.actions.standard_normal((shape[1], 1)) for each in self._generators]
         noise = torch.from_numpy(np.stack(draws))
         self._outputs = self._team.run(PPO.explore, observations, noise)
         actions: NDArray[np.floating] = self._outputs[..., 0].numpy()
@@ -97,17 +98,17 @@ class Epochs:
         self,
         settings: PPOSettings,
         group: Group[PPO],
-        streams: Sequence[Streams],
+        generators: Sequence[Generators],
         rollout: Rollout,
     ) -> None:
         """Makes the buffers.
 
         Args:
-            streams: of the seeds of the group.
+            generators: of the seeds of the group.
             rollout: of all seeds.
         """
         self.seeds, self._group = group.seeds, group
-        self._settings, self._learner, self._streams = settings, group.learner, streams
+        self._settings, self._learner, self._generators = settings, group.learner, generators
         rows = rollout.rows[group.seeds.start : group.seeds.stop]
         # Transitions of each seed, environment by environment.
         self._source = rows.flatten(0, 2)
@@ -133,8 +134,7 @@ class Epochs:
         """
         epochs, count = range(self._settings.n_epochs), self._transitions
         orders = [
-            np.stack([stream.updates.permutation(count) for _ in epochs])
-            for stream in self._streams
+            np.stack([each.updates.permutation(count) for _ in epochs]) for each in self._generators
         ]
         return self._group.stack(orders, count)
 

@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.padding import with_padding, without_padding
-from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.tensors import SeedView, Tensors
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy
@@ -29,9 +29,9 @@ class Group(NamedTuple, Generic[_Learner]):
     learner: _Learner
     seeds: range
 
-    def select(self, streams: Sequence[Streams]) -> Sequence[Streams]:
-        """Returns the streams of the group's seeds."""
-        return streams[self.seeds.start : self.seeds.stop]
+    def select(self, generators: Sequence[Generators]) -> Sequence[Generators]:
+        """Returns the generators of the group's seeds."""
+        return generators[self.seeds.start : self.seeds.stop]
 
     def stack(self, per_seed: Sequence[NDArray[Any]], offset: int = 0) -> Tensor:
         """Stacks the draws of each seed for the device, to which a GPU copies without waiting.
@@ -105,11 +105,11 @@ class Team(Generic[_Learner]):
         self._inputs: dict[Hashable, list[tuple[Tensor, Tensor]]] = {}
         self._outputs: dict[Hashable, Tensor] = {}
 
-    def initialize(self, streams: Sequence[Streams]) -> None:
+    def initialize(self, generators: Sequence[Generators]) -> None:
         """Draws the initial parameters of every seed."""
-        for seed, stream in enumerate(streams):
+        for seed, own in enumerate(generators):
             with self._unpadded(seed) as learner:
-                learner.initialize(stream.weights())
+                learner.initialize(own.weights())
 
     def policy(self, seed: int) -> Policy | Network:
         """Returns a copy of the deterministic policy of a seed."""

@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import ReplayBuffer
-from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Group
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
@@ -31,7 +31,7 @@ class Updates:
         self,
         settings: OffPolicySettings,
         group: Group[OffPolicyLearner],
-        streams: Sequence[Streams],
+        generators: Sequence[Generators],
         replay: ReplayBuffer,
         time_limit: TimeLimit,
         updates: int = _RECORDED,
@@ -39,13 +39,13 @@ class Updates:
         """Makes the buffers.
 
         Args:
-            streams: of the seeds of the group.
+            generators: of the seeds of the group.
             replay: buffers of all seeds.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
             updates: in a learning phase.
         """
         self.seeds, self._group = group.seeds, group
-        self._learner, self._streams, self._replay = group.learner, streams, replay
+        self._learner, self._generators, self._replay = group.learner, generators, replay
         self._size, self._gamma = settings.batch_size, settings.gamma
         self._terminal = time_limit == "terminal"
         self._rows = replay.rows_of(group.seeds)
@@ -135,7 +135,7 @@ class Updates:
     def _sample(self, count: int) -> list[tuple[Tensor, Tensor]]:
         """Returns buffers (any, ..., size, any), each with samples (count, ..., size, any)."""
         shape, noise = (count, self._size), self._noise
-        sampled = [self._replay.sample(stream.updates, *shape) for stream in self._streams]
+        sampled = [self._replay.sample(each.updates, *shape) for each in self._generators]
         stack, rows_of_seed = self._group.stack, len(self._rows) // len(sampled)
         samples = [
             (self._indices, stack([each.rows for each in sampled], rows_of_seed)),
@@ -146,6 +146,6 @@ class Updates:
             samples.append((self._discounts, stack(discounts)))
         if noise.shape[-1]:
             size = (*shape, noise.shape[-1])
-            normal = [stream.updates.standard_normal(size, np.float32) for stream in self._streams]
+            normal = [each.updates.standard_normal(size, np.float32) for each in self._generators]
             samples.append((noise, stack(normal)))
         return samples

@@ -165,7 +165,7 @@ class PluginEngine(Closing):
         return SeedState(tensors, scalars)
 
     def restore(self, states: Sequence[SeedState]) -> None:
-        """Restores what `state` returned, after which training continues with the same bits."""
+        """Restores what `state` returned, so that training continues with the same numbers."""
         ((tensors, scalars),) = states
         world = {name: tensor.numpy() for name, tensor in under(WORLD, tensors).items()}
         self.environments.restore(0, world, scalars["episodes"], scalars["episode_steps"])

@@ -116,7 +116,7 @@ def _core_seconds_per_step(record: Record, device: str) -> float | None:
     The runs of a process share one core, and each of them records the whole wall time.
 
     Args:
-        device: on which a run of the batched engine would be trained now.
+        device: on which runs are trained now, except those of stable-baselines3.
     """
     provenance, summary = record.manifest.provenance, record.manifest.summary
     now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]

@@ -6,11 +6,7 @@ import torch
 from torch import Generator, Tensor
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.learner import (
-    OffPolicyLearner,
-    initialize_uniform,
-    tanh_gradient,
-)
+from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
 from jbench.agents.batched.network import Network
 from jbench.agents.batched.tensors import SeedView
 from jbench.settings.algorithms import TD3Settings

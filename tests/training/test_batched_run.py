@@ -1,5 +1,8 @@
 """Tests of runs of the batched engine: rows, paths, batches, settings and measured speed."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import torch
@@ -10,7 +13,7 @@ from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store import Results
 from jbench.sweeps.executors import batches
-from jbench.training import engines, evaluation, speed
+from jbench.training import engines, evaluation, group, speed
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import evaluate_policy, robot_model, seeds_of
 from jbench.training.request import training_device
@@ -101,6 +104,27 @@ def test_runs_stop_at_given_step_or_stay_after_it(tmp_path):
     assert train_until(1, ahead, behind) == [3, 1]
     assert train_until(2, ahead, behind) == [3, 2]
     assert train_until(3, ahead, behind) == [3, 3]
+
+
+def test_memory_of_engine_is_freed_before_next_one_is_made(tmp_path, monkeypatch):
+    results, make, made, living = Results(tmp_path), group.make_trainer, [], []
+    ahead, behind = (settings("ddpg", seed, steps=3 * EPISODE) for seed in range(2))
+    run_batch([ahead], results, None, until=EPISODE)
+
+    def noted(*about):
+        living.append([reference() for reference in made])
+        engine = make(*about)
+        made.append(weakref.ref(engine._team.tensors))
+        return engine
+
+    monkeypatch.setattr(group, "make_trainer", noted)
+    gc.disable()
+    try:
+        assert run_batch([ahead, behind], results, None) == {}
+    finally:
+        gc.enable()
+    # One for the seed that is behind, then one for both.
+    assert living == [[], [None]]
 
 
 def test_run_locked_by_another_process_is_skipped(tmp_path):

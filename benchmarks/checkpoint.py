@@ -77,7 +77,7 @@ def cost(algo: str, rounds: int) -> None:
     shares, times = [], []
     with (
         tempfile.TemporaryDirectory() as folder,
-        make_trainer(runs[0], range(SEEDS), None, "cpu") as engine,
+        make_trainer(runs, [None] * SEEDS, "cpu") as engine,
     ):
         begun = [begin(Path(folder), run) for run in runs]
         if isinstance(engine, OffPolicyEngine):
@@ -112,7 +112,7 @@ def volume(algo: str) -> None:
     """Prints what the checkpoints of a million control steps write, with one per episode."""
     run = settings_of(algo, 0)
     written = Written()
-    with tempfile.TemporaryDirectory() as folder, make_trainer(run, [0], None, "cpu") as engine:
+    with tempfile.TemporaryDirectory() as folder, make_trainer([run], [None], "cpu") as engine:
         record, log = begin(Path(folder), run)
         most, random = 0, np.random.default_rng(0)
         for number in range(1, MILLION // EPISODE_STEPS + 1):

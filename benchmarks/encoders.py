@@ -32,7 +32,7 @@ from jbench.cores import one_thread
 from jbench.datasets import layout
 from jbench.devices import find_device
 from jbench.encoders.kind import Learned
-from jbench.encoders.loop import Learner
+from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.registry import make_kind
 from jbench.encoders.states import Shard
 from jbench.store import Results, schema
@@ -93,7 +93,7 @@ def plain_loop(rows: Tensor) -> Callable[[], None]:
 def ours(name: str, shard: Shard) -> Callable[[], None]:
     kind = make_kind(name, {})
     assert isinstance(kind, Learned)
-    learner = Learner(kind, SIZE, LATENTS, 0, shard.states.device)
+    learner = EncoderLearner(kind, SIZE, LATENTS, 0, shard.states.device)
     states = SimpleNamespace(learn=lambda random: iter([shard]))
 
     def epoch() -> None:

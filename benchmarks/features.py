@@ -13,9 +13,9 @@ import torch
 
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import OffPolicyLearner
-from jbench.agents.batched.rules import ON_FEATURES
+from jbench.agents.batched.make import ON_FEATURES
 from jbench.agents.batched.td3 import TD3
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.tensors import SeedView, Tensors
 from jbench.settings.algorithms import TD3Settings
 from jbench.settings.ofe import OFESettings
 
@@ -28,9 +28,9 @@ def main() -> None:
     """Prints a line for each representation."""
     torch.set_num_threads(1)
     settings = TD3Settings()
-    learners: dict[str, OffPolicyLearner] = {"full": TD3(settings, _SIZE, Tensors(1).of(0))}
+    learners: dict[str, OffPolicyLearner] = {"full": TD3(settings, _SIZE, SeedView(Tensors(1), 0))}
     for units in _UNITS:
-        ofe, part = OFESettings(units=units), Tensors(1).of(0)
+        ofe, part = OFESettings(units=units), SeedView(Tensors(1), 0)
         learners[f"ofe{units}"] = ON_FEATURES["td3"](settings, _SIZE, part, ofe=ofe)
     rows = settings.batch_size, _SIZE + 2
     batches = {

@@ -21,7 +21,7 @@ class Updates:
         self.device = engine._team.tensors.device
         if isinstance(engine, OffPolicyEngine):
             rows = torch.randn(1, transitions, engine.environments.size + 2)
-            for seed in range(len(engine._streams)):
+            for seed in range(len(engine._generators)):
                 engine.restore_rows(seed, rows, transitions)
         else:
             assert isinstance(engine, OnPolicyEngine)

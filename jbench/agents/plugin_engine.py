@@ -11,7 +11,7 @@ from torch import nn
 
 from jbench.agents.batched.engine import WORLD, Engine, SeedState, under
 from jbench.agents.batched.environments import Cell, Environments, Models
-from jbench.agents.batched.streams import Streams
+from jbench.agents.batched.generators import Generators
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.agents.packing import pack, unpack
 from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable
@@ -32,9 +32,11 @@ class PluginEngine(Closing):
         control_steps: over all environments.
         diverged: what diverged, at index 0.
         is_resumable: whether the agent has `state` and `restore`.
+        keeps_policy_exactly: see `Engine`; the copy of an agent's policy may round differently.
     """
 
     updates: int | None = None
+    keeps_policy_exactly = False
 
     def __init__(
         self,
@@ -63,9 +65,9 @@ class PluginEngine(Closing):
             UnsupportedPolicyError: if its policy can't be saved.
         """
         self._name, self._time_limit = name, time_limit
-        self._streams = Streams(seed, environments)
+        self._generators = Generators(seed, environments)
         self.environments = Environments(
-            [Cell(task, [self._streams.environments], encoder)],
+            [Cell(task, [self._generators.environments], encoder)],
             models=models,
             episode_steps=episode_steps,
         )
@@ -77,7 +79,8 @@ class PluginEngine(Closing):
         torch.manual_seed(seed)
         np.random.seed(seed)  # noqa: NPY002 - agents of others may use it
         random.seed(seed)
-        self._agent = kind(settings, spec, seed, device or torch.device("cpu"))
+        self._device = device or torch.device("cpu")
+        self._agent = kind(settings, spec, seed, self._device)
         # A policy that can't be saved is refused now, not after the training.
         self.policy(0)
 
@@ -110,10 +113,15 @@ class PluginEngine(Closing):
             self._note_losses(self._agent.learn(transition))
             yield step.episode_returns
 
+    def begin_updates(self) -> bool:
+        """Returns False: the agent itself decides when it learns; see `Engine.begin_updates`."""
+        return False
+
     def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
         """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
         inputs = self.environments.encode(torch.from_numpy(observations))[0].numpy()
-        with torch.no_grad(), torch.random.fork_rng(devices=[]):
+        gpus = [self._device] if self._device.type == "cuda" else []
+        with torch.no_grad(), torch.random.fork_rng(gpus):
             return self._checked("act", self._agent.act(inputs), inputs)[None]
 
     def policy(self, seed: int) -> Network | None:
@@ -147,9 +155,9 @@ class PluginEngine(Closing):
             "control_steps": self.control_steps,
             "episodes": self.environments.episodes,
             "episode_steps": self.environments.steps,
-            "streams": self._streams.state(),
+            "streams": self._generators.state(),
             "losses": pack(self._losses, tensors),
-            "generators": pack(_generators(), tensors),
+            "generators": pack(_generators(self._device), tensors),
             "agent": pack(self._agent.state(), tensors),
         }
         world = self.environments.state(0)
@@ -157,15 +165,15 @@ class PluginEngine(Closing):
         return SeedState(tensors, scalars)
 
     def restore(self, states: Sequence[SeedState]) -> None:
-        """Restores what `state` returned; on a CPU, training continues with the same bits."""
+        """Restores what `state` returned, so that training continues with the same numbers."""
         ((tensors, scalars),) = states
         world = {name: tensor.numpy() for name, tensor in under(WORLD, tensors).items()}
         self.environments.restore(0, world, scalars["episodes"], scalars["episode_steps"])
-        self._streams.restore(scalars["streams"])
+        self._generators.restore(scalars["streams"])
         self.control_steps = scalars["control_steps"]
         self._losses = unpack(scalars["losses"], tensors)
         self._agent.restore(unpack(scalars["agent"], tensors))
-        _restore_generators(unpack(scalars["generators"], tensors))
+        _restore_generators(unpack(scalars["generators"], tensors), self._device)
 
     def _checked(
         self, method: str, actions: Any, observations: NDArray[np.float32]
@@ -204,13 +212,18 @@ Trainer = Engine | PluginEngine
 """What trains the agents of a batch of runs."""
 
 
-def _generators() -> dict[str, Any]:
-    """Returns the states of the global random generators."""
+def _generators(device: torch.device) -> dict[str, Any]:
+    """Returns the states of the global random generators, with that of an agent's GPU."""
     legacy = np.random.get_state(legacy=False)  # noqa: NPY002
-    return {"torch": torch.get_rng_state(), "numpy": legacy, "python": random.getstate()}
+    states = {"torch": torch.get_rng_state(), "numpy": legacy, "python": random.getstate()}
+    if device.type == "cuda":
+        states["cuda"] = torch.cuda.get_rng_state(device)
+    return states
 
 
-def _restore_generators(states: Mapping[str, Any]) -> None:
+def _restore_generators(states: Mapping[str, Any], device: torch.device) -> None:
     torch.set_rng_state(states["torch"])
+    if device.type == "cuda" and "cuda" in states:  # the run may have been on a CPU
+        torch.cuda.set_rng_state(states["cuda"], device)
     np.random.set_state(states["numpy"])  # noqa: NPY002
     random.setstate(states["python"])

@@ -182,14 +182,10 @@ def _sizes(kinds: list[str], task: str, latent: str | None) -> list[tuple[str, i
 
     If any kind has several sizes, --latent is ignored for kinds that have only one.
     """
-    from jbench.encoders.registry import find_kind
+    from jbench.encoders.registry import only_size
 
     numbers = parse_numbers("--latent", latent or "12", "12, or 2,4,8, or 1-16")
-    only = {}
-    for kind in kinds:
-        sizes = find_kind(kind).latent_sizes(task)
-        if len(sizes) == 1:
-            only[kind] = list(sizes)
+    only = {kind: [size] for kind in kinds if (size := only_size(kind, task)) is not None}
     if latent is not None and len(only) == len(kinds):
         only = {}
     return [(kind, number) for kind in kinds for number in only.get(kind, numbers)]

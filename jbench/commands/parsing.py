@@ -180,6 +180,21 @@ def _setting(text: str) -> Any:
     return text
 
 
+def processes(jobs: int, device: str) -> int:
+    """Returns the number of processes at a time that `--jobs` requests.
+
+    Args:
+        jobs: 0 for one per core, or one for a GPU.
+        device: that trains the agents.
+
+    Raises:
+        RequestError: if it is negative.
+    """
+    from jbench.sweeps.executors import default_jobs
+
+    return all_cores(jobs) if jobs else default_jobs(device)
+
+
 def all_cores(number: int) -> int:
     """Returns a number of threads or processes; 0 is replaced by the number of cores.
 

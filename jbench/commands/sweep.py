@@ -117,7 +117,7 @@ def sweep(
     from jbench.sweeps import scheduler
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.cell_status import cell_statuses, seconds_left
-    from jbench.sweeps.executors import Local, default_jobs
+    from jbench.sweeps.executors import Local
     from jbench.sweeps.matrix import matrix_cells, read_matrix
     from jbench.training.status import failures_among
 
@@ -133,7 +133,7 @@ def sweep(
     parts = read_matrix(matrix, **changes)
     names.known("executor", executor, names.EXECUTORS)
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
-    at_a_time = parsing.all_cores(jobs) if jobs else default_jobs(train_on)
+    at_a_time = parsing.processes(jobs, train_on)
 
     def make() -> "Executor":
         if executor == "local":

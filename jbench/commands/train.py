@@ -135,7 +135,7 @@ def train(
     algo = algo.lower() if algo.lower() in names.ALGORITHMS else algo
     chosen_engine = engine_of(algo, chosen_engine)
     train_on = training_device(chosen_engine, device, chosen_precision)
-    processes = parsing.all_cores(jobs)
+    processes = parsing.processes(jobs, train_on)
     base = names.known("value of --settings", settings, names.BASES)
     runs = request_runs(
         database,

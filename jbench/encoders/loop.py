@@ -28,7 +28,7 @@ _RANDOM_ON_GPU = "random.cuda"  # in checkpoints that older versions wrote on a 
 _Item = TypeVar("_Item")
 
 
-class Learner:
+class EncoderLearner:
     """The complete state of a training: weights, optimiser and random generator.
 
     Attributes:

@@ -48,6 +48,16 @@ def find_kind(name: str) -> type[Kind]:
     return kind
 
 
+def only_size(kind: str, task: str) -> int | None:
+    """Returns the number of latents of a kind if the task determines it, else None.
+
+    Raises:
+        RequestError, WorkError: see `find_kind`.
+    """
+    sizes = find_kind(kind).latent_sizes(task)
+    return sizes[0] if len(sizes) == 1 else None
+
+
 def make_kind(name: str, options: Mapping[str, Any]) -> Kind:
     """Returns a kind with the given options.
 

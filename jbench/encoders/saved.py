@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import Kind
-from jbench.encoders.registry import find_kind, kind_names, make_kind
+from jbench.encoders.registry import find_kind, kind_names, make_kind, only_size
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
 from jbench.names import known
@@ -48,8 +48,7 @@ class SavedEncoder:
         self._gain, self._offset = scaling.gain_and_offset()
         self._tensors: dict[
             tuple[torch.dtype, torch.device], tuple[dict[str, Tensor], Tensor, Tensor]
-        ]
-        self._tensors = {}
+        ] = {}
         size = len(scaling.minimum)
         if not all(np.isfinite(value).all() for value in weights.values()):
             raise ValueError("weights that are not finite")
@@ -176,7 +175,7 @@ def _kind_and_number(name: str, task: str) -> tuple[str | None, str]:
         RequestError: if the name is a kind of several sizes.
     """
     if name in kind_names():
-        return name, _only_size(name, task)
+        return name, str(_size_of_kind(name, task))
     if name.isdecimal():
         return "dae", name
     kind, colon, number = name.rpartition(":")
@@ -202,19 +201,20 @@ def _find_id(results: Results, name: str, task: str) -> str:
     return id
 
 
-def _only_size(kind: str, task: str) -> str:
+def _size_of_kind(kind: str, task: str) -> int:
     """Returns the number of latents of a kind that has only one size for a task.
 
     Raises:
         RequestError: if it has several sizes.
     """
-    sizes = find_kind(kind).latent_sizes(task)
-    if len(sizes) > 1:
+    size = only_size(kind, task)
+    if size is None:
+        sizes = find_kind(kind).latent_sizes(task)
         raise RequestError(
             f"Encoders of the kind {kind} have {sizes[0]} to {sizes[-1]} latents on {task}; type "
             f"--encoder {kind}:12, or another number."
         )
-    return str(sizes[0])
+    return size
 
 
 def _check_size(kind: str, latents: int, task: str) -> None:
@@ -233,9 +233,8 @@ def _check_size(kind: str, latents: int, task: str) -> None:
 def _command(kind: str, task: str, latents: int | None = None) -> str:
     """Returns the command that trains an encoder; omits the size of kinds with only one size."""
     verb = "train-dae" if kind == "dae" else f"train-encoder --kind {kind}"
-    size = "" if latents is None else f" --latent {latents}"
-    if size and len(find_kind(kind).latent_sizes(task)) == 1:
-        size = ""
+    has_size = latents is not None and only_size(kind, task) is None
+    size = f" --latent {latents}" if has_size else ""
     return f"jbench {verb} --task {task}{size}"
 
 

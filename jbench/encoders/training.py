@@ -16,7 +16,7 @@ from jbench.cores import one_thread
 from jbench.encoders.batch import Batch
 from jbench.encoders.evaluation import Errors, evaluate_encoder
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
-from jbench.encoders.loop import Learner
+from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.predictions import Probe, probe
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
@@ -99,7 +99,7 @@ def _weights(
         return {name: np.ascontiguousarray(v, np.float32) for name, v in fitted.items()}
     assert isinstance(kind, Learned)
     constants = kind.constants(states)
-    learner = Learner(kind, states.size, settings.latents, settings.seed, device, constants)
+    learner = EncoderLearner(kind, states.size, settings.latents, settings.seed, device, constants)
     if CHECKPOINT in record.roles():
         learner.restore(record.read_file(CHECKPOINT))
     _learn(learner, states, record, progress, commit_every)
@@ -107,7 +107,7 @@ def _weights(
 
 
 def _learn(
-    learner: Learner,
+    learner: EncoderLearner,
     states: States,
     record: Record,
     progress: Callable[[int], None],
@@ -137,7 +137,9 @@ def _learn(
         progress(epoch)
 
 
-def _error_measure(learner: Learner, states: States) -> Callable[[], dict[str, float | None]]:
+def _error_measure(
+    learner: EncoderLearner, states: States
+) -> Callable[[], dict[str, float | None]]:
     """Returns a function that measures the errors on fixed states with fixed corruption."""
     kind, ahead = learner.kind, learner.kind.steps_ahead
     numbers = torch.arange(states.sample.pairs(ahead), device=learner.device)

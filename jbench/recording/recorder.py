@@ -20,7 +20,7 @@ from jbench.policies.acting import Actor, acting
 from jbench.policies.copied import UnsupportedPolicyError, network_of
 from jbench.policies.network import Network
 from jbench.recording.environments import RecordedEnvironment
-from jbench.recording.request import external_settings, made_with
+from jbench.recording.request import external_settings, provenance_of_loop
 from jbench.recording.writer import RunWriter
 from jbench.settings.external import ExternalSettings
 from jbench.store import Results, schema
@@ -84,7 +84,7 @@ def record(
         evaluate_every=evaluate_every,
         evaluate_episodes=evaluate_episodes,
     )
-    return Recording(settings, place, made_with(package))
+    return Recording(settings, place, provenance_of_loop(package))
 
 
 class Recording:

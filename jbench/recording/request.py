@@ -97,7 +97,7 @@ def _plain(value: Any, where: str) -> Any:
     )
 
 
-def made_with(package: str | None) -> dict[str, str | None]:
+def provenance_of_loop(package: str | None) -> dict[str, str | None]:
     """Returns provenance of the training loop: the checksum of its script, and its package.
 
     Args:

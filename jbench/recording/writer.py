@@ -40,7 +40,6 @@ class RunWriter:
         self._log, self._clock = RunLog(record), ProcessorClock()
         self._pace, self._schedule = CommitTimer(_COMMIT_EVERY), EvaluationSchedule(settings)
         _, self._seed = seeds_of(settings.seed)
-        self._evaluations = 0
 
     @property
     def is_complete(self) -> bool:
@@ -80,8 +79,7 @@ class RunWriter:
         def encoded(observations: NDArray[np.float32]) -> NDArray[np.floating]:
             return act(observations if encoder is None else encoder.encode(observations))
 
-        made = evaluate_policy(self._settings, self._seed, self._evaluations, encoded, cores())
-        self._evaluations += 1
+        made = evaluate_policy(self._settings, self._seed, self._log.evaluations, encoded, cores())
         self._clock.share([self._log])
         self._log.evaluation(control_steps, made.episodes, made.path)
         return made.returns

@@ -138,8 +138,8 @@ class RunSettings(Settings):
             raise ValueError(f"features that are learned with the agent are called {OFE}N")
         if self.ofe is None:
             return self
-        if name != f"{OFE}{self.ofe.units}":
-            raise ValueError(f"{self.ofe.units} features are called {OFE}{self.ofe.units}")
+        if name != self.ofe.representation:
+            raise ValueError(f"{self.ofe.units} features are called {self.ofe.representation}")
         if self.algo == "ppo":
             raise ValueError(
                 f"{name} is for DDPG, TD3 and SAC: PPO keeps no transitions to learn features "

@@ -43,9 +43,10 @@ def cell_statuses(
     Args:
         results: contain its runs; similar finished runs are used for the estimate.
         jobs: number of processes at a time.
+        device: of the batched engine.
         quick: whether to measure algorithms without finished runs, which takes seconds.
     """
-    measured = _Measured(results)
+    measured = _Measured(results, device)
     quickly: dict[str, float | None] = {}
     all_statuses = []
     for cell in cells:
@@ -91,13 +92,13 @@ def _at_once(cell: Cell, jobs: int) -> int:
 
 
 class _Measured:
-    """Core seconds per control step, from the finished runs of this machine."""
+    """Core seconds per control step, from the finished runs of this machine and device."""
 
-    def __init__(self, results: Results) -> None:
+    def __init__(self, results: Results, device: str) -> None:
         self._exact: dict[str, list[float]] = {}
         self._alike: dict[str, list[float]] = {}
         for record in results.scan("run")[0]:
-            seconds = _core_seconds_per_step(record)
+            seconds = _core_seconds_per_step(record, device)
             if seconds is not None:
                 run = read_run(record.settings)
                 self._exact.setdefault(alike(run, SEED), []).append(seconds)
@@ -109,13 +110,18 @@ class _Measured:
         return statistics.median(seconds) if seconds else None
 
 
-def _core_seconds_per_step(record: Record) -> float | None:
+def _core_seconds_per_step(record: Record, device: str) -> float | None:
     """Returns the core seconds per control step of a finished run, if they are known.
 
     The runs of a process share one core, and each of them records the whole wall time.
+
+    Args:
+        device: on which runs are trained now, except those of stable-baselines3.
     """
     provenance, summary = record.manifest.provenance, record.manifest.summary
-    here = (provenance.get("processor"), provenance.get("cores")) == (processor(), cores())
+    now = "cpu" if record.settings.get("engine") == "sb3" else device.partition(":")[0]
+    made_on = (provenance.get(name) for name in ("processor", "cores"))
+    here = (*made_on, provenance.get("device", "cpu")) == (processor(), cores(), now)
     time, steps = summary.get("wall_time"), summary.get("steps_done")
     known = isinstance(time, int | float) and isinstance(steps, int | float) and steps > 0
     if record.status != "finished" or not here or not known:
@@ -127,13 +133,16 @@ def _core_seconds_per_step(record: Record) -> float | None:
 
 def _quick_measurement(runs: Sequence[RunSettings], device: str) -> float | None:
     """Returns the seconds per control step of temporary agents; None if they can't be made."""
+    import torch
+
     from jbench.training.speed import seconds_per_step
 
-    # On a GPU the seeds are trained as one stack; with other cells in it they take less time. The
-    # encoder's cost is negligible.
+    # On a GPU the seeds are trained as one stack; with other cells in it they take less time.
     together = runs[:1] if device == "cpu" else runs
     try:
         with one_thread():
-            return seconds_per_step(together, None, device) / len(together)
+            return seconds_per_step(together, device) / len(together)
     except (RequestError, WorkError, RuntimeError):
         return None
+    finally:
+        torch.cuda.empty_cache()  # the runs need the memory; without a GPU it does nothing

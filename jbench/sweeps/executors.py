@@ -9,9 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Protocol, TypeVar
-
-import numpy as np
+from typing import Any, Protocol
 
 from jbench.cores import cores
 from jbench.errors import WorkError
@@ -19,9 +17,8 @@ from jbench.names import CHECKPOINT_EVERY, ONE_THREAD
 from jbench.settings.alike import SEED, alike, stack_of
 from jbench.settings.run import RunSettings
 from jbench.store import Results
+from jbench.training.antiphase import divided
 from jbench.training.memory import stacks_for_memory
-
-_T = TypeVar("_T")
 
 _MAX_STACK = 500  # runs of a process, which holds a lock file of each; many systems allow 1024
 
@@ -140,14 +137,14 @@ def batches(runs: Sequence[RunSettings], jobs: int, device: str) -> list[list[Ru
     """
     if device == "cpu":
         cells = _grouped(runs, lambda run: alike(run, SEED))
-        return [part for cell in cells for part in _divided(cell, jobs)]
+        return [part for cell in cells for part in divided(cell, jobs)]
     found = []
     for stack in _grouped(runs, stack_of):
         cells = _grouped(stack, lambda run: alike(run, SEED))
         parts = max(
             jobs, stacks_for_memory(stack, device, jobs), math.ceil(len(stack) / _MAX_STACK)
         )
-        found += [[run for cell in part for run in cell] for part in _divided(cells, parts)]
+        found += [[run for cell in part for run in cell] for part in divided(cells, parts)]
     return found
 
 
@@ -159,12 +156,6 @@ def _grouped(
     for run in runs:
         groups.setdefault(key(run) if run.engine == "batched" else run.id, []).append(run)
     return list(groups.values())
-
-
-def _divided(items: Sequence[_T], parts: int) -> list[list[_T]]:
-    """Returns consecutive items in at most this many parts of about the same number."""
-    shares = np.array_split(np.arange(len(items)), min(parts, len(items)))
-    return [[items[i] for i in share] for share in shares]
 
 
 def worker_request(

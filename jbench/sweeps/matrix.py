@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from pydantic import BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
 
 from jbench.agents.algorithms import algorithm_fields, check_name, settings_of
-from jbench.encoders.registry import find_kind, kind_names
+from jbench.encoders.registry import find_kind, kind_names, only_size
 from jbench.encoders.settings import encoder_settings
 from jbench.errors import RequestError
 from jbench.names import (
@@ -145,20 +145,16 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
         RequestError: if there is no such matrix, or it is invalid.
     """
     content = read_content(name)
-    for key in content:
-        _known(name, "key", key, (*Matrix.model_fields, PART))
+    try:
+        for key in content:
+            known("key", key, (*Matrix.model_fields, PART))
+    except RequestError as error:
+        raise RequestError(f"{name}: {error}") from None
     parts = [_matrix({**part, **changes}, where) for where, part in parts_of(content, name).items()]
     engines = sorted({part.engine or "batched" for part in parts})
     if len(engines) > 1:
         raise RequestError(f"{name}: all parts need the same engine, not {' and '.join(engines)}.")
     return parts
-
-
-def _known(where: str, what: str, value: str, names: Sequence[str]) -> None:
-    try:
-        known(what, value, names)
-    except RequestError as error:
-        raise RequestError(f"{where}: {error}") from None
 
 
 def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
@@ -249,10 +245,8 @@ def _check_names(matrix: Matrix) -> None:
 
 def _kind_and_latents(name: str, task: str) -> tuple[str, int]:
     """Returns kind and size of a representation such as dae12, dae:12 or planar."""
-    if name in kind_names():
-        sizes = find_kind(name).latent_sizes(task)
-        if len(sizes) == 1:
-            return name, sizes[0]
+    if name in kind_names() and (size := only_size(name, task)) is not None:
+        return name, size
     match = _REPRESENTATION.fullmatch(name)
     if match is None:  # such as a kind without a number
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))

@@ -124,11 +124,6 @@ def _vector(values: NDArray[np.float64]) -> Vector:
     return x, y, z
 
 
-def augmented_model(seed: int, *, vary_masses: bool = False) -> mujoco.MjModel:
-    """Returns a new MuJoCo model of the robot of a seed; see `draw`."""
-    return build(draw(seed, vary_masses=vary_masses))
-
-
 def build(morphology: Morphology) -> mujoco.MjModel:
     """Returns a new MuJoCo model of a morphology.
 
@@ -208,7 +203,7 @@ def standing_reward(robot: mujoco.MjModel) -> float:
     that is not finite or huge (after which it would reset the robot to the upright pose).
     """
     data = mujoco.MjData(robot)
-    model.place(data, np.array([1.0, 0, 0, 0]))
+    model.place(data, model.UPRIGHT)
     mujoco.mj_step(robot, data, nstep=_CHECKED_STEPS)
     state = model.state_of(data.qpos, data.qvel, model.torso_offset(robot))
     data.ctrl[:] = 1

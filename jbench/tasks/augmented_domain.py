@@ -7,7 +7,8 @@ from dm_control.mujoco import wrapper
 from dm_control.rl import control
 from dm_control.utils import containers
 
-from jbench.tasks import augmented, jitterbug
+from jbench.tasks import jitterbug
+from jbench.tasks.robots import load_model
 
 SUITE = containers.TaggedTasks()
 
@@ -21,7 +22,7 @@ def _factory(task: str, description: str) -> Callable[..., control.Environment]:
         **settings: Unpack[jitterbug.TaskSettings],
     ) -> control.Environment:
         # The compiled model, since XML has only six digits of each number.
-        robot = augmented.augmented_model(augment, vary_masses=vary_masses)
+        robot = load_model(augment, vary_masses=vary_masses)
         physics = jitterbug.Physics.from_model(wrapper.MjModel(robot))
         return jitterbug.environment(task, physics, **settings)
 

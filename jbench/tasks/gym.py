@@ -126,9 +126,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def show_target(self, target: Target) -> None:
         """Moves the target that is drawn, which has no influence on the robot."""
-        half = target.yaw / 2
         self.model.body("target").pos = target.position
-        self.model.body("target").quat = [np.cos(half), 0, 0, np.sin(half)]
+        self.model.body("target").quat = model.yaw_quaternion(target.yaw)
 
     def render(self) -> Any:
         """Returns an image (height, width, 3) in mode "rgb_array"; otherwise None.

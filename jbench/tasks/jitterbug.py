@@ -22,9 +22,6 @@ from jbench.tasks import features, model, resets, rewards
 # Length of an episode in seconds (paper, section 4.1).
 _DEFAULT_TIME_LIMIT = 10
 
-# The orientation of the robot's rest pose, facing -y.
-_REST_QUATERNION = np.array([1.0, 0.0, 0.0, 0.0])
-
 SUITE = containers.TaggedTasks()
 
 
@@ -130,9 +127,8 @@ class Physics(mujoco.Physics):
 
     def set_target(self, target: features.Target) -> None:
         """Moves the target."""
-        half = target.yaw / 2
         self.named.model.body_pos["target"] = target.position
-        self.named.model.body_quat["target"] = [np.cos(half), 0, 0, np.sin(half)]
+        self.named.model.body_quat["target"] = model.yaw_quaternion(target.yaw)
 
 
 class Jitterbug(base.Task):
@@ -151,7 +147,7 @@ class Jitterbug(base.Task):
 
     def initialize_episode(self, physics: Physics) -> None:
         """Places the robot at the origin and draws the target."""
-        quaternion = resets.draw_quaternion(self.random) if self._random_pose else _REST_QUATERNION
+        quaternion = resets.draw_quaternion(self.random) if self._random_pose else model.UPRIGHT
         physics.named.data.qpos["root"] = [0, 0, model.REST_HEIGHT, *quaternion]
         physics.set_target(resets.draw_target(self._task, self.random))
         # The reward, by which the robot may be coloured, needs the new positions.

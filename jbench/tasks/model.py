@@ -12,6 +12,9 @@ from jbench.tasks.features import State, center_of_mass_velocity, motor_angle
 REST_HEIGHT = 0.035
 """Height of the torso's frame at the start of an episode (m)."""
 
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+"""Orientation (w, x, y, z) of the robot's rest pose, facing -y."""
+
 MOTOR = -1
 """Index of the motor joint in qpos and in qvel."""
 
@@ -48,6 +51,11 @@ def state_of(
         motor_velocity=qvel[..., MOTOR].copy(),
         torso_velocity=center_of_mass_velocity(position, velocity, offset),
     )
+
+
+def yaw_quaternion(yaw: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the (4,) orientation (w, x, y, z) that is turned by an angle () about z (rad)."""
+    return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
 
 
 def place(data: mujoco.MjData, quaternion: NDArray[np.float64]) -> None:

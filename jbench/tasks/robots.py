@@ -20,4 +20,4 @@ def load_model(augment: int | None = None, *, vary_masses: bool = False) -> mujo
         if vary_masses:
             raise ValueError("Only the masses of an augmented robot vary: give its seed, augment")
         return mujoco.MjModel.from_xml_string(model.xml())
-    return augmented.augmented_model(augment, vary_masses=vary_masses)
+    return augmented.build(augmented.draw(augment, vary_masses=vary_masses))

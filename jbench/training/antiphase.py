@@ -8,18 +8,25 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from typing import TypeVar
 
+import numpy as np
 import torch
 
 MIN_SEEDS = 20
-"""Number of seeds from which there are two groups: a GPU computes smaller stacks less efficiently.
-"""
+"""With at least this many seeds there are two groups; smaller stacks use a GPU less well."""
 
+_Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
 def number_of_groups(seeds: int, device: torch.device) -> int:
     """Returns in how many groups to train these seeds."""
     return 2 if device.type == "cuda" and seeds >= MIN_SEEDS else 1
+
+
+def divided(items: Sequence[_Item], parts: int) -> list[list[_Item]]:
+    """Returns consecutive items in at most this many parts of about the same number."""
+    shares = np.array_split(np.arange(len(items)), min(parts, len(items)))
+    return [[items[i] for i in share] for share in shares]
 
 
 def take_turns(
@@ -43,7 +50,8 @@ def take_turns(
             opened.callback(training.close)
         while turns:
             index = turns.popleft()
-            with torch.cuda.stream(streams[index] if streams else None):
+            # torch.cuda.stream(None) would initialise CUDA, which takes memory of a GPU.
+            with torch.cuda.stream(streams[index]) if streams else contextlib.nullcontext():
                 try:
                     next(trainings[index])
                     turns.append(index)

@@ -14,9 +14,9 @@ from jbench.names import CHECKPOINT_EVERY
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.provenance import device_provenance
-from jbench.training.antiphase import number_of_groups, take_turns
-from jbench.training.batch import Batch, Progress
+from jbench.training.antiphase import divided, number_of_groups, take_turns
 from jbench.training.batch_member import Member, Notice, begin
+from jbench.training.group import Progress, TrainingGroup
 
 
 def run_batch(
@@ -61,19 +61,25 @@ def run_batch(
     found = find_device(device)
     with contextlib.ExitStack() as locks:
         members, failures = _begin_all(runs, results, encoder, found, notice, locks)
-        with _failed_on_error(members):
-            while members:
-                # Seeds may have stopped at different steps: those behind catch up first.
-                behind = min(member.control_steps for member in members)
-                ahead = [m.control_steps for m in members if m.control_steps > behind]
-                together = [member for member in members if member.control_steps == behind]
-                parts = _divided(together, groups or number_of_groups(len(together), found))
-                stop = min(ahead, default=until)
-                turns = len(parts) > 1
-                train = partial(_train, device, checkpoint_every, stop, progress, in_turns=turns)
+        sharing = len(members)
+        while members := [member for member in members if member.is_behind(until)]:
+            # Seeds may have stopped at different steps: those behind catch up first.
+            behind = min(member.control_steps for member in members)
+            ahead = [m.control_steps for m in members if m.control_steps > behind]
+            together = [member for member in members if member.control_steps == behind]
+            parts = divided(together, groups or number_of_groups(len(together), found))
+            train = partial(
+                _train,
+                device,
+                checkpoint_every,
+                min(ahead, default=until),
+                progress,
+                in_turns=len(parts) > 1,
+                sharing=sharing,
+            )
+            with _failed_on_error(members):
                 for failed in take_turns([train(part) for part in parts], found):
                     failures |= failed
-                members[:] = [m for m in members if m.is_behind(until)]
     return failures
 
 
@@ -118,12 +124,6 @@ def _failed_on_error(members: Sequence[Member]) -> Iterator[None]:
         raise
 
 
-def _divided(members: Sequence[Member], groups: int) -> list[Sequence[Member]]:
-    """Returns consecutive groups of about the same size."""
-    size = -(-len(members) // groups)
-    return [members[first : first + size] for first in range(0, len(members), size)]
-
-
 def _train(
     device: str,
     checkpoint_every: float,
@@ -132,7 +132,8 @@ def _train(
     members: Sequence[Member],
     *,
     in_turns: bool,
+    sharing: int,
 ) -> Generator[None, None, dict[str, WorkError]]:
-    """Trains a group of runs; see `Batch.train`."""
-    batch = Batch(members, device, checkpoint_every)  # on the stream of the group
-    return (yield from batch.train(until, progress, in_turns=in_turns))
+    """Trains a group of runs; see `TrainingGroup`."""
+    group = TrainingGroup(members, device, checkpoint_every, sharing)  # on the group's stream
+    return (yield from group.train(until, progress, in_turns=in_turns))

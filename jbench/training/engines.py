@@ -14,23 +14,18 @@ from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import AlgorithmSettings
 from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
-from jbench.training.evaluation import robot_model
+from jbench.training.evaluation import robot_model, seeds_of
 
 
 def make_trainer(
-    settings: RunSettings,
-    seeds: Sequence[int],
-    encoder: Encoder | Sequence[Encoder | None] | None,
-    device: str,
-    tasks: Sequence[str] | None = None,
+    runs: Sequence[RunSettings], encoders: Sequence[Encoder | None], device: str
 ) -> Trainer:
-    """Returns what trains an agent per seed with the settings of a run of any seed.
+    """Returns what trains an agent for each run.
 
     Args:
-        seeds: of the agents; one, if the agent is of another package.
-        encoder: of all seeds, or one for each seed.
-        device: one of `jbench.names.DEVICES`.
-        tasks: one for each seed; None for that of the settings.
+        runs: settings that can be trained together; see `jbench.training.batched_run.run_batch`.
+        encoders: of the observations, one for each run.
+        device: see `jbench.devices.find_device`.
 
     Raises:
         RequestError: if the device is unavailable, or the algorithm is not installed or can't be
@@ -38,12 +33,13 @@ def make_trainer(
         WorkError: if the package of the algorithm can't be imported, or its update rule can't be
             trained.
     """
+    settings, seeds = runs[0], [seeds_of(run.seed)[0] for run in runs]
 
     def models(episode: int) -> mujoco.MjModel:
         return robot_model(settings, episode // settings.episodes_on_each)
 
     if settings.engine == "plugin":
-        (seed,), (encoder,) = seeds, encoder if isinstance(encoder, Sequence) else [encoder]
+        (seed,), (encoder,) = seeds, encoders
         agent = find_agent(settings.algo)
         return PluginEngine(
             settings.algo,
@@ -61,11 +57,11 @@ def make_trainer(
     return make_engine(
         settings.algo if settings.is_ours else find_rule(settings.algo),
         algorithm_of(settings),
-        tasks or settings.task,
+        [run.task for run in runs],
         seeds,
         environments=settings.environments,
         time_limit=settings.time_limit,
-        encoder=encoder,
+        encoder=encoders,
         ofe=settings.ofe,
         models=models,
         device=device,

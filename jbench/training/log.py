@@ -45,7 +45,11 @@ class Position(BaseModel):
 
 
 class RunLog:
-    """Pending rows of a run, and its progress."""
+    """Pending rows of a run, and its progress.
+
+    Attributes:
+        evaluations: number of evaluations.
+    """
 
     def __init__(self, record: Record, position: Position | None = None) -> None:
         """Starts the run's clock.
@@ -57,7 +61,7 @@ class RunLog:
         self._record = record
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.EPISODE_TABLES}
         start = position or Position(processor_time=0.0)
-        self._episodes, self._evaluations = start.episodes, start.evaluations
+        self._episodes, self.evaluations = start.episodes, start.evaluations
         self._last_evaluation = start.last_evaluation
         self._began = time.perf_counter() - start.wall_time
         self._processor_time = start.processor_time
@@ -67,7 +71,7 @@ class RunLog:
         if position is not None:
             self._before = self._rows_of(position)
             committed = record.read("paths")
-            self._paths = committed.filter(pc.less(committed["evaluation"], self._evaluations))
+            self._paths = committed.filter(pc.less(committed["evaluation"], self.evaluations))
             self._paths_changed = self._paths.num_rows < committed.num_rows
 
     def wall_time(self) -> float:
@@ -90,7 +94,7 @@ class RunLog:
             "wall_time": self.wall_time(),
             "processor_time": self._processor_time,
             "steps_done": control_steps,
-            **({POLICY_EVALUATION: self._evaluations - 1} if evaluated else {}),
+            **({POLICY_EVALUATION: self.evaluations - 1} if evaluated else {}),
         }
 
     def position(self, control_steps: int) -> Position:
@@ -98,7 +102,7 @@ class RunLog:
         return Position(
             control_steps=control_steps,
             episodes=self._episodes,
-            evaluations=self._evaluations,
+            evaluations=self.evaluations,
             last_evaluation=self._last_evaluation,
             wall_time=self.wall_time(),
             processor_time=self._processor_time,
@@ -135,13 +139,13 @@ class RunLog:
                 kept.
         """
         for episode, (episode_return, length) in enumerate(returns_and_lengths):
-            row = {"evaluation": self._evaluations, "episode": episode}
+            row = {"evaluation": self.evaluations, "episode": episode}
             self._add("evaluations", control_steps, episode_return, length, row)
         if path is not None:
             first = self._paths.filter(pc.equal(self._paths["evaluation"], 0))
             self._paths = pa.concat_tables([first, self._path_rows(control_steps, path)])
             self._paths_changed = True
-        self._evaluations += 1
+        self.evaluations += 1
         self._last_evaluation = control_steps
 
     def pending(self) -> tuple[dict[str, pa.Table], Collection[str]]:
@@ -200,7 +204,7 @@ class RunLog:
         count = len(path.points)
         constant = {
             "run": self._record.id,
-            "evaluation": self._evaluations,
+            "evaluation": self.evaluations,
             "control_steps": control_steps,
             **{f"target_{name}": path.target.get(name) for name in ("x", "y", "yaw")},
         }

@@ -7,7 +7,7 @@ from jbench.settings.run import RunSettings
 from jbench.tasks.features import TASK_SPECS
 
 _MIN_REPORTED = 2_000_000_000  # bytes
-_USABLE = 0.8  # of a GPU's free memory; networks and minibatches take the rest
+_USABLE = 0.8  # of the free memory; networks and minibatches take the rest
 
 
 def replay_bytes(run: RunSettings, device: str = "cpu") -> int:
@@ -35,7 +35,7 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
         f"The replay buffers of {len(runs)} runs will take up to {needed / 1e9:.1f} GB of {whose}"
     )
     free = _available() if device == "cpu" else _available_on_gpu(device)
-    if free is None or needed < free:
+    if free is None or needed <= _USABLE * free:
         return f"{text}."
     return (
         f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
@@ -62,7 +62,10 @@ def _needed(runs: Sequence[RunSettings], device: str) -> int:
 
 
 def _available_on_gpu(device: str) -> int | None:
-    """Returns the bytes of available memory of a GPU; None if it belongs to another machine."""
+    """Returns the bytes of available memory of a GPU of this machine; None if it has none.
+
+    For a cluster these are a guess: its GPUs may have more or less memory.
+    """
     import torch
 
     return torch.cuda.mem_get_info(device)[0] if torch.cuda.is_available() else None

@@ -162,14 +162,14 @@ def _returns(
         ValueError: if the policy does not have the layers of the settings.
     """
     agent = load_agent(results, record.id)
-    agent_seed, evaluation_seed = seeds_of(settings.seed)
+    _, evaluation_seed = seeds_of(settings.seed)
     if isinstance(settings, ExternalSettings):
         own = evaluate_policy(settings, evaluation_seed, last.number, agent.act, cores())
         return own.returns
     if settings.engine == "sb3":
         return _of_sb3(settings, agent, evaluation_seed, last)
     device = device_for(record.manifest.provenance)
-    with make_trainer(settings, [agent_seed], agent.encoder, device) as engine:
+    with make_trainer([settings], [agent.encoder], device) as engine:
         assert isinstance(engine, Engine)
         engine.load_policy(0, agent.policy, last.control_steps)
         evaluator = Evaluator(settings, [evaluation_seed])
@@ -182,7 +182,7 @@ def _of_sb3(
 ) -> NDArray[np.float64]:
     from jbench.training import sb3_run  # stable-baselines3 takes a second to import
 
-    evaluator = sb3_run.Evaluator(settings, agent.encoder, seed)
+    evaluator = sb3_run.SB3Evaluator(settings, agent.encoder, seed)
     evaluator.skip(last.number)
     outcome, _ = evaluator(agent.policy.act, last.control_steps)
     return np.array([episode_return for episode_return, _ in outcome])

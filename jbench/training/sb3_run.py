@@ -32,7 +32,7 @@ _COMMIT_EVERY = 15.0  # s
 def run(
     settings: RunSettings,
     results: Results,
-    progress: Callable[[int, float | None], None] = lambda steps, episode_return: None,
+    progress: Callable[[int, float], None] = lambda steps, episode_return: None,
     until: int | None = None,
 ) -> Record:
     """Trains and evaluates one agent, and saves the results.
@@ -70,14 +70,14 @@ def _train(
     settings: RunSettings,
     record: Record,
     encoder: Encoder | None,
-    progress: Callable[[int, float | None], None],
+    progress: Callable[[int, float], None],
     until: int | None,
 ) -> None:
     log, clock = RunLog(record), ProcessorClock()
     agent_seed, evaluation_seed = seeds_of(settings.seed)
     env = DummyVecEnv([lambda: make_training_env(settings, encoder)] * settings.environments)
     agent = _build(settings, env, agent_seed)
-    evaluator = Evaluator(settings, encoder, evaluation_seed)
+    evaluator = SB3Evaluator(settings, encoder, evaluation_seed)
     recorder = _Recorder(settings, log, clock, evaluator, progress, until)
     try:
         agent.learn(settings.steps, recorder, log_interval=None)  # type: ignore[arg-type]
@@ -163,7 +163,7 @@ def with_robot(
     return other
 
 
-class Evaluator(EvaluationSchedule):
+class SB3Evaluator(EvaluationSchedule):
     """Evaluates a deterministic policy in a separate environment with its own seed.
 
     It uses the robot that the agent currently trains on.
@@ -182,7 +182,7 @@ class Evaluator(EvaluationSchedule):
             self._env.reset()
 
     def __call__(
-        self, act: Callable[[Any], Any], control_steps: int = 0
+        self, act: Callable[[Any], Any], control_steps: int
     ) -> tuple[list[tuple[float, int]], Path | None]:
         """Returns return and length of each episode, and the path in the first of them.
 
@@ -222,8 +222,8 @@ class _Recorder(BaseCallback):
         settings: RunSettings,
         log: RunLog,
         clock: ProcessorClock,
-        evaluator: Evaluator,
-        progress: Callable[[int, float | None], None],
+        evaluator: SB3Evaluator,
+        progress: Callable[[int, float], None],
         until: int | None,
     ) -> None:
         super().__init__()

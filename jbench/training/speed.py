@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from jbench.agents.batched.off_policy import schedule
-from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
@@ -17,12 +16,11 @@ from jbench.training.environment import make_env
 _STEPS, _UPDATES = 300, 20
 
 
-def seconds_per_step(
-    runs: Sequence[RunSettings], encoder: Encoder | None, device: str = "cpu"
-) -> float:
+def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
     """Returns the seconds per control step of each run, evaluations included.
 
-    The measurement uses temporary agents and does not affect the runs.
+    The measurement uses temporary agents and does not affect the runs. Encoders are left out: their
+    cost is negligible.
 
     Args:
         runs: runs that share a process; their settings differ only in their seeds.
@@ -36,29 +34,26 @@ def seconds_per_step(
     evaluation_steps = settings.evaluate_episodes * EPISODE_STEPS
     evaluations = max(1, settings.steps // settings.evaluate_every)
     share = len(runs) * evaluations * evaluation_steps / settings.steps
-    if settings.engine == "batched":
-        learning = _batched(settings, len(runs), encoder, device)
-    else:
-        learning = _on_sb3(settings, encoder)
-    return learning + share * _stepping(settings, encoder)
+    learning = _batched(runs, device) if settings.engine == "batched" else _on_sb3(settings)
+    return learning + share * _stepping(settings)
 
 
-def _batched(settings: RunSettings, seeds: int, encoder: Encoder | None, device: str) -> float:
+def _batched(runs: Sequence[RunSettings], device: str) -> float:
     """Returns the seconds per control step of each seed, from a rollout and its updates."""
-    algorithm, first = algorithm_of(settings), 0
+    algorithm, changes = algorithm_of(runs[0]), {}
     if isinstance(algorithm, PPOSettings):
-        rollout, measured = algorithm.n_steps * algorithm.n_envs, settings
+        rollout = algorithm.n_steps * algorithm.n_envs
+        first = 0 if device == "cpu" else rollout  # a GPU's first calls take longer
     else:
         assert isinstance(algorithm, OffPolicySettings)
-        often = _short_schedule(algorithm, settings.environments)
+        often = _short_schedule(algorithm, runs[0].environments)
         rollout = max(often["train_freq"], _UPDATES)
-        # Warm up until the first updates have been made.
         first = algorithm.batch_size + rollout
         changes = {"buffer_size": _STEPS, "learning_starts": algorithm.batch_size, **often}
-        measured = settings.model_copy(
-            update={"hyperparameters": {**settings.hyperparameters, **changes}}
-        )
-    with make_trainer(measured, list(range(seeds)), encoder, device) as engine:
+    hyperparameters = {**runs[0].hyperparameters, **changes}
+    measured = [run.model_copy(update={"hyperparameters": hyperparameters}) for run in runs]
+    with make_trainer(measured, [None] * len(runs), device) as engine:
+        # Warm up until the first updates have been made.
         for _ in engine.learn(first):
             pass
         before, began = engine.control_steps, time.perf_counter()
@@ -75,7 +70,7 @@ def _short_schedule(settings: OffPolicySettings, environments: int) -> dict[str,
     return {"train_freq": steps // parts * environments, "gradient_steps": updates // parts}
 
 
-def _on_sb3(settings: RunSettings, encoder: Encoder | None) -> float:
+def _on_sb3(settings: RunSettings) -> float:
     """Returns the seconds per control step of one run on stable-baselines3."""
     # They take a second to import.
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -84,7 +79,7 @@ def _on_sb3(settings: RunSettings, encoder: Encoder | None) -> float:
     from jbench.agents import sb3
 
     values = settings.hyperparameters
-    env = DummyVecEnv([lambda: make_env(settings, encoder)] * settings.environments)
+    env = DummyVecEnv([lambda: make_env(settings, None)] * settings.environments)
     if settings.algo == "ppo":
         rollout = values["n_steps"] * settings.environments
         agent = sb3.build(settings.algo, settings.algorithm, env, seed=0)
@@ -107,9 +102,9 @@ def _on_sb3(settings: RunSettings, encoder: Encoder | None) -> float:
     return float(stepping + values["gradient_steps"] / values["train_freq"] * np.median(times))
 
 
-def _stepping(settings: RunSettings, encoder: Encoder | None) -> float:
+def _stepping(settings: RunSettings) -> float:
     """Returns the seconds per control step without training."""
-    env = make_env(settings, encoder)
+    env = make_env(settings, None)
     env.reset(seed=0)
     action = np.zeros(1, np.float32)
     began = time.perf_counter()

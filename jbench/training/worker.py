@@ -91,7 +91,7 @@ def _train(
     if not runs:
         return failures
 
-    def report(run: "RunSettings", steps: int, episode_return: float | None) -> None:
+    def report(run: "RunSettings", steps: int, episode_return: float) -> None:
         send({"run": run.id, "control_steps": steps, "episode_return": episode_return})
 
     def report_resumed(run: "RunSettings", steps: int, sentence: str) -> None:

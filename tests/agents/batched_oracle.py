@@ -8,9 +8,9 @@ from torch import nn
 
 from jbench.agents import sb3
 from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.make import LEARNERS
 from jbench.agents.batched.network import affines
-from jbench.agents.batched.rules import LEARNERS
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.tensors import SeedView, Tensors
 from jbench.settings.algorithms import algorithm_settings
 from jbench.tasks.gym import JitterbugEnv
 
@@ -45,7 +45,7 @@ def oracle_of(algo, settings, dtype, monkeypatch):
 def learners_of(algo, settings, dtype=torch.float32, seeds=1, **options):
     """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
-    views = [tensors.stacked_view(), *(tensors.seed_view(seed) for seed in range(seeds))]
+    views = [SeedView(tensors), *(SeedView(tensors, seed) for seed in range(seeds))]
     stack, *each = (LEARNERS[algo](settings, SIZE, view, **options) for view in views)
     return tensors, each, stack
 
@@ -129,7 +129,8 @@ def ours(algo, learner, tensors, seed=0):
                 tensors_by_name |= {f"log_temperature {suffix}".strip(): temperature}
         flats.pop("losses", None)
         for network, flat in flats.items():
-            sizes = learner.actor.sizes if network.startswith("actor") else learner.value_sizes
+            is_critic = algo != "ppo" and network.startswith("critic")
+            sizes = learner.value_sizes if is_critic else learner.actor.sizes
             for i, affine in enumerate(affines(flat, sizes)):
                 tensors_by_name[f"{network} weight{i} {suffix}".strip()] = affine.weight.mT
                 tensors_by_name[f"{network} bias{i} {suffix}".strip()] = affine.bias

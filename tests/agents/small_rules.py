@@ -11,7 +11,7 @@ from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.learner import LOSS_SUMS
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.rule import make_rule
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.tensors import SeedView, Tensors
 from tests.agents.batched_oracle import SIZE
 from tests.agents.test_batched_engine import LENGTH
 from tests.documentation import code_of
@@ -66,7 +66,7 @@ RULES = pytest.mark.parametrize(
 def learners(rule, settings, dtype=torch.float32, seeds=1):
     """Returns the tensors of some seeds, a learner per seed, and a learner of the stack."""
     tensors = Tensors(seeds, dtype)
-    views = [tensors.stacked_view(), *(tensors.seed_view(seed) for seed in range(seeds))]
+    views = [SeedView(tensors), *(SeedView(tensors, seed) for seed in range(seeds))]
     make = partial(AutogradLearner, settings, SIZE, rule=make_rule(rule, settings, SIZE))
     stack, *each = (make(view) for view in views)
     for seed, learner in enumerate(each):

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from jbench.agents.batched.adam import Adam
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.tensors import SeedView, Tensors
 
 
 def adam_of(view, count, random):
@@ -18,9 +18,9 @@ def adam_of(view, count, random):
 @pytest.mark.parametrize(("count", "parts"), [(16, 1), (1, 1), (30_000, 22), (97_120, 36)])
 def test_stacked_adam_equals_adam_of_each_seed(count, parts):
     random = torch.randn(2, 3, count)
-    stack, stacked = adam_of(Tensors(3).stacked_view(), count, random)
+    stack, stacked = adam_of(SeedView(Tensors(3)), count, random)
     assert len(stacked._values) == parts
-    alone = [adam_of(Tensors(1).seed_view(0), count, random[:, seed]) for seed in range(3)]
+    alone = [adam_of(SeedView(Tensors(1), 0), count, random[:, seed]) for seed in range(3)]
     for _ in range(5):
         for adam in (stacked, *(adam for _, adam in alone)):
             adam.step()
@@ -30,14 +30,14 @@ def test_stacked_adam_equals_adam_of_each_seed(count, parts):
 
 def test_twins_share_tensor_and_are_saved_separately():
     tensors = Tensors(3)
-    view = tensors.stacked_view().twin_view()
+    view = SeedView(tensors).twin_view()
     joint = view.saved("critic_target", 16)
     assert joint.shape == (6, 16)
     joint.copy_(torch.arange(6.0)[:, None].expand(6, 16))
     assert tensors.saved["critic1_target"][:, 0].tolist() == [0, 1, 2]
     assert tensors.saved["critic2_target"][:, 0].tolist() == [3, 4, 5]
-    assert tensors.seed_view(1).saved("critic2_target", 16)[0] == 4
+    assert SeedView(tensors, 1).saved("critic2_target", 16)[0] == 4
     assert view.saved("critic_target", 16) is joint
-    tensors.seed_view(0).saved("critic1", 16)
+    SeedView(tensors, 0).saved("critic1", 16)
     with pytest.raises(ValueError, match="have separate tensors"):
         view.saved("critic", 16)

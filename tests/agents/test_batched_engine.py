@@ -1,7 +1,9 @@
 """Tests of engines: independent seeds, resuming, and agreement with stable-baselines3."""
 
 import dataclasses
+import gc
 import json
+import weakref
 
 import numpy as np
 import pytest
@@ -12,10 +14,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from jbench.agents import sb3
 from jbench.agents.batched.engine import SeedState
 from jbench.agents.batched.environments import Cell, Environments
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.off_policy import OffPolicyEngine
-from jbench.agents.batched.streams import Streams
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS
 from jbench.policies.saved import Policy
@@ -159,6 +161,23 @@ def test_restored_engine_continues_bit_for_bit(algo, options, stop):
     assert_same((whole[0][done:], whole[1][done:], whole[2][done:], *whole[3:]), rest)
 
 
+@pytest.mark.parametrize("stacked", [False, True])
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_engine_is_freed_with_last_reference(algo, stacked):
+    gc.disable()
+    try:
+        with engine_of(algo, [0, 1], stacked=stacked) as engine:
+            for _ in engine.learn(STEPS):
+                pass
+            updates = engine._groups if isinstance(engine, OffPolicyEngine) else engine._epochs
+            parts = [engine, engine._team.tensors, *updates]
+            references = [weakref.ref(part) for part in parts]
+        del engine, updates, parts
+        assert [reference() for reference in references] == [None] * len(references)
+    finally:
+        gc.enable()
+
+
 def test_restoring_seeds_with_different_step_counts_is_refused():
     states = []
     with engine_of("ppo", [0]) as engine:
@@ -179,15 +198,15 @@ def constant(robot):
 
 @pytest.mark.parametrize("augment", [None, 3])
 def test_environments_equal_gymnasium_environment(augment):
-    streams = [Streams(seed, 2) for seed in (3, 4)]
+    generators = [Generators(seed, 2) for seed in (3, 4)]
     actions = np.random.default_rng(0).uniform(-1, 1, (2 * LENGTH + 1, 2, 2))
     plain = [JitterbugEnv("move_to_pose", augment=augment) for _ in range(4)]
-    same = [generator for seed in (3, 4) for generator in Streams(seed, 2).environments]
+    same = [generator for seed in (3, 4) for generator in Generators(seed, 2).environments]
     for env, generator in zip(plain, same, strict=True):
         env.np_random = generator
     seen = [env.reset()[0] for env in plain]
     with Environments(
-        [Cell("move_to_pose", [stream.environments for stream in streams])],
+        [Cell("move_to_pose", [own.environments for own in generators])],
         episode_steps=LENGTH,
         threads=2,
         models=None if augment is None else constant(load_model(augment)),
@@ -219,7 +238,7 @@ def test_robot_can_differ_per_episode():
         engine.environments.step(actions)
         seen = engine.environments.observations[:, 0]
     with Environments(
-        [Cell("face_direction", [Streams(seed, 1).environments for seed in (0, 1)])],
+        [Cell("face_direction", [Generators(seed, 1).environments for seed in (0, 1)])],
         models=constant(robots[1]),
     ) as others:
         for index, (tensors, _) in enumerate(state):
@@ -354,7 +373,7 @@ def test_ppo_bootstraps_at_time_limit_unless_terminal():
             learner = engine._team.each[0]
     # The last observations of the episodes; the engine's robots have been reset since.
     plain = [JitterbugEnv("face_direction") for _ in range(2)]
-    for env, generator in zip(plain, Streams(0, 2).environments, strict=True):
+    for env, generator in zip(plain, Generators(0, 2).environments, strict=True):
         env.np_random = generator
         env.reset()
     for step in range(LENGTH):

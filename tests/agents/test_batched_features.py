@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.rules import ON_FEATURES
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.make import ON_FEATURES
+from jbench.agents.batched.tensors import SeedView, Tensors
 from jbench.settings.ofe import OFESettings
 from tests.agents.batched_oracle import SIZE, settings_of
 from tests.agents.plain_ofe import PlainDDPGOnFeatures, PlainFeatures
@@ -30,14 +30,14 @@ def learner_of(algo, ofe, *, stacked=False, **changes):
     tensors = Tensors(2 if stacked else 1, torch.float64)
     make = ON_FEATURES[algo]
     each = [
-        make(settings_of(algo, **changes), SIZE, tensors.seed_view(seed), ofe=ofe)
+        make(settings_of(algo, **changes), SIZE, SeedView(tensors, seed), ofe=ofe)
         for seed in range(tensors.seeds)
     ]
     for learner in each:
         learner.initialize(torch.Generator().manual_seed(1))
     if not stacked:
         return each[0], each[0]
-    return make(settings_of(algo, **changes), SIZE, tensors.stacked_view(), ofe=ofe), each[1]
+    return make(settings_of(algo, **changes), SIZE, SeedView(tensors), ofe=ofe), each[1]
 
 
 def stack_of(batch):

@@ -59,17 +59,17 @@ class Replayed(Captured):
 
     repeats = 0
 
-    def __init__(self, captured):
-        super().__init__(captured._function, torch.device("cpu"))
+    def __init__(self):
+        super().__init__(torch.device("cpu"))
         self.recordings = {}
 
-    def __call__(self, argument):
+    def __call__(self, function, argument):
         if argument not in self._called:
             self._called.add(argument)
-            self._function(argument)
+            function(argument)
         elif argument not in self.recordings:
             with Recording() as recording:
-                self._function(argument)
+                function(argument)
             self.recordings[argument] = recording
         else:
             Replayed.repeats += 1
@@ -79,8 +79,8 @@ class Replayed(Captured):
 def with_replay(engine):
     """Makes an engine replay its updates and actions."""
     for updates in getattr(engine, "_groups", None) or engine._epochs:
-        updates._update = Replayed(updates._update)
-    engine._team._captured = Replayed(engine._team._captured)
+        updates._update = Replayed()
+    engine._team._captured = Replayed()
     return engine
 
 

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from jbench.agents.batched.network import Network, affines, parameter_count
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.tensors import SeedView, Tensors
 
 SIZES = [(5, 1), (5, 20, 1), (17, 24, 20, 1), (16, 9, 33, 16, 2)]
 # Each layer at which the last input can be appended.
@@ -15,7 +15,7 @@ JOINED = [(sizes, joins) for sizes in SIZES for joins in range(len(sizes) - 1)]
 def network_of(sizes, dtype=torch.float64, seeds=None, joins=0, **options):
     """A network with random parameters, of one seed or of a stack."""
     tensors = Tensors(seeds or 1, dtype)
-    view = tensors.stacked_view() if seeds else tensors.seed_view(0)
+    view = SeedView(tensors) if seeds else SeedView(tensors, 0)
     count = parameter_count(sizes, joins)
     values, gradient = view.saved("values", count), view.scratch("gradient", count)
     random = torch.Generator().manual_seed(0)

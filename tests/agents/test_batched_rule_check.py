@@ -47,6 +47,17 @@ class OfTheCritics(TD3):
         return self.critics[0](batch.state_actions).mean()
 
 
+class OfSomeTransitions(TD3):
+    def critic_loss(self, batch):
+        rewarded = batch.rewards[batch.rewards >= 0]
+        return super().critic_loss(batch) + rewarded.mean()
+
+
+class ExploringSometimes(TD3):
+    def explore(self, observations, noise):
+        return self.act(observations) if noise.sum() > 0 else noise
+
+
 @pytest.mark.parametrize(
     ("rule", "sentence"),
     [
@@ -60,6 +71,8 @@ class OfTheCritics(TD3):
         (WithDropout, "actor_loss draws random numbers; use batch.noise"),
         (WithBatchNorm, "actor_loss changes a buffer, such as the statistics of BatchNorm"),
         (OfTheCritics, "actor_loss does not depend on actor, which it trains"),
+        (OfSomeTransitions, "vmap can't compute critic_loss for several seeds at once"),
+        (ExploringSometimes, "vmap can't compute explore for several seeds at once"),
     ],
 )
 def test_faulty_rule_is_refused_before_training(rule, sentence):

@@ -7,8 +7,7 @@ import torch
 from jbench.agents import sb3
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.learner import LOSS_SUMS
-from jbench.agents.batched.on_policy import minibatch_of
-from jbench.agents.batched.rollout import Rollout
+from jbench.agents.batched.rollout import Rollout, minibatch_of
 from jbench.settings.algorithms import SCRIPT
 from tests.agents.batched_oracle import (
     SIZE,
@@ -210,7 +209,7 @@ def test_actions_equal_stable_baselines3(algo, monkeypatch):
             value = agent.policy.predict_values(observations)
         torch.testing.assert_close(learner.explore(observations, noise)[:, :2], expected)
         torch.testing.assert_close(learner.explore(observations, noise)[:, 2:], value)
-    elif learner.random_policy:
+    elif learner.is_stochastic:
         expected = agent.actor._predict(observations, deterministic=False).detach()
         torch.testing.assert_close(learner.explore(observations, noise), expected)
 

@@ -15,13 +15,13 @@ from torch.utils._pytree import tree_leaves
 
 from jbench.agents.batched import engine, off_policy
 from jbench.agents.batched.autograd import AutogradLearner
+from jbench.agents.batched.generators import Generators
+from jbench.agents.batched.make import LEARNERS, ON_FEATURES
 from jbench.agents.batched.on_policy import Epochs
 from jbench.agents.batched.ppo import PPO
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.rollout import Rollout
 from jbench.agents.batched.rule import make_rule
-from jbench.agents.batched.rules import LEARNERS, ON_FEATURES
-from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
 from jbench.agents.batched.updates import Updates
@@ -96,15 +96,15 @@ def regions_of(
     tensors = Tensors(SEEDS, torch.float32, GPU)
     low = precision == "bfloat16"
     team = Team(rule, settings, sizes, tensors, stacked=True, low_precision=low)
-    streams = [Streams(seed, 1) for seed in range(SEEDS)]
+    generators = [Generators(seed, 1) for seed in range(SEEDS)]
     (group,) = team.groups
     if algo == "ppo":
-        epochs = Epochs(settings, group, streams, Rollout(SEEDS, 8, 16, SIZE))
+        epochs = Epochs(settings, group, generators, Rollout(SEEDS, 8, 16, SIZE))
         found = {"update": kernels_in(epochs._update_once, settings.batch_size, tensors)}
         methods = [(engine.act, 1), (PPO.explore, 2), (PPO.value, 1)]
     else:
         replay = ReplayBuffer(SEEDS, 1, 100, SIZE, flush_every=1, device=GPU)
-        updates = Updates(settings, group, streams, replay, limit or "bootstrap")
+        updates = Updates(settings, group, generators, replay, limit or "bootstrap")
         found = {
             name: kernels_in(updates._update_some, (delayed,), tensors)
             for name, delayed in (("update", True), ("update without the actor", False))
@@ -114,7 +114,7 @@ def regions_of(
         if ofe is not None:
             found["pretraining"] = kernels_in(updates._pretrain_once, None, tensors)
         methods = [(engine.act, 1)]
-        if group.learner.random_policy:
+        if group.learner.is_stochastic:
             methods.append((off_policy._explore, 2))
     for method, count in methods:
         key = (method, *[(SEEDS, 1, SIZE), (SEEDS, 1, 1)][:count])
@@ -162,6 +162,34 @@ def test_stack_of_several_cells_launches_kernels_of_one_cell(algo):
 )
 def test_other_settings_stay_on_gpu(algo, options):
     assert min(regions_of(algo, **options).values()) > 0
+
+
+class Transfers(TorchDispatchMode):
+    """Notes each operation that copies from the CPU to the device, for which a GPU may wait."""
+
+    def __init__(self, seen):
+        super().__init__()
+        self.seen = seen
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        result = function(*args, **(kwargs or {}))
+        leaves = tree_leaves((args, kwargs, result))
+        if len({leaf.device for leaf in leaves if isinstance(leaf, torch.Tensor)}) > 1:
+            self.seen.append("transfer")
+        return result
+
+
+def test_ppo_copies_nothing_to_device_between_updates():
+    settings, seen = algorithm_settings("ppo"), []
+    team = Team(PPO, settings, [SIZE] * SEEDS, Tensors(SEEDS, device=GPU), stacked=True)
+    rollout = Rollout(SEEDS, 1, 2 * settings.batch_size, SIZE)
+    epochs = Epochs(
+        settings, team.groups[0], [Generators(seed, 1) for seed in range(SEEDS)], rollout
+    )
+    epochs._update = lambda *_: seen.append("update")
+    with Transfers(seen):
+        epochs.run()
+    assert seen == ["transfer"] * 2 + ["update"] * (2 * settings.n_epochs)
 
 
 @pytest.mark.parametrize("rule", [TQC, REDQ])

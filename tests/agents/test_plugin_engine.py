@@ -77,6 +77,50 @@ def test_engine_restored_within_episode_continues_bit_for_bit():
             assert np.array_equal(values, weights[name])
 
 
+class DrawingOnGPU(RandomAgent):
+    """Draws from the generator of the GPU, which a fixture replaces by one of the CPU."""
+
+    generator = torch.Generator()
+
+    def explore(self, observations):
+        return self.act(observations)
+
+    def act(self, observations):
+        return super().act(observations) + torch.randn(1, 1, generator=self.generator).numpy()
+
+
+@pytest.fixture
+def gpu(monkeypatch):
+    generator = DrawingOnGPU.generator.manual_seed(0)
+    monkeypatch.setattr(torch.cuda, "get_rng_state", lambda device: generator.get_state())
+    monkeypatch.setattr(
+        torch.cuda, "set_rng_state", lambda state, device: generator.set_state(state)
+    )
+    return torch.device("cuda")
+
+
+def test_agent_that_draws_on_gpu_continues_bit_for_bit(gpu):
+    with engine_of(DrawingOnGPU, device=gpu) as engine:
+        state = engine.state(0)
+        whole = [each.tolist() for each in engine.learn(40) if each is not None]
+    with engine_of(DrawingOnGPU, device=gpu) as other:
+        other.restore([state])
+        resumed = []
+        for returns in other.learn(40):
+            other.act(np.ones((1, 5, 16), np.float32))  # as in an evaluation
+            resumed += [] if returns is None else [returns.tolist()]
+    assert resumed == whole
+
+
+def test_checkpoint_of_cpu_can_be_restored_on_gpu(gpu):
+    with engine_of() as engine:
+        list(engine.learn(34))
+        state = engine.state(0)
+    with engine_of(device=gpu) as other:
+        other.restore([state])
+        assert other.control_steps == 34
+
+
 @pytest.mark.parametrize("time_limit", ["bootstrap", "terminal"])
 def test_transitions_follow_episodes_and_time_limit(time_limit):
     with engine_of(time_limit=time_limit) as engine:

@@ -11,7 +11,10 @@ from functools import partial
 import pytest
 
 from jbench.cli import main
+from jbench.errors import RequestError
 from jbench.store import Results
+from jbench.sweeps import executors
+from jbench.training import request
 from tests import sweep_matrices
 from tests.command_line import SHORT, jbench, succeed
 from tests.sweep_matrices import (
@@ -209,6 +212,21 @@ def test_two_concurrent_sweeps_finish_all_runs(tmp_path, results):
     assert [process.returncode for process in both] == [0, 0], printed
     assert states(runs, results) == ["finished"] * 4
     assert [committed(run, results) for run in runs] == [3] * 4
+
+
+@pytest.mark.parametrize(("jobs", "processes"), [("0", 1), ("3", 3)])
+@pytest.mark.parametrize("command", [("train",), ("sweep", "smoke")])
+def test_gpu_has_one_process_unless_jobs_are_given(command, jobs, processes, results, monkeypatch):
+    given = []
+
+    def local(database, at_a_time, device, checkpoint_every):
+        given.append((at_a_time, device))
+        raise RequestError("Nothing is trained here.")
+
+    monkeypatch.setattr(request, "training_device", lambda *_: "cuda")
+    monkeypatch.setattr(executors, "Local", local)
+    assert main([*command, "--jobs", jobs, "--results", str(results)]) == 2
+    assert given == [(processes, "cuda")]
 
 
 @pytest.mark.parametrize(

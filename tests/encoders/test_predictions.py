@@ -17,7 +17,7 @@ from jbench.encoders.kinds.dmd import DynamicModes
 from jbench.encoders.kinds.forward import ForwardModel, angle_periods, changes_of
 from jbench.encoders.kinds.random_features import RandomFeatures
 from jbench.encoders.kinds.scaled import Scaled
-from jbench.encoders.loop import Learner
+from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.predictions import TARGETS, effective_rank, probe
 from jbench.encoders.registry import make_kind
 from jbench.encoders.settings import encoder_settings
@@ -44,7 +44,7 @@ def simulated(tmp_path_factory):
 
 def learned(kind, states, latents=12):
     """Trained weights of a kind, as numpy arrays."""
-    learner = Learner(kind, states.size, latents, 0, CPU, kind.constants(states))
+    learner = EncoderLearner(kind, states.size, latents, 0, CPU, kind.constants(states))
     for _ in range(kind.epochs):
         learner.epoch(states)
     return {name: value.detach().numpy() for name, value in learner.weights.items()}

@@ -13,7 +13,7 @@ import torch
 from jbench.encoders import load_encoder
 from jbench.encoders.kinds.ae import Autoencoder
 from jbench.encoders.kinds.dae import DenoisingAutoencoder
-from jbench.encoders.loop import Learner
+from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.settings import EncoderSettings, encoder_settings
@@ -75,7 +75,7 @@ def of_rank_two(size=6):
 
 def learned(kind, epochs, latents=2, seed=0):
     states, rows = of_rank_two()
-    learner = Learner(kind, 6, latents, seed, CPU)
+    learner = EncoderLearner(kind, 6, latents, seed, CPU)
     losses = [learner.epoch(states) for _ in range(epochs)]
     weights = {name: value.detach() for name, value in learner.weights.items()}
     rebuilt = kind.decode(weights, kind.encode(weights, rows))
@@ -92,7 +92,7 @@ def test_two_latents_suffice_for_data_of_rank_two():
 def test_loss_of_epoch_is_mean_over_rows_and_decreases():
     _, rows = of_rank_two()
     kind = Autoencoder(batch=len(rows), learning_rate=1e-2)  # one step per epoch
-    new = Learner(kind, 6, 2, 0, CPU).weights
+    new = EncoderLearner(kind, 6, 2, 0, CPU).weights
     losses, _ = learned(kind, 20)
     rebuilt = kind.decode(new, kind.encode(new, rows))
     assert losses[0] == pytest.approx((rebuilt - rows).square().mean().item(), rel=1e-5)
@@ -115,7 +115,7 @@ def test_every_row_is_used_once_per_epoch():
             seen.append(batch.now.clone())
             return super().gradient(weights, gradients, batch)
 
-    Learner(Watching(batch=64), 6, 2, 0, CPU).epoch(states)
+    EncoderLearner(Watching(batch=64), 6, 2, 0, CPU).epoch(states)
     assert [len(batch) for batch in seen] == [64] * (2002 // 64) + [2002 % 64]
     found = torch.cat(seen)
     assert not torch.equal(found, rows)
@@ -209,7 +209,7 @@ def test_random_numbers_do_not_depend_on_device(trained, kind):
         settings = encoder_settings(
             kind, {**CHEAP, **LEARNED[kind]}, dataset=trained.dataset.id, latents=3, seed=2
         )
-        learner = Learner(make_kind(kind, settings.options), 16, 3, 2, device)
+        learner = EncoderLearner(make_kind(kind, settings.options), 16, 3, 2, device)
         there = States(trained.dataset, "face_direction", 2)
         there.read(device)
         for batch in learner._prepared(there):

@@ -97,6 +97,24 @@ def test_runs_of_other_machine_give_no_estimate(results, cell):
     assert seconds_left([line], 2) is None
 
 
+def test_time_left_is_estimated_from_runs_on_same_device(results, cell):
+    on_gpu, on_cpu, old, _ = cell.runs
+    for run, wall_time, made_on in (
+        (on_gpu, 10.0, {"device": "cuda"}),
+        (on_cpu, 40.0, {"device": "cpu"}),
+        (old, 40.0, {}),
+    ):
+        results.create("run", run.id, run.values, made_on).finish(
+            {"wall_time": wall_time, "steps_done": run.steps, "together": 1}
+        )
+    # 10,000 steps of one seed remain.
+    seconds = [
+        cell_statuses([cell], results, 1, device, quick=False)[0].seconds_left
+        for device in ("cpu", "cuda", "cuda:1")
+    ]
+    assert seconds == pytest.approx([40.0, 10.0, 10.0])
+
+
 def test_cell_without_finished_runs_is_measured_quickly(results, cell):
     (line,) = cell_statuses([cell], results, jobs=2, quick=True)
     assert line.estimate == "a quick measurement"

@@ -244,7 +244,7 @@ def test_global_numpy_generator_is_not_used():
     "seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 25))]
 )
 def test_robot_stands_and_steps_without_warning(seed, vary_masses):
-    robot = augmented.augmented_model(seed, vary_masses=vary_masses)
+    robot = load_model(seed, vary_masses=vary_masses)
     assert augmented.standing_reward(robot) > 0.9
     data = mujoco.MjData(robot)
     model.place(data, np.array([1.0, 0, 0, 0]))

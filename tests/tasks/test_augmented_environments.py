@@ -39,7 +39,6 @@ def final_positions(env, steps=50):
     "make",
     [
         augmented.draw,
-        augmented.augmented_model,
         load_model,
         lambda seed: JitterbugEnv("face_direction", augment=seed),
         lambda seed: gymnasium.make("AugmentedJitterbug/MoveToPose-v0", augment=seed),
@@ -59,7 +58,7 @@ def test_varied_masses_without_seed_are_refused():
 
 
 def test_loaded_model_is_determined_by_seed(plain):
-    assert bits(load_model(2)) == bits(augmented.augmented_model(2))
+    assert bits(load_model(2)) == bits(augmented.build(augmented.draw(2)))
     assert np.abs(load_model(2).geom_pos - plain.geom_pos).max() > 1e-3
     assert bits(load_model()) == bits(plain)
 
@@ -76,7 +75,7 @@ def test_suite_lists_augmented_and_plain_tasks():
 def test_dm_control_model_equals_model_of_seed_bit_for_bit():
     settings = {"augment": 3, "vary_masses": True}
     physics = suite.load("augmented_jitterbug", "move_to_pose", settings).physics
-    assert bits(physics.model.ptr) == bits(augmented.augmented_model(3, vary_masses=True))
+    assert bits(physics.model.ptr) == bits(load_model(3, vary_masses=True))
 
 
 @pytest.mark.parametrize(

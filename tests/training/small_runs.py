@@ -14,7 +14,7 @@ from jbench.settings import run
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store.merge import TIMES
-from jbench.training import batch, engines, reproduce, status
+from jbench.training import engines, group, reproduce, status
 
 EPISODE = 50
 
@@ -28,7 +28,7 @@ def shorten_episodes(set_attribute=setattr, steps=EPISODE):
     """
     # Each module has its own constant for the length.
     rollout = importlib.import_module("jbench.simulation.rollout")  # the package exports a function
-    for module in (batch, engines, evaluate, reproduce, request, rollout, run, status):
+    for module in (engines, evaluate, group, reproduce, request, rollout, run, status):
         set_attribute(module, "EPISODE_STEPS", steps)
     register_environments()
     for task, augmented in itertools.product(TASKS, (False, True)):

@@ -47,6 +47,19 @@ def test_trainings_alternate_until_all_end():
     assert seen == ["a0", "b0", "c0", "b1", "c1", "b2"]
 
 
+def test_trainings_on_cpu_do_not_initialize_cuda(monkeypatch):
+    def initialize(*_):
+        raise AssertionError
+
+    def training():
+        yield
+        return "trained"
+
+    for name in ("stream", "Stream", "current_device"):
+        monkeypatch.setattr(torch.cuda, name, initialize)
+    assert take_turns([training()], CPU) == ["trained"]
+
+
 def test_error_of_one_training_ends_others():
     closed = []
 
@@ -84,6 +97,7 @@ def test_several_groups_write_same_results_as_one(algo, tmp_path):
     for run in runs:
         found, expected = (results.find("run", run.id) for results in (two, one))
         assert found.status == "finished"
+        assert found.manifest.summary["together"] == 4
         assert rows(found) == rows(expected)
         assert found.read_file(WEIGHTS) == expected.read_file(WEIGHTS)
 

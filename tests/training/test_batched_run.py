@@ -1,15 +1,19 @@
 """Tests of runs of the batched engine: rows, paths, batches, settings and measured speed."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import torch
 
+from jbench.agents.batched.engine import Engine
 from jbench.errors import RequestError
 from jbench.policies.saved import WEIGHTS, load_agent
 from jbench.settings.algorithms import algorithm_settings
 from jbench.store import Results
 from jbench.sweeps.executors import batches
-from jbench.training import engines, evaluation
+from jbench.training import engines, evaluation, group, speed
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import evaluate_policy, robot_model, seeds_of
 from jbench.training.request import training_device
@@ -85,6 +89,42 @@ def test_rows_are_written_at_scheduled_steps(tmp_path):
     before = record.manifest
     run_batch([run], results, None)
     assert results.find("run", run.id).manifest == before
+
+
+def test_runs_stop_at_given_step_or_stay_after_it(tmp_path):
+    results = Results(tmp_path)
+    ahead, behind = (settings("ddpg", seed, steps=4 * EPISODE) for seed in range(2))
+
+    def train_until(episodes, *runs):
+        assert run_batch(runs, results, None, until=episodes * EPISODE) == {}
+        return [results.find("run", run.id).rows("episodes") for run in runs]
+
+    assert train_until(3, ahead) == [3]
+    assert train_until(2, ahead) == [3]
+    assert train_until(1, ahead, behind) == [3, 1]
+    assert train_until(2, ahead, behind) == [3, 2]
+    assert train_until(3, ahead, behind) == [3, 3]
+
+
+def test_memory_of_engine_is_freed_before_next_one_is_made(tmp_path, monkeypatch):
+    results, make, made, living = Results(tmp_path), group.make_trainer, [], []
+    ahead, behind = (settings("ddpg", seed, steps=3 * EPISODE) for seed in range(2))
+    run_batch([ahead], results, None, until=EPISODE)
+
+    def noted(*about):
+        living.append([reference() for reference in made])
+        engine = make(*about)
+        made.append(weakref.ref(engine._team.tensors))
+        return engine
+
+    monkeypatch.setattr(group, "make_trainer", noted)
+    gc.disable()
+    try:
+        assert run_batch([ahead, behind], results, None) == {}
+    finally:
+        gc.enable()
+    # One for the seed that is behind, then one for both.
+    assert living == [[], [None]]
 
 
 def test_run_locked_by_another_process_is_skipped(tmp_path):
@@ -202,7 +242,23 @@ def test_speed_is_measured_with_any_number_of_environments():
         evaluate_every=10**4,
         evaluate_episodes=0,
     )
-    assert seconds_per_step([run], None) > 0
+    assert seconds_per_step([run]) > 0
+
+
+@pytest.mark.parametrize("algo", ["td3", "ppo"])
+def test_speed_on_gpu_is_measured_after_first_updates(algo, monkeypatch):
+    updates, learn, make = [], Engine.learn, speed.make_trainer
+
+    def noted(engine, steps):
+        updates.append(engine.updates)
+        return learn(engine, steps)
+
+    monkeypatch.setattr(Engine, "learn", noted)
+    monkeypatch.setattr(speed, "make_trainer", lambda *about: make(*about[:-1], "cpu"))
+    assert seconds_per_step([settings(algo)], "cuda") > 0
+    before, measured = updates
+    assert before == 0
+    assert measured > 0
 
 
 @pytest.mark.parametrize("algo", ["td3", pytest.param("ppo", marks=SLOW)])
@@ -210,6 +266,6 @@ def test_measuring_speed_does_not_change_results(algo, tmp_path):
     run = settings(algo, evaluate_episodes=0)
     once, again = Results(tmp_path / "once"), Results(tmp_path / "again")
     run_batch([run], once, None)
-    assert seconds_per_step([run], None) > 0
+    assert seconds_per_step([run]) > 0
     run_batch([run], again, None)
     assert rows(once.find("run", run.id)) == rows(again.find("run", run.id))

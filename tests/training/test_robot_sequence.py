@@ -58,7 +58,7 @@ class Watched:
 
     def __init__(self, path, *arguments, **changes):
         self.shapes, self.weights, self.stored, self.evaluated = {}, {}, {}, {}
-        on_step, evaluate = running._Recorder._on_step, running.Evaluator.__call__
+        on_step, evaluate = running._Recorder._on_step, running.SB3Evaluator.__call__
 
         def watched_step(recorder):
             step = recorder.num_timesteps
@@ -76,7 +76,7 @@ class Watched:
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(running._Recorder, "_on_step", watched_step)
-            patch.setattr(running.Evaluator, "__call__", watched_evaluation)
+            patch.setattr(running.SB3Evaluator, "__call__", watched_evaluation)
             shorten_episodes(patch.setattr)
             self.results = Results(path)
             self.record = run(settings(*arguments, **changes), self.results)

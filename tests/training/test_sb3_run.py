@@ -96,7 +96,7 @@ def test_finished_run_is_not_repeated(finished):
 def test_same_settings_give_same_rows(finished, tmp_path):
     _, record, _ = finished
     # Measuring the speed before the run, as the command line does, does not change the run.
-    assert seconds_per_step([settings()], None) > 0
+    assert seconds_per_step([settings()]) > 0
     again = run(settings(), Results(tmp_path))
     for table in ("episodes", "evaluations"):
         first, second = (r.read(table).drop(TIMES) for r in (record, again))

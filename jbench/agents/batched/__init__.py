@@ -6,16 +6,16 @@
     learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
     features.py      features learned with an agent; dense.py: their layers; on_features.py: the
                      update rules on them
-    batch.py         an off-policy minibatch; rules.py: jbench's update rules by name
+    batch.py         an off-policy minibatch
     rule.py          base class of other packages' rules; rule_check.py: refuses faulty ones;
                      autograd.py: trains them
-    streams.py       random generators of each seed; noise.py: action noise
+    generators.py    random generators of each seed; noise.py: action noise
     environments.py  the simulated robots of all cells; padding.py: equal sizes for a stack
     replay.py        replay buffers; updates.py: minibatches sampled from them
     rollout.py       rollout buffer of PPO
     team.py          the agents of all seeds; graphs.py: CUDA graphs
     engine.py        the training loop and its state; off_policy.py, on_policy.py: its two kinds
-    make.py          builds an engine from settings
+    make.py          jbench's update rules by name; builds an engine from settings
 
 Every update rule is written once, for tensors with or without a leading axis of seeds. On a CPU
 the seeds are computed one after another: a seed's numbers do not depend on the other seeds, bit for

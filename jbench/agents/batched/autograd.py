@@ -41,7 +41,7 @@ class AutogradLearner(OffPolicyLearner):
         """See `Learner`; the parameters of the given rule are not used."""
         self.losses = tuple(name for name in rule.losses if name in LOSSES)
         self.noise_per_transition = rule.noise_per_transition
-        self.random_policy = type(rule).explore is not Rule.explore
+        self.is_stochastic = type(rule).explore is not Rule.explore
         super().__init__(settings, observation_size, view, low_precision)
         self._settings = settings
         trained = set(rule.losses.values())
@@ -129,24 +129,13 @@ class AutogradLearner(OffPolicyLearner):
     ) -> tuple[Tensor, list[Tensor]]:
         """Returns a loss (...,) and its gradient by the parameters that it trains."""
         if self.view.batch_shape:
-            return self._differentiate_stack(loss, trained, batch)
+            others = {name: each for name, each in self._parameters.items() if name not in trained}
+            return differentiate_stack(self._rule, loss, trained, others, batch)
         leaves = [self._rule.get_parameter(name).requires_grad_() for name in trained]
         value = self._rule(loss, batch)
         gradients = torch.autograd.grad(value, leaves, materialize_grads=True)
         self._rule.requires_grad_(False)
         return value.detach(), list(gradients)
-
-    def _differentiate_stack(
-        self, loss: str, trained: Mapping[str, Tensor], batch: Batch
-    ) -> tuple[Tensor, list[Tensor]]:
-        def of_seed(own: dict[str, Tensor], others: dict[str, Tensor], *numbers: Tensor) -> Tensor:
-            value: Tensor = functional_call(self._rule, {**others, **own}, (loss, Batch(*numbers)))
-            return value
-
-        others = {name: values for name, values in self._parameters.items() if name not in trained}
-        numbers = batch.rows, batch.next_rows, batch.discounts, batch.noise
-        gradients, value = vmap(grad_and_value(of_seed))(dict(trained), others, *numbers)
-        return value, list(gradients.values())
 
     @torch.no_grad()
     def _call(self, method: str, *inputs: Tensor) -> Tensor:
@@ -154,13 +143,44 @@ class AutogradLearner(OffPolicyLearner):
         if not self.view.batch_shape:
             alone: Tensor = self._rule(method, *inputs)
             return alone
+        return call_stack(self._rule, method, self._parameters, *inputs)
 
-        def of_seed(parameters: dict[str, Tensor], *own: Tensor) -> Tensor:
-            result: Tensor = functional_call(self._rule, parameters, (method, *own))
-            return result
 
-        together: Tensor = vmap(of_seed)(self._parameters, *inputs)
-        return together
+def differentiate_stack(
+    rule: Rule,
+    loss: str,
+    trained: Mapping[str, Tensor],
+    others: Mapping[str, Tensor],
+    batch: Batch,
+) -> tuple[Tensor, list[Tensor]]:
+    """Returns a loss (seeds,) and its gradient by the parameters that it trains.
+
+    Args:
+        trained: (seeds, ...) by name.
+        others: the other parameters, (seeds, ...) by name.
+        batch: of all seeds.
+    """
+
+    def of_seed(own: dict[str, Tensor], others: dict[str, Tensor], *numbers: Tensor) -> Tensor:
+        value: Tensor = functional_call(rule, {**others, **own}, (loss, Batch(*numbers)))
+        return value
+
+    numbers = batch.rows, batch.next_rows, batch.discounts, batch.noise
+    gradients, value = vmap(grad_and_value(of_seed))(dict(trained), dict(others), *numbers)
+    return value, list(gradients.values())
+
+
+def call_stack(
+    rule: Rule, method: str, parameters: Mapping[str, Tensor], *inputs: Tensor
+) -> Tensor:
+    """Returns what a method makes of inputs (seeds, N, any) with parameters (seeds, ...)."""
+
+    def of_seed(parameters: dict[str, Tensor], *own: Tensor) -> Tensor:
+        result: Tensor = functional_call(rule, parameters, (method, *own))
+        return result
+
+    outputs: Tensor = vmap(of_seed)(dict(parameters), *inputs)
+    return outputs
 
 
 class _Group:

@@ -4,12 +4,7 @@ import torch
 from torch import Generator, Tensor
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.learner import (
-    OffPolicyLearner,
-    initialize_uniform,
-    polyak_update,
-    tanh_gradient,
-)
+from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
 from jbench.agents.batched.network import Network
 from jbench.agents.batched.tensors import SeedView
 from jbench.settings.algorithms import DDPGSettings
@@ -89,8 +84,8 @@ class DDPG(OffPolicyLearner):
         self._actor_adam.step()
 
         # Update the target networks.
-        polyak_update(self.critic_target, self.critic, settings.tau)
-        polyak_update(self.actor_target, self.actor, settings.tau)
+        self.critic_target.polyak_update(self.critic, settings.tau)
+        self.actor_target.polyak_update(self.actor, settings.tau)
 
         self._record_loss("critic_loss", errors.square())
         self._record_loss("actor_loss", losses)

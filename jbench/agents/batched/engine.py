@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.agents.batched.environments import Environments, Step
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.learner import LOSS_SUMS, Learner
-from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.divergence import Divergence, divergent_loss
 from jbench.closing import Closing
@@ -46,29 +46,31 @@ class Engine(Closing):
         diverged: the diverged seeds by index. Their robots get the action 0 and they may stop
             learning; the other seeds are not affected.
         is_resumable: whether there are `state` and `restore`.
+        keeps_policy_exactly: whether the actions of a copy from `policy`, loaded again, are those
+            of the agent bit for bit.
     """
 
-    is_resumable = True
+    is_resumable = keeps_policy_exactly = True
 
     def __init__(
         self,
         team: Team[Any],
         environments: Environments,
-        streams: Sequence[Streams],
+        generators: Sequence[Generators],
         rollout_steps: int,
     ) -> None:
         """Starts with untrained agents.
 
         Args:
-            streams: one per seed.
+            generators: one per seed.
             rollout_steps: steps of each environment between learning phases.
         """
         self.environments = environments
         self.control_steps = self.updates = 0
-        self._team, self._streams, self._rollout_steps = team, streams, rollout_steps
+        self._team, self._generators, self._rollout_steps = team, generators, rollout_steps
         self.diverged: dict[int, Divergence] = {}
         self._collected, self._unchecked = 0, False
-        team.initialize(streams)
+        team.initialize(generators)
         # Tensors that must stay finite; the log temperature of SAC is -inf if ent_coef is 0.
         saved = team.tensors.saved
         self._finite = [n for n in saved if n != LOSS_SUMS and bool(saved[n].isfinite().all())]
@@ -126,8 +128,8 @@ class Engine(Closing):
         """
         inputs = self.environments.encode(torch.from_numpy(observations), first)
         seeds = slice(first, first + len(inputs))
-        if len(inputs) < len(self._streams):
-            of_all = inputs.new_zeros(len(self._streams), *inputs.shape[1:])
+        if len(inputs) < len(self._generators):
+            of_all = inputs.new_zeros(len(self._generators), *inputs.shape[1:])
             of_all[seeds] = inputs
             inputs = of_all
         actions: NDArray[np.float32] = self._team.run(act, inputs).float().numpy()
@@ -178,7 +180,7 @@ class Engine(Closing):
             "collected": self._collected,
             "episodes": self.environments.episodes,
             "episode_steps": self.environments.steps,
-            "streams": self._streams[seed].state(),
+            "streams": self._generators[seed].state(),
         }
         copies = {name: tensor.detach().cpu().clone() for name, tensor in tensors.items()}
         return SeedState(copies, scalars)
@@ -202,7 +204,7 @@ class Engine(Closing):
             world = {name: tensor.numpy() for name, tensor in under(WORLD, tensors).items()}
             steps = scalars["episodes"], scalars["episode_steps"]
             self.environments.restore(seed, world, *steps)
-            self._streams[seed].restore(scalars["streams"])
+            self._generators[seed].restore(scalars["streams"])
             self._restore_loop(seed, under(_LOOP, tensors))
         self.control_steps, self.updates = first["control_steps"], first["updates"]
         self._collected, self._unchecked = first["collected"], False
@@ -226,7 +228,8 @@ class Engine(Closing):
 
     def _not_finite(self, name: str) -> list[int]:
         """Returns the seeds whose tensor `name` is not finite."""
-        finite = self._team.tensors.saved[name].isfinite().view(len(self._streams), -1).all(dim=1)
+        values = self._team.tensors.saved[name]
+        finite = values.isfinite().view(len(values), -1).all(dim=1)
         # Only one small copy from a GPU.
         return [seed for seed, is_finite in enumerate(finite.tolist()) if not is_finite]
 

@@ -1,7 +1,7 @@
 """The simulated robots of all seeds, stepped together."""
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import accumulate, pairwise
+from itertools import accumulate, chain, pairwise
 from typing import NamedTuple
 
 import mujoco
@@ -49,10 +49,6 @@ class Cell(NamedTuple):
             return observations
         # Seed by seed, because a matrix product may round differently in a larger batch.
         return torch.stack([self.encoder.encode(batch) for batch in observations])
-
-    def draw_starts(self) -> resets.Starts:
-        """Draws the initial states of the next episodes, seed by seed."""
-        return resets.draw_starts(self.task, [each for seed in self.generators for each in seed])
 
 
 class Step(NamedTuple):
@@ -154,7 +150,7 @@ class Environments(Closing):
         """Returns the simulation state of one seed, for `restore`."""
         rows = self._rows(seed)
         return {
-            "simulation": self._robots.snapshot()[rows],
+            "simulation": self._robots.snapshot(range(rows.start, rows.stop)),
             "target_position": self._target.position[rows].copy(),
             "target_yaw": self._target.yaw[rows].copy(),
             "returns": self._returns[seed].copy(),
@@ -182,7 +178,10 @@ class Environments(Closing):
     def _begin_episodes(self) -> None:
         """Resets all robots and draws a target for each."""
         self._switch_robot(self.episodes)
-        starts = [cell.draw_starts() for cell in self.cells]
+        starts = [
+            resets.draw_starts(cell.task, chain.from_iterable(cell.generators))
+            for cell in self.cells
+        ]
         targets = zip(*(each.targets for each in starts), strict=True)
         self._target = Target(*(np.concatenate(part) for part in targets))
         self._returns = np.zeros(self._shape)

@@ -104,13 +104,9 @@ class Features:
         phi_o then go back through phi_o.
         """
         self._standardize_by(batch.observations)
-        rows = self._forward(batch.observations)
-        state_actions = self._view.scratch("features.state_actions", rows.shape[-2], self.size + 1)
-        if self._appended:
-            state_actions[..., : self._observation_size].copy_(batch.observations)
-        state_actions[..., -1 - self._settings.units : -1].copy_(
-            rows[..., self._observation_size :]
-        )
+        shape = batch.observations.shape[-2], self.size + 1
+        state_actions = self._view.scratch("features.state_actions", *shape)
+        self.observation_features(batch.observations, state_actions[..., :-1])
         state_actions[..., -1:].copy_(batch.actions)
         features = self._forward_state_actions(state_actions)
         errors = self._head.forward(features)

@@ -4,38 +4,44 @@ from collections.abc import Callable, Hashable
 
 import torch
 
+Function = Callable[[Hashable], None]
+"""A function that `Captured` calls with an argument."""
+
 
 class Captured:
-    """A function that is recorded on a GPU, one recording per argument, and then replayed.
+    """Calls a function, which is recorded on a GPU, once per argument, and then replayed.
 
-    The function must read and write the same tensors at every call, must not branch on their
-    values, and may depend only on its argument. An update of a small network is a hundred kernels,
-    which Python takes longer to launch than they take to run.
+    It does not keep the function: an owner that keeps this object and calls one of its own methods
+    is then freed with its last reference, and not at some later collection of cycles.
+
+    The function must be the same at every call. It must read and write the same tensors, must not
+    branch on their values, and may depend only on its argument. An update of a small network is a
+    hundred kernels, which Python takes longer to launch than they take to run.
 
     Recordings share memory for intermediate results, because only one runs at a time. A result
     that must outlive the next recording must be referenced or lie in memory of the caller.
     """
 
-    def __init__(self, function: Callable[[Hashable], None], device: torch.device) -> None:
-        """Wraps a function; on a CPU it is called directly."""
-        self._function, self._device = function, device
+    def __init__(self, device: torch.device) -> None:
+        """Records nothing yet; on a CPU the function is always called directly."""
+        self._device = device
         self._called: set[Hashable] = set()
         self._graphs: dict[Hashable, torch.cuda.CUDAGraph] = {}
         self._side_stream: torch.cuda.Stream | None = None
 
-    def __call__(self, argument: Hashable) -> None:
+    def __call__(self, function: Function, argument: Hashable) -> None:
         """Calls the function, or replays its recording."""
         if self._device.type != "cuda":
-            self._function(argument)
+            function(argument)
         elif argument not in self._called:
             self._called.add(argument)
-            self._warm_up(argument)
+            self._warm_up(function, argument)
         else:
             if argument not in self._graphs:
-                self._graphs[argument] = self._record(argument)
+                self._graphs[argument] = self._record(function, argument)
             self._graphs[argument].replay()
 
-    def _warm_up(self, argument: Hashable) -> None:
+    def _warm_up(self, function: Function, argument: Hashable) -> None:
         """Calls the function on the stream of the recording.
 
         This loads kernels and allocates buffers and the workspace of cuBLAS for this stream, none
@@ -44,10 +50,10 @@ class Captured:
         stream, caller = self._stream(), torch.cuda.current_stream(self._device)
         stream.wait_stream(caller)
         with torch.cuda.stream(stream):
-            self._function(argument)
+            function(argument)
         caller.wait_stream(stream)
 
-    def _record(self, argument: Hashable) -> torch.cuda.CUDAGraph:
+    def _record(self, function: Function, argument: Hashable) -> torch.cuda.CUDAGraph:
         """Records a call without running it."""
         graph = torch.cuda.CUDAGraph()
         pool = next((other.pool() for other in self._graphs.values()), None)
@@ -58,7 +64,7 @@ class Captured:
                 graph, pool=pool, stream=self._stream(), capture_error_mode="thread_local"
             ),
         ):
-            self._function(argument)
+            function(argument)
         return graph
 
     def _stream(self) -> torch.cuda.Stream:

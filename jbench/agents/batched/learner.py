@@ -50,7 +50,6 @@ class Learner:
         self.view, self._low_precision = view, low_precision
         self._learning_rate = settings.learning_rate
         self.policy_sizes = (observation_size, *settings.hidden_layers, 1)
-        self.value_sizes = (observation_size + 1, *settings.hidden_layers, 1)
         self._loss_sums = view.saved(LOSS_SUMS, len(self.losses), 2)
         self._sums_by_name = dict(zip(self.losses, self._loss_sums.unbind(dim=-2), strict=True))
         # A mean loss, and the count of 1 that is added with it.
@@ -181,11 +180,17 @@ class OffPolicyLearner(Learner):
     noise_per_transition: int
     """Standard normal numbers that an update needs per transition."""
 
-    random_policy: bool = False
+    is_stochastic: bool = False
     """Whether the policy is stochastic, so that it explores by `explore` instead of `act`."""
 
     joins_twins: ClassVar[bool] = True
     """Whether two critics of a stack are computed as one network."""
+
+    @property
+    def value_sizes(self) -> Sizes:
+        """Sizes of a critic, whose last input is the action."""
+        inputs, *rest = self.policy_sizes
+        return (inputs + 1, *rest)
 
     def explore(self, observations: Tensor, noise: Tensor) -> Tensor:
         """Returns sampled actions (..., N, 1) of a stochastic policy.
@@ -272,11 +277,6 @@ def initialize_uniform(
         for parameters in (weight, bias) if kind == "fan-in" else (weight,):
             values = torch.empty(parameters.shape, dtype=parameters.dtype)
             parameters.copy_(torch.nn.init.uniform_(values, -bound, bound, generator=generator))
-
-
-def polyak_update(target: Network, network: Network, tau: float) -> None:
-    """Updates a target network: target <- (1 - tau) target + tau network."""
-    target.values.lerp_(network.values, tau)
 
 
 def tanh_gradient(gradient: Tensor, outputs: Tensor) -> Tensor:

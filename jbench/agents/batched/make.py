@@ -6,15 +6,24 @@ from functools import partial
 import torch
 
 from jbench.agents.batched.autograd import AutogradLearner
+from jbench.agents.batched.ddpg import DDPG
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.environments import Cell, Environments, Models
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.off_policy import OffPolicyEngine
+from jbench.agents.batched.on_features import (
+    DDPGOnFeatures,
+    OnFeatures,
+    SACOnFeatures,
+    TD3OnFeatures,
+)
 from jbench.agents.batched.on_policy import OnPolicyEngine
+from jbench.agents.batched.ppo import PPO
 from jbench.agents.batched.rule import Rule
 from jbench.agents.batched.rule_check import checked_rule
-from jbench.agents.batched.rules import LEARNERS, ON_FEATURES
-from jbench.agents.batched.streams import Streams
+from jbench.agents.batched.sac import SAC
+from jbench.agents.batched.td3 import TD3
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.tensors import Tensors
 from jbench.cores import cores
@@ -24,6 +33,16 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, PRECISIONS, TimeLimit, one_of
 from jbench.settings.algorithms import AlgorithmSettings, OffPolicySettings, PPOSettings
 from jbench.settings.ofe import OFESettings
+
+LEARNERS: dict[str, type[Learner]] = {"ddpg": DDPG, "ppo": PPO, "sac": SAC, "td3": TD3}
+"""jbench's own update rules by name of the algorithm."""
+
+ON_FEATURES: dict[str, type[OnFeatures]] = {
+    "ddpg": DDPGOnFeatures,
+    "sac": SACOnFeatures,
+    "td3": TD3OnFeatures,
+}
+"""Update rules on learned features."""
 
 
 def make_engine(
@@ -73,9 +92,9 @@ def make_engine(
     torch_device = _device_with_precision(device, precision)
     gpu = torch_device.type == "cuda"
     count = environments or (settings.n_envs if isinstance(settings, PPOSettings) else 1)
-    streams = [Streams(seed, count) for seed in seeds]
+    generators = [Generators(seed, count) for seed in seeds]
     robots = Environments(
-        _cells(task, encoder, streams),
+        _cells(task, encoder, generators),
         threads=threads or (cores() if gpu else 1),
         models=models,
         episode_steps=episode_steps,
@@ -89,10 +108,10 @@ def make_engine(
         low_precision=precision == "bfloat16",
     )
     if isinstance(settings, PPOSettings):
-        return OnPolicyEngine(settings, team, robots, streams, time_limit=time_limit)
+        return OnPolicyEngine(settings, team, robots, generators, time_limit=time_limit)
     assert isinstance(settings, OffPolicySettings)
     try:
-        return OffPolicyEngine(settings, team, robots, streams, time_limit=time_limit)
+        return OffPolicyEngine(settings, team, robots, generators, time_limit=time_limit)
     except torch.OutOfMemoryError:
         raise WorkError(
             f"The GPU's memory is not enough for the replay buffers of {len(seeds)} seeds: type "
@@ -103,17 +122,17 @@ def make_engine(
 def _cells(
     task: str | Sequence[str],
     encoder: Encoder | Sequence[Encoder | None] | None,
-    streams: Sequence[Streams],
+    generators: Sequence[Generators],
 ) -> list[Cell]:
-    """Returns the cells of the seeds with these streams."""
-    tasks = [task] * len(streams) if isinstance(task, str) else task
-    encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(streams)
+    """Returns the cells of the seeds with these generators."""
+    tasks = [task] * len(generators) if isinstance(task, str) else task
+    encoders = encoder if isinstance(encoder, Sequence) else [encoder] * len(generators)
     cells: list[Cell] = []
-    for its_task, its_encoder, stream in zip(tasks, encoders, streams, strict=True):
+    for its_task, its_encoder, own in zip(tasks, encoders, generators, strict=True):
         last = cells[-1] if cells else None
         if last is None or last.task != its_task or last.encoder is not its_encoder:
             cells.append(Cell(its_task, [], its_encoder))
-        cells[-1].generators.append(stream.environments)
+        cells[-1].generators.append(own.environments)
     return cells
 
 

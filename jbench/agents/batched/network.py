@@ -135,6 +135,10 @@ class Network:
         """
         return self._input_gradient(delta, slice(self._column, self._column + 1), rows)
 
+    def polyak_update(self, network: "Network", tau: float) -> None:
+        """Updates a target network: target <- (1 - tau) target + tau network."""
+        self.values.lerp_(network.values, tau)
+
     def _input_gradient(self, delta: Tensor, columns: slice, rows: Tensor | None) -> Tensor:
         """Returns the gradient (..., batch, columns) by some inputs of the layer `joins`."""
         for i in range(len(self._layers) - 1, self.joins, -1):

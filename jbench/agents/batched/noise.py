@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.batched.streams import Streams
+from jbench.agents.batched.generators import Generators
 from jbench.settings.algorithms import OffPolicySettings
 
 
@@ -29,12 +29,12 @@ class ActionNoise:
         """Restarts the processes at the beginning of an episode."""
         self.previous[:] = 0
 
-    def draw(self, streams: Sequence[Streams]) -> NDArray[np.float64] | float:
+    def draw(self, generators: Sequence[Generators]) -> NDArray[np.float64] | float:
         """Returns the next noise (seeds, environments); 0 if there is none."""
         if self._kind == "none":
             return 0.0
         environments = self.previous.shape[1]
-        normal = np.stack([each.actions.standard_normal(environments) for each in streams])
+        normal = np.stack([each.actions.standard_normal(environments) for each in generators])
         if self._kind == "normal":
             return self._mean + self._sigma * normal
         self.previous += self._pull * (self._mean - self.previous) + self._step * normal

@@ -10,11 +10,11 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import Engine, act
 from jbench.agents.batched.environments import Environments, Step
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.replay import ReplayBuffer
-from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.updates import Updates
 from jbench.errors import RequestError
@@ -30,14 +30,14 @@ class OffPolicyEngine(Engine):
         settings: OffPolicySettings,
         team: Team[Any],
         environments: Environments,
-        streams: Sequence[Streams],
+        generators: Sequence[Generators],
         *,
         time_limit: TimeLimit = "bootstrap",
     ) -> None:
         """Starts with untrained agents and empty replay buffers.
 
         Args:
-            streams: one per seed.
+            generators: one per seed.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
 
         Raises:
@@ -45,7 +45,7 @@ class OffPolicyEngine(Engine):
         """
         seeds, count = environments.observations.shape[:2]
         rollout_steps, self._due = schedule(settings, count)
-        super().__init__(team, environments, streams, rollout_steps)
+        super().__init__(team, environments, generators, rollout_steps)
         self._settings = settings
         self._noise = ActionNoise(settings, seeds, count)
         tensors = team.tensors
@@ -60,7 +60,7 @@ class OffPolicyEngine(Engine):
             episode_steps=environments.episode_steps,
         )
         self._groups = [
-            Updates(settings, group, group.select(streams), self.replay, time_limit, self._due)
+            Updates(settings, group, group.select(generators), self.replay, time_limit, self._due)
             for group in team.groups
         ]
         self.replay.begin(environments.observations)
@@ -88,18 +88,18 @@ class OffPolicyEngine(Engine):
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         settings, shape = self._settings, observations.shape[:2]
         if settings.uniform_warmup and self.control_steps < settings.learning_starts:
-            actions = np.stack([each.actions.uniform(-1, 1, shape[1]) for each in self._streams])
+            actions = np.stack([each.actions.uniform(-1, 1, shape[1]) for each in self._generators])
         else:
             actions = self._policy_actions(observations)[..., 0].numpy()
-        noisy_actions = actions + self._noise.draw(self._streams)
+        noisy_actions = actions + self._noise.draw(self._generators)
         return np.clip(noisy_actions, -1, 1).astype(np.float32)
 
     def _policy_actions(self, observations: Tensor) -> Tensor:
         """Returns actions (seeds, environments, 1) of the policies, without action noise."""
-        if not self._team.each[0].random_policy:
+        if not self._team.each[0].is_stochastic:
             return self._team.run(act, observations)
         shape = observations.shape[1], 1
-        noise = np.stack([each.actions.standard_normal(shape) for each in self._streams])
+        noise = np.stack([each.actions.standard_normal(shape) for each in self._generators])
         return self._team.run(_explore, observations, torch.from_numpy(noise))
 
     def _store(self, observations: Tensor, actions: NDArray[np.floating], step: Step) -> None:

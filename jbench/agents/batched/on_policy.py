@@ -10,11 +10,11 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.environments import Environments, Step
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.padding import with_padding, without_padding
-from jbench.agents.batched.ppo import PPO, Minibatch
-from jbench.agents.batched.rollout import Rollout
-from jbench.agents.batched.streams import Streams
+from jbench.agents.batched.ppo import PPO
+from jbench.agents.batched.rollout import Rollout, minibatch_of
 from jbench.agents.batched.team import Group, Team
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import PPOSettings
@@ -28,30 +28,31 @@ class OnPolicyEngine(Engine):
         settings: PPOSettings,
         team: Team[Any],
         environments: Environments,
-        streams: Sequence[Streams],
+        generators: Sequence[Generators],
         *,
         time_limit: TimeLimit = "bootstrap",
     ) -> None:
         """Starts with untrained agents.
 
         Args:
-            streams: one per seed.
+            generators: one per seed.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         """
         seeds, count = environments.observations.shape[:2]
         # The number of transitions does not depend on the number of environments.
         steps = max(1, settings.n_steps * settings.n_envs // count)
-        super().__init__(team, environments, streams, steps)
+        super().__init__(team, environments, generators, steps)
         self._settings, self._bootstrap = settings, time_limit == "bootstrap"
         self._rollout = Rollout(seeds, count, steps, environments.size, team.tensors.dtype)
         self._epochs = [
-            Epochs(settings, group, group.select(streams), self._rollout) for group in team.groups
+            Epochs(settings, group, group.select(generators), self._rollout)
+            for group in team.groups
         ]
-        self._outputs = torch.zeros(seeds, count, 3)
+        self._outputs: Tensor  # of the last call of `PPO.explore`
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
         shape = observations.shape
-        draws = [each.actions.standard_normal((shape[1], 1)) for each in self._streams]
+        draws = [each.actions.standard_normal((shape[1], 1)) for each in self._generators]
         noise = torch.from_numpy(np.stack(draws))
         self._outputs = self._team.run(PPO.explore, observations, noise)
         actions: NDArray[np.floating] = self._outputs[..., 0].numpy()
@@ -97,43 +98,45 @@ class Epochs:
         self,
         settings: PPOSettings,
         group: Group[PPO],
-        streams: Sequence[Streams],
+        generators: Sequence[Generators],
         rollout: Rollout,
     ) -> None:
         """Makes the buffers.
 
         Args:
-            streams: of the seeds of the group.
+            generators: of the seeds of the group.
             rollout: of all seeds.
         """
-        self.seeds = group.seeds
-        self._settings, self._learner, self._streams = settings, group.learner, streams
+        self.seeds, self._group = group.seeds, group
+        self._settings, self._learner, self._generators = settings, group.learner, generators
         rows = rollout.rows[group.seeds.start : group.seeds.stop]
         # Transitions of each seed, environment by environment.
         self._source = rows.flatten(0, 2)
         self._transitions = rows.shape[1] * rows.shape[2]
         self._scratch = group.learner.view.scratch
         self._rows = self._source.to(group.learner.view.device, copy=True)
-        self._update = Captured(self._update_once, self._rows.device)
+        self._update = Captured(self._rows.device)
 
     def run(self) -> None:
         """Makes all updates of a rollout."""
         self._learner.reset_losses([])
         self._rows.copy_(self._source)
-        for _ in range(self._settings.n_epochs):
-            orders = self._orders()
+        for orders in self._orders():
             for start in range(0, self._transitions, self._settings.batch_size):
                 indices = orders[..., start : start + self._settings.batch_size]
                 self._indices(indices.shape[-1]).copy_(indices)
-                self._update(indices.shape[-1])
+                self._update(self._update_once, indices.shape[-1])
 
     def _orders(self) -> Tensor:
-        """Returns a random order (..., transitions) of each seed's rows."""
-        orders = [stream.updates.permutation(self._transitions) for stream in self._streams]
-        if not self._learner.view.batch_shape:
-            return torch.from_numpy(orders[0])
-        offset_orders = [order + seed * self._transitions for seed, order in enumerate(orders)]
-        return torch.from_numpy(np.stack(offset_orders)).to(self._rows.device)
+        """Returns a random order of each seed's rows for each epoch, (epochs, ..., transitions).
+
+        All are drawn before the first update, since nothing may wait for a GPU's updates.
+        """
+        epochs, count = range(self._settings.n_epochs), self._transitions
+        orders = [
+            np.stack([each.updates.permutation(count) for _ in epochs]) for each in self._generators
+        ]
+        return self._group.stack(orders, count)
 
     def _indices(self, size: int) -> Tensor:
         return self._scratch("indices", size, dtype=torch.int64)
@@ -146,8 +149,3 @@ class Epochs:
         indices = self._indices(size).view(-1)
         torch.index_select(self._rows, 0, indices, out=batch.view(-1, width))
         self._learner.update(minibatch_of(batch))
-
-
-def minibatch_of(rows: Tensor) -> Minibatch:
-    """Returns a minibatch from rows (..., N, size + 6) of a `Rollout`."""
-    return Minibatch(rows[..., :-6], *rows[..., -6:-1].split(1, dim=-1))

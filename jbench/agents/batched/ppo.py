@@ -52,7 +52,6 @@ class PPO(Learner):
         """See `Learner`."""
         super().__init__(settings, observation_size, view, low_precision)
         self._settings = settings
-        self.value_sizes = self.policy_sizes
         # One network with the outputs mu(s) and V(s), or two networks.
         sizes = (*self.policy_sizes[:-1], 2 if settings.shared_layers else 1)
         count = parameter_count(sizes)

@@ -4,6 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from jbench.agents.batched.ppo import Minibatch
+
 _EXTRA = 6  # columns besides the observation
 
 
@@ -40,8 +42,8 @@ class Rollout:
             end: whether the episodes ended.
         """
         row = self.rows[:, :, self.steps]
-        row[..., :-6].copy_(observations)
-        row[..., -6:-3].copy_(outputs)
+        row[..., :-_EXTRA].copy_(observations)
+        row[..., -_EXTRA:-3].copy_(outputs)
         row[..., -1].copy_(rewards)
         self.ends[self.steps] = end
         self.steps += 1
@@ -64,3 +66,8 @@ class Rollout:
             self.rows[:, :, step, -3] = advantage
             next_value = value
         torch.add(self.rows[..., -3], values, out=self.rows[..., -2])
+
+
+def minibatch_of(rows: Tensor) -> Minibatch:
+    """Returns a minibatch from rows (..., N, size + 6) of a `Rollout`."""
+    return Minibatch(rows[..., :-_EXTRA], *rows[..., -_EXTRA:-1].split(1, dim=-1))

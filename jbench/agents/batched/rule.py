@@ -22,7 +22,8 @@ class Rule(nn.Module):
 
     A loss is a method of a `Batch` that returns one number. It may use all networks; only those
     that it trains are differentiated, so the others need not be detached. It depends on nothing but
-    the parameters and the batch: random numbers come from `batch.noise`, and it keeps nothing.
+    the parameters and the batch: random numbers come from `batch.noise`, and it keeps nothing. No
+    shape and no branch depends on values, since torch.func.vmap computes the seeds of a stack.
 
     The attribute `actor` is an nn.Sequential that ends in a Linear layer. tanh of its first output
     is the deterministic action.

@@ -1,10 +1,11 @@
 """Finds out before the training whether an update rule keeps to what `Rule` describes."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
 
+from jbench.agents.batched.autograd import call_stack, differentiate_stack
 from jbench.agents.batched.batch import Batch
 from jbench.agents.batched.rule import Rule, make_rule, mean_actor, parameter_names
 from jbench.errors import WorkError
@@ -13,7 +14,9 @@ from jbench.settings.algorithms import OffPolicySettings
 
 
 def checked_rule(kind: type[Rule], settings: OffPolicySettings, observation_size: int) -> Rule:
-    """Returns a rule, after calling each of its losses with a minibatch of zeros.
+    """Returns a rule, after calling its losses with minibatches of zeros, also of a stack.
+
+    A rule must be computable in a stack on a CPU too: its runs may be resumed on a GPU.
 
     Raises:
         WorkError: if it does not keep to what `Rule` describes.
@@ -47,6 +50,7 @@ def _faults(rule: Rule) -> Iterator[str]:
             yield f"{name} is delayed, but neither trained nor a target network"
     for loss, trained in rule.losses.items():
         yield from _faults_of_loss(rule, loss, [rule.get_parameter(n) for n in names[trained]])
+    yield from _faults_of_stack(rule, names)
 
 
 def _faults_of_loss(rule: Rule, loss: str, trained: list[nn.Parameter]) -> Iterator[str]:
@@ -67,11 +71,39 @@ def _faults_of_loss(rule: Rule, loss: str, trained: list[nn.Parameter]) -> Itera
         yield f"{loss} does not depend on {rule.losses[loss]}, which it trains"
 
 
+def _faults_of_stack(rule: Rule, names: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Yields what can't be computed for two seeds in a stack."""
+    parameters = {name: torch.stack([each.detach()] * 2) for name, each in rule.named_parameters()}
+    batch = _zeros(rule, 2)
+    for loss, trained in rule.losses.items():
+        own = {name: parameters[name] for name in names[trained]}
+        others = {name: each for name, each in parameters.items() if name not in own}
+        yield from _fault_of_call(loss, differentiate_stack, rule, loss, own, others, batch)
+    if type(rule).explore is not Rule.explore:
+        inputs = batch.observations, batch.rewards
+        yield from _fault_of_call("explore", call_stack, rule, "explore", parameters, *inputs)
+
+
+def _fault_of_call(
+    method: str, function: Callable[..., object], *arguments: object
+) -> Iterator[str]:
+    """Yields a fault if a function that maps a method over seeds raises an error."""
+    try:
+        function(*arguments)
+    except RuntimeError as error:
+        reason = str(error).removeprefix("vmap: ").partition("\n")[0].partition(". ")[0]
+        yield (
+            f"torch.func.vmap can't compute {method} for several seeds at once "
+            f"({reason.rstrip('.')}); no shape and no branch may depend on values"
+        )
+
+
 def _is_affine(module: nn.Module) -> bool:
     return isinstance(module, nn.Linear) and module.bias is not None
 
 
-def _zeros(rule: Rule) -> Batch:
-    rows = torch.zeros(rule.settings.batch_size, rule.observation_size + 2)
-    noise = torch.zeros(len(rows), rule.noise_per_transition)
-    return Batch(rows, rows, torch.zeros(len(rows), 1), noise)
+def _zeros(rule: Rule, *seeds: int) -> Batch:
+    shape = *seeds, rule.settings.batch_size
+    rows = torch.zeros(*shape, rule.observation_size + 2)
+    noise = torch.zeros(*shape, rule.noise_per_transition)
+    return Batch(rows, rows, torch.zeros(*shape, 1), noise)

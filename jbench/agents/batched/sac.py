@@ -45,7 +45,7 @@ class SAC(OffPolicyLearner):
 
     losses: tuple[str, ...] = ("actor_loss", "critic_loss", "entropy_coefficient")
     noise_per_transition = 2
-    random_policy = True
+    is_stochastic = True
 
     def __init__(
         self,

@@ -6,12 +6,7 @@ import torch
 from torch import Generator, Tensor
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.learner import (
-    OffPolicyLearner,
-    initialize_uniform,
-    polyak_update,
-    tanh_gradient,
-)
+from jbench.agents.batched.learner import OffPolicyLearner, initialize_uniform, tanh_gradient
 from jbench.agents.batched.network import Network
 from jbench.agents.batched.tensors import SeedView
 from jbench.settings.algorithms import TD3Settings
@@ -99,4 +94,4 @@ class TD3(OffPolicyLearner):
 
             # Update the target networks.
             self.critic_targets.polyak_update(self.critics, self._tau)
-            polyak_update(self.actor_target, self.actor, self._tau)
+            self.actor_target.polyak_update(self.actor, self._tau)

@@ -3,16 +3,18 @@
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Concatenate, Generic, NamedTuple, TypeVar
+from typing import Any, Concatenate, Generic, NamedTuple, TypeVar
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import Learner
 from jbench.agents.batched.padding import with_padding, without_padding
-from jbench.agents.batched.streams import Streams
-from jbench.agents.batched.tensors import Tensors
+from jbench.agents.batched.tensors import SeedView, Tensors
 from jbench.policies.network import Network
 from jbench.policies.saved import Policy
 from jbench.settings.algorithms import AlgorithmSettings
@@ -27,9 +29,32 @@ class Group(NamedTuple, Generic[_Learner]):
     learner: _Learner
     seeds: range
 
-    def select(self, streams: Sequence[Streams]) -> Sequence[Streams]:
-        """Returns the streams of the group's seeds."""
-        return streams[self.seeds.start : self.seeds.stop]
+    def select(self, generators: Sequence[Generators]) -> Sequence[Generators]:
+        """Returns the generators of the group's seeds."""
+        return generators[self.seeds.start : self.seeds.stop]
+
+    def stack(self, per_seed: Sequence[NDArray[Any]], offset: int = 0) -> Tensor:
+        """Stacks the draws of each seed for the device, to which a GPU copies without waiting.
+
+        Args:
+            per_seed: (count, ...) of each seed.
+            offset: added once to those of the second seed, twice to those of the third, and so on.
+
+        Returns:
+            (count, seeds, ...); (count, ...) on the CPU for one seed without a stack.
+        """
+        if not self.learner.view.batch_shape:
+            return torch.from_numpy(per_seed[0])
+        if offset:
+            per_seed = [draws + seed * offset for seed, draws in enumerate(per_seed)]
+        device, (count, *shape) = self.learner.view.device, per_seed[0].shape
+        on_cpu = torch.empty(
+            (count, len(per_seed), *shape),
+            dtype=torch.from_numpy(per_seed[0]).dtype,
+            pin_memory=device.type == "cuda",
+        )
+        np.stack(per_seed, axis=1, out=on_cpu.numpy())
+        return on_cpu.to(device, non_blocking=True)
 
 
 class Team(Generic[_Learner]):
@@ -65,8 +90,8 @@ class Team(Generic[_Learner]):
         self._sizes, largest = sizes, max(sizes)
         self._make = partial(learner, settings, low_precision=low_precision)
         # It comes first, because it decides how the tensors lie in memory.
-        self._stack = self._make(largest, tensors.stacked_view()) if stacked else None
-        self.each = [self._make(largest, tensors.seed_view(seed)) for seed in range(len(sizes))]
+        self._stack = self._make(largest, SeedView(tensors)) if stacked else None
+        self.each = [self._make(largest, SeedView(tensors, seed)) for seed in range(len(sizes))]
         self._padding = [
             learner.input_weights(slice(size, largest)) if size < largest else {}
             for size, learner in zip(sizes, self.each, strict=True)
@@ -76,15 +101,15 @@ class Team(Generic[_Learner]):
             if self._stack is None
             else [Group(self._stack, range(tensors.seeds))]
         )
-        self._captured = Captured(self._run_stack, tensors.device)
+        self._captured = Captured(tensors.device)
         self._inputs: dict[Hashable, list[tuple[Tensor, Tensor]]] = {}
         self._outputs: dict[Hashable, Tensor] = {}
 
-    def initialize(self, streams: Sequence[Streams]) -> None:
+    def initialize(self, generators: Sequence[Generators]) -> None:
         """Draws the initial parameters of every seed."""
-        for seed, stream in enumerate(streams):
+        for seed, own in enumerate(generators):
             with self._unpadded(seed) as learner:
-                learner.initialize(stream.weights())
+                learner.initialize(own.weights())
 
     def policy(self, seed: int) -> Policy | Network:
         """Returns a copy of the deterministic policy of a seed."""
@@ -131,7 +156,7 @@ class Team(Generic[_Learner]):
             on_cpu.copy_(x)
             # The copy of the outputs below waits until this one is complete.
             on_device.copy_(on_cpu, non_blocking=True)
-        self._captured(key)
+        self._captured(self._run_stack, key)
         return self._outputs[key].cpu()
 
     @contextmanager
@@ -141,7 +166,7 @@ class Team(Generic[_Learner]):
             yield self.each[seed]
             return
         own = Tensors(1, self.tensors.dtype)
-        learner = self._make(self._sizes[seed], own.seed_view(0))
+        learner = self._make(self._sizes[seed], SeedView(own, 0))
         for name, values in self.state(seed).items():
             own.saved[name][0] = values
         yield learner

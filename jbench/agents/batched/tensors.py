@@ -55,14 +55,6 @@ class Tensors:
         self._scratch: dict[tuple[object, ...], Tensor] = {}
         self._twins: dict[tuple[str, str], Tensor] = {}
 
-    def seed_view(self, seed: int) -> "SeedView":
-        """Returns the tensors of the seed with this index, without the axis of seeds."""
-        return SeedView(self, seed)
-
-    def stacked_view(self) -> "SeedView":
-        """Returns the tensors of all seeds."""
-        return SeedView(self, None)
-
     def transfer_buffers(self, shape: Sequence[int]) -> tuple[Tensor, Tensor]:
         """Returns a buffer on the CPU and one on the device: on a CPU, the same buffer twice.
 
@@ -118,8 +110,8 @@ class SeedView:
         batch_shape: leading axes of all tensors: () for one seed, (seeds,) for the stack.
     """
 
-    def __init__(self, tensors: Tensors, seed: int | None) -> None:
-        """Selects one seed, or all for None."""
+    def __init__(self, tensors: Tensors, seed: int | None = None) -> None:
+        """Selects the seed with this index, without the axis of seeds, or all for None."""
         self._tensors, self._seed = tensors, seed
         self.batch_shape: tuple[int, ...] = (tensors.seeds,) if seed is None else ()
 
@@ -154,7 +146,7 @@ class TwinView(SeedView):
 
     def __init__(self, tensors: Tensors) -> None:
         """Selects all seeds."""
-        super().__init__(tensors, None)
+        super().__init__(tensors)
         self.batch_shape = (2 * tensors.seeds,)
 
     def saved(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:

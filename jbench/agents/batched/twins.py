@@ -71,9 +71,9 @@ class Twins:
         return first.add_(second)
 
     def polyak_update(self, networks: "Twins", tau: float) -> None:
-        """Updates target networks: target <- (1 - tau) target + tau network."""
+        """See `Network.polyak_update`."""
         for target, network in zip(self.networks, networks.networks, strict=True):
-            target.values.lerp_(network.values, tau)
+            target.polyak_update(network, tau)
 
     def _for_each(self, batch: Tensor) -> Tensor:
         """Returns a batch (..., N, any) as the networks take it."""

@@ -1,18 +1,16 @@
 """Off-policy updates: sampling minibatches per seed and updating each group of seeds."""
 
 from collections.abc import Hashable, Sequence
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.agents.batched.batch import Batch
+from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import ReplayBuffer
-from jbench.agents.batched.streams import Streams
 from jbench.agents.batched.team import Group
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
@@ -33,7 +31,7 @@ class Updates:
         self,
         settings: OffPolicySettings,
         group: Group[OffPolicyLearner],
-        streams: Sequence[Streams],
+        generators: Sequence[Generators],
         replay: ReplayBuffer,
         time_limit: TimeLimit,
         updates: int = _RECORDED,
@@ -41,13 +39,13 @@ class Updates:
         """Makes the buffers.
 
         Args:
-            streams: of the seeds of the group.
+            generators: of the seeds of the group.
             replay: buffers of all seeds.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
             updates: in a learning phase.
         """
-        self.seeds = group.seeds
-        self._learner, self._streams, self._replay = group.learner, streams, replay
+        self.seeds, self._group = group.seeds, group
+        self._learner, self._generators, self._replay = group.learner, generators, replay
         self._size, self._gamma = settings.batch_size, settings.gamma
         self._terminal = time_limit == "terminal"
         self._rows = replay.rows_of(group.seeds)
@@ -69,8 +67,8 @@ class Updates:
             )
             for indices, next_indices in zip(self._indices, self._next_indices, strict=True)
         ]
-        self._update = Captured(self._update_some, self._rows.device)
-        self._pretrain = Captured(self._pretrain_once, self._rows.device)
+        self._update = Captured(self._rows.device)
+        self._pretrain = Captured(self._rows.device)
         self._delayed: list[bool] = []
         self._samples: list[tuple[Tensor, Tensor]] = []
 
@@ -82,7 +80,7 @@ class Updates:
             samples = self._sample(count)
             for i in range(count):
                 self._put(samples, slice(i, i + 1))
-                self._pretrain(None)
+                self._pretrain(self._pretrain_once, None)
             remaining -= count
 
     def prepare(self, first: int, count: int) -> None:
@@ -100,7 +98,7 @@ class Updates:
         for first in range(0, len(self._delayed), self._together):
             some = slice(first, first + self._together)
             self._put(self._samples, some)
-            self._update(tuple(self._delayed[some]))
+            self._update(self._update_some, tuple(self._delayed[some]))
 
     def _buffer(self, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
         """Returns zeros (updates of a graph, ..., size, *shape)."""
@@ -137,36 +135,17 @@ class Updates:
     def _sample(self, count: int) -> list[tuple[Tensor, Tensor]]:
         """Returns buffers (any, ..., size, any), each with samples (count, ..., size, any)."""
         shape, noise = (count, self._size), self._noise
-        sampled = [self._replay.sample(stream.updates, *shape) for stream in self._streams]
+        sampled = [self._replay.sample(each.updates, *shape) for each in self._generators]
+        stack, rows_of_seed = self._group.stack, len(self._rows) // len(sampled)
         samples = [
-            (self._indices, self._stack([each.rows for each in sampled], offset=True)),
-            (self._next_indices, self._stack([each.next_rows for each in sampled], offset=True)),
+            (self._indices, stack([each.rows for each in sampled], rows_of_seed)),
+            (self._next_indices, stack([each.next_rows for each in sampled], rows_of_seed)),
         ]
         if self._terminal:
             discounts = [np.where(each.last, 0, self._gamma)[..., None] for each in sampled]
-            samples.append((self._discounts, self._stack(discounts)))
+            samples.append((self._discounts, stack(discounts)))
         if noise.shape[-1]:
             size = (*shape, noise.shape[-1])
-            normal = [stream.updates.standard_normal(size, np.float32) for stream in self._streams]
-            samples.append((noise, self._stack(normal)))
+            normal = [each.updates.standard_normal(size, np.float32) for each in self._generators]
+            samples.append((noise, stack(normal)))
         return samples
-
-    def _stack(self, per_seed: Sequence[NDArray[Any]], *, offset: bool = False) -> Tensor:
-        """Stacks the samples (count, ...) of each seed and moves them to the device.
-
-        Args:
-            offset: whether they are indices into a seed's own buffer.
-        """
-        if not self._learner.view.batch_shape:
-            return torch.from_numpy(per_seed[0])
-        if offset:
-            rows = len(self._rows) // len(per_seed)
-            per_seed = [indices + seed * rows for seed, indices in enumerate(per_seed)]
-        device, (count, *shape) = self._rows.device, per_seed[0].shape
-        on_cpu = torch.empty(
-            (count, len(per_seed), *shape),
-            dtype=torch.from_numpy(per_seed[0]).dtype,
-            pin_memory=device.type == "cuda",
-        )
-        np.stack(per_seed, axis=1, out=on_cpu.numpy())
-        return on_cpu.to(device, non_blocking=True)

@@ -7,7 +7,7 @@ import torch
 from numpy.random import PCG64, Generator, SeedSequence
 
 
-class Streams:
+class Generators:
     """The generators of one seed, independent of the other seeds.
 
     They are on the CPU for every device, so an agent on a GPU sees the same robots, minibatches

@@ -6,7 +6,6 @@ from collections.abc import Callable, Generator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.divergence import DivergedError, Divergence
 from jbench.errors import WorkError
@@ -24,7 +23,7 @@ Progress = Callable[[RunSettings, int, float], None]
 """Called after each training episode with the run, its control steps so far, and the return."""
 
 
-class Batch:
+class TrainingGroup:
     """Runs that are trained together, all at the same control step."""
 
     def __init__(
@@ -32,19 +31,26 @@ class Batch:
         members: Sequence[Member],
         device: str,
         checkpoint_every: float,
+        sharing: int,
     ) -> None:
+        """Makes the engine, and restores it from the checkpoints of the runs.
+
+        Args:
+            device: see `jbench.devices.find_device`.
+            checkpoint_every: minimum seconds between two checkpoints.
+            sharing: number of runs that share the process, those of other groups among them.
+        """
+        self._sharing = sharing
         self._members, self._timer = members, CommitTimer(checkpoint_every)
         self._clock = ProcessorClock()
         self._failures: dict[int, WorkError] = {}
         # Of the last evaluation, by index.
         self._evaluated: dict[int, Policy | Network | None] = {}
         self._settings = settings = members[0].settings
-        agent_seeds, evaluation_seeds = zip(
-            *(seeds_of(m.settings.seed) for m in members), strict=True
+        self._engine = make_trainer(
+            [m.settings for m in members], [m.encoder for m in members], device
         )
-        encoders, tasks = [m.encoder for m in members], [m.settings.task for m in members]
-        self._engine = make_trainer(settings, agent_seeds, encoders, device, tasks)
-        self._evaluator = Evaluator(settings, evaluation_seeds)
+        self._evaluator = Evaluator(settings, [seeds_of(m.settings.seed)[1] for m in members])
         if members[0].checkpoint is not None:
             self._restore(members[0].checkpoint.position)
 
@@ -75,7 +81,7 @@ class Batch:
                     break
                 if returns is not None and self._timer.is_due():
                     self._save()
-                if in_turns and isinstance(engine, Engine) and engine.begin_updates():
+                if in_turns and engine.begin_updates():
                     self._share_processor_time()
                     yield
                     self._clock.restart()
@@ -152,15 +158,13 @@ class Batch:
         steps = self._engine.control_steps
         if self._evaluator.last_steps < steps:
             self._evaluate()
-        together = len(self._members)
         self._share_processor_time()
         for index in self._active():
             log, record = self._members[index].log, self._members[index].record
             log.commit()
             evaluated = self._evaluated.get(index)
-            # The copy of another package's policy rounds its sums in another way.
-            is_same = evaluated is not None and isinstance(self._engine, Engine)
-            summary = {**log.summary(steps, evaluated=is_same), "together": together}
+            is_same = evaluated is not None and self._engine.keeps_policy_exactly
+            summary = {**log.summary(steps, evaluated=is_same), "together": self._sharing}
             record.finish(summary, policy_files(evaluated or self._engine.policy(index)))
 
     def _fail_diverged(self, *, weights: bool = False) -> None:

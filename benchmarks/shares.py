@@ -18,7 +18,7 @@ from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
-from jbench.training import batch
+from jbench.training import group
 from jbench.training.batched_run import run_batch
 from jbench.training.engines import make_trainer
 
@@ -55,16 +55,16 @@ def shares(algo: str) -> dict[str, float]:
         clock.watch_loop(engine)
         return engine
 
-    class Measured(batch.Batch):
-        """A batch whose methods are measured."""
+    class Measured(group.TrainingGroup):
+        """A group whose methods are measured."""
 
     clock.watch(Measured, "_note_episodes", "rows")
     clock.watch(Measured, "_save", "checkpoints")
     clock.watch(Measured, "_evaluate", "evaluation")
     with (
         tempfile.TemporaryDirectory() as folder,
-        mock.patch("jbench.training.batch.make_trainer", make_measured),
-        mock.patch("jbench.training.batched_run.Batch", Measured),
+        mock.patch("jbench.training.group.make_trainer", make_measured),
+        mock.patch("jbench.training.batched_run.TrainingGroup", Measured),
     ):
         began = time.perf_counter()
         run_batch([settings_of(algo, seed) for seed in range(SEEDS)], Results(Path(folder)), None)

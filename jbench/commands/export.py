@@ -51,13 +51,13 @@ def export(
         ),
     ] = None,
     inputs: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="Input of an exported policy: si (features in SI units) or observation (that of "
-            "the environment, scaled to [-1, 1]).",
+            help="Input of an exported policy: si (features in SI units, the default) or "
+            "observation (that of the environment, scaled to [-1, 1]).",
             autocompletion=complete(*INPUTS),
         ),
-    ] = "si",
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -71,18 +71,20 @@ def export(
     """Export a policy as ONNX, or a dataset for Minari."""
     chosen = format or ("minari" if run is None else "onnx")
     names.known("value of --format", chosen, FORMATS)
-    names.known("value of --inputs", inputs, INPUTS)
+    in_si_units = names.known("value of --inputs", inputs or "si", INPUTS) == "si"
     output = Output(json)
     if chosen == "minari":
         if run is not None:
             raise RequestError(f"{run}: RUN is for --format onnx; name a dataset with --dataset.")
+        if inputs is not None:
+            raise RequestError("--inputs is for policies; name a run, or leave it out.")
         _dataset(dataset, task or "face_direction", out, results, output)
     elif run is None:
         raise RequestError("--format onnx exports the policy of a run; type jbench export RUN.")
     elif dataset is not None or task is not None:
         raise RequestError("--dataset and --task are for datasets; leave them out with RUN.")
     else:
-        _policy(run, inputs == "si", out, results, output)
+        _policy(run, in_si_units, out, results, output)
 
 
 def _policy(run: str, in_si_units: bool, out: Path | None, results: Path, output: Output) -> None:

@@ -65,11 +65,22 @@ def run_filters(
         filters["status"] = [names.known("status", status, names.STATUSES)]
     if seed is not None:
         filters["seed"] = parse_numbers("--seed", seed, "seeds like 0-9, or 0,2,5-7")
-    typed = {"task": task, "algo": algo, "representation": representation}
-    for setting, value in typed.items():
+    for setting, value in {"task": task, "algo": algo}.items():
         if value is not None:
             filters[setting] = [known_or_held(setting, value, [results])]
+    if representation is not None:
+        filters["representation"] = _representations(representation, results)
     return filters
+
+
+def _representations(value: str, results: "Results") -> list[str]:
+    """Returns the representations that are meant: `planar` is every size of this kind."""
+    from jbench.store.listing import values_of
+
+    if value.lower() in ("none", FULL):
+        return [FULL]
+    of_kind = [one for one in values_of(results, "representation") if kind_of(one) == value]
+    return of_kind or [known_or_held("representation", value, [results])]
 
 
 def _is_representation(value: str) -> bool:

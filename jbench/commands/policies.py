@@ -52,12 +52,15 @@ def evaluate(
     from jbench.policies.imported import code_of
     from jbench.settings.base import validated
     from jbench.settings.evaluation import EvaluationSettings
+    from jbench.tasks.features import TASK_SPECS
 
     output, (database, policy) = Output(json), database_and_policy(results, policy)
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     policy = full_name(database, policy)
     task = _task(database, policy, task, "face_direction")
+    if target_yaw is not None and not TASK_SPECS[task].draws_yaw:
+        raise RequestError(f"--target-yaw is for tasks with a target direction, not for {task}.")
     settings = validated(
         EvaluationSettings,
         "the evaluation",

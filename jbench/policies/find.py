@@ -1,5 +1,6 @@
 """Policies by name: random, constant, heuristic, trained, or of another package."""
 
+from difflib import get_close_matches
 from typing import Protocol
 
 import numpy as np
@@ -162,7 +163,7 @@ def _locate(results: Results, name: str) -> tuple[Results, str]:
 def _shipped_run(name: str) -> str:
     """Returns the run id of the shipped policy whose name is, or begins with, `name`."""
     names = shipped_policies()
-    matches = [one for one in names if one == name or one.startswith(f"{name.rstrip('/')}/")]
+    matches = [one for one in names if one.startswith(name)]
     if len(matches) == 1:
         return matches[0].removeprefix(SHIPPED)
     if matches:
@@ -170,5 +171,7 @@ def _shipped_run(name: str) -> str:
             f"--policy {name} is not unique; type one of {', '.join(matches)} "
             "(jbench runs --results reference shows how they differ)."
         )
-    instead = f"type one of {', '.join(names)}" if names else "this version of jbench ships none"
+    close = get_close_matches(name, names, 3)
+    choices = [one for one in names if one in close] or names
+    instead = f"type one of {', '.join(choices)}" if names else "this version of jbench ships none"
     raise RequestError(f"No policy is shipped as {name}; {instead}.")

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
 
 from jbench.agents.algorithms import algorithm_fields, check_name, settings_of
 from jbench.encoders.registry import find_kind, kind_names, only_size
@@ -60,6 +60,10 @@ def _like_run(name: str) -> Any:
     return RunSettings.model_fields[name]
 
 
+def _each_once(seeds: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(dict.fromkeys(seeds))
+
+
 class Evaluation(Settings):
     """The table [evaluation]."""
 
@@ -92,7 +96,9 @@ class Matrix(Settings):
     tasks: _Names
     algos: _Names
     representations: _Names = (FULL,)
-    seeds: tuple[_Seed, ...] = Field(default=tuple(range(10)), strict=False, min_length=1)
+    seeds: Annotated[tuple[_Seed, ...], AfterValidator(_each_once)] = Field(
+        default=tuple(range(10)), strict=False, min_length=1
+    )
     steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.1")
     engine: Engine | None = Field(
         default=None, description="default: batched, or the only engine of the algorithm"
@@ -166,14 +172,19 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
     Raises:
         RequestError: if the settings of a run or an encoder are invalid.
     """
-    return [
+    cells = [
         _cell(part, results, task, algo, name)
         for part in parts
-        for task in dict.fromkeys(part.tasks)
-        for algo in dict.fromkeys(part.algos)
-        for name in dict.fromkeys(part.representations)
+        for task in part.tasks
+        for algo in part.algos
+        for name in part.representations
         if "/" not in name or name.split("/")[0] == task
     ]
+    # Cells may be repeated, also by another name: planar is planar12.
+    different: dict[tuple[str, ...], Cell] = {}
+    for cell in cells:
+        different.setdefault(tuple(run.id for run in cell.runs), cell)
+    return list(different.values())
 
 
 def _matrix(content: Mapping[str, Any], name: str) -> Matrix:

@@ -139,10 +139,11 @@ def test_question_matrix_compares_reductions_with_full_and_scaled(results):
     }
     others = {
         "move_to_position sac planar against full",
+        "move_in_direction td3 dae12 against full",
         "move_in_direction td3 planar against full",
     }
     assert {one.name for one in asked} == td3 | ddpg | others
-    assert len(asked) == 20
+    assert len(asked) == 21
 
 
 def test_only_undecided_comparisons_get_more_seeds(results, cells):

@@ -73,6 +73,12 @@ def test_render_writes_reported_file(tmp_path):
         (("evaluate", "--episodes", "0"), "episodes of the evaluation can't be 0"),
         (("evaluate", "--augment", "-1"), "type a whole number from 0 up"),
         (("evaluate", "--target-yaw", "nan"), "type degrees, such as 45"),
+        (
+            ("evaluate", "--target-yaw", "45", "--task", "move_to_position"),
+            "--target-yaw is for tasks with a target direction, not for move_to_position",
+        ),
+        (("export", "--inputs", "observation"), "--inputs is for policies; name a run"),
+        (("sweep", "fig7", "--dry-run", "--log", "paper"), "Unknown value of --log 'paper'"),
         (("render", "--camera", "sky"), "Unknown camera 'sky'; choose"),
         (("render", "--out", "film.avi"), r"\.mp4.*\.gif.*\.png"),
         (("render", "--steps", "1001"), "type 1 to 1000"),

@@ -60,6 +60,20 @@ def test_runs_are_listed_and_filtered(results, run_command):
         assert (code, [run["seed"] for run in json.loads(out)["runs"]]) == (0, seeds)
 
 
+def test_runs_are_filtered_by_kind_of_representation(results, run_command):
+    for seed, representation in enumerate(("planar12", "dae12", "dae4")):
+        add_whole_run(results, seed=10 + seed, representation=representation)
+    for typed, seeds in (("planar", [10]), ("dae", [11, 12]), ("dae4", [12]), ("pca3", [])):
+        options = ("--json", "--seed", "10-12", "--representation", typed)
+        code, out, _ = run_command("runs", *options, results=results)
+        assert (code, sorted(run["seed"] for run in json.loads(out)["runs"])) == (0, seeds)
+    listed_as = [
+        run_command("runs", "--json", "--representation", name, results=results)[1]
+        for name in ("none", "full")
+    ]
+    assert listed_as[0] == listed_as[1] != ""
+
+
 def test_runs_with_unknown_names_are_listed(results, run_command):
     add_whole_run(results, seed=5, algo="dqn", task="fly", representation="mine7")
     for options in (("--algo", "dqn"), ("--task", "fly"), ("--representation", "mine7")):

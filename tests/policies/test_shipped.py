@@ -151,6 +151,7 @@ class TestShippedTwoCells:
         cell = f"reference/face_direction/td3/{representation}"
         (name,) = [one for one in find.shipped_policies() if one.startswith(cell)]
         assert find.full_name(Results(shipped()), cell) == name
+        assert find.full_name(Results(shipped()), name[:-4]) == name
         shutil.copytree(demo_results.path, tmp_path / "own")
         evaluate = ("evaluate", "--episodes", "1", "--seed", "5", "--threads", "1", "--json")
         printed = []

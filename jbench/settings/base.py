@@ -50,6 +50,15 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
+_PLAIN = {
+    "Input should": "it should",
+    "Tuple should": "it should",
+    "a valid tuple": "a list in brackets",
+    " after validation": "",
+}
+"""Words of pydantic's messages in those of settings."""
+
+
 def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
     """Returns a settings object.
 
@@ -64,7 +73,8 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
     except ValidationError as error:
         first = error.errors()[0]
         message = first["msg"].removeprefix("Value error, ").rstrip(".")
-        message = message.replace("Input should", "it should")
+        for words, plain in _PLAIN.items():
+            message = message.replace(words, plain)
         name = ".".join(str(part) for part in first["loc"])
         field = kind.model_fields.get(name)
         # A title is the name that users know the field by.

@@ -89,6 +89,10 @@ from tests.command_line import jbench, succeed
         (("collect", "--seed", "x"), "Invalid value for '--seed'"),
         (("query",), "Missing argument 'sql'; jbench query --help lists the options and shows an"),
         (("trian",), r"Did you mean 'train'\? jbench --help lists the commands\."),
+        (
+            ("train", "--set", "hidden_layers=16"),
+            "hidden_layers of ddpg can't be 16: it should be a list in brackets.",
+        ),
         (("train", "--set", "tau=abc"), "tau of ddpg can't be 'abc': it should be a valid number."),
     ],
 )

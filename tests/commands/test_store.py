@@ -202,6 +202,13 @@ def test_query_reports_damaged_run(results, run_command):
     assert "is damaged" in err
 
 
+def test_query_prints_all_digits_of_whole_numbers(results, run_command):
+    sql = "SELECT 4025000 * sum(length / 1000)::int AS total, 16100000.0::double AS x, 1/3 AS y"
+    code, out, _ = run_command("query", f"{sql} FROM episodes WHERE episode < 1", results=results)
+    # Three runs have a first episode of 1000 control steps.
+    assert (code, out.splitlines()[-2].split()) == (0, ["12075000", "16100000", "0.333333"])
+
+
 def test_database_commands_import_no_heavy_library(results):
     done = jbench("verify", "--json", results=results.path, short=True)
     assert (done.returncode, json.loads(done.stdout)["findings"]) == (0, [])

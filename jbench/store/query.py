@@ -174,7 +174,7 @@ def _with_types(frame: pd.DataFrame, types: Sequence[str]) -> pd.DataFrame:
     for i, type in enumerate(types):
         column = frame.iloc[:, i]
         if type == "HUGEINT" and (column.isna() | (column.abs() < 2**53)).all():
-            frame.isetitem(i, column.astype("Int64"))
+            frame.isetitem(i, column.astype("Int64").array)
         elif type == "DATE":
             frame.isetitem(i, column.dt.date)
     return frame

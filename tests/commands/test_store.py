@@ -146,7 +146,7 @@ def test_damage_is_reported_by_run_and_repaired(results, run_command):
     assert f"run {broken.id}\n  {path} is damaged (" in out
     assert f"run {whole.id}\n  {whole.path}/.writing-x is listed by no manifest.\n" in out
     assert "1 damaged, 1 leftover, 1 warning." in out  # the evaluation of the damaged run
-    assert "jbench repair sets them aside" in err
+    assert f"jbench repair --results {results.path} sets them aside" in err
 
     code, out, _ = run_command("repair", "--dry-run", results=results)
     assert code == 0

@@ -90,6 +90,9 @@ LOGGERS = ("tensorboard", "wandb", "trackio")
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Endings of the files of figures."""
 
+RESULTS = "results"
+"""Default of `--results`."""
+
 REFERENCE = "reference"
 """Value of `--results` for the results shipped with jbench."""
 

@@ -1,5 +1,10 @@
 """Wording that messages, tables and figures share."""
 
+import shlex
+from pathlib import Path
+
+from jbench.names import RESULTS
+
 
 def counted(count: int, noun: str, plural: str = "") -> str:
     """Formats a number of things: `1 seed`, `1,200 seeds`; the plural ends in s by default."""
@@ -9,3 +14,16 @@ def counted(count: int, noun: str, plural: str = "") -> str:
 def are(count: int) -> str:
     """Returns the verb for a number of things."""
     return "is" if count == 1 else "are"
+
+
+def with_results(command: str, results: Path) -> str:
+    """Returns a command that a message suggests, with `--results` unless it is the default."""
+    if results == Path(RESULTS):
+        return command
+    return f"{command} --results {shlex.quote(str(results))}"
+
+
+def repair_hint(results: Path) -> str:
+    """Returns the sentence on the commands for damaged records."""
+    verify, repair = (with_results(f"jbench {verb}", results) for verb in ("verify", "repair"))
+    return f"`{verify}` lists the damage, `{repair}` sets it aside."

@@ -15,7 +15,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output
 from jbench.errors import WorkError
-from jbench.wording import are, counted
+from jbench.wording import are, counted, with_results
 
 if TYPE_CHECKING:
     from jbench.datasets.listing import Listed
@@ -52,7 +52,7 @@ def collect(
         record = collect_dataset(settings, database, parsing.all_cores(threads), progress)
     output.say(
         f"Dataset {record.id}: {settings.steps:,} control steps, {record.size / 1e6:.1f} MB, in "
-        f"{record.path}. Next: jbench train-dae"
+        f"{record.path}. Next: {with_results('jbench train-dae', results)}"
     )
     output.document(display.described(record, bytes=record.size))
 
@@ -72,7 +72,8 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
             [_row(each) for each in listed],
         )
     else:
-        output.say(f"No datasets in {results}; jbench collect --steps 100000 makes a small one.")
+        small = with_results("jbench collect --steps 100000", results)
+        output.say(f"No datasets in {results}; {small} makes a small one.")
     described = [
         display.described(
             each.record, status=each.record.status, steps=each.steps, bytes=each.record.size

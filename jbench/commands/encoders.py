@@ -11,6 +11,7 @@ from jbench.commands.options import RESULTS, DatasetOption, JsonOption, ResultsO
 from jbench.commands.output import Output
 from jbench.errors import RequestError
 from jbench.seeds import parse_numbers
+from jbench.wording import with_results
 
 TasksOption = Annotated[
     str,
@@ -173,7 +174,8 @@ def _train(
                 records.append(train_encoder(settings, states, database, progress, device=train_on))
     display.show_encoders(records, output)
     first = planned[tasks[0]][0]
-    output.say(f"Next: jbench train --task {first.task} --encoder {first.kind}:{first.latents}")
+    command = f"jbench train --task {first.task} --encoder {first.kind}:{first.latents}"
+    output.say(f"Next: {with_results(command, results)}")
     output.document({"encoders": [display.described(record) for record in records]})
 
 

@@ -9,6 +9,7 @@ from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import RESULTS, JsonOption, ResultsOption, TaskOption, complete
 from jbench.commands.output import Output
+from jbench.wording import with_results
 
 
 def import_(
@@ -97,6 +98,6 @@ def import_(
     new = sum(one.is_new for one in imported)
     output.say(
         f"Imported {new:,} of {len(imported):,} curves into {results}; they are not verified. "
-        "Next: jbench report"
+        f"Next: {with_results('jbench report', results)}"
     )
     output.document({"imports": [one._asdict() for one in imported]})

@@ -14,7 +14,7 @@ def complete(*known: str) -> Callable[[str], list[str]]:
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
 
-RESULTS = Path("results")
+RESULTS = Path(names.RESULTS)
 """Default of `--results`."""
 
 ResultsOption = Annotated[Path, typer.Option("--results", help="Results directory.")]

@@ -173,10 +173,12 @@ def printable(text: str) -> str:
 
 
 def short(cell: object) -> str:
-    """Formats a table cell: None as an empty string, floats with six digits."""
+    """Formats a table cell: None as an empty string, floats that are not whole with six digits."""
     if cell is None:
         return ""
-    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+    if not isinstance(cell, float):
+        return str(cell)
+    return f"{cell:.0f}" if cell.is_integer() and abs(cell) < 1e15 else f"{cell:.6g}"
 
 
 def _is_number(cell: object) -> bool:

@@ -24,6 +24,7 @@ from jbench.commands.options import (
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.opengl import has_display
+from jbench.wording import repair_hint
 
 if TYPE_CHECKING:
     from jbench.report.document import TableItem
@@ -164,7 +165,7 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
         output.document(_document(written))
     output.warn_of_damage(
         written.data.problems,
-        "`jbench verify` lists the damage, `jbench repair` sets it aside.",
+        repair_hint(database.path),
     )
 
 

@@ -23,7 +23,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output, duration, short
 from jbench.errors import RequestError, WorkError
-from jbench.wording import are, counted
+from jbench.wording import are, counted, with_results
 
 FilesOption = Annotated[int, typer.Option(help="Number of files read at a time (0: one per core).")]
 
@@ -163,8 +163,8 @@ def verify(
     )
     if checked.faults:
         raise WorkError(
-            "Some results are damaged or left over; jbench repair sets them aside. Intact results "
-            "can still be used."
+            f"Some results are damaged or left over; {with_results('jbench repair', results)} sets "
+            "them aside. Intact results can still be used."
         )
     compared = [one for one in repeated if one.compared]
     if different := sum(one.verdict == "different" for one in compared):

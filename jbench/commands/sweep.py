@@ -21,7 +21,7 @@ from jbench.commands.options import (
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.seeds import parse_seeds
-from jbench.wording import counted
+from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -183,7 +183,7 @@ def sweep(
         raise WorkError(
             f"{len(failures)} of {counted(len(runs), 'run')} failed; --retry-failed tries again."
         )
-    output.say("Next: jbench report")
+    output.say(f"Next: {with_results('jbench report', results)}")
 
 
 def _decide(
@@ -225,7 +225,7 @@ def _decide(
     if failures and train is not None:
         raise WorkError(f"{counted(len(failures), 'run')} failed; --retry-failed tries again.")
     if train is not None:
-        output.say("Next: jbench report")
+        output.say(f"Next: {with_results('jbench report', results.path)}")
 
 
 def _device(

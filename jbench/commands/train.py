@@ -22,7 +22,7 @@ from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.seeds import parse_seeds
-from jbench.wording import counted
+from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
     from jbench.settings.run import RunSettings
@@ -168,7 +168,7 @@ def train(
         )
     failures |= failures_among(runs, database)
     display.show_runs(runs, database, output)
-    output.say("Next: jbench report")
+    output.say(f"Next: {with_results('jbench report', results)}")
     output.document({"runs": [run.id for run in runs], "failures": failures})
     if failures:
         raise WorkError(

@@ -13,6 +13,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
 from jbench.tasks import features, rewards
+from jbench.wording import with_results
 
 
 class Block(NamedTuple):
@@ -102,6 +103,7 @@ def find_dataset(results: Results, id: str | None = None) -> Dataset:
     Raises:
         RequestError: if there is none, or it is not finished.
     """
+    collect = with_results("jbench collect", results.path)
     if id is not None:
         id = results.complete_id("dataset", id)
         record = results.find("dataset", id)
@@ -109,7 +111,7 @@ def find_dataset(results: Results, id: str | None = None) -> Dataset:
             ids = [record.id for record in results.scan("dataset")[0]]
             raise RequestError(
                 f"No dataset {id} in {results.path}; "
-                + (f"there are {', '.join(ids)}." if ids else "run jbench collect first.")
+                + (f"there are {', '.join(ids)}." if ids else f"run {collect} first.")
             )
         if record.status != "finished":
             raise RequestError(
@@ -122,7 +124,7 @@ def find_dataset(results: Results, id: str | None = None) -> Dataset:
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(
-            f"No finished dataset in {results.path}{reason}; run jbench collect first "
+            f"No finished dataset in {results.path}{reason}; run {collect} first "
             "(--steps 100000 makes a small one)."
         )
     plain = [record for record in finished if record.settings.get("augment") is None]

@@ -17,6 +17,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import known
 from jbench.store import Record, Results
 from jbench.tasks.features import Array
+from jbench.wording import with_results
 
 DESCRIPTION = "encoder.json"
 WEIGHTS = "encoder.safetensors"
@@ -121,7 +122,8 @@ def load_encoder(results: Results, id: str) -> tuple[Encoder, dict[str, Any]]:
     record = results.find("encoder", id)
     if record is None:
         ids = [record.id for record in results.scan("encoder")[0]]
-        there = f"there are {', '.join(ids)}" if ids else "there is none yet: run jbench train-dae"
+        command = with_results("jbench train-dae", results.path)
+        there = f"there are {', '.join(ids)}" if ids else f"there is none yet: run {command}"
         raise RequestError(
             f"No encoder {id} in {results.path}; {there}. A kind with a number of latents, such as "
             "dae12, selects the newest one."
@@ -163,7 +165,7 @@ def find_encoder(results: Results, name: str, task: str) -> str:
     if not matches:
         raise RequestError(
             f"No {kind} of {latents} latents for {task} in {results.path}; type "
-            f"{_command(kind, task, latents)} to make one."
+            f"{with_results(_command(kind, task, latents), results.path)} to make one."
         )
     return max(matches, key=lambda record: record.manifest.updated).id
 
@@ -196,7 +198,7 @@ def _find_id(results: Results, name: str, task: str) -> str:
     if description["task"] != task:
         raise RequestError(
             f"The encoder {id} is for {description['task']}, not for {task}; type "
-            f"{_command(description['kind'], task)} to make one."
+            f"{with_results(_command(description['kind'], task), results.path)} to make one."
         )
     return id
 

@@ -22,7 +22,7 @@ from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import value_text
 from jbench.store import Results, query
-from jbench.wording import are, counted
+from jbench.wording import are, counted, repair_hint, with_results
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
 _MORE = (
@@ -171,13 +171,11 @@ def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError
     """Returns the error for results without usable runs."""
     records, unreadable = results.scan("run")
     if records or unreadable or problems:
-        return WorkError(
-            f"Nothing in {results.path} can be reported. {' '.join(problems)} `jbench verify` "
-            "lists the damage, `jbench repair` sets it aside."
-        )
+        reason = " ".join([*problems, repair_hint(results.path)])
+        return WorkError(f"Nothing in {results.path} can be reported. {reason}")
+    train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
     return NothingYetError(
-        f"There are no runs in {results.path}; run "
-        "`jbench train --task face_direction --steps 100000 --seeds 0-1` first."
+        f"There are no runs in {results.path}; run `{with_results(train, results.path)}` first."
     )
 
 

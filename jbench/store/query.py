@@ -159,7 +159,25 @@ def _answer(
     statements = connection.extract_statements(sql)
     if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
         raise RequestError("A query is one SELECT statement; the results are read-only.")
-    return connection.execute(statements[0]).df()
+    connection.execute(statements[0])
+    types = [str(column[1]) for column in connection.description or ()]
+    return _with_types(connection.df(), types)
+
+
+def _with_types(frame: pd.DataFrame, types: Sequence[str]) -> pd.DataFrame:
+    """Returns the rows with integers and dates that DuckDB turned into floats and times.
+
+    Args:
+        types: SQL types of the columns. A sum of integers is a HUGEINT; numbers of 2^53 or more
+            remain floats, which are not exact.
+    """
+    for i, type in enumerate(types):
+        column = frame.iloc[:, i]
+        if type == "HUGEINT" and (column.isna() | (column.abs() < 2**53)).all():
+            frame.isetitem(i, column.astype("Int64").array)
+        elif type == "DATE":
+            frame.isetitem(i, column.dt.date)
+    return frame
 
 
 def _refusal(error: duckdb.Error, tables: Iterable[str]) -> RequestError:

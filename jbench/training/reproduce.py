@@ -23,6 +23,7 @@ from jbench.store.shipped import shipped
 from jbench.training.batched_run import run_batch
 from jbench.training.environment import load_encoder_of
 from jbench.training.reevaluate import Reevaluation, device_for, reevaluate
+from jbench.wording import with_results
 
 _Key = tuple[int, str, int, int]
 """Control steps, table, number of the episode or evaluation, episode of the evaluation."""
@@ -119,7 +120,8 @@ def find_run(results: Results, name: str) -> tuple[Results, Record]:
         results = Results(shipped())
     record = results.find("run", results.complete_id("run", name.removeprefix(SHIPPED)))
     if record is None:
-        raise RequestError(f"There is no run {name} in {results.path}; jbench runs lists them.")
+        runs = with_results("jbench runs", results.path)
+        raise RequestError(f"There is no run {name} in {results.path}; {runs} lists them.")
     return results, record
 
 

@@ -160,7 +160,7 @@ def test_damage_is_reported_by_run_and_repaired(results, run_command):
     assert f"run {broken.id}\n  {path} is damaged (" in out
     assert f"run {whole.id}\n  {whole.path}/.writing-x is listed by no manifest.\n" in out
     assert "1 damaged, 1 leftover, 1 warning." in out  # the evaluation of the damaged run
-    assert "jbench repair sets them aside" in err
+    assert f"jbench repair --results {results.path} sets them aside" in err
 
     code, out, _ = run_command("repair", "--dry-run", results=results)
     assert code == 0
@@ -214,6 +214,13 @@ def test_query_reports_damaged_run(results, run_command):
     code, out, err = run_command("query", sql, "--json", results=results)
     assert (code, json.loads(out)) == (1, [{"n": 2}])
     assert "is damaged" in err
+
+
+def test_query_prints_all_digits_of_whole_numbers(results, run_command):
+    sql = "SELECT 4025000 * sum(length / 1000)::int AS total, 16100000.0::double AS x, 1/3 AS y"
+    code, out, _ = run_command("query", f"{sql} FROM episodes WHERE episode < 1", results=results)
+    # Three runs have a first episode of 1000 control steps.
+    assert (code, out.splitlines()[-2].split()) == (0, ["12075000", "16100000", "0.333333"])
 
 
 def test_database_commands_import_no_heavy_library(results):

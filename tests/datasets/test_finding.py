@@ -59,7 +59,7 @@ def test_augmented_dataset_is_selected_only_by_id(results):
 
 def test_missing_dataset_error_names_command(results):
     for id in (None, "random/a"):
-        assert "run jbench collect first" in refusal(results, id)
+        assert f"run jbench collect --results {results.path} first" in refusal(results, id)
     assert str(results.path) in refusal(results)
     assert "--steps 100000 makes a small one" in refusal(results)
 

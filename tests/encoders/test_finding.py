@@ -110,7 +110,8 @@ def test_kind_and_number_without_colon_are_accepted(results):
     assert find_encoder(results, "lld-vae8", "face_direction") == "face_direction/lld-vae8/b"
     assert refusal(results, "pca12") == (
         f"No pca of 12 latents for face_direction in {results.path}; type "
-        "jbench train-encoder --kind pca --task face_direction --latent 12 to make one."
+        "jbench train-encoder --kind pca --task face_direction --latent 12 "
+        f"--results {results.path} to make one."
     )
 
 
@@ -122,7 +123,7 @@ def test_encoder_of_other_task_is_refused_with_command_to_type(trained):
     id = trained.record.id
     assert refusal(trained.results, id, "move_to_pose") == (
         f"The encoder {id} is for face_direction, not for move_to_pose; type "
-        "jbench train-dae --task move_to_pose to make one."
+        f"jbench train-dae --task move_to_pose --results {trained.results.path} to make one."
     )
 
 
@@ -130,11 +131,13 @@ def test_missing_size_is_refused_with_command_to_type(results):
     add(results, "face_direction/dae11/a", "2020", latents=11)
     assert refusal(results, "12") == (
         f"No dae of 12 latents for face_direction in {results.path}; type "
-        "jbench train-dae --task face_direction --latent 12 to make one."
+        "jbench train-dae --task face_direction --latent 12 "
+        f"--results {results.path} to make one."
     )
     assert refusal(results, "lld-vae:8") == (
         f"No lld-vae of 8 latents for face_direction in {results.path}; type "
-        "jbench train-encoder --kind lld-vae --task face_direction --latent 8 to make one."
+        "jbench train-encoder --kind lld-vae --task face_direction --latent 8 "
+        f"--results {results.path} to make one."
     )
 
 
@@ -146,7 +149,8 @@ def test_invalid_number_of_latents_is_refused_with_range(results, expected, task
 
 
 def test_unknown_id_is_refused_with_known_ids(results):
-    assert "there is none yet: run jbench train-dae" in refusal(results, "face_direction/x")
+    command = f"jbench train-dae --results {results.path}"
+    assert f"there is none yet: run {command}" in refusal(results, "face_direction/x")
     add(results, "face_direction/dae12/a", "2020")
     assert refusal(results, "face_direction/x").startswith(
         f"No encoder face_direction/x in {results.path}; there are face_direction/dae12/a. A kind"

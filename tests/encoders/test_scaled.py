@@ -69,8 +69,8 @@ def test_kind_of_fixed_size_is_found_by_name(trained, results):
     [
         ("planar:11", "planar of face_direction has 12 latents; type --encoder planar."),
         ("dae", "dae have 1 to 16 latents on face_direction; type --encoder dae:12, or another"),
-        ("planar", "type jbench train-encoder --kind planar --task face_direction to make one."),
-        ("planar:12", "type jbench train-encoder --kind planar --task face_direction to make one."),
+        ("planar", "type jbench train-encoder --kind planar --task face_direction "),
+        ("planar:12", "type jbench train-encoder --kind planar --task face_direction "),
     ],
 )
 def test_invalid_size_is_refused_with_option_to_type(results, expected, message):

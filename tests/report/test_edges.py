@@ -196,7 +196,7 @@ class TestDatabases:
     def test_damaged_database_reports_repair_command(self, fabric, out):
         record = fabric.run(FLAT)
         (record.path / "manifest.json").write_text("{")
-        with pytest.raises(WorkError, match="`jbench repair` sets it aside"):
+        with pytest.raises(WorkError, match=r"`jbench repair --results .*` sets it aside"):
             write_report(fabric.results, out, ALL)
 
     def test_invalid_settings_and_provenance_are_tolerated(self, fabric):

@@ -134,6 +134,23 @@ def test_json_of_no_rows_is_empty_list():
     assert json.loads(to_json(run_sql("select * from runs where false", TABLES))) == []
 
 
+def test_sums_of_integers_and_dates_keep_their_types():
+    sql = """
+        select sum(x) as n, sum(case when x > 1 then x end) as gap, sum(x * (2::hugeint ** 60)) as
+               large, null::date as no_day, date '2020-01-02' as day
+        from (values (8050000), (8050000)) t(x) union all
+        select 2, null, 1, date '2020-01-03', null order by n desc
+    """
+    frame = run_sql(sql, TABLES)
+    first, second = json.loads(to_json(frame))
+    assert to_csv(frame[["n", "gap", "day"]]) == "n,gap,day\n16100000,16100000,2020-01-02\n2,,\n"
+    assert '"n": 16100000,' in to_json(frame)
+    assert isinstance(first["large"], float)
+    assert first["large"] == 16100000 * 2.0**60
+    assert (first["day"], second["no_day"]) == ("2020-01-02", "2020-01-03")
+    assert (second["gap"], second["day"], first["no_day"]) == (None, None, None)
+
+
 @pytest.mark.parametrize("number", [0.1 + 0.2, 1 / 3, 424.58 / 1000])
 def test_json_preserves_floats_exactly(number):
     frame = pd.DataFrame({"x": [number]})

@@ -98,7 +98,8 @@ def test_json_of_datasets_has_settings_status_and_size(results, capsys):
 
 def test_empty_directory_reports_command_to_type(tmp_path, capsys):
     assert main(["datasets", "--results", str(tmp_path)]) == 0
-    output = f"No datasets in {tmp_path}; jbench collect --steps 100000 makes a small one.\n"
+    command = f"jbench collect --steps 100000 --results {tmp_path}"
+    output = f"No datasets in {tmp_path}; {command} makes a small one.\n"
     assert capsys.readouterr().out == output
 
 

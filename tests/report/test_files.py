@@ -198,7 +198,7 @@ class TestDamage:
 @pytest.mark.usefixtures("undrawn")
 class TestRequests:
     def test_empty_database_reports_train_command(self, fabric, out):
-        command = "`jbench train --task face_direction --steps 100000 --seeds 0-1`"
+        command = "`jbench train --task face_direction --steps 100000 --seeds 0-1 --results "
         with pytest.raises(RequestError, match=command):
             write_report(fabric.results, out)
         assert not out.exists()

@@ -117,19 +117,10 @@ def existing_results(path: Path) -> "Results":
 
 
 def results_to_write(path: Path) -> "Results":
-    """Returns results to write to, which need not exist yet.
+    """Returns results to write to; see `jbench.store.shipped.results_to_write`."""
+    from jbench.store import shipped
 
-    Raises:
-        RequestError: if they are the shipped ones, or the path is not a directory.
-    """
-    from jbench.store import Results
-
-    if is_reference(path):
-        raise RequestError(
-            f"{REFERENCE} names the results shipped with jbench, which are read-only; name another "
-            "directory with --results."
-        )
-    return Results(path)
+    return shipped.results_to_write(path)
 
 
 def count(option: str, text: str) -> int:

@@ -27,11 +27,24 @@ _READERS: dict[ImportFormat, Callable[[ImportedFile, ImportRequest], list[Series
     "csv": columns.read_csv,
 }
 
-_JOINED: dict[ImportFormat, Callable[[Sequence[Series]], pd.DataFrame]] = {
-    "sb3-monitor": monitor.joined,
-    "tensorboard": tensorboard.joined,
+
+class _Join(NamedTuple):
+    """How several files of a seed become one learning curve.
+
+    Attributes:
+        order: column whose first value orders the files.
+        points: returns the points of the files in this order.
+    """
+
+    order: str
+    points: Callable[[Sequence[Series]], pd.DataFrame]
+
+
+_JOINED: dict[ImportFormat, _Join] = {
+    "sb3-monitor": _Join("wall_time", monitor.joined),
+    "tensorboard": _Join("control_steps", tensorboard.joined),
 }
-"""Formats of which a seed may have several files: how these become one learning curve."""
+"""Formats of which a seed may have several files."""
 
 
 class Imported(NamedTuple):
@@ -113,15 +126,18 @@ def _curve(parts: Sequence[Series], request: ImportRequest) -> _Curve:
     Raises:
         RequestError: if its parts are not parts of one curve, or a name can't be recorded.
     """
-    first = parts[0]
     join = _JOINED.get(request.format)
-    if join is None and len(parts) > 1:
+    if join is not None:
+        # The id must not depend on the order in which the files are named.
+        parts = sorted(parts, key=lambda one: (one.points[join.order].iloc[0], one.file.sha256))
+    elif len(parts) > 1:
         where = " and ".join(dict.fromkeys(str(part.file.path) for part in parts))
         raise RequestError(
-            f"{where}: seed {first.seed} has {len(parts)} learning curves; change --seed-from, or "
-            "import one of them."
+            f"{where}: seed {parts[0].seed} has {len(parts)} learning curves; change --seed-from, "
+            "or import one of them."
         )
-    points = first.points if join is None else join(parts)
+    first = parts[0]
+    points = first.points if join is None else join.points(parts)
     settings = validated(
         ImportSettings,
         "the import",

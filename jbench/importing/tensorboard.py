@@ -37,18 +37,20 @@ def read(file: ImportedFile, request: ImportRequest) -> list[Series]:
 def joined(parts: Sequence[Series]) -> pd.DataFrame:
     """Returns the points of a seed whose training was continued in further files.
 
+    Args:
+        parts: in the order of their first control steps.
+
     Raises:
         RequestError: if the files are not parts of one training.
     """
-    ordered = sorted(parts, key=lambda part: float(part.points["control_steps"].iloc[0]))
-    for one, other in itertools.pairwise(ordered):
+    for one, other in itertools.pairwise(parts):
         first, last = other.points["control_steps"].iloc[0], one.points["control_steps"].iloc[-1]
         if first <= last:
             raise RequestError(
                 f"{one.file.path} and {other.file.path} are both of seed {one.seed} and both have "
                 f"values at {first:,.0f} control steps: they are two trainings; import one of them."
             )
-    return pd.concat([part.points for part in ordered], ignore_index=True)
+    return pd.concat([part.points for part in parts], ignore_index=True)
 
 
 def _tag(

@@ -24,6 +24,7 @@ from jbench.recording.request import external_settings, provenance_of_loop
 from jbench.recording.writer import RunWriter
 from jbench.settings.external import ExternalSettings
 from jbench.store import Results, schema
+from jbench.store.shipped import results_to_write
 from jbench.tasks import features
 from jbench.training.environment import load_encoder_of, make_env
 
@@ -68,9 +69,10 @@ def record(
         package: distribution of the agent, whose version is recorded in the provenance.
 
     Raises:
-        RequestError: if a value is invalid, or there is no such encoder.
+        RequestError: if a value is invalid, there is no such encoder, or the results are the
+            shipped ones.
     """
-    place = Results(Path(results))
+    place = results_to_write(Path(results))
     settings = external_settings(
         place,
         task=task,

@@ -3,7 +3,25 @@
 from importlib import resources
 from pathlib import Path
 
+from jbench.errors import RequestError
+from jbench.names import REFERENCE, is_reference
+from jbench.store.database import Results
+
 
 def shipped() -> Path:
     """Returns the results directory in the package; it may not exist."""
     return Path(str(resources.files("jbench").joinpath("reference")))
+
+
+def results_to_write(path: Path) -> Results:
+    """Returns results to write to, which need not exist yet.
+
+    Raises:
+        RequestError: if they are the shipped ones, or the path is not a directory.
+    """
+    if is_reference(path):
+        raise RequestError(
+            f"{REFERENCE} names the results shipped with jbench, which are read-only; name another "
+            "results directory."
+        )
+    return Results(path)

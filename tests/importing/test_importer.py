@@ -121,6 +121,30 @@ def test_repeated_import_changes_nothing_and_reports_it(monitor_file, imports, t
     assert state() == before
 
 
+def test_order_of_named_files_changes_nothing(sb3_files, monitor_file, imports, rows):
+    files = sorted(sb3_files.glob("*.monitor.csv"))
+    assert imports("sb3-monitor", *files, seed_from=r"seed(\d+)")[0] == 0
+    assert [*json.loads(rows("imports")[3]["files"][0]).values()] == [str(file) for file in files]
+    code, out, _ = imports("sb3-monitor", *reversed(files), seed_from=r"seed(\d+)")
+    assert (code, "Imported 0 of 1 curves" in out) == (0, True)
+
+
+def test_order_of_files_of_equal_times_changes_nothing(monitor_file, imports, tmp_path):
+    files = [tmp_path / "seed1" / f"{number}.monitor.csv" for number in (0, 1)]
+    files[0].parent.mkdir()
+    for file, returns in zip(files, EPISODES.values(), strict=True):
+        shutil.move(monitor_file(1, returns), file)  # with episodes at 2, 4 and 6 s
+    assert imports("sb3-monitor", *files, seed_from=r"seed(\d+)")[0] == 0
+    code, out, _ = imports("sb3-monitor", *reversed(files), seed_from=r"seed(\d+)")
+    assert (code, "Imported 0 of 1 curves" in out) == (0, True)
+
+
+def test_files_are_named_in_order_of_training(event_file, imports, rows):
+    later, first = event_file(1, [700.0, 800.0], first=3), event_file(1, EPISODES[1])
+    assert imports("tensorboard", later, first, seed_from=r"td3__(\d+)__")[0] == 0
+    assert [*json.loads(rows("imports")[1]["files"][0]).values()] == [str(first), str(later)]
+
+
 def test_records_keep_names_and_checksums_of_files(monitor_file, imports, rows):
     file = monitor_file(1, EPISODES[1])
     code, out, _ = imports("sb3-monitor", file, more=("--json",))

@@ -379,6 +379,14 @@ def test_misuse_of_recording_is_refused(tmp_path):
         recording.evaluate(lambda observations: np.zeros(len(observations)))
 
 
+@pytest.mark.parametrize("name", ["reference", "reference/", Path("reference")])
+def test_shipped_results_are_not_recorded_to(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(jbench.RequestError, match="which are read-only"), recorded(name):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_environments_in_other_processes_are_refused(tmp_path):
     with pytest.raises(Exception, match="use SyncVectorEnv"), recorded(tmp_path) as recording:
         env = gymnasium.vector.AsyncVectorEnv([recording.env] * 2, context="spawn")

@@ -11,7 +11,7 @@ from jbench.report import sources
 from jbench.report.analysis import heuristics, scores
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import Summary
-from jbench.report.data.cells import OURS, LearnedCurve, in_order, of_kind
+from jbench.report.data.cells import IMPORTED, OURS, LearnedCurve, in_order, of_kind
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.published import PUBLISHED, PublishedCurve, read_published
 from jbench.report.data.returns import KINDS, TRAINING, Returns
@@ -31,7 +31,8 @@ class Entry:
     """An entry of the leaderboard.
 
     Attributes:
-        source: `OURS` or another name of a results directory, `HAND_WRITTEN` or `PUBLISHED`.
+        source: `OURS` or the name of a results directory, `IMPORTED` or `NAME: IMPORTED`,
+            `HAND_WRITTEN` or `PUBLISHED`.
         algo: algorithm, or `heuristic` for the hand-written policy.
         observation: representation, and the name of the variant in legends.
         median: of the final returns of its seeds, with the 95% interval.
@@ -69,9 +70,9 @@ def of_results(databases: Mapping[str, Results], request: Request) -> tuple[list
     """
     alone, found = len(databases) == 1, []
     for name, results in databases.items():
-        name = OURS if alone else name
-        found.append(sources.own(results, request, name, strict=False))
-        found.append(sources.imported(results, request))
+        ours, theirs = (OURS, IMPORTED) if alone else (name, f"{name}: {IMPORTED}")
+        found.append(sources.own(results, request, ours, strict=False))
+        found.append(sources.imported(results, request, theirs))
     kind = KINDS[request.returns]
     cells = [cell for source in found for cell in of_kind(source.cells, kind)]
     learned = [LearnedCurve(cell, curve_of(cell, request)) for cell in cells]
@@ -83,7 +84,10 @@ def of_results(databases: Mapping[str, Results], request: Request) -> tuple[list
     if not ranked:
         where = " and ".join(databases)
         reasons = " ".join(problems)
-        raise RequestError(f"No run in {where} has {kind.name} returns to rank. {reasons}".strip())
+        what = "hand-written policy" if request.algo == heuristics.POLICY else "run"
+        raise RequestError(
+            f"No {what} in {where} has {kind.name} returns to rank. {reasons}".strip()
+        )
     return ranked, problems
 
 
@@ -108,10 +112,14 @@ def entries(
     Args:
         summaries: statistics of the agents, of one kind of return.
         by_hand: (episodes,) returns of the hand-written policy of each task.
-        algo: only published curves of this algorithm; None for all.
+        algo: only hand-written policies and published curves of this algorithm; None for all.
     """
     agents = [entry for entry in map(_of_cell, summaries) if entry is not None]
-    policies = [_of_policy(task, returns) for task, returns in by_hand.items()]
+    policies = [
+        _of_policy(task, returns)
+        for task, returns in by_hand.items()
+        if algo in (None, heuristics.POLICY)
+    ]
     tasks = {entry.task for entry in (*agents, *policies)}
     curves = [one for one in published if one.task in tasks and algo in (None, one.algo)]
     every = [*agents, *policies, *_of_paper(curves)]
@@ -198,7 +206,7 @@ def _of_cell(summary: Summary) -> Entry | None:
 
 def _of_policy(task: str, returns: FloatArray) -> Entry:
     median = st.estimate(st.median, [returns])
-    return Entry(HAND_WRITTEN, task, "heuristic", "full", median, len(returns))
+    return Entry(HAND_WRITTEN, task, heuristics.POLICY, "full", median, len(returns))
 
 
 def _of_paper(curves: Sequence[PublishedCurve]) -> list[Entry]:

@@ -75,16 +75,21 @@ def own(results: Results, request: Request, name: str = OURS, *, strict: bool = 
     return _source(tables, problems, request, name, strict=strict)
 
 
-def imported(results: Results, request: Request) -> Source:
-    """Returns the imported curves, which form separate cells; they have no date of a beginning."""
+def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
+    """Returns the imported curves, which form separate cells; they have no date of a beginning.
+
+    Args:
+        request: its filters apply.
+        name: of the source in its cells.
+    """
     tables, problems = query.load(results, ("imports", "import_points"))
     imports = tables["imports"]
-    for name, value in (("task", request.task), ("algo", request.algo)):
+    for label, value in (("task", request.task), ("algo", request.algo)):
         if value is not None:
-            imports = imports.filter(pc.equal(imports[name], value))
+            imports = imports.filter(pc.equal(imports[label], value))
     runs = as_runs(imports, tables["import_points"])
     problems += runs.problems
-    source = _source(runs.tables, problems, replace(request, since=None), IMPORTED, strict=False)
+    source = _source(runs.tables, problems, replace(request, since=None), name, strict=False)
     cells = [with_spacing_note(cell) for cell in source.cells]
     return replace(source, cells=cells, notes=[*source.notes, *(runs.notes if cells else [])])
 

@@ -54,9 +54,9 @@ def test_published_curves_and_hand_written_policies_are_separate_entries():
     assert (other.source, other.median.value, other.count) == ("hand-written", 49.5, 100)
     assert other.median.low < 49.5 < other.median.high
     assert other.rank == 1
-    assert [one.source for one in leaderboard.entries([], by_hand, published, "td3")] == [
-        "hand-written"
-    ]
+    assert leaderboard.entries([], by_hand, published, "td3") == []
+    (policy,) = leaderboard.entries([], by_hand, published, "heuristic")
+    assert policy == other
 
 
 def test_table_has_exact_numbers_and_kind_of_entry():
@@ -106,12 +106,55 @@ def test_command_prints_markdown_and_csv(directories, capsys):
     assert "SAC" in first
 
 
+def import_curve(results, tmp_path, value, steps, returns="evaluation"):
+    """Imports a learning curve of two points of one seed."""
+    file = tmp_path / "curve0.csv"
+    file.write_text(f"control_steps,episode_return\n1000,{value}\n{steps},{value}\n")
+    typed = (
+        "--from",
+        "csv",
+        "--task",
+        "face_direction",
+        "--algo",
+        "td3",
+        "--seed-from",
+        r"curve(\d)",
+    )
+    where = ("--returns", returns, "--results", str(results), str(file))
+    assert main(["import", *typed, *where]) == 0
+
+
+def listed(capsys, *arguments):
+    """Returns the entries of the leaderboard."""
+    capsys.readouterr()
+    assert main(["leaderboard", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)["entries"]
+
+
+def test_imported_entries_have_names_of_directories(tmp_path, capsys):
+    places = [tmp_path / "a", tmp_path / "b"]
+    for place, value in zip(places, (300, 200), strict=True):
+        import_curve(place, tmp_path, value, 2000)
+    sources = [one["source"] for one in listed(capsys, *places) if one["source"] != "published"]
+    assert sources == [f"{place}: imported, not verified" for place in places]
+    sources = [one["source"] for one in listed(capsys, "--results", places[0])]
+    assert "imported, not verified" in sources
+
+
+def test_algorithm_selects_hand_written_policies(directories, capsys):
+    assert main(["evaluate", "--episodes", "1", "--results", str(directories)]) == 0
+    typed = ("--results", directories, "--algo")
+    assert {one["source"] for one in listed(capsys, *typed, "td3")} == {OURS, "published"}
+    assert [one["source"] for one in listed(capsys, *typed, "heuristic")] == ["hand-written"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
         (["nowhere"], "nowhere does not exist"),
         (["reference", "--csv", "--markdown"], "exclude each other; type one of them"),
         (["reference", "--task", "move_to_pose"], "No run in reference has evaluation returns"),
+        (["reference", "--algo", "heuristic"], "No hand-written policy in reference has"),
     ],
 )
 def test_command_refuses_invalid_arguments(arguments, sentence, capsys):

@@ -13,7 +13,8 @@ from jbench.report.analysis.examine import examine_heuristic
 from jbench.report.data.cells import in_order
 from jbench.report.data.curves import FloatArray
 
-_POLICY = "heuristic"
+POLICY = "heuristic"
+"""Name of the hand-written policies of all tasks."""
 
 
 def findings(
@@ -49,7 +50,7 @@ def returns_by_task(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
     if "policy_evaluations" not in tables:
         return {}
     rows = tables["policy_evaluations"].to_pandas(use_threads=False)
-    chosen = _chosen(rows[(rows["policy"] == _POLICY) & (rows["status"] == "finished")])
+    chosen = _chosen(rows[(rows["policy"] == POLICY) & (rows["status"] == "finished")])
     episodes = tables["policy_episodes"].to_pandas(use_threads=False)
     returns = {}
     for name, evaluation in chosen.items():

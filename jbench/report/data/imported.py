@@ -89,13 +89,11 @@ def with_spacing_note(cell: Cell) -> Cell:
 
 def _runs(chosen: pd.DataFrame) -> pd.DataFrame:
     """Returns a row for each seed, with the settings that jbench knows: its labels."""
-    steps = chosen.groupby("run")["control_steps"].max()
     runs = chosen.drop_duplicates("run")
     settings = [
         {name: str(row[name]) for name in _LABELS} for row in runs[_LABELS].to_dict("records")
     ]
     return runs.assign(
-        steps=runs["run"].map(steps),
         variant=[variant(labels) for labels in settings],
         settings=[
             json.dumps({**labels, "seed": seed})

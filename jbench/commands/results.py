@@ -56,12 +56,14 @@ def runs(
     columns = {
         what: [line.run for line in lines],
         "status": [line.status for line in lines],
-        "episodes": [f"{line.episodes:,}" for line in lines],
+        "points" if imports else "episodes": [f"{line.episodes:,}" for line in lines],
         "control steps": [f"{line.steps_done:,}" for line in lines],
         "of": ["" if line.steps is None else f"{line.steps:,}" for line in lines],
         "wall time": ["" if line.wall_time is None else duration(line.wall_time) for line in lines],
         "created": [line.created[:16].replace("T", " ") for line in lines],
     }
+    if imports:
+        columns["returns"] = [line.returns or "" for line in lines]
     if any(line.variant for line in lines):
         columns["variant"] = [line.variant for line in lines]
     if returns:

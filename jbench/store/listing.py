@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from jbench.errors import WorkError
-from jbench.names import EPISODE_STEPS
+from jbench.names import EPISODE_STEPS, RETURNS, ReturnsName
 from jbench.returns import final_return
 from jbench.settings.alike import variant
 from jbench.settings.run import Run, Unreadable, read_run
@@ -24,13 +24,14 @@ class RunLine(NamedTuple):
         run: id of the run.
         task, algo, representation, seed: from its settings.
         status: unfinished, finished or failed.
-        episodes: number of committed episodes.
+        episodes: number of committed episodes; of an import, its points.
         steps_done: control steps of these episodes, or of the finished run.
         steps: requested control steps.
         wall_time: s; of a finished run, or up to its last episode if returns are requested.
         last_return: final return (`jbench.returns`) if requested.
         created: UTC, ISO 8601.
         updated: UTC, ISO 8601.
+        returns: kind of return of an import; None for a run.
         variant: the settings in which the listed runs of the same task, algorithm and
             representation differ, as in legends; empty for a single variant.
     """
@@ -48,6 +49,7 @@ class RunLine(NamedTuple):
     last_return: float | None
     created: str
     updated: str
+    returns: ReturnsName | None = None
     variant: str = ""
 
 
@@ -131,15 +133,21 @@ def _line_of_import(record: Record) -> RunLine:
     summary = record.manifest.summary
     line = run_line(record)
     points, steps = (_number(summary.get(name)) for name in ("points", "control_steps"))
-    return line._replace(episodes=int(points or 0), steps_done=steps or 0, wall_time=None)
+    returns = record.settings.get("returns")
+    return line._replace(
+        episodes=int(points or 0),
+        steps_done=steps or 0,
+        wall_time=None,
+        returns=returns if returns in RETURNS else None,
+    )
 
 
 def _with_returns(line: RunLine, record: Record) -> RunLine:
     if record.kind == "import":
         points = record.read("import_points").to_pandas()
         returns = points.groupby("point")["episode_return"].mean().to_numpy(np.float64)
-        is_evaluation = record.settings.get("returns") == "evaluation"
-        return line._replace(last_return=final_return(returns[-1:] if is_evaluation else returns))
+        last = returns[-1:] if line.returns == "evaluation" else returns
+        return line._replace(last_return=final_return(last))
     rows = record.read("episodes")
     if not len(rows):
         return line

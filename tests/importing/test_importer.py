@@ -175,6 +175,26 @@ def test_imports_are_listed_verified_merged_and_repaired(monitor_file, imports, 
     assert verify(Results(other), 1).findings == []
 
 
+def test_list_shows_points_and_kind_of_return(sb3_files, imports, tmp_path, capsys):
+    files = {
+        "sb3-monitor": sorted(sb3_files.glob("*.monitor.csv")),
+        "sb3-evaluations": [sb3_files / "evaluations.npz"],
+    }
+    for form, named in files.items():
+        assert imports(form, *named, seed_from=r"seed(\d+)")[0] == 0
+    where = ("runs", "--imports", "--results", str(tmp_path / "results"))
+    capsys.readouterr()
+    assert main([*where]) == 0
+    words = [line.split() for line in capsys.readouterr().out.splitlines()]
+    (header,) = [line for line in words if line[:1] == ["import"]]
+    assert (header[2], header[-1], "episodes" in header) == ("points", "returns", False)
+    lines = [line for line in words if "finished" in line]
+    assert {line[-1]: line[2] for line in lines} == {"training": "4", "evaluation": "2"}
+    assert main([*where, "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["imports"]
+    assert {one["returns"]: one["episodes"] for one in listed} == {"training": 4, "evaluation": 2}
+
+
 # Invalid files and requests; nothing is written.
 
 

@@ -61,7 +61,8 @@ def record(
         hyperparameters: JSON values by name; part of the run's id. Runs that differ in them are
             drawn as separate curves. "seed" and "total_timesteps" are left out of them.
         results: results directory.
-        encoder: as `jbench train --encoder`: "none", a number of latents, KIND:LATENTS or an id.
+        encoder: as `jbench train --encoder`: "none" or "full", a number of latents, KIND:LATENTS
+            or an id.
         time_limit: "bootstrap" truncates an episode at its time limit, "terminal" terminates it.
         augment: seed of the augmented robot, or None for the plain robot.
         evaluate_every: control steps between evaluations.

@@ -13,7 +13,7 @@ import numpy as np
 from jbench import plugins
 from jbench.encoders import find_encoder
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, OFE, kind_of
+from jbench.names import EPISODE_STEPS, FULL, OFE, kind_of
 from jbench.settings.base import validated
 from jbench.settings.external import ExternalSettings
 from jbench.store import Results, files
@@ -29,7 +29,7 @@ def external_settings(
 
     Args:
         results: where the encoder is.
-        encoder: "none", a number of latents, KIND:LATENTS, KIND, or an encoder's id.
+        encoder: "none" or "full", a number of latents, KIND:LATENTS, KIND, or an encoder's id.
         hyperparameters: of the caller; see `plain_hyperparameters`.
         fields: the other fields of `ExternalSettings`.
 
@@ -43,7 +43,7 @@ def external_settings(
             f"No episode would end in {fields['steps']} control steps: steps must be "
             f"{EPISODE_STEPS} or more."
         )
-    if encoder != "none":
+    if encoder not in ("none", FULL):
         if kind_of(encoder).rstrip(":") == OFE:
             raise RequestError(
                 f"encoder={encoder!r} is learned together with jbench's own agents; choose none "

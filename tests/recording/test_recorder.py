@@ -331,6 +331,12 @@ def test_complete_run_finishes_when_policy_is_refused(tmp_path):
     assert (record.status, record.rows("episodes")) == ("finished", 2)
 
 
+def test_full_observation_is_none_as_encoder(tmp_path):
+    without = recorded(tmp_path, encoder="none")
+    assert recorded(tmp_path, encoder="full").id == without.id
+    assert "/full/" in without.id
+
+
 def test_saved_layers_equal_torch():
     torch.manual_seed(1)
     layers = [nn.Linear(16, 8), nn.ELU(), nn.LayerNorm(8), nn.Linear(8, 8), nn.SiLU(), nn.Dropout()]

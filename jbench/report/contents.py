@@ -95,6 +95,7 @@ class ReportData:
 
 def document(data: ReportData) -> Document:
     """Returns the document of a report."""
+    recorded = provenance(data.runs)
     sections = (
         _section("The paper's claims", [_CLAIMS, *_TESTS], _claims(data.findings)),
         _reduction(data),
@@ -104,7 +105,7 @@ def document(data: ReportData) -> Document:
             )
             for view in data.views
         ),
-        _section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(data)),
+        _section("Learning curves", [_KINDS_TEXT, _SMOOTHING], _curves(data, recorded)),
         _section("Comparisons", [], map(table_items.comparisons, data.views)),
         _section("Leaderboard", [], _leaderboard(data)),
         _section("Encoders", [], _encoders(data)),
@@ -118,7 +119,7 @@ def document(data: ReportData) -> Document:
         notes=data.notes,
         # The text on smoothing is about the curves of the overview too.
         sections=[one for one in sections if one.items or (overview and _SMOOTHING in one.text)],
-        provenance=provenance(data.runs),
+        provenance=recorded,
         command=data.request.command,
         headline=headline.headline(data.views[0]),
         overview=overview,
@@ -205,14 +206,14 @@ def _overview(data: ReportData) -> list[FigureItem]:
     ]
 
 
-def _curves(data: ReportData) -> list[Item]:
+def _curves(data: ReportData, recorded: pd.DataFrame) -> list[Item]:
     request, aggregate = data.request, data.aggregate
     curves = [
         item
         for view in data.views
         for item in figure_items.of_curves(view, data.published, aggregate, request)
     ]
-    return [*curves, *figure_items.of_time(data.views[0], provenance(data.runs))]
+    return [*curves, *figure_items.of_time(data.views[0], recorded)]
 
 
 def _leaderboard(data: ReportData) -> list[Item]:

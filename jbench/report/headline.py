@@ -140,8 +140,7 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     )
     if reached and len(reached) < len(group):
         when += f" in {len(reached)} of {len(group)} cells"
-    count = formatting.span([float(answer.seeds) for answer in group], formatting.whole)
-    seeds = f"{count} seed{'' if count == '1' else 's'}{' each' if several else ''}"
+    seeds = _seeds([answer.seeds for answer in group]) + " each" * several
     parts = [f"median return{'s' * several} {medians}", when, seeds]
     details = f"({'; '.join(filter(None, parts))})"
     solves, do = ("solves", "does") if one else ("solve", "do")
@@ -180,6 +179,9 @@ def _basis(group: Sequence[Reduction], claim: str) -> Iterator[str]:
     if intervals:
         kind = "means over the run, 95%" if claim == "c" else "90%"
         yield f"{kind} interval{'s' * (intervals > 1)}"
-    seeds = [float(number) for one in group for number in one.seeds]
-    count = formatting.span(seeds, formatting.whole)
-    yield f"{count} seed{'' if count == '1' else 's'}"
+    yield _seeds([number for one in group for number in one.seeds])
+
+
+def _seeds(numbers: Sequence[int]) -> str:
+    count = formatting.span(numbers, formatting.whole)
+    return f"{count} seed{'' if count == '1' else 's'}"

@@ -89,7 +89,7 @@ def gather(results: Results, request: Request) -> ReportData:
     """Returns the data of a report; see `write_report`."""
     if request.compare is not None:
         one, other = (sources.side(text, results, request) for text in request.compare)
-        notes = _check_comparable(one, other, sources.names_compared(request))
+        notes = _check_comparable(one, other, request.names_compared)
         return _report_data([one, other], notes, request)
     own, *imported = sources.own_and_imported(results, request)
     behaviours, unread = behaviour.behaviours(results, request.task)

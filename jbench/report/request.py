@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 
 from jbench.errors import RequestError
 from jbench.names import FIGURE_FORMATS, ORDERS, RETURNS, Order, ReturnsName, known
@@ -67,6 +68,16 @@ class Request:
         if self.compare is not None and self.compare[0] == self.compare[1]:
             raise RequestError(f"--compare {' '.join(self.compare)}: type two different ones.")
         self.begun_since()
+
+    @property
+    def names_compared(self) -> set[str]:
+        """Names of the settings on both sides of a comparison; directories have none."""
+        return {
+            part.partition("=")[0].strip()
+            for side in self.compare or ()
+            if not Path(side).is_dir()
+            for part in side.split(",")
+        }
 
     def begun_since(self) -> datetime | None:
         """Returns the earliest beginning of reported runs, or None for all runs."""

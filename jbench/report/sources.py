@@ -162,16 +162,6 @@ def side(text: str, results: Results, request: Request) -> Source:
     return source
 
 
-def names_compared(request: Request) -> set[str]:
-    """Returns the names of the settings on both sides of a comparison; directories have none."""
-    return {
-        part.partition("=")[0].strip()
-        for side in request.compare or ()
-        if not Path(side).is_dir()
-        for part in side.split(",")
-    }
-
-
 def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
     """Returns the error for results without usable runs."""
     records, unreadable = results.scan("run")

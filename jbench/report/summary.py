@@ -1,6 +1,5 @@
 """Summary of a report: what was run, what is solved, and the conclusions."""
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
@@ -105,17 +104,19 @@ def _solved(summary: Summary) -> tuple[str, str]:
     median, or neither is at 900 or more.
     """
     one = summary.get("final_return", "median")
-    if one is None or math.isnan(one.estimate.value):
+    value = None if one is None else values.estimate(one.estimate, _form(one.estimate.value))
+    if one is None or value is None:
         return "not solved", "no final return"
-    below = one.estimate.value < SOLVED
-    # A median of 899.6 must not read 900.
-    precise = below and round(one.estimate.value) >= SOLVED
-    value = values.estimate(one.estimate, formatting.tenths if precise else formatting.whole)
-    text = f"{value and value.text}, {values.count_of(summary.cell, one.seeds)}"
-    if below:
+    text = f"{value.text}, {values.count_of(summary.cell, one.seeds)}"
+    if one.estimate.value < SOLVED:
         return "not solved", text
     verdict, _ = decide_solved(one.estimate, one.seeds)
     return ("solved" if verdict == "supported" else "uncertain"), text
+
+
+def _form(median: float) -> formatting.Form:
+    """Returns the format of a median and its interval: a median of 899.6 must not read 900."""
+    return formatting.tenths if SOLVED - 0.5 <= median < SOLVED else formatting.whole
 
 
 def _on_solved(views: Sequence[View]) -> list[str]:

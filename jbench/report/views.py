@@ -18,7 +18,6 @@ from jbench.report.data.curves import Curve, learning_curve
 from jbench.report.data.published import PublishedCurve, imported_curve
 from jbench.report.data.returns import EVALUATION, KINDS, TRAINING, Returns
 from jbench.report.request import Request
-from jbench.report.sources import names_compared
 
 SEQUENCE_WINDOW = 20
 """Episodes in a moving average, within each robot's episodes (the authors' script)."""
@@ -143,7 +142,7 @@ def _comparisons(sources: Sequence[Sequence[Cell]], request: Request) -> list[Co
     """Compares the two sides of the request, or the cells of all sources with each other."""
     if request.compare is not None:
         one, other = sources
-        return comparisons.across(one, other, names_compared(request))
+        return comparisons.across(one, other, request.names_compared)
     return comparisons.within([cell for cells in sources for cell in cells])
 
 
@@ -156,7 +155,7 @@ def missing_evaluations(views: Sequence[View], request: Request) -> list[str]:
         return []
     if evaluated:
         return [
-            f"These cells have no evaluations and appear only with training returns: "
+            "These cells have no evaluations and appear only with training returns: "
             f"{'; '.join(without)}."
         ]
     if request.returns == TRAINING.name:

@@ -49,7 +49,10 @@ def test_download_has_drawn_points(fabric):
     fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
     document = contents.document(gather(fabric.results, Request()))
     (item,) = [one for one in document.items if one.name.startswith("robots-")]
-    (curve,) = [one for one in item.figure.panels[0].series if one.label.startswith("full, 2")]
+    (panel,) = item.figure.panels
+    # Runs on one robot are in other figures.
+    assert [label.split(", ")[1] for label in labels(panel)] == ["2 robots", "10 robots"]
+    (curve,) = [one for one in panel.series if one.label.startswith("full, 2")]
     assert item.data["control_steps"].tolist() == curve.x.tolist()
     assert item.data["q50"].tolist() == curve.y.tolist()
     assert set(item.data["window"]) == {*range(10, 21)}
@@ -65,7 +68,6 @@ def test_switches_of_all_cells_are_drawn(fabric):
 
 def test_figure_shows_own_and_published_curves_and_robot_changes(fabric, sequences):
     fabric.run(RETURNS, 0, **SAC)
-    fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
     ((key, figure),) = sequence_figures(fabric.learned(), sequences, Request()).items()
     assert key == ("move_in_direction", "sac")
     (panel,) = figure.panels

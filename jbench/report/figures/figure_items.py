@@ -75,24 +75,29 @@ def of_curves(
     training = view.kind is TRAINING
     if not view.leads:
         yield from of_tasks(view, published, aggregate, request)
-    aggregate = aggregate[aggregate["returns"] == view.kind.name]
+    data = aggregate[aggregate["returns"] == view.kind.name]
     drawn = _on_one_robot(view.drawn)
-    on_one = aggregate["variant"].isin([item.cell.variant for item in drawn])
     compared = learning_curves.comparison_figures(drawn, published, request)
     title = f"Full against encoded observations, {view.kind.plural}"
     name = "comparison" if training else "evaluations"
-    yield from _of_learners(compared, name, title, aggregate[on_one])
+    yield from _of_learners(compared, name, title, _points(data, drawn))
     if training:
-        several = sequences.sequence_figures(view.learned, published, request)
-        yield from _of_learners(several, "robots", "Sequence of robots", aggregate[~on_one])
+        several = [item for item in view.learned if item.cell.robots > 1]
+        figures = sequences.sequence_figures(several, published, request)
+        yield from _of_learners(figures, "robots", "Sequence of robots", _points(data, several))
+
+
+def _points(aggregate: pd.DataFrame, items: Sequence[LearnedCurve]) -> pd.DataFrame:
+    """Returns the points of these curves."""
+    return aggregate[aggregate["variant"].isin([item.cell.variant for item in items])]
 
 
 def _of_learners(
-    figures: Mapping[tuple[str, str], Figure], name: str, title: str, aggregate: pd.DataFrame
+    figures: Mapping[tuple[str, str], Figure], name: str, title: str, points: pd.DataFrame
 ) -> Iterator[FigureItem]:
     """Yields figures by task and algorithm with their numbers."""
     for (task, algo), figure in figures.items():
-        data = aggregate[(aggregate["task"] == task) & (aggregate["algo"] == algo)]
+        data = points[(points["task"] == task) & (points["algo"] == algo)]
         named = f"{title}: {task}, {display_name(algo)}"
         yield FigureItem(file_name(name, task, algo), named, figure, data)
 

@@ -21,15 +21,14 @@ def sequence_figures(
     """Returns the figures of cells with several robots, by task and algorithm.
 
     Args:
-        learned: our curves of training returns, each robot's episodes averaged separately; those
-            with several robots are drawn.
+        learned: our curves of training returns on several robots, each robot's episodes averaged
+            separately.
         published: the paper's curves; those with several robots are drawn.
         request: determines the order of smoothing, and whether every seed is drawn as well.
     """
-    several = [item for item in learned if item.cell.robots > 1]
     figures = {}
-    for task, algo in dict.fromkeys((cell.task, cell.algo) for cell, _ in several):
-        ours = [item for item in several if (item.cell.task, item.cell.algo) == (task, algo)]
+    for task, algo in dict.fromkeys((cell.task, cell.algo) for cell, _ in learned):
+        ours = [item for item in learned if (item.cell.task, item.cell.algo) == (task, algo)]
         theirs = [c for c in published if c.sequence and (c.task, c.algo) == (task, algo)]
         figures[task, algo] = _figure(ours, theirs, request)
     return figures

@@ -233,21 +233,21 @@ def _number(value: float) -> str:
 
 def encoder_errors(table: pd.DataFrame) -> TableItem:
     """Returns the table of the encoders' errors."""
-    names = {
-        **{"task": "task", "kind": "kind", "settings": "settings", "latents": "latents"},
-        **{
-            "seeds": "n",
-            "test": "not explained",
-            "pca": "by PCA",
-            "random": "by random projection",
-        },
-        **{"heuristic": "heuristic's episodes: not explained"},
-        **{"pca_heuristic": "heuristic's episodes: by PCA", "yaw_rate": "R² of yaw rate"},
-        **{"forward_speed": "R² of forward speed", "tilt_rate": "R² of tilt rate"},
-        **{"reward": "R² of reward", "effective_rank": "effective rank"},
+    numbers = {
+        "test": "not explained",
+        "pca": "by PCA",
+        "random": "by random projection",
+        "heuristic": "heuristic's episodes: not explained",
+        "pca_heuristic": "heuristic's episodes: by PCA",
+        "yaw_rate": "R² of yaw rate",
+        "forward_speed": "R² of forward speed",
+        "tilt_rate": "R² of tilt rate",
+        "reward": "R² of reward",
+        "effective_rank": "effective rank",
     }
-    shown = table[list(names)].rename(columns=names)
-    for name in list(names.values())[5:]:
+    shown = table[["task", "kind", "settings", "latents", "seeds", *numbers]]
+    shown = shown.rename(columns={"seeds": "n", **numbers})
+    for name in numbers.values():
         cells = [Value(_number(value), float(value)) for value in shown[name]]
         shown[name] = pd.Series(cells, shown.index, dtype=object)
     if not any(shown["settings"]):

@@ -44,18 +44,17 @@ def variant_words(settings: Mapping[str, Run]) -> dict[str, str]:
     has no defaults, so that of the variant with all defaults is empty. A setting with a name of its
     own is called by it, `stable-baselines3` instead of `engine=sb3`, and is always named.
     """
-    tasks: dict[str, dict[str, list[str]]] = {}
-    for name, run in settings.items():
-        same = tasks.setdefault(alike(run, _SAME_NAME), {})
-        same.setdefault(str(run.task), []).append(name)
-    # One of each group; the names of the others are the same.
-    first = {next(iter(same.values()))[0]: key for key, same in tasks.items()}
-    words = _labels({name: settings[name] for name in first}, _word, _SAME_NAME, _is_named)
+    groups: dict[str, list[str]] = {}
+    for variant, run in settings.items():
+        groups.setdefault(alike(run, _SAME_NAME), []).append(variant)
+    first = {variants[0]: variants for variants in groups.values()}
+    words = _labels({name: settings[name] for name in first}, _word, _SAME_NAME, always_named=True)
     found: dict[str, str] = {}
-    for name, key in first.items():
-        for variants in tasks[key].values():
+    for name, variants in first.items():
+        for task in dict.fromkeys(settings[variant].task for variant in variants):
             # Those of one task differ in their evaluations or encoders.
-            more = _labels({variant: settings[variant] for variant in variants}, _word)
+            same_task = {v: settings[v] for v in variants if settings[v].task == task}
+            more = _labels(same_task, _word)
             found |= {v: ", ".join(filter(None, (words[name], text))) for v, text in more.items()}
     return found
 
@@ -78,14 +77,16 @@ def _labels(
     settings: Mapping[str, Run | Mapping[str, Any]],
     form: Callable[[str, Any], str],
     left_out: Collection[str] = VARIANT,
-    always: Callable[[Flat, tuple[str, ...]], bool] = lambda flat, path: False,
+    *,
+    always_named: bool = False,
 ) -> dict[str, str]:
     """Returns the labels of variants.
 
     Args:
         form: makes a text of the name and value of a setting.
         left_out: settings that are not in the labels.
-        always: whether a setting is in the labels even if all variants agree on it.
+        always_named: whether settings with a name of their own are in the labels even if all
+            variants agree on them.
     """
     flat = {variant: _with_base(flatten(values)) for variant, values in settings.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
@@ -95,7 +96,7 @@ def _labels(
         if path not in {(name,) for name in left_out}
         and (
             len({_exact(values.get(path, ...)) for values in flat.values()}) > 1
-            or any(always(values, path) for values in flat.values())
+            or (always_named and any(_is_named(values, path) for values in flat.values()))
         )
     ]
     names = _short_names(differing)

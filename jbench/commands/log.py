@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from jbench import names
 from jbench.commands.output import Output
 
 if TYPE_CHECKING:
@@ -18,8 +17,11 @@ def logged(
 ) -> Iterator[None]:
     """Copies the rows of runs to an experiment tracker during the block, if one is named.
 
+    Args:
+        log: one of `names.LOGGERS`, or None.
+
     Raises:
-        RequestError: if the tracker is unknown or its library is not installed.
+        RequestError: if the tracker's library is not installed.
     """
     if log is None:
         yield
@@ -27,7 +29,7 @@ def logged(
     from jbench.loggers.logger import make_logger
     from jbench.loggers.mirror import mirrored
 
-    logger = make_logger(names.known("value of --log", log, names.LOGGERS), results.path)
+    logger = make_logger(log, results.path)
     output.say(logger.where)
     with mirrored(results, {run.id for run in runs}, logger, output.warn):
         yield

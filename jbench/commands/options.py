@@ -62,6 +62,7 @@ SomeSeedsOption = Annotated[
 LogOption = Annotated[
     str | None,
     typer.Option(
+        callback=lambda name: name and names.known("value of --log", name, names.LOGGERS),
         help=f"Also write the rows to an experiment tracker: {', '.join(names.LOGGERS)}.",
         autocompletion=complete(*names.LOGGERS),
     ),

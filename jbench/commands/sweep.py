@@ -132,8 +132,6 @@ def sweep(
     }
     parts = read_matrix(matrix, **changes)
     names.known("executor", executor, names.EXECUTORS)
-    if log is not None:
-        names.known("value of --log", log, names.LOGGERS)
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = parsing.processes(jobs, train_on)
 

@@ -105,6 +105,9 @@ def is_reference(path: Path) -> bool:
 FULL = "full"
 """Representation of an agent that observes the full state, without an encoder."""
 
+NO_ENCODER = ("none", FULL)
+"""Values of `--encoder` for an agent without an encoder."""
+
 OFE = "ofe"
 """Prefix of the representation of an agent whose features are learned online, such as ofe12."""
 

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from jbench import names
 from jbench.errors import RequestError
-from jbench.names import ENCODER_KINDS, FULL, MAX_SEED, OFE, REFERENCE, is_reference, kind_of
+from jbench.names import (
+    ENCODER_KINDS,
+    FULL,
+    MAX_SEED,
+    NO_ENCODER,
+    OFE,
+    REFERENCE,
+    is_reference,
+    kind_of,
+)
 from jbench.seeds import parse_numbers
 
 if TYPE_CHECKING:
@@ -77,7 +86,7 @@ def _representations(value: str, results: "Results") -> list[str]:
     """Returns the representations that are meant: `planar` is every size of this kind."""
     from jbench.store.listing import values_of
 
-    if value.lower() in ("none", FULL):
+    if value.lower() in NO_ENCODER:
         return [FULL]
     of_kind = [one for one in values_of(results, "representation") if kind_of(one) == value]
     return of_kind or [known_or_held("representation", value, [results])]

@@ -13,7 +13,7 @@ import numpy as np
 from jbench import plugins
 from jbench.encoders import find_encoder
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, FULL, OFE, kind_of
+from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, kind_of
 from jbench.settings.base import validated
 from jbench.settings.external import ExternalSettings
 from jbench.store import Results, files
@@ -43,7 +43,7 @@ def external_settings(
             f"No episode would end in {fields['steps']} control steps: steps must be "
             f"{EPISODE_STEPS} or more."
         )
-    if encoder not in ("none", FULL):
+    if encoder not in NO_ENCODER:
         if kind_of(encoder).rstrip(":") == OFE:
             raise RequestError(
                 f"encoder={encoder!r} is learned together with jbench's own agents; choose none "

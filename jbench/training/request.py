@@ -8,7 +8,7 @@ from jbench.agents.algorithms import algorithm_fields
 from jbench.devices import find_device
 from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, FULL, OFE, Base, Engine, Precision, known
+from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, Base, Engine, Precision, known
 from jbench.settings.base import validated
 from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
@@ -61,7 +61,7 @@ def request_runs(
         raise RequestError(
             "--set ofe.NAME=VALUE is for --encoder ofeN, such as ofe12; leave it out."
         )
-    elif encoder not in ("none", FULL):
+    elif encoder not in NO_ENCODER:
         fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
         fields["representation"] = representation_of(results, encoder_id)
     algorithm = algorithm_fields(algo, engine, base, of_algorithm)

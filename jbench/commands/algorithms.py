@@ -9,6 +9,7 @@ import typer
 from jbench.commands.options import JsonOption
 from jbench.commands.output import Output
 from jbench.errors import WorkError
+from jbench.wording import counted
 
 
 def algorithms(
@@ -41,7 +42,7 @@ def algorithms(
         output.say("jbench algorithms NAME explains the settings of one; --set changes them.")
     output.document({"algorithms": listed, "broken": broken})
     if broken:
-        raise WorkError(f"{len(broken)} algorithms can't be loaded; see above.")
+        raise WorkError(f"{counted(len(broken), 'algorithm')} can't be loaded; see above.")
 
 
 def _described(name: str) -> dict[str, Any]:

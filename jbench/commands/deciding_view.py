@@ -50,7 +50,7 @@ def show_look(look: Look, output: Output) -> None:
             ]
         )
     header = ["comparison", "final return is", "seeds", "difference", "interval", "error spent"]
-    output.table(f"{decided} of {len(outcomes)} comparisons are decided", header, rows)
+    output.table(f"Comparisons decided: {decided} of {len(outcomes)}", header, rows)
 
 
 def described_outcomes(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:

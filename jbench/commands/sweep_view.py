@@ -17,7 +17,8 @@ def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> lis
     for dataset in datasets:
         output.say(f"Collected first: the dataset {dataset.id} of {dataset.steps:,} control steps.")
     if encoders:
-        output.say(f"Trained first: the encoders {', '.join(encoder.id for encoder in encoders)}.")
+        noun = "encoder" if len(encoders) == 1 else "encoders"
+        output.say(f"Trained first: the {noun} {', '.join(encoder.id for encoder in encoders)}.")
     return [*(dataset.id for dataset in datasets), *(encoder.id for encoder in encoders)]
 
 

@@ -222,8 +222,8 @@ def test_sweep_adds_seeds_until_decided_and_repeating_adds_none(matrix, results,
     assert (decided["verdict"], decided["seeds"]) == ("smaller", 5)
     assert decided["spent"] == pytest.approx(0.025)
     assert decided["high"] < 0
-    assert "0 of 1 comparisons are decided" in printed.stderr
-    assert "1 of 1 comparisons are decided" in printed.stderr
+    assert "Comparisons decided: 0 of 1" in printed.stderr
+    assert "Comparisons decided: 1 of 1" in printed.stderr
     assert "at most 5%: 5.00% for each comparison" in printed.stderr
     runs = list(results.path.rglob("random2/*/manifest.json"))
 

@@ -66,6 +66,8 @@ def runs(
         columns["returns"] = [line.returns or "" for line in lines]
     if any(line.variant for line in lines):
         columns["variant"] = [line.variant for line in lines]
+    if status == "failed":
+        columns["error"] = [line.error or "" for line in lines]
     if returns:
         finals = [line.last_return for line in lines]
         columns["final return"] = ["" if final is None else f"{final:.0f}" for final in finals]
@@ -202,10 +204,8 @@ def repair(
         output.say(f"{path} -> {to}")
     for sentence in done.left:
         output.warn(sentence)
-    verb = "Would set" if dry_run else "Set"
-    output.say(
-        f"{verb} {len(done.moved):,} files aside." if done.moved else "Nothing to set aside."
-    )
+    verb, count = "Would set" if dry_run else "Set", counted(len(done.moved), "file")
+    output.say(f"{verb} {count} aside." if done.moved else "Nothing to set aside.")
     output.document(
         {
             "dry_run": dry_run,
@@ -214,7 +214,8 @@ def repair(
         }
     )
     if done.left:
-        raise WorkError(f"{len(done.left)} problems were left as they are; see above.")
+        left = len(done.left)
+        raise WorkError(f"{counted(left, 'problem')} {are(left)} left as before; see above.")
 
 
 def merge(

@@ -110,7 +110,8 @@ def _text_lines(change: "Change") -> Iterator[str]:
                 + counted(len(rows), "episode")
             )
     if change.status_changed and change.run.status != "unfinished":
-        yield f"{run}: {change.run.status}"
+        error = change.run.error
+        yield f"{run}: {change.run.status}{f': {error}' if error else ''}"
 
 
 def _episode(row: Mapping[str, Any]) -> str:

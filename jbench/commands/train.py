@@ -125,7 +125,7 @@ def train(
     from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
     from jbench.training.request import request_runs, training_device
-    from jbench.training.status import failures_among
+    from jbench.training.status import failures_among, is_ended
 
     if task == "all" or "," in task:
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
@@ -167,9 +167,12 @@ def train(
             wait=False,
         )
     failures |= failures_among(runs, database)
+    # Other processes are training them.
+    left = [run.id for run in runs if not is_ended(run, database)]
     display.show_runs(runs, database, output)
-    output.say(f"Next: {with_results('jbench report', results)}")
-    output.document({"runs": [run.id for run in runs], "failures": failures})
+    if len(left) < len(runs):
+        output.say(f"Next: {with_results('jbench report', results)}")
+    output.document({"runs": [run.id for run in runs], "left": left, "failures": failures})
     if failures:
         raise WorkError(
             f"{len(failures)} of {counted(len(runs), 'run')} failed; --retry-failed tries again."

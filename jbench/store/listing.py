@@ -32,6 +32,7 @@ class RunLine(NamedTuple):
         created: UTC, ISO 8601.
         updated: UTC, ISO 8601.
         returns: kind of return of an import; None for a run.
+        error: why a failed run failed; None for other runs.
         variant: the settings in which the listed runs of the same task, algorithm and
             representation differ, as in legends; empty for a single variant.
     """
@@ -50,6 +51,7 @@ class RunLine(NamedTuple):
     created: str
     updated: str
     returns: ReturnsName | None = None
+    error: str | None = None
     variant: str = ""
 
 
@@ -126,6 +128,7 @@ def run_line(record: Record) -> RunLine:
         last_return=None,
         created=manifest.created,
         updated=manifest.updated,
+        error=str(manifest.summary.get("error")) if manifest.status == "failed" else None,
     )
 
 

@@ -83,6 +83,11 @@ def plan(runs: Sequence[RunSettings], results: Results) -> Plan:
     return Plan(runs, {run.id: run_status(run, results) for run in runs})
 
 
+def is_ended(run: RunSettings, results: Results) -> bool:
+    """Returns whether a run has finished or failed."""
+    return run_status(run, results).state in ("finished", "failed")
+
+
 def is_being_trained(run: RunSettings, results: Results) -> bool:
     """Returns whether a process is currently training a run."""
     return locks.is_held(results.record("run", run.id).path)

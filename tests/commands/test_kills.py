@@ -3,6 +3,7 @@
 Episodes are short.
 """
 
+import json
 import signal
 import time
 from functools import partial
@@ -103,9 +104,11 @@ def test_run_of_another_process_is_skipped_with_notice(tmp_path):
             assert time.monotonic() < deadline
             time.sleep(0.02)
         (record,) = Results(tmp_path).scan("run")[0]
-        second = succeed(*arguments, results=tmp_path)
+        second = succeed(*arguments, "--json", results=tmp_path)
         note = "Another process is training seed 0 of td3 face_direction full; it is left out here."
-        assert note in second.stdout
+        assert note in second.stderr
+        assert "Next:" not in second.stderr
+        assert json.loads(second.stdout)["left"] == [record.id]
     finally:
         first.kill()
         first.wait()

@@ -102,6 +102,18 @@ def test_json_of_runs_has_returns_times_and_status(results, run_command):
     assert (run["steps_done"], run["steps"], run["status"]) == (3000, 3000, "finished")
 
 
+def test_failed_runs_are_listed_with_their_errors(results, run_command):
+    record = add_whole_run(results, [5.0], finish=False, seed=9)
+    record.fail("the critic's loss is not finite")
+    _, out, _ = run_command("runs", "--status", "failed", results=results)
+    assert "the critic's loss is not finite" in out
+    _, out, _ = run_command("runs", "--json", results=results)
+    errors = {run["seed"]: run["error"] for run in json.loads(out)["runs"]}
+    assert (errors[9], errors[1]) == ("the critic's loss is not finite", None)
+    _, out, _ = run_command("tail", "--once", "--seed", "9", results=results)
+    assert out.endswith(": failed: the critic's loss is not finite\n")
+
+
 def test_unreadable_run_is_reported_and_others_listed(results, run_command):
     run = results.scan("run")[0][0]
     (run.path / "manifest.json").write_bytes(b"{")
@@ -187,7 +199,7 @@ def test_repair_reports_records_in_use(results, run_command):
         code, out, err = run_command("repair", results=results)
     assert (code, out) == (1, "Nothing to set aside.\n")
     assert f"Warning: Another process is writing the run {run.id};" in err
-    assert err.endswith("Error: 1 problems were left as they are; see above.\n")
+    assert err.endswith("Error: 1 problem is left as before; see above.\n")
 
 
 def test_merge_reports_copied_equal_and_conflicting_records(tmp_path, results, run_command):

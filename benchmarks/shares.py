@@ -14,7 +14,6 @@ from unittest import mock
 import torch
 from clock import Clock
 
-from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -80,11 +79,11 @@ def shares(algo: str) -> dict[str, float]:
 def rows() -> None:
     """Prints the shares as Markdown, measured on one core."""
     torch.set_num_threads(1)
-    columns = {algo: shares(algo) for algo in ALGORITHMS}
+    columns = {algo: shares(algo) for algo in STEPS}
     print("| share of training (%) | " + " | ".join(map(str.upper, columns)) + " |")
     print("|---" * (len(columns) + 1) + "|")
     for part in (*PARTS, "rest"):
-        numbers = (f"{100 * column[part]:.2f}" for column in columns.values())
+        numbers = (f"{100 * column[part]:.1f}" for column in columns.values())
         print(f"| {part} | " + " | ".join(numbers) + " |", flush=True)
 
 

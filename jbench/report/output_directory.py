@@ -7,6 +7,7 @@ changed are kept.
 
 import json
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
@@ -14,6 +15,7 @@ from jbench.store.files import make_directory, open_plain, remove, sha256, write
 LISTING = "report.json"
 
 _MAX_LISTING = 1 << 22  # bytes
+_WRITERS = 16  # files written at a time
 
 
 def write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[str]]:
@@ -35,8 +37,9 @@ def write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[st
     new = {name: sha256(content) for name, content in contents.items()}
     # Until all is written, the list names the files of both reports, in case of a kill.
     write_atomic(out / LISTING, _listing({**before, **new}))
-    for name, content in contents.items():
-        write_atomic(out / name, content)
+    with ThreadPoolExecutor(_WRITERS) as pool:
+        # One by one, each would wait for the disk.
+        list(pool.map(write_atomic, [out / name for name in contents], contents.values()))
     old = {name: digest for name, digest in before.items() if name not in new}
     changed = [name for name, digest in old.items() if not _remove(out / name, digest)]
     write_atomic(out / LISTING, _listing(new))

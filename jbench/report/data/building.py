@@ -19,6 +19,7 @@ POINT = ("episode_return", "control_steps", "processor_time")
 """Columns of the tables `episodes` and `evaluations` with the numbers of `Points`."""
 
 _KEY = ["task", "algo", "representation", "variant"]
+_USED = [*_KEY, "run", "seed", "steps", "status"]
 _NOTHING = Points(*(np.empty(0) for _ in Points._fields))
 
 
@@ -49,7 +50,8 @@ def build_cells(
         source: source of the cells.
     """
     trained, evaluated = _training_points(episodes), _evaluation_points(evaluations)
-    runs = runs.assign(
+    # The other columns have long texts.
+    runs = runs[_USED].assign(
         recorded=[
             len(trained.get(run, evaluated.get(run, _NOTHING)).returns) for run in runs["run"]
         ],
@@ -196,30 +198,26 @@ def _notes(
         seeds = counted(len(chosen), "seed")
         notes.append(f"only {seeds}: no band is drawn, and quantiles across seeds say little")
     lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
-    left_out = runs.drop(chosen.index)
-    for seed, group in left_out.groupby("seed"):
-        shorter = ", ".join(str(n) for n in group["recorded"])
+    unused = runs.drop(chosen.index)
+    for seed, recorded in unused["recorded"].groupby(unused["seed"]) if len(unused) else ():
         notes.append(
-            f"seed {seed} has {len(group) + 1} runs: the longest is used, of {lengths[seed]} "
-            f"episodes, not that of {shorter}"
+            f"seed {seed} has {len(recorded) + 1} runs: the longest is used, of {lengths[seed]} "
+            f"episodes, not that of {', '.join(map(str, recorded))}"
         )
-    diverged = {
-        seed: str(one) for seed, one in zip(chosen["seed"], divergences, strict=True) if one
-    }
-    if diverged:
-        which = ", ".join(f"seed {seed} {text}" for seed, text in diverged.items())
+    rows = list(zip(chosen["seed"], chosen["status"], divergences, strict=True))
+    which = [f"seed {seed} {divergence}" for seed, _, divergence in rows if divergence]
+    if which:
         notes.append(
-            f"{len(diverged)} of {len(chosen)} diverged ({which}): from its divergence on, a seed "
-            "counts with return 0, the minimum"
+            f"{len(which)} of {len(chosen)} diverged ({', '.join(which)}): from its divergence on, "
+            "a seed counts with return 0, the minimum"
         )
-    others = chosen[~chosen["seed"].isin(list(diverged))]
-    for status in ("failed", "unfinished"):
-        ended = others[others["status"] == status]
-        for seed, episodes in zip(ended["seed"], ended["recorded"], strict=True):
-            notes.append(f"seed {seed} {status} after {counted(episodes, 'episode')}")
-    if others["recorded"].nunique() > 1:
-        shortest, longest = others["recorded"].min(), others["recorded"].max()
-        notes.append(f"seeds of unequal length, {shortest} to {longest} episodes")
+    others = {seed: status for seed, status, divergence in rows if not divergence}
+    for ended in ("failed", "unfinished"):
+        for seed in (seed for seed, status in others.items() if status == ended):
+            notes.append(f"seed {seed} {ended} after {counted(lengths[seed], 'episode')}")
+    different = {lengths[seed] for seed in others}
+    if len(different) > 1:
+        notes.append(f"seeds of unequal length, {min(different)} to {max(different)} episodes")
     return notes
 
 

@@ -69,9 +69,10 @@ LogOption = Annotated[
 ]
 DatasetOption = Annotated[str | None, typer.Option(help="Id of the dataset (default: the newest).")]
 CsvOption = Annotated[bool, typer.Option("--csv", help="Print CSV to standard output.")]
-ThreadsOption = Annotated[int, typer.Option(help="Number of threads (0: one per core).")]
+ThreadsOption = Annotated[int, typer.Option(min=0, help="Number of threads (0: one per core).")]
 JobsOption = Annotated[
-    int, typer.Option(help="Number of worker processes (0: one per core, or one for a GPU).")
+    int,
+    typer.Option(min=0, help="Number of worker processes (0: one per core, or one for a GPU)."),
 ]
 RetryOption = Annotated[bool, typer.Option("--retry-failed", help="Retry runs that failed before.")]
 PolicyOption = Annotated[

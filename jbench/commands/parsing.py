@@ -197,9 +197,6 @@ def processes(jobs: int, device: str) -> int:
     Args:
         jobs: 0 for one per core, or one for a GPU.
         device: that trains the agents.
-
-    Raises:
-        RequestError: if it is negative.
     """
     from jbench.sweeps.executors import default_jobs
 
@@ -207,13 +204,7 @@ def processes(jobs: int, device: str) -> int:
 
 
 def all_cores(number: int) -> int:
-    """Returns a number of threads or processes; 0 is replaced by the number of cores.
-
-    Raises:
-        RequestError: if it is negative.
-    """
+    """Returns a number of threads or processes; 0 is replaced by the number of cores."""
     from jbench.cores import cores
 
-    if number < 0:
-        raise RequestError(f"{number} at a time is not possible; type 0 for one per core.")
     return number or cores()

@@ -25,7 +25,9 @@ from jbench.commands.output import Output, duration, short
 from jbench.errors import RequestError, WorkError
 from jbench.wording import are, counted, with_results
 
-FilesOption = Annotated[int, typer.Option(help="Number of files read at a time (0: one per core).")]
+FilesOption = Annotated[
+    int, typer.Option(min=0, help="Number of files read at a time (0: one per core).")
+]
 
 
 def runs(

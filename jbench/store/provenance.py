@@ -104,7 +104,10 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, 
 
 def sentence_of(changed: Mapping[str, Sequence[object]]) -> str:
     """Returns `differences` as a clause, such as `mujoco 3.17.0 is now 3.18.0`."""
-    return ", ".join(f"{name} {before} is now {now}" for name, (before, now) in changed.items())
+    return ", ".join(
+        f"{name} {'unknown' if before is None else before} is now {now}"
+        for name, (before, now) in changed.items()
+    )
 
 
 def _packages(recorded: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -64,7 +64,7 @@ from tests.command_line import jbench, succeed
         (("train", "--robots", "0"), "Error: robots of the run can't be 0: "),
         (("evaluate", "--episodes", "0"), "Error: episodes of the evaluation can't be 0: "),
         (("train", "--evaluate-episodes", "-1"), "evaluate_episodes of the run can't be -1"),
-        (("train", "--jobs", "-1"), "type 0 for one per core"),
+        (("train", "--jobs", "-1"), "Invalid value for '--jobs'"),
         (("collect", "--steps", "1500"), "must be a multiple, such as 2000"),
         (("collect", "--steps", "0"), "type a positive whole number"),
         (("collect", "--seed", "-1"), "type a whole number from 0 up"),

@@ -134,7 +134,7 @@ def test_unreadable_run_is_reported_and_others_listed(results, run_command):
             "Unknown status 'done'; choose unfinished, finished or failed",
         ),
         (("runs", "--seed", "x"), "--seed x: type seeds like 0-9"),
-        (("verify", "--threads", "-1"), "-1 at a time is not possible"),
+        (("verify", "--threads", "-1"), "Invalid value for '--threads'"),
         (("merge",), "Missing argument 'others'"),
     ],
 )

@@ -240,7 +240,7 @@ def test_gpu_has_one_process_unless_jobs_are_given(command, jobs, processes, res
         (("smoke", "--executor", "ray", "--gpus-per-task", "-1"), "type 0 or more"),
         (("smoke", "--seeds", "b"), "type seeds like 0-9"),
         (("smoke", "--steps", "none"), "type a positive whole number"),
-        (("smoke", "--jobs", "-1"), "type 0 for one per core"),
+        (("smoke", "--jobs", "-1"), "Invalid value for '--jobs'"),
         (("smoke", "--device", "tpu"), "Unknown device 'tpu'"),
     ],
 )

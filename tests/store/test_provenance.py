@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from jbench.store import provenance
-from jbench.store.provenance import device_provenance, differences
+from jbench.store.provenance import device_provenance, differences, sentence_of
 
 H100 = {
     "device": "cuda",
@@ -40,3 +40,8 @@ def test_changed_device_is_reported(now, changed):
 
 def test_unrecorded_device_is_not_compared():
     assert differences({"processor": "x"}, {"processor": "x", "device": "cpu"}) == {}
+
+
+def test_entries_without_value_before_are_unknown():
+    changed = {"mujoco": ["3.17.0", "3.18.0"], "git_revision": [None, "abc"]}
+    assert sentence_of(changed) == "mujoco 3.17.0 is now 3.18.0, git_revision unknown is now abc"

@@ -49,7 +49,7 @@ BAND = (10, 90)
 QUARTILES = (25, 75)
 """Percentiles of a second, narrower band."""
 
-MEDIAN_KEY, PUBLISHED_KEY = "median", "published: median"
+MEDIAN_KEY, PUBLISHED_KEY = "line: median", "published: median"
 _ONE_SEED_KEY = "published: one seed"
 
 

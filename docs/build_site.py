@@ -21,7 +21,8 @@ SITE = ROOT / "build" / "site"
 
 RESULTS_PAGE = """# The shipped runs
 
-jbench ships its own runs on `face_direction`: DDPG, TD3 and SAC, and DDPG on 12 latents.
+jbench ships its own runs: DDPG, TD3, SAC and PPO on `face_direction`, TD3 on `move_in_direction`,
+and DDPG and TD3 on reduced observations.
 `jbench report --results reference --claims` wrote [their whole report](reference/index.html).
 `report.md` and `claims.md` explain it.
 

@@ -92,7 +92,7 @@ _COMMANDS: dict[str, dict[Callable[..., None], str]] = {
         imports.import_: "import --from csv --seed-column seed --task face_direction --algo ppo "
         "FILE",
         results.merge: "merge other-results",
-        checking.reproduce: "reproduce reference/face_direction/ddpg/full --episodes 1",
+        checking.reproduce: "reproduce reference/face_direction/td3/dae12/s00 --episodes 1",
         results.verify: "verify --results reference",
         results.repair: "repair --dry-run",
     },

@@ -1,10 +1,12 @@
-"""Tables of encoders, of runs, and of the final returns of a report."""
+"""Tables of encoders, of runs and of final returns, and warnings of runs that are too short."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from jbench.commands.output import Output
 from jbench.errors import WorkError
+from jbench.names import EPISODE_STEPS
 from jbench.returns import final_return
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
@@ -177,3 +179,30 @@ def _run_row(record: Record) -> tuple[object, ...]:
     )
     name = record.id if record.status == "finished" else f"{record.id} ({record.status})"
     return name, len(returns), *means
+
+
+def warn_of_short_runs(runs: Sequence[RunSettings], output: Output) -> None:
+    """Warns of what a user may not expect of the number of control steps of the runs."""
+    for sentence in dict.fromkeys(chain.from_iterable(map(_short_steps, runs))):
+        output.warn(sentence)
+
+
+def _short_steps(run: RunSettings) -> Iterator[str]:
+    """Yields what a user may not expect of the number of control steps of a run."""
+    from jbench.settings.algorithms import OffPolicySettings
+
+    if not run.is_ours or not isinstance(run.algorithm, OffPolicySettings):
+        return
+    last, first_update = -(-run.steps // EPISODE_STEPS) * EPISODE_STEPS, run.algorithm.first_update
+    if run.steps < last and run.engine == "batched":
+        yield (
+            f"an episode has {EPISODE_STEPS:,} control steps, so a run of {run.steps:,} ends after "
+            f"{last:,}."
+        )
+    if last < first_update:
+        yield (
+            f"{run.algo} first updates its networks after {first_update:,} control steps, so a run "
+            f"of {run.steps:,} learns nothing; raise --steps, or lower that number with --set "
+            "learning_starts=N and --set train_freq=N (in a matrix file, the same keys of "
+            f"[hyperparameters.{run.algo}])."
+        )

@@ -37,10 +37,12 @@ HorizonOption = Annotated[
 ]
 EpochsOption = Annotated[
     int | None,
-    typer.Option(help="Number of passes over the training rows (default: that of the kind)."),
+    typer.Option(
+        help="Number of passes over the training rows (default: that of the kind; dae has 200)."
+    ),
 ]
 BatchOption = Annotated[
-    int | None, typer.Option(help="Minibatch size (default: that of the kind).")
+    int | None, typer.Option(help="Minibatch size (default: that of the kind; dae has 8192).")
 ]
 RateOption = Annotated[
     float | None,

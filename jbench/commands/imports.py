@@ -62,7 +62,7 @@ def import_(
         str | None,
         typer.Option(
             help="Kind of the returns: training or evaluation (default: evaluation if the column "
-            "or tag begins with eval).",
+            "or tag begins with eval, else training).",
             autocompletion=complete(*names.RETURNS),
         ),
     ] = None,

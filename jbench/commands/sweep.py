@@ -111,6 +111,7 @@ def sweep(
 
     A matrix has tasks, algorithms, representations and seeds.
     """
+    from jbench.commands.display import warn_of_short_runs
     from jbench.commands.live_view import TrainingView
     from jbench.commands.log import logged
     from jbench.commands.sweep_view import described, show_matrix, show_missing
@@ -156,6 +157,7 @@ def sweep(
             )
 
     cells = matrix_cells(parts, database)
+    warn_of_short_runs(list(all_runs(cells)), output)
     if until_decided:
         limit = _MAX_SEEDS if max_seeds is None else max_seeds
         _decide(matrix, cells, claims or [], database, limit, None if dry_run else train, output)

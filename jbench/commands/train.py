@@ -1,7 +1,6 @@
 """The train command."""
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -20,12 +19,8 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS
 from jbench.seeds import parse_seeds
 from jbench.wording import counted, with_results
-
-if TYPE_CHECKING:
-    from jbench.settings.run import RunSettings
 
 
 def train(
@@ -155,8 +150,7 @@ def train(
         precision=chosen_precision,
         parallel=environments,
     )
-    for sentence in _short_steps(runs[0]):
-        output.warn(sentence)
+    display.warn_of_short_runs(runs, output)
     with logged(log, database, runs, output):
         failures = sweep(
             [Cell(task, algo, runs[0].representation, runs, base)],
@@ -176,24 +170,4 @@ def train(
     if failures:
         raise WorkError(
             f"{len(failures)} of {counted(len(runs), 'run')} failed; --retry-failed tries again."
-        )
-
-
-def _short_steps(run: "RunSettings") -> Iterator[str]:
-    """Yields what a user may not expect of the number of control steps of a run."""
-    from jbench.settings.algorithms import OffPolicySettings
-
-    if not run.is_ours or not isinstance(run.algorithm, OffPolicySettings):
-        return
-    last, first_update = -(-run.steps // EPISODE_STEPS) * EPISODE_STEPS, run.algorithm.first_update
-    if run.steps < last and run.engine == "batched":
-        yield (
-            f"an episode has {EPISODE_STEPS:,} control steps, so a run of {run.steps:,} ends after "
-            f"{last:,}."
-        )
-    if last < first_update:
-        yield (
-            f"{run.algo} first updates its networks after {first_update:,} control steps, so "
-            "this run learns nothing; raise --steps, or lower that number with "
-            "--set learning_starts=N and --set train_freq=N."
         )

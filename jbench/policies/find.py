@@ -168,7 +168,7 @@ def _shipped_run(name: str) -> str:
         return matches[0].removeprefix(SHIPPED)
     if matches:
         raise RequestError(
-            f"--policy {name} is not unique; type one of {', '.join(matches)} "
+            f"{name} is not unique; type one of {', '.join(matches)} "
             "(jbench runs --results reference shows how they differ)."
         )
     close = get_close_matches(name, names, 3)

@@ -15,6 +15,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Network
 from jbench.store import Record, Results
+from jbench.wording import with_results
 
 WEIGHTS = "policy.safetensors"
 DESCRIPTION = "policy.json"
@@ -126,7 +127,8 @@ def load_agent(results: Results, run: str) -> TrainedAgent:
     """
     record = results.find("run", run)
     if record is None:
-        raise RequestError(f"No run {run} in {results.path}; jbench query 'FROM runs' lists them.")
+        runs = with_results("jbench runs", results.path)
+        raise RequestError(f"No run {run} in {results.path}; {runs} lists them.")
     if record.status != "finished":
         raise RequestError(f"The run {run} is {record.status}: it has no trained policy yet.")
     if not has_policy(record):

@@ -114,9 +114,9 @@ def check_baseline(baseline: str, reported: Sequence[Source]) -> None:
     cells = [cell for source in reported for cell in source.cells]
     labels = sorted({cell.algo for cell in cells if cell.source == IMPORTED})
     if baseline not in labels:
+        instead = f"one of {', '.join(labels)}" if labels else "jbench import to import some"
         raise NothingYetError(
-            f"--baseline {baseline}: no curve of that label was imported; there are "
-            f"{', '.join(labels) or 'no imports'}."
+            f"--baseline {baseline}: no curve of that label was imported; type {instead}."
         )
     if all((cell.source, cell.algo) == (IMPORTED, baseline) for cell in cells):
         raise NothingYetError(

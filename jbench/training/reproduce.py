@@ -12,7 +12,7 @@ import torch
 from jbench.cores import one_thread
 from jbench.encoders import load_encoder
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS
+from jbench.names import EPISODE_STEPS, REFERENCE
 from jbench.policies.find import SHIPPED
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, read_run
@@ -116,12 +116,13 @@ def find_run(results: Results, name: str) -> tuple[Results, Record]:
         RequestError: if there is no such run, or several.
         WorkError: if its manifest can't be read.
     """
+    path = results.path
     if name.startswith(SHIPPED):
-        results = Results(shipped())
+        results, path = Results(shipped()), Path(REFERENCE)
     record = results.find("run", results.complete_id("run", name.removeprefix(SHIPPED)))
     if record is None:
-        runs = with_results("jbench runs", results.path)
-        raise RequestError(f"There is no run {name} in {results.path}; {runs} lists them.")
+        runs = with_results("jbench runs", path)
+        raise RequestError(f"There is no run {name} in {path}; {runs} lists them.")
     return results, record
 
 

@@ -292,6 +292,15 @@ def test_leaderboard_accepts_results_option(capsys):
     assert capsys.readouterr().out == named
 
 
+def test_sweep_of_runs_too_short_to_learn_prints_one_warning(tmp_path, capsys):
+    matrix = tmp_path / "short.toml"
+    matrix.write_text('tasks = ["face_direction", "move_to_pose"]\nalgos = ["td3"]\nsteps = 5000')
+    assert main(["sweep", str(matrix), "--dry-run", "--results", str(tmp_path)]) == 0
+    (warning,) = [one for one in capsys.readouterr().err.splitlines() if "Warning" in one]
+    assert "after 11,000 control steps, so a run of 5,000 learns nothing" in warning
+    assert "[hyperparameters.td3]" in warning
+
+
 def test_run_too_short_to_learn_prints_warning(tmp_path, capsys):
     steps = ["--steps", "1500", "--seeds", "0", "--evaluate-episodes", "0"]
     assert main(["train", "--algo", "td3", *steps, "--results", str(tmp_path)]) == 0

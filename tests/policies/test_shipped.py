@@ -168,7 +168,7 @@ class TestShippedTwoCells:
         ("name", "message"),
         [
             ("reference/face_direction/sac", "No policy is shipped as {}; type one of {}."),
-            ("reference/face_direction/td3", "{} is not unique; type one of {} (jbench runs"),
+            ("reference/face_direction/td3", "Error: {} is not unique; type one of {}"),
         ],
     )
     def test_ambiguous_name_is_refused_with_choices(self, database, name, message, capsys):

@@ -170,7 +170,7 @@ def test_baseline_is_drawn_dashed_in_panel_of_its_task(imported):
 @pytest.mark.parametrize(
     ("typed", "says"),
     [
-        (["--baseline", "sac"], "there are fast, slow"),
+        (["--baseline", "sac"], "type one of fast, slow"),
         (["--baseline", "slow", "--algo", "slow"], "no other curves to draw it beside"),
         (["--baseline", "slow", "--compare", "a=1", "b=2"], "exclude each other"),
         (["--algo", "ddpg"], "There are no runs"),

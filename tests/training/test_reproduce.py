@@ -213,6 +213,8 @@ def test_runs_are_found_by_id_prefix(trained):
         find_run(trained, "face_direction/td3")
     shipped, record = find_run(trained, "reference/face_direction/sac/full/s05")
     assert (shipped.path.name, record.settings["seed"]) == ("reference", 5)
+    with pytest.raises(RequestError, match="in reference; jbench runs --results reference lists"):
+        find_run(trained, "reference/face_direction/none")
 
 
 def test_run_without_reproducible_data_is_refused(trained, tmp_path):

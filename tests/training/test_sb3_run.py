@@ -140,7 +140,7 @@ def test_saved_agent_reproduces_evaluation(finished):
 
 def test_agent_of_unknown_run_is_refused(finished):
     results, _, _ = finished
-    with pytest.raises(RequestError, match="No run face_direction/td3/full/s09-00000000"):
+    with pytest.raises(RequestError, match=r"No run .*/s09-0{8} in .*; jbench runs --results"):
         load_agent(results, "face_direction/td3/full/s09-00000000")
 
 

@@ -100,7 +100,8 @@ def _note(
         f"(uncertainty), for at least {st.MIN_SEEDS} seeds; with fewer than {st.DECIDING_SEEDS} "
         "the interval is too narrow and decides nothing. Small dots: seeds."
         + (
-            " Dashed: the paper's median training return at the same control steps."
+            " Dashed: the paper's median training return in the middle of the episodes of the "
+            "final training return."
             if _PUBLISHED in drawn
             else ""
         )

@@ -82,7 +82,10 @@ def returns_of_cells(view: View, published: Sequence[PublishedCurve]) -> TableIt
                 "published median (training return)": _published(cell, published),
             }
         )
-    published_note = " The published median is the paper's best at the same control steps."
+    published_note = (
+        " The published median is read in the middle of the episodes of the final return; of "
+        "several published curves, it is that of the highest."
+    )
     return TableItem(
         view.file("statistics"),
         f"Final {view.kind.name} return, and {view.kind.name} return over the run",

@@ -35,7 +35,9 @@ TaskOption = Annotated[
 PolicyTaskOption = Annotated[
     str | None,
     typer.Option(
-        help="Task (default: the task of a trained policy).", autocompletion=complete(*names.TASKS)
+        help="Task (default: the task of a trained policy; of other policies, evaluate takes "
+        "face_direction, render and view move_to_pose).",
+        autocompletion=complete(*names.TASKS),
     ),
 ]
 OneTaskOption = Annotated[

@@ -164,6 +164,8 @@ def _median_and_band(cell: Mapping[str, Any], returns: str) -> str:
     if None in values:
         return ""
     median, low, high = values
+    if low == high:
+        return f"{median:.0f}"
     return f"{median:.0f} [{low:.0f}, {high:.0f}]"
 
 

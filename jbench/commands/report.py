@@ -33,6 +33,16 @@ if TYPE_CHECKING:
     from jbench.store import Results
 
 
+def _two_sides(sides: tuple[str, str] | None) -> tuple[str, str] | None:
+    """Refuses an option as the second side, which then lacks its value."""
+    if sides is not None and sides[1].startswith("--"):
+        raise RequestError(
+            f"--compare {sides[0]}: type two results directories, or two settings such as "
+            "engine=sb3 engine=batched."
+        )
+    return sides
+
+
 def report(
     task: OneTaskOption = None,
     algo: OneAlgorithmOption = None,
@@ -49,6 +59,7 @@ def report(
         tuple[str, str] | None,
         typer.Option(
             metavar="A B",
+            callback=_two_sides,
             help="Compare two results directories, or two settings: engine=sb3 engine=batched.",
         ),
     ] = None,

@@ -14,6 +14,7 @@ from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.features import TASK_SPECS
+from jbench.wording import counted
 
 _PREFIX = f"{OFE}."
 
@@ -79,8 +80,8 @@ def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
     min_steps, steps = EPISODE_STEPS * runs[0].environments, runs[0].steps
     if steps < min_steps:
         raise RequestError(
-            f"No episode would end in {steps} control steps, since {runs[0].environments} "
-            f"environments of {EPISODE_STEPS} control steps run in parallel: steps must be "
+            f"No episode of {runs[0].algo} would end in {steps} control steps: it takes "
+            f"{EPISODE_STEPS} in each of {counted(runs[0].environments, 'environment')}; type "
             f"{min_steps} or more."
         )
     if runs[0].engine == "sb3" and not runs[0].is_ours:

@@ -95,6 +95,7 @@ def test_comparison_is_written_beside_report(filled, capsys):
         (("--window", "0"), "A window of 0 episodes"),
         (("--returns", "all"), "Unknown value of --returns 'all'; choose evaluation or training."),
         (("--watch", "--json"), "--watch and --json exclude each other"),
+        (("--compare", "engine=sb3", "--json"), "--compare engine=sb3: type two results"),
         (("--watch", "--since", "now"), "--since now"),
     ],
 )

@@ -304,7 +304,7 @@ def test_documented_file_lists_all_keys_with_defaults(tmp_path):
         ("seeds = []", "seeds of the matrix can't be []"),
         ("seeds = [-1]", "seeds.0 of the matrix can't be -1"),
         ("steps = 1.5", "steps of the matrix can't be 1.5"),
-        ("steps = 999", "steps must be 1000 or more"),
+        ("steps = 999", "type 1000 or more"),
         ("evaluation = 3", "write [evaluation] and its keys below it"),
         ("[evaluation]\nevry = 3", "Unknown key of [evaluation] 'evry'; did you mean every?"),
         ("[evaluation]\nevery = 0", "evaluation.every of the matrix can't be 0"),

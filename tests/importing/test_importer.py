@@ -307,6 +307,14 @@ def test_event_files_of_two_trainings_are_refused(event_file, imports, tmp_path)
     assert nothing_written(tmp_path)
 
 
+def test_wandb_run_without_values_is_named(imports, tmp_path):
+    file = tmp_path / "chart.csv"
+    file.write_text('"global_step","td3__1 - return","td3__2 - return"\n"100","5",""\n')
+    code, _, err = imports("wandb-csv", file, seed_from=r"td3__(\d+)")
+    assert code == 2
+    assert f"{file} has no value of td3__2 - return; leave it out." in err
+
+
 def test_truncated_wandb_chart_is_refused(wandb_file, imports, tmp_path):
     file = wandb_file()
     content = file.read_bytes()
@@ -323,7 +331,7 @@ def test_truncated_wandb_chart_is_refused(wandb_file, imports, tmp_path):
     ("text", "message"),
     [
         ("control_steps,episode_return\n1000,5\n500,6\n", "line 3: the control steps go back"),
-        ("control_steps,episode_return\n1000,5\n1500.5,6\n", "line 3: 1500.5 is no number of control steps"),
+        ("control_steps,episode_return\n1000,5\n1500.5,6\n", "line 3: 1500.5 is no number"),
         ("control_steps,episode_return\n1000,5\n,6\n", "line 3: control_steps is ''"),
         ("control_steps,episode_return\n1000,5\n2000,6,7\n", "line 3: 3 fields"),
         ("step,return\n1000,5\n", "type --steps-column with one of step, return"),

@@ -53,10 +53,12 @@ class SavedEncoder:
         size = len(scaling.minimum)
         if not all(np.isfinite(value).all() for value in weights.values()):
             raise ValueError("weights that are not finite")
-        encoded = self.encode(np.zeros((1, size), np.float32)).shape
+        encoded = np.shape(self.encode(np.zeros((1, size), np.float32)))
+        if encoded != (1, latents):
+            raise ValueError(f"encode returns the shape {encoded}, not {(1, latents)}")
         decoded = np.shape(kind.decode(weights, np.zeros((1, latents), np.float32)))
-        if encoded != (1, latents) or decoded != (1, size):
-            raise ValueError(f"weights of {encoded[-1]} latents, not of {latents}")
+        if decoded != (1, size):
+            raise ValueError(f"decode returns the shape {decoded}, not {(1, size)}")
 
     @classmethod
     def from_files(cls, description: dict[str, Any], weights: bytes) -> "SavedEncoder":

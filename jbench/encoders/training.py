@@ -19,7 +19,7 @@ from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.predictions import Probe, probe
 from jbench.encoders.registry import make_kind
-from jbench.encoders.saved import DESCRIPTION, WEIGHTS
+from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.errors import WorkError
@@ -70,6 +70,10 @@ def train_encoder(
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
             weights = _weights(kind, settings, states, record, device, progress, commit_every)
+            try:
+                SavedEncoder(kind, weights, states.scaling, settings.latents)
+            except ValueError as error:
+                raise WorkError(f"The encoder {settings.id} can't be used: {error}.") from None
             # An interrupted process may have committed the errors already.
             if not record.rows("encoder_errors"):
                 errors = evaluate_encoder(kind, weights, settings.latents, states)

@@ -31,10 +31,8 @@ def read_csv(file: ImportedFile, request: ImportRequest) -> list[Series]:
         columns["seed"] = request.seed_column
     for name, column in columns.items():
         check_columns(table, file, f"--{name}-column", column)
-    table = table[table[columns["return"]] != ""]
+    table = _with_values(table, columns["return"], file)
     kind = request.kind_of(columns["return"])
-    if table.empty:
-        raise RequestError(f"{file.path} has no value of {columns['return']}; leave the file out.")
     if request.seed_column is None:
         seeds = [request.seed_in(str(file.path), "the path")] * len(table)
     else:
@@ -77,7 +75,7 @@ def read_wandb(file: ImportedFile, request: ImportRequest) -> list[Series]:
         )
     series = []
     for run, column in found[metric].items():
-        rows = table[table[column] != ""]
+        rows = _with_values(table, column, file)
         seed = request.seed_in(run, f"{file.path}, the run")
         columns = {"steps": steps, "return": column}
         points = _points(rows, steps, column, file)
@@ -93,6 +91,14 @@ def _metrics(table: pd.DataFrame) -> dict[str, dict[str, str]]:
         if dash and not metric.endswith(_SIDES) and metric not in _OF_WANDB:
             found.setdefault(metric, {})[run] = column
     return found
+
+
+def _with_values(table: pd.DataFrame, column: str, file: ImportedFile) -> pd.DataFrame:
+    """Returns the rows that have a value in a column."""
+    rows = table[table[column] != ""]
+    if rows.empty:
+        raise RequestError(f"{file.path} has no value of {column}; leave it out.")
+    return rows
 
 
 def _points(rows: pd.DataFrame, steps: str, returns: str, file: ImportedFile) -> pd.DataFrame:

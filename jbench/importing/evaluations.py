@@ -28,7 +28,7 @@ def read(file: ImportedFile, request: ImportRequest) -> list[Series]:
         raise RequestError(
             f"{file.path} is cut off, or not an evaluations.npz ({str(error).splitlines()[0]})."
         ) from None
-    if steps.ndim != 1 or returns.ndim != 2 or not len(steps) == len(returns) == len(lengths):
+    if returns.ndim != 2 or steps.shape != returns.shape[:1] or lengths.shape != returns.shape:
         raise RequestError(
             f"{file.path} is not of an EvalCallback: its arrays have the shapes {steps.shape}, "
             f"{returns.shape} and {lengths.shape}."

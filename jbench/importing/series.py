@@ -12,7 +12,8 @@ from jbench.importing.request import ImportedFile
 from jbench.names import EPISODE_STEPS, ReturnsName
 
 _ROUNDING = 0.01  # of rewards that were summed in single precision
-_MAX_STEPS = 1 << 53  # float64 counts no further
+# float64 counts no further, and the column of lengths is int32.
+_MAX = {"control_steps": 1 << 53, "length": (1 << 31) - 1}
 
 
 class Series(NamedTuple):
@@ -54,7 +55,7 @@ def numbers(table: pd.DataFrame, name: str, file: ImportedFile) -> NDArray[np.fl
 
 
 def check_points(points: pd.DataFrame, file: ImportedFile, where: Callable[[int], str]) -> None:
-    """Checks the returns and control steps of a learning curve.
+    """Checks the returns, control steps and lengths of a learning curve.
 
     Args:
         points: see `Series.points`.
@@ -74,12 +75,14 @@ def check_points(points: pd.DataFrame, file: ImportedFile, where: Callable[[int]
             f"these tasks has one from 0 to {EPISODE_STEPS}; import returns of the tasks' own "
             "rewards, not scaled ones or those of another environment."
         )
+    for name in (name for name in _MAX if name in points):
+        counts = points[name].to_numpy(np.float64)
+        bad = np.flatnonzero((counts < 0) | (counts % 1 != 0) | (counts > _MAX[name]))
+        if len(bad):
+            raise RequestError(
+                f"{file.path}, {where(bad[0])}: {counts[bad[0]]:g} is no number of control steps."
+            )
     steps = points["control_steps"].to_numpy(np.float64)
-    bad = np.flatnonzero((steps < 0) | (steps % 1 != 0) | (steps > _MAX_STEPS))
-    if len(bad):
-        raise RequestError(
-            f"{file.path}, {where(bad[0])}: {steps[bad[0]]:g} control steps are not a whole number."
-        )
     back = np.flatnonzero(np.diff(steps) < 0)
     if len(back):
         after = back[0] + 1

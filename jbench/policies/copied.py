@@ -192,7 +192,10 @@ def _check(network: Network, module: nn.Module, inputs: int) -> None:
             f"it has {network.inputs} inputs and {network.outputs} outputs, not {inputs} and 1"
         )
     observations = np.random.default_rng(0).normal(size=(_CHECKED, inputs)).astype(np.float32)
-    with acting(module) as act:
-        wanted = np.clip(act(observations), -1, 1)
+    try:
+        with acting(module) as act:
+            wanted = np.clip(act(observations), -1, 1)
+    except RequestError as error:
+        raise UnsupportedPolicyError(f"it can't act ({str(error).rstrip('.')})") from None
     if not np.abs(network.act(observations) - wanted).max() < _TOLERANCE:
         raise UnsupportedPolicyError("its layers do not reproduce its actions")

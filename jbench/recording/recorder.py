@@ -98,7 +98,7 @@ class Recording:
 
     Attributes:
         id: of the run.
-        finished: whether the run is finished; then the block can be left out.
+        finished: whether the block has found the run finished, or has finished it.
     """
 
     def __init__(
@@ -111,9 +111,6 @@ class Recording:
         self._lock = contextlib.ExitStack()
         self._process = os.getpid()
         self._writer: RunWriter | None = None
-        self._environments = 0
-        self._losses: dict[str, Any] = {}
-        self._kept: tuple[Network, int] | None = None
 
     @property
     def control_steps(self) -> int:
@@ -135,6 +132,9 @@ class Recording:
                 _note(f"The run {self.id} is {found.status}; it starts over.")
             record = self._results.create("run", self.id, self._settings.values, self._made_on)
             self._writer = RunWriter(record, self._settings, self._encoder)
+            self._environments = 0
+            self._losses: dict[str, Any] = {}
+            self._kept: tuple[Network, int] | None = None
             self._lock = stack.pop_all()
         return self
 

@@ -61,7 +61,7 @@ class RunWriter:
             self._pace.restart(self._log.commit())
 
     def evaluation_due(self) -> bool:
-        """Returns whether `evaluate_every` control steps have passed, and restarts the count."""
+        """Returns whether a multiple of `evaluate_every` was passed since the last `True`."""
         return bool(self._settings.evaluate_episodes) and self._schedule.advance(self.control_steps)
 
     def evaluate(self, act: Act, control_steps: int) -> NDArray[np.float64]:

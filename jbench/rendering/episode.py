@@ -133,7 +133,7 @@ def video_steps(
     if not _SPEEDS[0] <= speed <= _SPEEDS[1]:
         raise RequestError(f"No speed {speed:g}; there are {_SPEEDS[0]:g} to {_SPEEDS[1]:g}.")
     _check_steps(steps)
-    max_rate = speed / CONTROL_TIMESTEP
+    max_rate = round(speed / CONTROL_TIMESTEP, 6)  # 29 at speed 0.29, not 28.999999999999996
     if not 1 <= frames_per_second <= max_rate:
         raise RequestError(
             f"No video of {frames_per_second:g} frames a second; there are 1 to {max_rate:g}."

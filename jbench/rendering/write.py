@@ -2,6 +2,7 @@
 
 import importlib.util
 import io
+import itertools
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -162,7 +163,8 @@ def gif(pictures: Sequence[Picture], interval: float) -> bytes:
 
     Args:
         pictures: (height, width, 3) each, all of the same size.
-        interval: seconds between images, rounded to hundredths.
+        interval: seconds between images. The file counts hundredths, so single images may be
+            shown a hundredth longer or shorter, but the whole has the right length.
     """
     indices = np.linspace(0, len(pictures) - 1, min(_PALETTE_PICTURES, len(pictures))).astype(int)
     sample = Image.fromarray(np.vstack([pictures[index] for index in indices]))
@@ -172,13 +174,14 @@ def gif(pictures: Sequence[Picture], interval: float) -> bytes:
         Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
         for picture in pictures
     ]
+    starts = [round(100 * interval * number) for number in range(len(images) + 1)]
     buffer = io.BytesIO()
     images[0].save(
         buffer,
         "GIF",
         save_all=True,
         append_images=images[1:],
-        duration=10 * round(100 * interval),
+        duration=[10 * (end - start) for start, end in itertools.pairwise(starts)],
         loop=0,
         optimize=True,
     )

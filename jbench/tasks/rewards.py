@@ -19,7 +19,7 @@ from jbench.tasks.features import (
     speed_in_target_frame,
 )
 
-# A Gaussian that decays to 0.1 at the margin: exp(-(GAUSSIAN_SCALE * distance / margin)^2 / 2).
+# A Gaussian that decays to 0.1 at the margin: exp(-(_GAUSSIAN_SCALE * distance / margin)^2 / 2).
 _GAUSSIAN_SCALE = math.sqrt(-2 * math.log(0.1))
 _UPRIGHT_MARGIN = 0.5  # of the cosine of the torso's tilt
 _NEAR_MARGIN = 0.05  # m

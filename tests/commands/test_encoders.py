@@ -8,6 +8,7 @@ import time
 from functools import partial
 
 import pytest
+import safetensors.numpy
 
 from jbench.cli import main
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
@@ -250,6 +251,9 @@ def test_kind_of_other_package_is_trained_and_used(short, site, monkeypatch):
     # The package can't override a built-in kind.
     assert "noise" in ours["settings"]["options"]
     assert theirs["id"].startswith("face_direction/first-features7/s00-")
+    # Every weight is trained, so what keeps the first features must not be a weight.
+    files = Results(short).find("encoder", theirs["id"])
+    assert set(safetensors.numpy.load(files.read_file(WEIGHTS))) == {"predict"}
     used = run(*train("td3", "first-features:7", "--seeds", "0", "--steps", str(2 * SHORT)))
     assert used.returncode == 0, used.stderr
     refused = run("train-encoder", "--kind", "first-features", "--noise", "0.1")

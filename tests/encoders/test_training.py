@@ -13,6 +13,7 @@ import torch
 from jbench.encoders import load_encoder
 from jbench.encoders.kinds.ae import Autoencoder
 from jbench.encoders.kinds.dae import DenoisingAutoencoder
+from jbench.encoders.kinds.pca import PrincipalComponents
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.registry import make_kind
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
@@ -404,6 +405,22 @@ def test_diverged_training_is_reported_and_not_saved(trained, results):
         train(trained.states, results, "vae", options=options)
     (record,) = results.scan("encoder")[0]
     assert record.status == "unfinished"
+
+
+@pytest.mark.parametrize(
+    ("components", "message"),
+    [
+        (np.eye(16)[:4], r"encode returns the shape \(1, 4\), not \(1, 3\)"),
+        (np.full((3, 16), np.nan), "weights that are not finite"),
+    ],
+)
+def test_encoder_with_unusable_weights_is_not_saved(
+    trained, results, components, message, monkeypatch
+):
+    fitted = {"components": components, "mean": np.zeros(16)}
+    monkeypatch.setattr(PrincipalComponents, "fit", lambda *_: fitted)
+    with pytest.raises(WorkError, match=f"can't be used: {message}"):
+        train(trained.states, results, "pca")
 
 
 def test_states_of_other_seed_are_refused(trained, results):

@@ -259,6 +259,26 @@ def test_truncated_evaluations_are_refused(sb3_files, imports, tmp_path):
         assert f"{file} is cut off, or not an evaluations.npz" in err
     np.savez(file, timesteps=np.arange(2), results=np.ones((2, 1)))
     assert "not of an EvalCallback" in imports("sb3-evaluations", file)[2]
+
+
+@pytest.mark.parametrize(
+    ("lengths", "message"),
+    [
+        (np.full(2, 1000), "not of an EvalCallback: its arrays have the shapes (2,), (2, 3)"),
+        (np.float64(1000), "not of an EvalCallback: its arrays have the shapes (2,), (2, 3)"),
+        (np.full((2, 3), -1), "evaluation 1: -1 is no number of control steps"),
+        (np.full((2, 3), 0.5), "evaluation 1: 0.5 is no number of control steps"),
+        (np.full((2, 3), np.nan), "evaluation 1: nan is no number of control steps"),
+        (np.full((2, 3), 1e300), "evaluation 1: 1e+300 is no number of control steps"),
+    ],
+)
+def test_evaluations_with_wrong_lengths_are_refused(imports, tmp_path, lengths, message):
+    file = tmp_path / "evaluations3.npz"
+    arrays = {"timesteps": [1000, 2000], "results": np.full((2, 3), 500), "ep_lengths": lengths}
+    np.savez(file, **arrays)
+    code, _, err = imports("sb3-evaluations", file)
+    assert code == 2
+    assert message in err
     assert nothing_written(tmp_path)
 
 
@@ -287,6 +307,14 @@ def test_event_files_of_two_trainings_are_refused(event_file, imports, tmp_path)
     assert nothing_written(tmp_path)
 
 
+def test_wandb_run_without_values_is_named(imports, tmp_path):
+    file = tmp_path / "chart.csv"
+    file.write_text('"global_step","td3__1 - return","td3__2 - return"\n"100","5",""\n')
+    code, _, err = imports("wandb-csv", file, seed_from=r"td3__(\d+)")
+    assert code == 2
+    assert f"{file} has no value of td3__2 - return; leave it out." in err
+
+
 def test_truncated_wandb_chart_is_refused(wandb_file, imports, tmp_path):
     file = wandb_file()
     content = file.read_bytes()
@@ -303,7 +331,7 @@ def test_truncated_wandb_chart_is_refused(wandb_file, imports, tmp_path):
     ("text", "message"),
     [
         ("control_steps,episode_return\n1000,5\n500,6\n", "line 3: the control steps go back"),
-        ("control_steps,episode_return\n1000,5\n1500.5,6\n", "line 3: 1500.5 control steps are"),
+        ("control_steps,episode_return\n1000,5\n1500.5,6\n", "line 3: 1500.5 is no number"),
         ("control_steps,episode_return\n1000,5\n,6\n", "line 3: control_steps is ''"),
         ("control_steps,episode_return\n1000,5\n2000,6,7\n", "line 3: 3 fields"),
         ("step,return\n1000,5\n", "type --steps-column with one of step, return"),

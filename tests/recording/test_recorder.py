@@ -18,7 +18,7 @@ from torch import nn
 import jbench
 from jbench.cli import main
 from jbench.policies.copied import network_of
-from jbench.policies.saved import load_agent
+from jbench.policies.saved import has_policy, load_agent
 from jbench.recording.request import plain_hyperparameters
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import read_run
@@ -329,6 +329,29 @@ def test_complete_run_finishes_when_policy_is_refused(tmp_path):
         it.keep_policy(Residual())
     record = record_of(tmp_path, it.id)
     assert (record.status, record.rows("episodes")) == ("finished", 2)
+
+
+def test_complete_run_finishes_when_policy_returns_wrong_shape(tmp_path):
+    with (
+        pytest.raises(jbench.UnsupportedPolicyError, match=r"it can't act .*the shape \(16,\)"),
+        recorded(tmp_path, evaluate_episodes=0) as it,
+    ):
+        loop(it, None)
+        it.keep_policy(nn.Sequential(nn.Linear(16, 1), nn.Flatten(0)))
+    assert record_of(tmp_path, it.id).status == "finished"
+
+
+def test_second_block_of_recording_starts_over(tmp_path):
+    recording, firsts = recorded(tmp_path, evaluate_episodes=0), []
+    with pytest.raises(KeyError), recording:
+        firsts.append(recording.env().reset()[0])
+        recording.keep_policy(Actor())
+        raise KeyError
+    with recording:
+        firsts.append(recording.env().reset()[0])
+        loop(recording, None)
+    np.testing.assert_array_equal(*firsts)
+    assert not has_policy(record_of(tmp_path, recording.id))
 
 
 def test_full_observation_is_none_as_encoder(tmp_path):

@@ -87,6 +87,7 @@ def test_invalid_scene_is_refused(settings, sentence):
         ((100, 1.0, 7), range(8), 0.01),
         ((25, 0.5, 100), range(0, 101, 2), 0.04),  # slow motion: more frames
         ((25, 2.0, 100), range(0, 101, 8), 0.04),
+        ((29, 0.29, 100), range(101), 1 / 29),  # the highest rate, although 0.29 / 0.01 < 29
     ],
 )
 def test_video_steps_have_requested_rate_and_speed(settings, steps, interval):

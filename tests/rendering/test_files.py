@@ -82,6 +82,17 @@ def test_odd_video_size_is_padded_to_even(tmp_path):
     assert np.abs(np.frombuffer(shown[1], np.uint8).astype(int) - 128).max() < 4
 
 
+def test_animation_has_requested_length():
+    pictures = [np.full((8, 8, 3), shade, np.uint8) for shade in range(0, 210, 30)]
+    animation = Image.open(io.BytesIO(write.gif(pictures, 3 / 70)))
+    durations = []
+    for number in range(animation.n_frames):
+        animation.seek(number)
+        durations.append(animation.info["duration"])
+    assert set(durations) == {40, 50}
+    assert sum(durations) == 300  # ms, 7 * 3 / 70 s
+
+
 def test_animation_keeps_colours_of_late_frames():
     blue, green = np.zeros((2, 40, 60, 3), np.uint8)
     blue[...], green[...] = (60, 100, 160), (40, 160, 80)

@@ -14,7 +14,6 @@ from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.tasks.features import TASK_SPECS
-from jbench.wording import counted
 
 _PREFIX = f"{OFE}."
 
@@ -77,12 +76,13 @@ def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
             of stable-baselines3's interface refuses its settings.
     """
     runs = [validated(RunSettings, "the run", seed=seed, **fields) for seed in seeds]
-    min_steps, steps = EPISODE_STEPS * runs[0].environments, runs[0].steps
+    count, steps = runs[0].environments, runs[0].steps
+    min_steps = EPISODE_STEPS * count
     if steps < min_steps:
+        each = f" in each of {count} environments" if count > 1 else ""
         raise RequestError(
             f"No episode of {runs[0].algo} would end in {steps} control steps: it takes "
-            f"{EPISODE_STEPS} in each of {counted(runs[0].environments, 'environment')}; type "
-            f"{min_steps} or more."
+            f"{EPISODE_STEPS}{each}; type {min_steps} or more."
         )
     if runs[0].engine == "sb3" and not runs[0].is_ours:
         from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import

@@ -1,7 +1,8 @@
 """Actions of whatever a caller trains: a torch module, a stable-baselines3 model, a function."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+import inspect
+from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
 
 Actor = Any
-"""A torch module, a model with `predict`, or a function: actions (n, 1) for observations (n, size)
-as float32 arrays (as tensors for a module). It must be deterministic."""
+"""A torch module, a model or policy of stable-baselines3, or a function: actions (n, 1) for
+observations (n, size) as float32 arrays (as tensors for a module). It must be deterministic."""
 
 
 @contextlib.contextmanager
@@ -42,13 +43,14 @@ def acting(actor: Actor) -> Iterator[Act]:
 
 
 def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
+    # Also a policy of stable-baselines3, a module whose actions are random when it is called.
+    if "deterministic" in _parameters(getattr(actor, "predict", None)):
+        return _function_of_model(actor)
     if isinstance(actor, nn.Module):
         parameter = next(actor.parameters(), torch.empty(0))
         return lambda observations: actor(
             torch.as_tensor(observations, dtype=parameter.dtype, device=parameter.device)
         )
-    if hasattr(actor, "predict"):
-        return _function_of_model(actor)
     if callable(actor):
         function: Callable[[NDArray[np.float32]], Any] = actor
         return function
@@ -56,6 +58,10 @@ def _function(actor: Actor) -> Callable[[NDArray[np.float32]], Any]:
         f"A {type(actor).__name__} can't act: pass a torch module, a stable-baselines3 model, or a "
         "function of observations."
     )
+
+
+def _parameters(function: Any) -> Collection[str]:
+    return inspect.signature(function).parameters if callable(function) else ()
 
 
 def _function_of_model(model: Any) -> Callable[[NDArray[np.float32]], Any]:

@@ -44,7 +44,7 @@ def record(
     steps: int,
     hyperparameters: Mapping[str, Any],
     results: Path | str = "results",
-    encoder: str = "none",
+    encoder: str | int = "none",
     time_limit: TimeLimit = "bootstrap",
     augment: int | None = None,
     evaluate_every: int = 50_000,
@@ -81,7 +81,7 @@ def record(
         seed=seed,
         steps=steps,
         hyperparameters=hyperparameters,
-        encoder=encoder,
+        encoder=str(encoder),
         time_limit=time_limit,
         augment=augment,
         evaluate_every=evaluate_every,
@@ -206,8 +206,8 @@ class Recording:
         """Evaluates a policy if `evaluate_every` control steps have passed.
 
         Args:
-            actor: deterministic: a torch module, a stable-baselines3 model, or a function that
-                returns actions (n, 1) for (encoded) observations (n, size).
+            actor: deterministic: a torch module, a model or policy of stable-baselines3, or a
+                function that returns actions (n, 1) for (encoded) observations (n, size).
 
         Returns:
             The returns (evaluate_episodes,), or None if no evaluation was due.

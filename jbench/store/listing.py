@@ -128,7 +128,7 @@ def run_line(record: Record) -> RunLine:
         last_return=None,
         created=manifest.created,
         updated=manifest.updated,
-        error=str(manifest.summary.get("error")) if manifest.status == "failed" else None,
+        error=record.error,
     )
 
 

@@ -56,6 +56,11 @@ class RecordReader:
         return self.manifest.status
 
     @property
+    def error(self) -> str | None:
+        """Why the work failed; None if it did not."""
+        return str(self.manifest.summary.get("error")) if self.status == "failed" else None
+
+    @property
     def settings(self) -> dict[str, Any]:
         """The settings that produced the record."""
         return self.manifest.settings

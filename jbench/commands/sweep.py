@@ -120,7 +120,7 @@ def sweep(
     from jbench.sweeps.cell_status import cell_statuses, seconds_left
     from jbench.sweeps.executors import Local
     from jbench.sweeps.matrix import matrix_cells, read_matrix
-    from jbench.training.status import failures_among
+    from jbench.training.status import failures_among, run_statuses
 
     output, database = Output(json), parsing.results_to_write(results)
     if not until_decided and (claims or max_seeds is not None):
@@ -157,7 +157,7 @@ def sweep(
             )
 
     cells = matrix_cells(parts, database)
-    warn_of_short_runs(list(all_runs(cells)), output)
+    warn_of_short_runs([cell.runs[0] for cell in cells], output)
     if until_decided:
         limit = _MAX_SEEDS if max_seeds is None else max_seeds
         _decide(matrix, cells, claims or [], database, limit, None if dry_run else train, output)
@@ -167,7 +167,7 @@ def sweep(
     statuses = cell_statuses(cells, database, at_a_time, train_on, quick=dry_run)
     show_matrix(f"{matrix}: {counted(len(runs), 'run')}", statuses, at_a_time, dry_run, output)
     missing = show_missing(cells, database, output)
-    failures |= failures_among(runs, database)
+    failures |= failures_among(run_statuses(runs, database))
     output.document(
         {
             "matrix": matrix,
@@ -200,7 +200,7 @@ def _decide(
     from jbench.report.analysis.sequential import BLOCK
     from jbench.sweeps.cell import all_runs
     from jbench.sweeps.deciding import comparisons, looks
-    from jbench.training.status import failures_among
+    from jbench.training.status import failures_among, run_statuses
 
     chosen = comparisons(cells, claims)
     if max_seeds < BLOCK or max_seeds % BLOCK:
@@ -213,7 +213,8 @@ def _decide(
         output.say(
             f"Needed next: {counted(len(needed), 'run')} in {counted(len(look.needed), 'cell')}."
         )
-    failures = failures_among((run for one in look.outcomes for run in one.needed), results)
+    tried = (run for one in look.outcomes for run in one.needed)
+    failures = failures_among(run_statuses(tried, results))
     output.document(
         {
             "matrix": matrix,

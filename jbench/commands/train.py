@@ -120,7 +120,7 @@ def train(
     from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
     from jbench.training.request import request_runs, training_device
-    from jbench.training.status import failures_among, is_ended
+    from jbench.training.status import failures_among, run_statuses
 
     if task == "all" or "," in task:
         raise RequestError("jbench train trains one task; type jbench sweep FILE for several.")
@@ -150,7 +150,7 @@ def train(
         precision=chosen_precision,
         parallel=environments,
     )
-    display.warn_of_short_runs(runs, output)
+    display.warn_of_short_runs(runs[:1], output)
     with logged(log, database, runs, output):
         failures = sweep(
             [Cell(task, algo, runs[0].representation, runs, base)],
@@ -160,9 +160,10 @@ def train(
             retry_failed=retry_failed,
             wait=False,
         )
-    failures |= failures_among(runs, database)
+    statuses = run_statuses(runs, database)
+    failures |= failures_among(statuses)
     # Other processes are training them.
-    left = [run.id for run in runs if not is_ended(run, database)]
+    left = [id for id, status in statuses.items() if not status.is_ended]
     display.show_runs(runs, database, output)
     if len(left) < len(runs):
         output.say(f"Next: {with_results('jbench report', results)}")

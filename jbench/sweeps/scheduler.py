@@ -32,7 +32,7 @@ from jbench.sweeps.executors import Executor, Local, Message, batches
 from jbench.sweeps.prepare import clean, prepare
 from jbench.sweeps.watcher import Watcher
 from jbench.training.memory import memory_sentence
-from jbench.training.status import is_being_trained, is_ended, plan, record_failure, run_status
+from jbench.training.status import is_being_trained, plan, record_failure, run_status
 
 _LOOK_EVERY = 2.0  # s between two looks at the runs that another process is training
 _MAX_DEATHS = 3  # a run fails when this many of its processes have died
@@ -253,7 +253,7 @@ class _Scheduler:
         self._add(free)
 
     def _is_free(self, run: RunSettings) -> bool:
-        return is_ended(run, self._results) or not is_being_trained(run, self._results)
+        return run_status(run, self._results).is_ended or not is_being_trained(run, self._results)
 
     def _fail(self, run: RunSettings, reason: str) -> None:
         self._failures[run.id] = reason

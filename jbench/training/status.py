@@ -26,6 +26,11 @@ class RunStatus(NamedTuple):
     steps_left: int
     error: str = ""
 
+    @property
+    def is_ended(self) -> bool:
+        """Whether the run has finished or failed."""
+        return self.state in ("finished", "failed")
+
 
 class Plan(NamedTuple):
     """The runs of a command and their statuses before it starts, by run id."""
@@ -71,21 +76,21 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
         return RunStatus("finished", 0)
     done = record.rows("episodes") * EPISODE_STEPS if record.roles() else 0
     left = max(0, run.steps - done)
-    if record.status == "failed":
-        return RunStatus("failed", left, str(record.manifest.summary.get("error")))
+    if record.error is not None:
+        return RunStatus("failed", left, record.error)
     return RunStatus("partial", left)
+
+
+def run_statuses(runs: Iterable[RunSettings], results: Results) -> dict[str, RunStatus]:
+    """Returns the status of each run by id."""
+    return {run.id: run_status(run, results) for run in runs}
 
 
 def plan(runs: Sequence[RunSettings], results: Results) -> Plan:
     """Returns the status of each run; removes temporary files of interrupted writers."""
     for run in runs:
         results.clean("run", run.id)
-    return Plan(runs, {run.id: run_status(run, results) for run in runs})
-
-
-def is_ended(run: RunSettings, results: Results) -> bool:
-    """Returns whether a run has finished or failed."""
-    return run_status(run, results).state in ("finished", "failed")
+    return Plan(runs, run_statuses(runs, results))
 
 
 def is_being_trained(run: RunSettings, results: Results) -> bool:
@@ -101,7 +106,6 @@ def record_failure(run: RunSettings, results: Results, reason: str) -> None:
             record.fail(reason)
 
 
-def failures_among(runs: Iterable[RunSettings], results: Results) -> dict[str, str]:
+def failures_among(statuses: Mapping[str, RunStatus]) -> dict[str, str]:
     """Returns the errors of failed runs by id."""
-    statuses = {run.id: run_status(run, results) for run in runs}
     return {id: each.error for id, each in statuses.items() if each.state == "failed"}

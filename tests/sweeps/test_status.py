@@ -11,6 +11,7 @@ from jbench.training.status import (
     is_being_trained,
     record_failure,
     run_status,
+    run_statuses,
 )
 from tests.sweep_matrices import write_matrix
 
@@ -59,7 +60,7 @@ def test_each_status_is_reported_with_steps_left(results, cell):
     found = [run_status(run, results) for run in cell.runs]
     assert [each.state for each in found] == ["finished", "partial", "failed", "missing"]
     assert [each.steps_left for each in found] == [0, 6000, 10_000, 10_000]
-    assert failures_among(cell.runs, results) == {failed.id: "no luck"}
+    assert failures_among(run_statuses(cell.runs, results)) == {failed.id: "no luck"}
     (line,) = cell_statuses([cell], results, jobs=2, quick=False)
     assert (line.finished, line.partial, line.failed, line.missing) == (1, 1, 1, 1)
     assert line.steps_left == 26_000

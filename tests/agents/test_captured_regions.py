@@ -32,7 +32,7 @@ from tests.agents.test_batched_engine import FEW, MANY
 
 GPU = torch.device("meta")
 SEEDS, SIZE = 2, 16
-PAGE = Path(__file__).parents[2] / "docs" / "agents.md"
+PAGE = Path(__file__).parents[2] / "docs" / "speed.md"
 ALLOCATING = ("empty", "empty_like", "empty_strided", "new_empty")
 
 
@@ -124,7 +124,7 @@ def regions_of(
 
 
 def documented(algo, precision):
-    """Kernels of an update in the table of docs/agents.md: one number, or two as for TD3."""
+    """Kernels of an update in the table of docs/speed.md: one number, or two as for TD3."""
     row = re.search(rf"^\| `--precision {precision}` \|(.*)\|$", PAGE.read_text(), re.MULTILINE)
     cells = dict(zip(("ddpg", "td3", "sac", "ppo"), row[1].split("|"), strict=True))
     return [int(number) for number in re.findall("[0-9]+", cells[algo])]

@@ -1,7 +1,7 @@
 """Features learned with an agent by predicting the next observation (OFENet).
 
 Source: Ota et al. (2020), "Can Increasing Input Dimensionality Improve Deep Reinforcement
-Learning?", arXiv:2003.01629. `docs/agents.md` lists the differences.
+Learning?", arXiv:2003.01629. `docs/features.md` lists the differences.
 """
 
 from typing import Any

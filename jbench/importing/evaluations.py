@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+import zlib
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,10 @@ from jbench.importing.request import ImportedFile, ImportRequest
 from jbench.importing.series import Series, check_points
 
 _ARRAYS = ("timesteps", "results", "ep_lengths")
+_UNREADABLE = (
+    *(ValueError, TypeError, AttributeError, OSError, EOFError, RuntimeError, MemoryError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 
 
 def read(file: ImportedFile, request: ImportRequest) -> list[Series]:
@@ -24,9 +29,10 @@ def read(file: ImportedFile, request: ImportRequest) -> list[Series]:
             steps, returns, lengths = (arrays[name].astype(np.float64) for name in _ARRAYS)
     except KeyError as error:
         raise RequestError(f"{file.path} is not of an EvalCallback: {error.args[0]}.") from None
-    except (ValueError, TypeError, AttributeError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except _UNREADABLE as error:
+        reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise RequestError(
-            f"{file.path} is cut off, or not an evaluations.npz ({str(error).splitlines()[0]})."
+            f"{file.path} is cut off, or not an evaluations.npz ({reason})."
         ) from None
     if returns.ndim != 2 or steps.shape != returns.shape[:1] or lengths.shape != returns.shape:
         raise RequestError(

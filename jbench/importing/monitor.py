@@ -14,6 +14,8 @@ from jbench.importing.table import check_columns, read_table
 from jbench.names import TASKS
 from jbench.registration import environment_id
 
+_MAX_TIME = 1e12  # s since 1970; excludes NaN and infinity
+
 
 def read(file: ImportedFile, request: ImportRequest) -> list[Series]:
     """Returns the episodes of one environment; their time is that of the clock, in s.
@@ -61,10 +63,12 @@ def _head(file: ImportedFile) -> dict[str, Any]:
     """Returns the JSON of the first line."""
     try:
         first, _, _ = file.content.partition(b"\n")
-        head = json.loads(first.removeprefix(b"#")) if first[:1] == b"#" else None
+        parsed = json.loads(first.removeprefix(b"#")) if first[:1] == b"#" else None
     except ValueError:
-        head = None
-    if not isinstance(head, dict) or not isinstance(head.get("t_start"), int | float):
+        parsed = None
+    head = parsed if isinstance(parsed, dict) else {}
+    start = head.get("t_start")
+    if not isinstance(start, int | float) or not abs(start) < _MAX_TIME:
         raise RequestError(
             f'{file.path}, line 1: not a file of a Monitor, which begins with {{"t_start": …}} '
             "after a #."

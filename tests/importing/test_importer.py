@@ -217,6 +217,10 @@ def cut(file, bytes_=5):
         (lambda text: text.replace("250.5", "-1500"), "line 4: the return is -1500"),
         (lambda text: text + "900.0,1000,1.0\r\n", "line 6: the time t goes back"),
         (lambda text: text.partition("\n")[2], "line 1: not a file of a Monitor"),
+        *(
+            (lambda text, t=time: text.replace("1000.0", t), "line 1: not a file of a Monitor")
+            for time in ("NaN", "1e999", "9" * 400)
+        ),
         (
             lambda text: text.replace('"None"', '"Jitterbug/MoveToPose-v0"'),
             "is of Jitterbug/MoveToPose-v0, which is --task move_to_pose",
@@ -257,6 +261,11 @@ def test_truncated_evaluations_are_refused(sb3_files, imports, tmp_path):
         code, _, err = imports("sb3-evaluations", file)
         assert code == 2
         assert f"{file} is cut off, or not an evaluations.npz" in err
+    np.savez_compressed(file, timesteps=np.arange(999))
+    damaged = bytearray(file.read_bytes())
+    damaged[60:90] = b"\xff" * 30  # of the compressed array
+    file.write_bytes(damaged)
+    assert f"{file} is cut off, or not an evaluations.npz" in imports("sb3-evaluations", file)[2]
     np.savez(file, timesteps=np.arange(2), results=np.ones((2, 1)))
     assert "not of an EvalCallback" in imports("sb3-evaluations", file)[2]
 

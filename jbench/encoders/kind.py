@@ -116,7 +116,10 @@ class Learned(Kind):
         A kind may override this with a faster implementation that equals autograd.
         """
         loss = self.loss(weights, batch)
-        values = torch.autograd.grad(loss, [weights[name] for name in gradients])
+        # A weight that the loss does not use has a gradient of 0.
+        values = torch.autograd.grad(
+            loss, [weights[name] for name in gradients], materialize_grads=True
+        )
         for gradient, value in zip(gradients.values(), values, strict=True):
             gradient.copy_(value)
         return loss.detach()

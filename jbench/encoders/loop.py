@@ -49,7 +49,8 @@ class EncoderLearner:
         self.kind, self.latents, self.device = kind, latents, device
         self.random = torch.Generator().manual_seed(seed)
         initial = kind.initial(size, latents, self.random)
-        self._flat = torch.cat([value.reshape(-1) for value in initial.values()]).to(device)
+        flat = torch.cat([value.reshape(-1) for value in initial.values()])
+        self._flat = flat.to(device, torch.float32)
         self._flat.grad = torch.zeros_like(self._flat)
         self.weights = _parts(self._flat, initial)
         for value in self.weights.values():

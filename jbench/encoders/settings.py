@@ -6,7 +6,7 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from jbench.encoders.registry import find_kind, make_kind
-from jbench.names import MAX_SEED
+from jbench.names import MAX_SEED, TASKS, known
 from jbench.settings.base import Settings, validated
 from jbench.tasks.features import TASK_SPECS
 
@@ -23,9 +23,12 @@ class EncoderSettings(Settings):
 
     @model_validator(mode="after")
     def _has_a_size_of_its_kind(self) -> "EncoderSettings":
+        known("task", self.task, TASKS)
         sizes = find_kind(self.kind).latent_sizes(self.task)
         if self.latents in sizes:
             return self
+        if not sizes:
+            raise ValueError(f"{self.kind} has no latents for {self.task}; choose another task")
         if len(sizes) == 1:
             raise ValueError(
                 f"{self.kind} of {self.task} has {sizes[0]} latents, not {self.latents}"

@@ -11,6 +11,7 @@ import safetensors.numpy
 import torch
 
 from jbench.encoders import load_encoder
+from jbench.encoders.kind import Learned
 from jbench.encoders.kinds.ae import Autoencoder
 from jbench.encoders.kinds.dae import DenoisingAutoencoder
 from jbench.encoders.kinds.pca import PrincipalComponents
@@ -359,6 +360,7 @@ def test_default_settings_equal_paper():
         ("face_direction", 17, "face_direction has 16 features: latents must be 1 to 16"),
         ("move_from_origin", 16, "latents must be 1 to 15"),
         ("move_to_pose", 100, "latents must be 1 to 19"),
+        ("bogus", 3, "Unknown task 'bogus'; choose move_from_origin"),
         ("face_direction", 0, "latents of the encoder can't be 0"),
         ("face_direction", -1, "greater than or equal to 1"),
     ],
@@ -421,6 +423,27 @@ def test_encoder_with_unusable_weights_is_not_saved(
     monkeypatch.setattr(PrincipalComponents, "fit", lambda *_: fitted)
     with pytest.raises(WorkError, match=f"can't be used: {message}"):
         train(trained.states, results, "pca")
+
+
+class _Scale(Learned):
+    """A kind that draws its weights in float64, and one weight that its loss does not use."""
+
+    def initial(self, size, latents, random):
+        return {"scale": torch.ones(size, dtype=torch.float64), "unused": torch.ones(2)}
+
+    def encode(self, weights, scaled):
+        return scaled * weights["scale"]
+
+    def loss(self, weights, batch):
+        return self.encode(weights, batch.now).square().mean()
+
+
+def test_weights_are_trained_in_float32_and_unused_ones_stay(trained):
+    learner = EncoderLearner(_Scale(batch=500), 16, 16, 0, CPU)
+    learner.epoch(trained.states)
+    assert {value.dtype for value in learner.weights.values()} == {torch.float32}
+    assert (learner.weights["scale"] < 1).all()
+    assert learner.weights["unused"].tolist() == [1, 1]
 
 
 def test_states_of_other_seed_are_refused(trained, results):

@@ -67,6 +67,8 @@ def plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> d
     Raises:
         RequestError: if a value is not a JSON value, or the seed or the steps do not agree.
     """
+    if not isinstance(values, Mapping):
+        raise RequestError(f"hyperparameters is {values!r}: type a dictionary of values by name.")
     plain = {name: _plain(value, f"hyperparameters[{name!r}]") for name, value in values.items()}
     given = {"seed": ("seed", seed), **dict.fromkeys(_STEPS, ("steps", steps))}
     for name, (field, number) in given.items():

@@ -47,7 +47,7 @@ class JitterbugVectorEnv(
         self,
         task: str,
         num_envs: int = 1,
-        max_episode_steps: int = EPISODE_STEPS,
+        max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         **settings: Any,
@@ -55,7 +55,8 @@ class JitterbugVectorEnv(
         """Initialises the environments.
 
         Args:
-            max_episode_steps: control steps after which an episode is truncated; -1 for never.
+            max_episode_steps: control steps after which an episode is truncated, 1000 by default;
+                -1 for never.
             autoreset_mode: when a finished episode is followed by the next, as in `SyncVectorEnv`.
             threads: threads that step the robots, all cores by default; results are the same.
             settings: of every environment, see `JitterbugEnv`.
@@ -70,10 +71,12 @@ class JitterbugVectorEnv(
                 f"render_mode {settings['render_mode']!r} is not one of {one_of(modes)}; "
                 "gymnasium.make has more."
             )
-        if num_envs < 1 or max_episode_steps < -1 or max_episode_steps == 0:
+        limit = EPISODE_STEPS if max_episode_steps is None else max_episode_steps
+        whole = all(isinstance(number, int | np.integer) for number in (num_envs, limit))
+        if not whole or num_envs < 1 or limit < -1 or limit == 0:
             raise RequestError(
-                "num_envs and max_episode_steps must be at least 1, not "
-                f"{num_envs} and {max_episode_steps}."
+                "num_envs and max_episode_steps must be whole numbers of at least 1, not "
+                f"{num_envs} and {limit}."
             )
         # Never stepped: it has the model and the spaces, and draws.
         self._single = JitterbugEnv(task, **settings)
@@ -86,7 +89,7 @@ class JitterbugVectorEnv(
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self._task = task
-        self._limit = _UNLIMITED if max_episode_steps == -1 else max_episode_steps
+        self._limit = _UNLIMITED if limit == -1 else limit
         self._robots = Robots(self._single.model, num_envs, threads or cores())
         self._generators, self._seeds = map(
             list, zip(*(seeding.np_random() for _ in range(num_envs)), strict=True)
@@ -194,9 +197,9 @@ class JitterbugVectorEnv(
             return
         if isinstance(seed, (int, np.integer)):
             seed = [int(seed) + index for index in range(self.num_envs)]
-        if len(seed) != self.num_envs:
+        if np.asarray(seed, np.object_).shape != (self.num_envs,):
             raise RequestError(
-                f"seed is a number or a list of {self.num_envs}, not of {len(seed)}."
+                f"seed is a whole number or a list of {self.num_envs}, not {seed!r}."
             )
         for index in np.flatnonzero(mask).tolist():
             if (given := seed[index]) is not None:

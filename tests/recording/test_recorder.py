@@ -377,6 +377,7 @@ def test_saved_layers_equal_torch():
         ({"algo": "a/b"}, "algo of the run can't be 'a/b'"),
         ({"steps": 40}, "No episode would end in 40 control steps"),
         ({"encoder": "ofe12"}, "learned together with jbench's own agents"),
+        ({"hyperparameters": None}, "hyperparameters is None: type a dictionary"),
         ({"hyperparameters": {"seed": 4}}, "hyperparameters['seed'] is 4, but seed=7"),
         ({"hyperparameters": {"f": print}}, "hyperparameters['f'] is <built-in function print>"),
         ({"package": "no-such-package"}, "package='no-such-package' is not an installed"),

@@ -133,8 +133,9 @@ def test_returned_arrays_are_copies():
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"num_envs": 0}, "must be at least 1, not 0 and 1000"),
-        ({"max_episode_steps": 0}, "must be at least 1, not 1 and 0"),
+        ({"num_envs": 0}, "of at least 1, not 0 and 1000"),
+        ({"max_episode_steps": 0}, "of at least 1, not 1 and 0"),
+        ({"num_envs": 2.5, "max_episode_steps": None}, "must be whole numbers .* 2.5 and 1000"),
         ({"render_mode": "human"}, "'human' is not one of rgb_array"),
         ({"autoreset_mode": "Never"}, "'Never' is not a valid AutoresetMode"),
         ({"task": "fly"}, "'fly' is not one of move_from_origin"),
@@ -148,7 +149,8 @@ def test_wrong_settings_are_refused(settings, says):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"seed": [1, 2]}, "a list of 3, not of 2"),
+        ({"seed": [1, 2]}, r"a list of 3, not \[1, 2\]"),
+        ({"seed": 1.5}, "a whole number or a list of 3, not 1.5"),
         ({"options": {"goal": 1}}, "no option goal"),
         ({"options": {"target": [[1], [2]]}}, r"of shape \(1,\) or \(3, 1\)"),
         ({"options": {"reset_mask": [True, False]}}, "an array of 3 booleans"),

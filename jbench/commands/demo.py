@@ -15,7 +15,7 @@ from jbench.commands.output import Output
 # Smaller networks and batches, and fewer random first steps than the paper's TD3, so that it learns
 # in minutes.
 _AGENTS = (
-    "train --algo td3 --seeds 0-1 --steps 30000 --set hidden_layers=[128,128] "
+    "train --algo td3 --seeds 0-1 --steps 25000 --set hidden_layers=[128,128] "
     "--set batch_size=64 --set learning_rate=1e-3 --set learning_starts=5000 --evaluate-episodes 5"
 )
 
@@ -39,7 +39,7 @@ def demo(context: typer.Context, results: ResultsOption = _RESULTS) -> None:
     output = Output()
     output.say(
         "jbench demo: TD3 on face_direction, full and encoded, 2 seeds; networks of [128, 128]\n"
-        "instead of the paper's [350, 250], 30,000 steps instead of 5,000,000."
+        "instead of the paper's [350, 250], 25,000 steps instead of 5,000,000."
     )
     for command in COMMANDS:
         arguments = [*command.split(), "--results", str(results)]

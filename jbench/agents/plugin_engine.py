@@ -1,5 +1,6 @@
 """The training loop of an agent of another package, for one seed, and its complete state."""
 
+import contextlib
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -120,8 +121,7 @@ class PluginEngine(Closing):
     def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
         """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
         inputs = self.environments.encode(torch.from_numpy(observations))[0].numpy()
-        gpus = [self._device] if self._device.type == "cuda" else []
-        with torch.no_grad(), torch.random.fork_rng(gpus):
+        with torch.no_grad(), _kept_generators(self._device):
             return self._checked("act", self._agent.act(inputs), inputs)[None]
 
     def policy(self, seed: int) -> Network | None:
@@ -130,7 +130,7 @@ class PluginEngine(Closing):
         Raises:
             UnsupportedPolicyError: if it is not a sequence of supported layers.
         """
-        module = self._agent.policy()
+        module = self._module()
         return None if module is None else network_of(module, self.environments.size)
 
     def losses(self, seed: int) -> dict[str, float]:
@@ -139,7 +139,7 @@ class PluginEngine(Closing):
 
     def check_weights(self) -> None:
         """Records a divergence if a parameter of the policy is not finite."""
-        module = self._agent.policy()
+        module = self._module()
         parameters = module.parameters() if isinstance(module, nn.Module) else ()
         if not all(bool(parameter.isfinite().all()) for parameter in parameters):
             self._record_divergence("weights")
@@ -175,9 +175,14 @@ class PluginEngine(Closing):
         self._agent.restore(unpack(scalars["agent"], tensors))
         _restore_generators(unpack(scalars["generators"], tensors), self._device)
 
+    def _module(self) -> nn.Module | None:
+        """Returns the agent's policy; a new module draws its initial weights."""
+        with _kept_generators(self._device):
+            return self._agent.policy()
+
     def _checked(
         self, method: str, actions: Any, observations: NDArray[np.float32]
-    ) -> NDArray[np.floating]:
+    ) -> NDArray[np.float64]:
         """Returns actions (n, 1); records a divergence and returns 0 if one is not finite."""
         wanted = (len(observations), 1)
         if isinstance(actions, torch.Tensor):
@@ -187,7 +192,7 @@ class PluginEngine(Closing):
                 f"{method} of the agent {self._name} returned the shape {np.shape(actions)} for "
                 f"observations {observations.shape}; it must return actions {wanted}."
             )
-        checked: NDArray[np.floating] = np.asarray(actions, np.float64)
+        checked: NDArray[np.float64] = np.asarray(actions, np.float64)
         if np.isfinite(checked).all():
             return checked
         self._record_divergence("actions")
@@ -210,6 +215,17 @@ class PluginEngine(Closing):
 
 Trainer = Engine | PluginEngine
 """What trains the agents of a batch of runs."""
+
+
+@contextlib.contextmanager
+def _kept_generators(device: torch.device) -> Iterator[None]:
+    """Leaves the global random generators as they were before the block.
+
+    A checkpoint, whose time is arbitrary, and an evaluation must not change the training.
+    """
+    states = _generators(device)
+    yield
+    _restore_generators(states, device)
 
 
 def _generators(device: torch.device) -> dict[str, Any]:

@@ -140,13 +140,30 @@ def test_transitions_follow_episodes_and_time_limit(time_limit):
             assert follows is not ends
 
 
-def test_evaluation_does_not_change_training():
+class DrawingWhenAsked(RandomAgent):
+    """Draws from all global generators in `act` and `policy` as well."""
+
+    def act(self, observations):
+        self.draw()
+        return super().act(observations)
+
+    def policy(self):
+        self.draw()
+        return super().policy()
+
+    def draw(self):
+        torch.randn(1), np.random.normal(), random.random()
+
+
+def test_evaluations_and_checkpoints_do_not_change_training():
     outcomes = []
-    for evaluates in (False, True):
-        with engine_of() as engine:
+    for asks in (False, True):
+        with engine_of(DrawingWhenAsked) as engine:
             for _ in engine.learn(40):
-                if evaluates:
+                if asks:
                     engine.act(np.ones((1, 5, 16), np.float32))
+                    engine.check_weights()
+                    engine.policy(0)
             outcomes.append(engine.policy(0).tensors()["0.weight"])
     assert np.array_equal(*outcomes)
 

@@ -11,6 +11,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
+from jbench.training.reproduce import reproduce
 from tests.command_line import SHORT, Process, succeed
 from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
 from tests.training.small_runs import rows, shorten_episodes
@@ -170,6 +171,14 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
     assert notices == [(run, 0, reason)]
     record = results.find("run", run.id)
     assert record.read("episodes")["episode"].to_pylist() == list(range(8))
+
+
+def test_run_of_agent_without_state_is_reproduced(installed, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    run, results = settings("without-state"), Results(tmp_path)
+    assert run_batch([run], results, None) == {}
+    done = reproduce(results, results.find("run", run.id), 2)
+    assert done.retraining == (2, 0, 100, False, None)
 
 
 def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):

@@ -7,7 +7,9 @@ than the products of small matrices.
 """
 
 import copy
+import itertools
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -90,12 +92,19 @@ class AutogradLearner(OffPolicyLearner):
             if isinstance(policy, Network)
             else []
         )
-        *inner, weight, bias = self._groups["actor"].values.values()
-        parameters = [*inner, weight[:1], bias[:1]]
-        if [array.shape for array in arrays] != [tuple(one.shape) for one in parameters]:
+        actor: Any = self._rule.actor
+        # None for what a layer lacks, such as its bias: the policy has a constant array there.
+        *inner, weight, bias = (
+            one for each in actor.modules() for one in each._parameters.values()
+        )
+        pairs = list(itertools.zip_longest([*inner, weight[:1], bias[:1]], arrays))
+        if len(arrays) != len(inner) + 2 or any(
+            one is not None and one.shape != array.shape for one, array in pairs
+        ):
             raise ValueError(OTHER_LAYERS)
-        for one, array in zip(parameters, arrays, strict=True):
-            one.copy_(torch.from_numpy(np.array(array)))
+        for one, array in pairs:
+            if one is not None:
+                one.copy_(torch.from_numpy(np.array(array)))
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """See `OffPolicyLearner.is_delayed_update`."""

@@ -29,7 +29,7 @@ def flat_parts(flat: Tensor, shapes: Iterable[Sequence[int]]) -> list[Tensor]:
     start, parts = 0, []
     for shape in shapes:
         count = math.prod(shape)
-        parts.append(flat[..., start : start + count].view(*flat.shape[:-1], *shape))
+        parts.append(flat[..., start : start + count].view((*flat.shape[:-1], *shape)))
         start += aligned(count)
     return parts
 

@@ -13,8 +13,14 @@ from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS, Base, Engine, known
-from jbench.settings.algorithms import SETTINGS, OffPolicySettings, algorithm_settings
+from jbench.settings.algorithms import (
+    SETTINGS,
+    AlgorithmSettings,
+    OffPolicySettings,
+    algorithm_settings,
+)
 from jbench.settings.base import Settings, settings_with
+from jbench.settings.run import RunSettings
 
 GROUPS: dict[str, Engine] = {"jbench.agents": "plugin", "jbench.rules": "batched"}
 """Groups of entry points, agents and update rules, and the engine that trains each."""
@@ -151,6 +157,19 @@ def algorithm_fields(
         "hyperparameters": settings.model_dump(mode="json"),
         "package": plugins.package_of(_entry_point(algo)),
     }
+
+
+def algorithm_of(settings: RunSettings) -> AlgorithmSettings:
+    """Returns the hyperparameters of a run of the batched engine as an object.
+
+    Raises:
+        RequestError: if its update rule is not installed.
+        WorkError: if the package of the rule can't be imported.
+    """
+    if settings.is_ours:
+        return settings.algorithm
+    kind = find_rule(settings.algo).Settings
+    return settings_with(kind, settings.algo, settings.hyperparameters)
 
 
 def code_of(algo: str) -> dict[str, str | None]:

@@ -64,6 +64,25 @@ class OffPolicySettings(AlgorithmSettings):
         """Control steps before the first update, with one environment."""
         return self.train_freq * (self.learning_starts // self.train_freq + 1)
 
+    def schedule(self, environments: int) -> tuple[int, int]:
+        """Returns the steps per environment between learning phases, and the updates per phase.
+
+        More environments take fewer steps each, so the ratio of updates to control steps does not
+        depend on their number.
+
+        Raises:
+            RequestError: if the number of updates per phase is not an integer.
+        """
+        steps = max(1, self.train_freq // environments)
+        updates, remainder = divmod(self.gradient_steps * steps * environments, self.train_freq)
+        if remainder:
+            raise RequestError(
+                f"{environments} environments can't share {self.gradient_steps} updates every "
+                f"{self.train_freq} control steps: type a number of environments that divides "
+                f"{self.train_freq}."
+            )
+        return steps, updates
+
 
 class DeterministicSettings(OffPolicySettings):
     """Settings of DDPG and TD3, whose policies are deterministic."""

@@ -6,7 +6,7 @@ training script, which runs stable-baselines 2 and differs from Table 1; `docs/a
 differences.
 """
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
 
@@ -149,7 +149,9 @@ class SACSettings(OffPolicySettings):
     gradient_steps: PositiveInt = Field(default=1, description="stable-baselines 2")
     tau: float = Field(default=0.005, gt=0, le=1, description="stable-baselines 2")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
-    ent_coef: float | Literal["auto"] = Field(default="auto", description="stable-baselines 2")
+    ent_coef: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
+        default="auto", description="stable-baselines 2"
+    )
     target_entropy: float | Literal["auto"] = Field(
         default=-1.0, description="minus the number of actions; stable-baselines 2"
     )

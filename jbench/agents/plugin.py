@@ -118,7 +118,8 @@ class Agent(ABC):
 
         Returns:
             Dictionaries, lists and tuples of tensors, arrays, numbers, texts, booleans and None,
-            such as the `state_dict` of a module or an optimizer.
+            such as the `state_dict` of a module or an optimizer. A named tuple is restored as a
+            tuple.
         """
         raise NotImplementedError
 

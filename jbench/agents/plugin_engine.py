@@ -93,10 +93,12 @@ class PluginEngine(Closing):
         """Trains until `steps` control steps are made; see `Engine.learn`.
 
         Raises:
-            WorkError: if the agent returns actions of a wrong shape, or losses without a column.
+            WorkError: if the agent returns actions of a wrong shape, or losses that are no
+                dictionary or have no column.
         """
         while self.control_steps < steps and not self.diverged:
-            observations = self.environments.observations[0].numpy()
+            # Copies, since an agent may change its arrays, and a resumed one gets them anew.
+            observations = self.environments.observations[0].numpy().copy()
             actions = self._checked("explore", self._agent.explore(observations), observations)
             if self.diverged:
                 yield None
@@ -106,7 +108,7 @@ class PluginEngine(Closing):
             ends = step.episode_returns is not None
             terminated = np.full(len(actions), ends and self._time_limit == "terminal")
             truncated = np.full(len(actions), ends and self._time_limit == "bootstrap")
-            next_observations = step.observations[0].numpy()
+            next_observations = step.observations[0].numpy().copy()
             rewards = step.rewards[0].astype(np.float32)
             transition = Transition(
                 observations, actions, rewards, next_observations, terminated, truncated
@@ -199,6 +201,11 @@ class PluginEngine(Closing):
         return np.zeros(wanted)
 
     def _note_losses(self, losses: Mapping[str, float]) -> None:
+        if not isinstance(losses, Mapping):
+            raise WorkError(
+                f"learn of the agent {self._name} returned a {type(losses).__name__}; it must "
+                "return a dictionary of losses, {} if there are none."
+            )
         numbers = {name: float(value) for name, value in losses.items()}
         if unknown := sorted(numbers.keys() - schema.LOSSES):
             raise WorkError(

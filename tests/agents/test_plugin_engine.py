@@ -140,6 +140,26 @@ def test_transitions_follow_episodes_and_time_limit(time_limit):
             assert follows is not ends
 
 
+class ChangingArrays(RandomAgent):
+    """Changes the arrays that it is given."""
+
+    def learn(self, transition):
+        losses = super().learn(transition)
+        transition.next_observations[:] = 0
+        return losses
+
+
+def test_agent_that_changes_its_arrays_continues_bit_for_bit():
+    with engine_of(ChangingArrays) as engine, engine_of(ChangingArrays) as resumed:
+        list(engine.learn(34))
+        state = engine.state(0)
+        list(engine.learn(40))
+        resumed.restore([state])
+        list(resumed.learn(40))
+        weights = [each.policy(0).tensors()["0.weight"] for each in (engine, resumed)]
+    assert np.array_equal(*weights)
+
+
 class DrawingWhenAsked(RandomAgent):
     """Draws from all global generators in `act` and `policy` as well."""
 
@@ -178,6 +198,15 @@ def test_actions_of_wrong_shape_are_refused():
         pytest.raises(WorkError, match=r"returned the shape \(5,\) .* must return actions \(5, 1"),
     ):
         engine.act(np.ones((1, 5, 16), np.float32))
+
+
+def test_losses_that_are_no_dictionary_are_refused():
+    class Forgetful(RandomAgent):
+        def learn(self, transition):
+            pass
+
+    with engine_of(Forgetful) as engine, pytest.raises(WorkError, match="returned a NoneType; it"):
+        next(engine.learn(10))
 
 
 def test_nonfinite_loss_is_divergence():

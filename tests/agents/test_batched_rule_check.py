@@ -75,6 +75,12 @@ class WithRandomBuffer(TD3):
         self.register_buffer("projection", torch.randn(observation_size, 4))
 
 
+class WithTensor(TD3):
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        self.levels = torch.linspace(0, 1, 5)
+
+
 class WithSharedModule(TD3):
     targets = ("critics",)
     delayed = ()
@@ -97,6 +103,7 @@ class WithSharedModule(TD3):
         (changed(__init__=without_layers), "its actor is no nn.Sequential that ends in a Linear"),
         (ExploringFlat, r"explore returns \(16,\), not an action for each observation, \(16, 1\)"),
         (WithRandomBuffer, "its buffer projection is random, but seeds share buffers"),
+        (WithTensor, "levels is a tensor that does not move to a GPU; use register_buffer"),
         (WithSharedModule, "trunk is the module actor.0; each must have its own"),
         (PerTransition, r"actor_loss returns \(16,\), not one number; take the mean"),
         (WithDropout, "actor_loss draws random numbers; use batch.noise"),

@@ -73,6 +73,10 @@ def _faults_of_modules(rule: Rule, again: Rule) -> Iterator[str]:
                 f"its buffer {name} is random, but seeds share buffers, which are not saved; make "
                 "it a parameter"
             )
+    for module in rule.modules():
+        for name, value in vars(module).items():
+            if isinstance(value, Tensor):
+                yield f"{name} is a tensor that does not move to a GPU; use register_buffer"
     first = {module: name for name, module in rule.named_modules()}
     for name, module in rule.named_modules(remove_duplicate=False):
         if name != first[module] and any(True for _ in module.parameters()):

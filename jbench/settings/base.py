@@ -109,5 +109,7 @@ def _refusal(error: ValidationError, kind: type[BaseModel], whose: str) -> Reque
     field = kind.model_fields.get(name)
     # A title is the name that users know the field by.
     named = field.title if field is not None and field.title else name
+    if first["type"] == "missing":
+        return RequestError(f"{named} of {whose} has no default: give it a value.")
     subject = f"{named} of {whose} can't be {first['input']!r}: " if name else ""
     return RequestError(f"{subject}{message}.")

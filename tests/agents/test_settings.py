@@ -264,12 +264,15 @@ def test_duplicate_override_is_refused():
 
 def test_recorded_settings_of_every_json_type_are_read_again():
     class Own(jbench.AgentSettings):
+        speed: int
         units: tuple[int, ...] = (64, 64)
         kind: Kind = Kind.LARGE
         noise: float = 0.1
 
-    chosen = settings_with(Own, "own", {"units": [8], "noise": 1 / 3})
-    assert chosen == Own(units=(8,), noise=1 / 3)
+    chosen = settings_with(Own, "own", {"speed": 1, "units": [8], "noise": 1 / 3})
+    assert chosen == Own(speed=1, units=(8,), noise=1 / 3)
     assert settings_with(Own, "own", chosen.model_dump(mode="json")) == chosen
     with pytest.raises(RequestError, match="units of own can't be 8: it should be a list in brack"):
-        settings_with(Own, "own", {"units": 8})
+        settings_with(Own, "own", {"speed": 1, "units": 8})
+    with pytest.raises(RequestError, match="speed of own has no default: give it a value"):
+        settings_with(Own, "own", {})

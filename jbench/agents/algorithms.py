@@ -229,7 +229,7 @@ def _load(what: str, name: str, base: type, settings: type[Settings], methods: s
             f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; fix or "
             "uninstall the package that offers it."
         )
-    if not issubclass(kind.Settings, settings):
+    if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, settings)):
         raise WorkError(
             f"Settings of the {what} {name} is no subclass of jbench.{settings.__name__}."
         )

@@ -116,6 +116,7 @@ def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, capsys
     [
         ("broken", "The agent broken can't be loaded from other_agents:Missing"),
         ("no-agent", "The agent no-agent is no subclass of jbench.Agent"),
+        ("no-settings", "Settings of the agent no-settings is no subclass of jbench.AgentSettings"),
     ],
 )
 def test_entry_point_that_is_not_an_agent_is_refused(installed, algo, sentence, tmp_path, capsys):
@@ -182,7 +183,7 @@ def test_run_of_agent_without_state_is_reproduced(installed, tmp_path, monkeypat
 
 
 def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
-    # Two entry points of the package can't be loaded.
+    # Three entry points of the package can't be loaded.
     assert main(["algorithms", "--json"]) == 1
     printed = json.loads(capsys.readouterr().out)
     found = {each["name"]: each for each in printed["algorithms"]}
@@ -197,7 +198,7 @@ def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
     }
     td3 = {each["name"]: each["default"] for each in found["td3"]["settings"]}
     assert (td3["tau"], td3["hidden_layers"]) == (0.005, [350, 250])
-    assert [each["name"] for each in printed["broken"]] == ["broken", "no-agent"]
+    assert [each["name"] for each in printed["broken"]] == ["broken", "no-agent", "no-settings"]
     assert main(["algorithms", "sb3_contrib:TQC"]) == 0
     assert "top_quantiles_to_drop_per_net" in capsys.readouterr().out
 

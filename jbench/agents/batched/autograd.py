@@ -56,7 +56,7 @@ class AutogradLearner(OffPolicyLearner):
         }
         self._rule = copy.deepcopy(rule).to(view.device, self._loss_sums.dtype)
         self._rule.requires_grad_(False)
-        if not view.batch_shape:
+        if not view.is_stack:
             for name, values in self._parameters.items():
                 self._rule.get_parameter(name).data = values
         self._adams = {
@@ -137,7 +137,7 @@ class AutogradLearner(OffPolicyLearner):
         self, loss: str, trained: Mapping[str, Tensor], batch: Batch
     ) -> tuple[Tensor, list[Tensor]]:
         """Returns a loss (...,) and its gradient by the parameters that it trains."""
-        if self.view.batch_shape:
+        if self.view.is_stack:
             others = {name: each for name, each in self._parameters.items() if name not in trained}
             return differentiate_stack(self._rule, loss, trained, others, batch)
         leaves = [self._rule.get_parameter(name).requires_grad_() for name in trained]
@@ -149,7 +149,7 @@ class AutogradLearner(OffPolicyLearner):
     @torch.no_grad()
     def _call(self, method: str, *inputs: Tensor) -> Tensor:
         """Returns what a method of the rule makes of inputs (..., N, any)."""
-        if not self.view.batch_shape:
+        if not self.view.is_stack:
             alone: Tensor = self._rule(method, *inputs)
             return alone
         return call_stack(self._rule, method, self._parameters, *inputs)

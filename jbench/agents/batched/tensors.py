@@ -120,6 +120,11 @@ class SeedView:
         return TwinView(self._tensors)
 
     @property
+    def is_stack(self) -> bool:
+        """Whether these are the tensors of all seeds, with a leading axis."""
+        return self._seed is None
+
+    @property
     def device(self) -> torch.device:
         """Device of the tensors."""
         return self._tensors.device

@@ -13,8 +13,14 @@ from jbench.agents.batched.rule import Rule
 from jbench.agents.plugin import Agent, AgentSettings
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS, Base, Engine, known
-from jbench.settings.algorithms import SETTINGS, OffPolicySettings, algorithm_settings
+from jbench.settings.algorithms import (
+    SETTINGS,
+    AlgorithmSettings,
+    OffPolicySettings,
+    algorithm_settings,
+)
 from jbench.settings.base import Settings, settings_with
+from jbench.settings.run import RunSettings
 
 GROUPS: dict[str, Engine] = {"jbench.agents": "plugin", "jbench.rules": "batched"}
 """Groups of entry points, agents and update rules, and the engine that trains each."""
@@ -153,6 +159,19 @@ def algorithm_fields(
     }
 
 
+def algorithm_of(settings: RunSettings) -> AlgorithmSettings:
+    """Returns the hyperparameters of a run of the batched engine as an object.
+
+    Raises:
+        RequestError: if its update rule is not installed.
+        WorkError: if the package of the rule can't be imported.
+    """
+    if settings.is_ours:
+        return settings.algorithm
+    kind = find_rule(settings.algo).Settings
+    return settings_with(kind, settings.algo, settings.hyperparameters)
+
+
 def code_of(algo: str) -> dict[str, str | None]:
     """Returns provenance of the code of an algorithm; none for those of jbench.
 
@@ -210,7 +229,7 @@ def _load(what: str, name: str, base: type, settings: type[Settings], methods: s
             f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; fix or "
             "uninstall the package that offers it."
         )
-    if not issubclass(kind.Settings, settings):
+    if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, settings)):
         raise WorkError(
             f"Settings of the {what} {name} is no subclass of jbench.{settings.__name__}."
         )

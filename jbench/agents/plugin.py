@@ -44,7 +44,7 @@ class Transition(NamedTuple):
 
     Attributes:
         observations: (environments, observation_size), float32.
-        actions: (environments, 1) as `explore` returned them.
+        actions: (environments, 1) that `explore` returned, as float64 on the CPU.
         rewards: (environments,), float32, in [0, 1].
         next_observations: (environments, observation_size) after the step, also at the end of an
             episode, float32.
@@ -54,7 +54,7 @@ class Transition(NamedTuple):
     """
 
     observations: NDArray[np.float32]
-    actions: NDArray[np.floating]
+    actions: NDArray[np.float64]
     rewards: NDArray[np.float32]
     next_observations: NDArray[np.float32]
     terminated: NDArray[np.bool_]
@@ -65,7 +65,7 @@ class Agent(ABC):
     """An agent that jbench trains.
 
     torch's, numpy's and Python's global random generators are seeded before it is made, and are
-    part of a checkpoint.
+    part of a checkpoint; what `act` and `policy` draw from them is drawn again in training.
 
     Attributes:
         Settings: class of its settings.
@@ -118,7 +118,8 @@ class Agent(ABC):
 
         Returns:
             Dictionaries, lists and tuples of tensors, arrays, numbers, texts, booleans and None,
-            such as the `state_dict` of a module or an optimizer.
+            such as the `state_dict` of a module or an optimizer. A named tuple is restored as a
+            tuple.
         """
         raise NotImplementedError
 

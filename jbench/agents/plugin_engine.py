@@ -1,5 +1,6 @@
 """The training loop of an agent of another package, for one seed, and its complete state."""
 
+import contextlib
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -92,10 +93,12 @@ class PluginEngine(Closing):
         """Trains until `steps` control steps are made; see `Engine.learn`.
 
         Raises:
-            WorkError: if the agent returns actions of a wrong shape, or losses without a column.
+            WorkError: if the agent returns actions of a wrong shape, or losses that are no
+                dictionary or have no column.
         """
         while self.control_steps < steps and not self.diverged:
-            observations = self.environments.observations[0].numpy()
+            # Copies, since an agent may change its arrays, and a resumed one gets them anew.
+            observations = self.environments.observations[0].numpy().copy()
             actions = self._checked("explore", self._agent.explore(observations), observations)
             if self.diverged:
                 yield None
@@ -105,7 +108,7 @@ class PluginEngine(Closing):
             ends = step.episode_returns is not None
             terminated = np.full(len(actions), ends and self._time_limit == "terminal")
             truncated = np.full(len(actions), ends and self._time_limit == "bootstrap")
-            next_observations = step.observations[0].numpy()
+            next_observations = step.observations[0].numpy().copy()
             rewards = step.rewards[0].astype(np.float32)
             transition = Transition(
                 observations, actions, rewards, next_observations, terminated, truncated
@@ -120,8 +123,7 @@ class PluginEngine(Closing):
     def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
         """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
         inputs = self.environments.encode(torch.from_numpy(observations))[0].numpy()
-        gpus = [self._device] if self._device.type == "cuda" else []
-        with torch.no_grad(), torch.random.fork_rng(gpus):
+        with torch.no_grad(), _kept_generators(self._device):
             return self._checked("act", self._agent.act(inputs), inputs)[None]
 
     def policy(self, seed: int) -> Network | None:
@@ -130,7 +132,7 @@ class PluginEngine(Closing):
         Raises:
             UnsupportedPolicyError: if it is not a sequence of supported layers.
         """
-        module = self._agent.policy()
+        module = self._module()
         return None if module is None else network_of(module, self.environments.size)
 
     def losses(self, seed: int) -> dict[str, float]:
@@ -139,7 +141,7 @@ class PluginEngine(Closing):
 
     def check_weights(self) -> None:
         """Records a divergence if a parameter of the policy is not finite."""
-        module = self._agent.policy()
+        module = self._module()
         parameters = module.parameters() if isinstance(module, nn.Module) else ()
         if not all(bool(parameter.isfinite().all()) for parameter in parameters):
             self._record_divergence("weights")
@@ -175,9 +177,14 @@ class PluginEngine(Closing):
         self._agent.restore(unpack(scalars["agent"], tensors))
         _restore_generators(unpack(scalars["generators"], tensors), self._device)
 
+    def _module(self) -> nn.Module | None:
+        """Returns the agent's policy; a new module draws its initial weights."""
+        with _kept_generators(self._device):
+            return self._agent.policy()
+
     def _checked(
         self, method: str, actions: Any, observations: NDArray[np.float32]
-    ) -> NDArray[np.floating]:
+    ) -> NDArray[np.float64]:
         """Returns actions (n, 1); records a divergence and returns 0 if one is not finite."""
         wanted = (len(observations), 1)
         if isinstance(actions, torch.Tensor):
@@ -187,13 +194,18 @@ class PluginEngine(Closing):
                 f"{method} of the agent {self._name} returned the shape {np.shape(actions)} for "
                 f"observations {observations.shape}; it must return actions {wanted}."
             )
-        checked: NDArray[np.floating] = np.asarray(actions, np.float64)
+        checked: NDArray[np.float64] = np.asarray(actions, np.float64)
         if np.isfinite(checked).all():
             return checked
         self._record_divergence("actions")
         return np.zeros(wanted)
 
     def _note_losses(self, losses: Mapping[str, float]) -> None:
+        if not isinstance(losses, Mapping):
+            raise WorkError(
+                f"learn of the agent {self._name} returned a {type(losses).__name__}; it must "
+                "return a dictionary of losses, {} if there are none."
+            )
         numbers = {name: float(value) for name, value in losses.items()}
         if unknown := sorted(numbers.keys() - schema.LOSSES):
             raise WorkError(
@@ -210,6 +222,17 @@ class PluginEngine(Closing):
 
 Trainer = Engine | PluginEngine
 """What trains the agents of a batch of runs."""
+
+
+@contextlib.contextmanager
+def _kept_generators(device: torch.device) -> Iterator[None]:
+    """Leaves the global random generators as they were before the block.
+
+    A checkpoint, whose time is arbitrary, and an evaluation must not change the training.
+    """
+    states = _generators(device)
+    yield
+    _restore_generators(states, device)
 
 
 def _generators(device: torch.device) -> dict[str, Any]:

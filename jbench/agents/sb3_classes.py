@@ -57,12 +57,15 @@ def settings_of(name: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
         for name, parameter in parameters.items()
         if name not in _NOT_SETTINGS
         and not name.endswith("_class")
-        and parameter.kind != parameter.VAR_KEYWORD
+        and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
     ]
     if unknown := sorted(set(overrides) - set(allowed)):
         raise RequestError(
             f"{name} has no setting {', '.join(unknown)}; it has {', '.join(sorted(allowed))}."
         )
+    for setting, value in overrides.items():
+        if not _is_json(value):
+            raise RequestError(f"{setting} of {name} can't be {value!r}: numbers must be finite.")
     defaults = {n: parameters[n].default for n in allowed if _is_json(parameters[n].default)}
     values = {**defaults, **overrides}
     return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}

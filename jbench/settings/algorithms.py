@@ -6,7 +6,7 @@ training script, which runs stable-baselines 2 and differs from Table 1; `docs/a
 differences.
 """
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
 
@@ -63,6 +63,25 @@ class OffPolicySettings(AlgorithmSettings):
     def first_update(self) -> int:
         """Control steps before the first update, with one environment."""
         return self.train_freq * (self.learning_starts // self.train_freq + 1)
+
+    def schedule(self, environments: int) -> tuple[int, int]:
+        """Returns the steps per environment between learning phases, and the updates per phase.
+
+        More environments take fewer steps each, so the ratio of updates to control steps does not
+        depend on their number.
+
+        Raises:
+            RequestError: if the number of updates per phase is not an integer.
+        """
+        steps = max(1, self.train_freq // environments)
+        updates, remainder = divmod(self.gradient_steps * steps * environments, self.train_freq)
+        if remainder:
+            raise RequestError(
+                f"{environments} environments can't share {self.gradient_steps} updates every "
+                f"{self.train_freq} control steps: type a number of environments that divides "
+                f"{self.train_freq}."
+            )
+        return steps, updates
 
 
 class DeterministicSettings(OffPolicySettings):
@@ -130,7 +149,9 @@ class SACSettings(OffPolicySettings):
     gradient_steps: PositiveInt = Field(default=1, description="stable-baselines 2")
     tau: float = Field(default=0.005, gt=0, le=1, description="stable-baselines 2")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
-    ent_coef: float | Literal["auto"] = Field(default="auto", description="stable-baselines 2")
+    ent_coef: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
+        default="auto", description="stable-baselines 2"
+    )
     target_entropy: float | Literal["auto"] = Field(
         default=-1.0, description="minus the number of actions; stable-baselines 2"
     )

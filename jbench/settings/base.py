@@ -54,6 +54,7 @@ _PLAIN = {
     "Input should": "it should",
     "Tuple should": "it should",
     "a valid tuple": "a list in brackets",
+    "a valid array": "a list in brackets",
     " after validation": "",
 }
 """Words of pydantic's messages in those of settings."""
@@ -71,16 +72,7 @@ def validated(kind: type[_Model], whose: str, /, **values: object) -> _Model:
     try:
         return kind(**values)
     except ValidationError as error:
-        first = error.errors()[0]
-        message = first["msg"].removeprefix("Value error, ").rstrip(".")
-        for words, plain in _PLAIN.items():
-            message = message.replace(words, plain)
-        name = ".".join(str(part) for part in first["loc"])
-        field = kind.model_fields.get(name)
-        # A title is the name that users know the field by.
-        named = field.title if field is not None and field.title else name
-        subject = f"{named} of {whose} can't be {first['input']!r}: " if name else ""
-        raise RequestError(f"{subject}{message}.") from None
+        raise _refusal(error, kind, whose) from None
 
 
 def settings_with(
@@ -90,7 +82,7 @@ def settings_with(
 
     Args:
         name: of their owner in error messages.
-        values: those that differ from the defaults.
+        values: those that differ from the defaults, as JSON values: a list for a tuple.
         what: what a field is called in error messages.
 
     Raises:
@@ -101,4 +93,23 @@ def settings_with(
         hint = f"did you mean {close}? It" if close else "it"
         names = ", ".join(sorted(kind.model_fields)) or "none"
         raise RequestError(f"{name} has no {what} {', '.join(unknown)}; {hint} has {names}.")
-    return validated(kind, name, **values)
+    try:
+        return kind.model_validate_json(json.dumps(dict(values)))
+    except ValidationError as error:
+        raise _refusal(error, kind, name) from None
+
+
+def _refusal(error: ValidationError, kind: type[BaseModel], whose: str) -> RequestError:
+    """Returns an error whose message names the first invalid setting; see `validated`."""
+    first = error.errors()[0]
+    message = first["msg"].removeprefix("Value error, ").rstrip(".")
+    for words, plain in _PLAIN.items():
+        message = message.replace(words, plain)
+    name = ".".join(str(part) for part in first["loc"])
+    field = kind.model_fields.get(name)
+    # A title is the name that users know the field by.
+    named = field.title if field is not None and field.title else name
+    if first["type"] == "missing":
+        return RequestError(f"{named} of {whose} has no default: give it a value.")
+    subject = f"{named} of {whose} can't be {first['input']!r}: " if name else ""
+    return RequestError(f"{subject}{message}.")

@@ -19,18 +19,18 @@ Notice = Callable[[RunSettings, int, str], None]
 
 @dataclass
 class Member:
-    """A run of a batch."""
+    """A run of a batch.
+
+    Attributes:
+        control_steps: at which it is, or resumes from its checkpoint.
+    """
 
     settings: RunSettings
     encoder: Encoder | None
     record: Record
     log: RunLog
     checkpoint: Checkpoint | None = None
-
-    @property
-    def control_steps(self) -> int:
-        """Control steps at which it resumes."""
-        return 0 if self.checkpoint is None else self.checkpoint.position.control_steps
+    control_steps: int = 0
 
     def is_behind(self, until: int | None) -> bool:
         """Returns whether it is unfinished and has not reached this control step."""
@@ -65,7 +65,7 @@ def begin(
                     "uninterrupted run."
                 )
             notice(run, steps, " ".join(refused))
-            return Member(run, encoder, record, log, checkpoint)
+            return Member(run, encoder, record, log, checkpoint, steps)
         notice(run, 0, " ".join([*refused, *restart_reason(run)]))
     record = results.create("run", run.id, run.values, made_on)
     return Member(run, encoder, record, RunLog(record))

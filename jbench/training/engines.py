@@ -4,14 +4,13 @@ from collections.abc import Sequence
 
 import mujoco
 
-from jbench.agents.algorithms import find_agent, find_rule
+from jbench.agents.algorithms import algorithm_of, find_agent, find_rule
 from jbench.agents.batched.make import make_engine
 from jbench.agents.plugin import is_resumable
 from jbench.agents.plugin_engine import PluginEngine, Trainer
 from jbench.devices import find_device
 from jbench.encoders import Encoder
 from jbench.names import EPISODE_STEPS
-from jbench.settings.algorithms import AlgorithmSettings
 from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
 from jbench.training.evaluation import robot_model, seeds_of
@@ -68,19 +67,6 @@ def make_trainer(
         precision=settings.precision,
         episode_steps=EPISODE_STEPS,
     )
-
-
-def algorithm_of(settings: RunSettings) -> AlgorithmSettings:
-    """Returns the hyperparameters of a run of the batched engine as an object.
-
-    Raises:
-        RequestError: if its update rule is not installed.
-        WorkError: if the package of the rule can't be imported.
-    """
-    if settings.is_ours:
-        return settings.algorithm
-    kind = find_rule(settings.algo).Settings
-    return settings_with(kind, settings.algo, settings.hyperparameters)
 
 
 def restart_reason(settings: RunSettings) -> list[str]:

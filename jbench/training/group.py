@@ -147,6 +147,7 @@ class TrainingGroup:
 
     def _save_one(self, index: int, *, only: bool = False) -> None:
         member = self._members[index]
+        member.control_steps = self._engine.control_steps
         if not self._engine.is_resumable:
             member.log.commit()
             return

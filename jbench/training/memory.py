@@ -17,8 +17,7 @@ def replay_bytes(run: RunSettings, device: str = "cpu") -> int:
     its size. A GPU allocates the whole buffer at the start, also for a run that does not fill it.
     """
     size = TASK_SPECS[run.task].observation_size
-    transitions = int(run.hyperparameters.get("buffer_size", 0))
-    return 4 * (size + 2) * (min(transitions, run.steps) if device == "cpu" else transitions)
+    return 4 * (size + 2) * _transitions(run, device)
 
 
 def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | None:
@@ -37,9 +36,10 @@ def memory_sentence(runs: Sequence[RunSettings], device: str = "cpu") -> str | N
     free = _available() if device == "cpu" else _available_on_gpu(device)
     if free is None or needed <= _USABLE * free:
         return f"{text}."
+    less = int(max(_transitions(run, device) for run in runs) * free / needed / 2)
     return (
         f"{text}, and {free / 1e9:.1f} GB are free here: for less, fewer --seeds at a time, or "
-        f"--set buffer_size={int(runs[0].hyperparameters['buffer_size'] * free / needed / 2):d}."
+        f"--set buffer_size={less}."
     )
 
 
@@ -59,6 +59,12 @@ def _needed(runs: Sequence[RunSettings], device: str) -> int:
     sizes = [replay_bytes(run, device) for run in runs if run.engine == "batched"]
     # In a stack all rows are as long as the longest.
     return sum(sizes) if device == "cpu" else len(sizes) * max(sizes, default=0)
+
+
+def _transitions(run: RunSettings, device: str) -> int:
+    """Returns the maximum number of transitions in a run's replay buffer."""
+    size = int(run.hyperparameters.get("buffer_size", 0))
+    return min(size, run.steps) if device == "cpu" else size
 
 
 def _available_on_gpu(device: str) -> int | None:

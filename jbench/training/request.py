@@ -4,11 +4,12 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jbench.agents.algorithms import algorithm_fields
+from jbench.agents.algorithms import algorithm_fields, algorithm_of
 from jbench.devices import find_device
 from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, Base, Engine, Precision, known
+from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.base import validated
 from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
@@ -72,8 +73,9 @@ def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
     """Returns the settings of one run per seed; `fields` are the other fields of `RunSettings`.
 
     Raises:
-        RequestError: if a value is invalid, or the steps are not enough for an episode, or a class
-            of stable-baselines3's interface refuses its settings.
+        RequestError: if a value is invalid, or the steps are not enough for an episode, or the
+            environments can't share the updates, or a class of stable-baselines3's interface
+            refuses its settings.
     """
     runs = [validated(RunSettings, "the run", seed=seed, **fields) for seed in seeds]
     count, steps = runs[0].environments, runs[0].steps
@@ -84,6 +86,10 @@ def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
             f"No episode of {runs[0].algo} would end in {steps} control steps: it takes "
             f"{EPISODE_STEPS}{each}; type {min_steps} or more."
         )
+    if runs[0].engine == "batched":
+        algorithm = algorithm_of(runs[0])
+        if isinstance(algorithm, OffPolicySettings):
+            algorithm.schedule(count)
     if runs[0].engine == "sb3" and not runs[0].is_ours:
         from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
 

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jbench.agents.batched.off_policy import schedule
+from jbench.agents.algorithms import algorithm_of
 from jbench.errors import WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
-from jbench.training.engines import algorithm_of, make_trainer
+from jbench.training.engines import make_trainer
 from jbench.training.environment import make_env
 
 _STEPS, _UPDATES = 300, 20
@@ -64,7 +64,7 @@ def _batched(runs: Sequence[RunSettings], device: str) -> float:
 
 def _short_schedule(settings: OffPolicySettings, environments: int) -> dict[str, int]:
     """Returns a `train_freq` and `gradient_steps` of the same ratio, but shorter."""
-    steps, updates = schedule(settings, environments)
+    steps, updates = settings.schedule(environments)
     max_parts = max(1, updates // _UPDATES)
     parts = max(n for n in range(1, max_parts + 1) if steps % n == updates % n == 0)
     return {"train_freq": steps // parts * environments, "gradient_steps": updates // parts}

@@ -1,10 +1,12 @@
 """Tests of update rules of other packages: updates, independent seeds and resuming."""
 
 import json
+from typing import ClassVar
 
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 import jbench
 from benchmarks.rules import TD3
@@ -166,6 +168,38 @@ def test_saved_policy_equals_agent_and_can_be_loaded(rule, settings):
         np.testing.assert_array_equal(other.act(observations), acted)
         with pytest.raises(ValueError, match="its layers are not those of its settings"):
             smaller.load_policy(0, kept, 60)
+
+
+class Unusual(TD3):
+    """Has an actor with layers without biases, and a learned number without axes."""
+
+    losses: ClassVar[dict[str, str]] = {**TD3.losses, "scale_loss": "scale"}
+
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        layers = nn.Linear(observation_size, 8, bias=False), nn.LayerNorm(8, bias=False)
+        self.actor = nn.Sequential(*layers, nn.ReLU(), nn.Linear(8, 1))
+        self.scale = nn.Parameter(torch.tensor(0.5))
+
+    def scale_loss(self, batch):
+        return (self.scale - 1).square()
+
+
+@pytest.mark.parametrize("stacked", [False, True])
+def test_rule_with_layers_without_bias_and_number_without_axes_is_trained(stacked):
+    with (
+        engine_of(Unusual, TD3_SETTINGS, [0, 1], stacked=stacked) as engine,
+        engine_of(Unusual, TD3_SETTINGS, [9]) as other,
+    ):
+        for _ in engine.learn(60):
+            pass
+        scales = engine.state(1).tensors["agent/rule.scale"]
+        kept = engine.policy(1)
+        other.load_policy(0, kept, 60)
+        loaded = other.policy(0)
+    assert scales.tolist() == [pytest.approx(0.5 + 20 * 1e-3, rel=1e-3)] + [0] * 15
+    for name, values in kept.tensors().items():
+        np.testing.assert_array_equal(loaded.tensors()[name], values)
 
 
 def test_diverged_seed_does_not_affect_others():

@@ -1,6 +1,7 @@
 """Tests that faulty update rules are refused before training."""
 
 import pytest
+import torch
 from torch import nn
 
 from benchmarks.rules import TD3
@@ -21,6 +22,11 @@ def with_actor(*layers):
             self.actor = nn.Sequential(nn.Linear(observation_size, 8), *layers)
 
     return Faulty
+
+
+def without_layers(self, settings, observation_size):
+    TD3.__init__(self, settings, observation_size)
+    self.actor = nn.Sequential()
 
 
 class WithBatchNorm(TD3):
@@ -58,6 +64,33 @@ class ExploringSometimes(TD3):
         return self.act(observations) if noise.sum() > 0 else noise
 
 
+class ExploringFlat(TD3):
+    def explore(self, observations, noise):
+        return self.act(observations)[:, 0]
+
+
+class WithRandomBuffer(TD3):
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        self.register_buffer("projection", torch.randn(observation_size, 4))
+
+
+class WithTensor(TD3):
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        self.levels = torch.linspace(0, 1, 5)
+
+
+class WithSharedModule(TD3):
+    targets = ("critics",)
+    delayed = ()
+
+    def __init__(self, settings, observation_size):
+        super().__init__(settings, observation_size)
+        self.trunk = nn.Linear(observation_size, 8)
+        self.actor = nn.Sequential(self.trunk, nn.Linear(8, 1))
+
+
 @pytest.mark.parametrize(
     ("rule", "sentence"),
     [
@@ -67,6 +100,11 @@ class ExploringSometimes(TD3):
         (changed(targets=("critic",)), "has no critic, which is among its targets"),
         (changed(delayed=("critic",)), "critic is delayed, but neither trained nor a target"),
         (with_actor(nn.Tanh()), "its actor is no nn.Sequential that ends in a Linear layer"),
+        (changed(__init__=without_layers), "its actor is no nn.Sequential that ends in a Linear"),
+        (ExploringFlat, r"explore returns \(16,\), not an action for each observation, \(16, 1\)"),
+        (WithRandomBuffer, "its buffer projection is random, but seeds share buffers"),
+        (WithTensor, "levels is a tensor that does not move to a GPU; use register_buffer"),
+        (WithSharedModule, "trunk is the module actor.0; each must have its own"),
         (PerTransition, r"actor_loss returns \(16,\), not one number; take the mean"),
         (WithDropout, "actor_loss draws random numbers; use batch.noise"),
         (WithBatchNorm, "actor_loss changes a buffer, such as the statistics of BatchNorm"),

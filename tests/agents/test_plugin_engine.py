@@ -140,13 +140,50 @@ def test_transitions_follow_episodes_and_time_limit(time_limit):
             assert follows is not ends
 
 
-def test_evaluation_does_not_change_training():
+class ChangingArrays(RandomAgent):
+    """Changes the arrays that it is given."""
+
+    def learn(self, transition):
+        losses = super().learn(transition)
+        transition.next_observations[:] = 0
+        return losses
+
+
+def test_agent_that_changes_its_arrays_continues_bit_for_bit():
+    with engine_of(ChangingArrays) as engine, engine_of(ChangingArrays) as resumed:
+        list(engine.learn(34))
+        state = engine.state(0)
+        list(engine.learn(40))
+        resumed.restore([state])
+        list(resumed.learn(40))
+        weights = [each.policy(0).tensors()["0.weight"] for each in (engine, resumed)]
+    assert np.array_equal(*weights)
+
+
+class DrawingWhenAsked(RandomAgent):
+    """Draws from all global generators in `act` and `policy` as well."""
+
+    def act(self, observations):
+        self.draw()
+        return super().act(observations)
+
+    def policy(self):
+        self.draw()
+        return super().policy()
+
+    def draw(self):
+        torch.randn(1), np.random.normal(), random.random()
+
+
+def test_evaluations_and_checkpoints_do_not_change_training():
     outcomes = []
-    for evaluates in (False, True):
-        with engine_of() as engine:
+    for asks in (False, True):
+        with engine_of(DrawingWhenAsked) as engine:
             for _ in engine.learn(40):
-                if evaluates:
+                if asks:
                     engine.act(np.ones((1, 5, 16), np.float32))
+                    engine.check_weights()
+                    engine.policy(0)
             outcomes.append(engine.policy(0).tensors()["0.weight"])
     assert np.array_equal(*outcomes)
 
@@ -161,6 +198,15 @@ def test_actions_of_wrong_shape_are_refused():
         pytest.raises(WorkError, match=r"returned the shape \(5,\) .* must return actions \(5, 1"),
     ):
         engine.act(np.ones((1, 5, 16), np.float32))
+
+
+def test_losses_that_are_no_dictionary_are_refused():
+    class Forgetful(RandomAgent):
+        def learn(self, transition):
+            pass
+
+    with engine_of(Forgetful) as engine, pytest.raises(WorkError, match="returned a NoneType; it"):
+        next(engine.learn(10))
 
 
 def test_nonfinite_loss_is_divergence():

@@ -21,6 +21,13 @@ SMALL = {
 }
 
 
+class Wrapped(TQC):
+    """Has arguments of any number and name."""
+
+    def __init__(self, *rest, own=1, **more):
+        super().__init__(*rest, **more)
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A finished run of TQC: one episode, with learning in its last 20 steps."""
@@ -70,6 +77,17 @@ def test_lists_and_noise_are_converted_to_arguments():
     assert agent.train_freq.frequency == 2
     assert agent.train_freq.unit.value == "episode"
     assert agent.action_noise._sigma.tolist() == [0.25]
+
+
+def test_arguments_by_position_are_no_settings():
+    assert set(sb3_classes.settings_of(f"{__name__}:Wrapped", {})) == {"own"}
+    with pytest.raises(RequestError, match="Wrapped has no setting rest; it has own"):
+        sb3_classes.settings_of(f"{__name__}:Wrapped", {"rest": [1]})
+
+
+def test_number_that_is_not_finite_is_refused():
+    with pytest.raises(RequestError, match="gamma of sb3_contrib:TQC can't be nan: numbers must"):
+        sb3_classes.settings_of(NAME, {"gamma": float("nan")})
 
 
 def test_none_replaces_a_default():

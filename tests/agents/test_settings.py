@@ -1,5 +1,6 @@
 """Tests of algorithm settings, against Table 1 of the paper and its library's defaults."""
 
+import enum
 import inspect
 import json
 from importlib import resources
@@ -7,12 +8,19 @@ from pathlib import Path
 
 import pytest
 
+import jbench
 from jbench.agents.sb3 import CLASSES
 from jbench.commands.parsing import parse_overrides
 from jbench.errors import RequestError
 from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import SETTINGS, algorithm_settings
+from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
+
+
+class Kind(enum.Enum):
+    SMALL, LARGE = "small", "large"
+
 
 SHARED = {"learning_rate": 1e-4, "gamma": 0.99, "hidden_layers": (350, 250)}
 OFF_POLICY = {**SHARED, "batch_size": 256, "buffer_size": 1_000_000, "noise_dt": 0.01}
@@ -252,3 +260,19 @@ def test_malformed_override_is_refused(assignment):
 def test_duplicate_override_is_refused():
     with pytest.raises(RequestError, match="each setting once"):
         parse_overrides(["tau=0.1", "tau=0.2"])
+
+
+def test_recorded_settings_of_every_json_type_are_read_again():
+    class Own(jbench.AgentSettings):
+        speed: int
+        units: tuple[int, ...] = (64, 64)
+        kind: Kind = Kind.LARGE
+        noise: float = 0.1
+
+    chosen = settings_with(Own, "own", {"speed": 1, "units": [8], "noise": 1 / 3})
+    assert chosen == Own(speed=1, units=(8,), noise=1 / 3)
+    assert settings_with(Own, "own", chosen.model_dump(mode="json")) == chosen
+    with pytest.raises(RequestError, match="units of own can't be 8: it should be a list in brack"):
+        settings_with(Own, "own", {"speed": 1, "units": 8})
+    with pytest.raises(RequestError, match="speed of own has no default: give it a value"):
+        settings_with(Own, "own", {})

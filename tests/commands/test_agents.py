@@ -11,6 +11,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
+from jbench.training.reproduce import reproduce
 from tests.command_line import SHORT, Process, succeed
 from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
 from tests.training.small_runs import rows, shorten_episodes
@@ -115,6 +116,7 @@ def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, capsys
     [
         ("broken", "The agent broken can't be loaded from other_agents:Missing"),
         ("no-agent", "The agent no-agent is no subclass of jbench.Agent"),
+        ("no-settings", "Settings of the agent no-settings is no subclass of jbench.AgentSettings"),
     ],
 )
 def test_entry_point_that_is_not_an_agent_is_refused(installed, algo, sentence, tmp_path, capsys):
@@ -172,8 +174,16 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
     assert record.read("episodes")["episode"].to_pylist() == list(range(8))
 
 
+def test_run_of_agent_without_state_is_reproduced(installed, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    run, results = settings("without-state"), Results(tmp_path)
+    assert run_batch([run], results, None) == {}
+    done = reproduce(results, results.find("run", run.id), 2)
+    assert done.retraining == (2, 0, 100, False, None)
+
+
 def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
-    # Two entry points of the package can't be loaded.
+    # Three entry points of the package can't be loaded.
     assert main(["algorithms", "--json"]) == 1
     printed = json.loads(capsys.readouterr().out)
     found = {each["name"]: each for each in printed["algorithms"]}
@@ -188,7 +198,7 @@ def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
     }
     td3 = {each["name"]: each["default"] for each in found["td3"]["settings"]}
     assert (td3["tau"], td3["hidden_layers"]) == (0.005, [350, 250])
-    assert [each["name"] for each in printed["broken"]] == ["broken", "no-agent"]
+    assert [each["name"] for each in printed["broken"]] == ["broken", "no-agent", "no-settings"]
     assert main(["algorithms", "sb3_contrib:TQC"]) == 0
     assert "top_quantiles_to_drop_per_net" in capsys.readouterr().out
 

@@ -60,6 +60,11 @@ from tests.command_line import jbench, succeed
             "stable-baselines3 has no shared_layers: choose the batched engine",
         ),
         (("train", "--time-limit", "never"), "Unknown value of --time-limit 'never'"),
+        (("train", "--algo", "sac", "--set", "ent_coef=-1"), "of sac can't be -1: .*or equal to 0"),
+        (
+            ("train", "--algo", "ddpg", "--environments", "3"),
+            "3 environments can't share 50 updates every 100 control steps",
+        ),
         (("train", "--environments", "0"), "Error: environments of the run can't be 0: "),
         (("train", "--robots", "0"), "Error: robots of the run can't be 0: "),
         (("evaluate", "--episodes", "0"), "Error: episodes of the evaluation can't be 0: "),

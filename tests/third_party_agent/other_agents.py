@@ -19,6 +19,12 @@ class WithoutState(RandomSearch):
     state = jbench.Agent.state
 
 
+class NoSettings(RandomSearch):
+    """Has an object in place of the class of its settings."""
+
+    Settings = RandomSearch.Settings()
+
+
 class WrongShape(RandomSearch):
     """Returns actions of one dimension."""
 

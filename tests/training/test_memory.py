@@ -4,6 +4,7 @@ import torch
 
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.run import RunSettings
+from jbench.training import memory
 from jbench.training.memory import memory_sentence, replay_bytes, stacks_for_memory
 
 
@@ -42,6 +43,14 @@ def test_only_large_replay_buffers_are_reported():
     assert "72000.0 GB" in sentence
     assert "fewer --seeds at a time, or --set buffer_size=" in sentence
     assert memory_sentence([run(engine="sb3")] * 1000) is None
+
+
+def test_advised_replay_buffer_is_small_enough(monkeypatch):
+    monkeypatch.setattr(memory, "_available", lambda: 3_600_000_000)
+    # PPO has none; the others fill 100,000 of a million transitions: 7.2 GB.
+    runs = [run("ppo"), *(run(seed=seed, steps=100_000) for seed in range(1000))]
+    sentence = memory_sentence(runs)
+    assert sentence.endswith("fewer --seeds at a time, or --set buffer_size=25000.")
 
 
 def test_memory_of_gpu_is_read_from_device(monkeypatch):

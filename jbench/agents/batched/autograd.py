@@ -7,7 +7,9 @@ than the products of small matrices.
 """
 
 import copy
+import itertools
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -54,7 +56,7 @@ class AutogradLearner(OffPolicyLearner):
         }
         self._rule = copy.deepcopy(rule).to(view.device, self._loss_sums.dtype)
         self._rule.requires_grad_(False)
-        if not view.batch_shape:
+        if not view.is_stack:
             for name, values in self._parameters.items():
                 self._rule.get_parameter(name).data = values
         self._adams = {
@@ -90,12 +92,19 @@ class AutogradLearner(OffPolicyLearner):
             if isinstance(policy, Network)
             else []
         )
-        *inner, weight, bias = self._groups["actor"].values.values()
-        parameters = [*inner, weight[:1], bias[:1]]
-        if [array.shape for array in arrays] != [tuple(one.shape) for one in parameters]:
+        actor: Any = self._rule.actor
+        # None for what a layer lacks, such as its bias: the policy has a constant array there.
+        *inner, weight, bias = (
+            one for each in actor.modules() for one in each._parameters.values()
+        )
+        pairs = list(itertools.zip_longest([*inner, weight[:1], bias[:1]], arrays))
+        if len(arrays) != len(inner) + 2 or any(
+            one is not None and one.shape != array.shape for one, array in pairs
+        ):
             raise ValueError(OTHER_LAYERS)
-        for one, array in zip(parameters, arrays, strict=True):
-            one.copy_(torch.from_numpy(np.array(array)))
+        for one, array in pairs:
+            if one is not None:
+                one.copy_(torch.from_numpy(np.array(array)))
 
     def is_delayed_update(self, update: int, update_of_call: int) -> bool:
         """See `OffPolicyLearner.is_delayed_update`."""
@@ -128,7 +137,7 @@ class AutogradLearner(OffPolicyLearner):
         self, loss: str, trained: Mapping[str, Tensor], batch: Batch
     ) -> tuple[Tensor, list[Tensor]]:
         """Returns a loss (...,) and its gradient by the parameters that it trains."""
-        if self.view.batch_shape:
+        if self.view.is_stack:
             others = {name: each for name, each in self._parameters.items() if name not in trained}
             return differentiate_stack(self._rule, loss, trained, others, batch)
         leaves = [self._rule.get_parameter(name).requires_grad_() for name in trained]
@@ -140,7 +149,7 @@ class AutogradLearner(OffPolicyLearner):
     @torch.no_grad()
     def _call(self, method: str, *inputs: Tensor) -> Tensor:
         """Returns what a method of the rule makes of inputs (..., N, any)."""
-        if not self.view.batch_shape:
+        if not self.view.is_stack:
             alone: Tensor = self._rule(method, *inputs)
             return alone
         return call_stack(self._rule, method, self._parameters, *inputs)

@@ -246,7 +246,7 @@ class OffPolicyLearner(Learner):
             workspaces: of each; the joint network of a stack takes the first.
         """
         names = [f"critic{i}{suffix}" for i in (1, 2)]
-        if not (self.view.batch_shape and self.joins_twins):
+        if not (self.view.is_stack and self.joins_twins):
             networks = self._critics(names, workspaces, learned)
             pairs = zip(names, networks, strict=True)
             return Twins(networks, [self._adam(*pair) for pair in pairs] if learned else ())

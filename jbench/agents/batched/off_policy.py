@@ -17,7 +17,6 @@ from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.updates import Updates
-from jbench.errors import RequestError
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
 
@@ -44,7 +43,7 @@ class OffPolicyEngine(Engine):
             RequestError: if the number of environments does not divide the training interval.
         """
         seeds, count = environments.observations.shape[:2]
-        rollout_steps, self._due = schedule(settings, count)
+        rollout_steps, self._due = settings.schedule(count)
         super().__init__(team, environments, generators, rollout_steps)
         self._settings = settings
         self._noise = ActionNoise(settings, seeds, count)
@@ -127,26 +126,6 @@ class OffPolicyEngine(Engine):
     def _restore_loop(self, seed: int, tensors: dict[str, Tensor]) -> None:
         self._noise.previous[seed] = tensors["noise"].numpy()
         self.replay.begin(self.environments.observations)
-
-
-def schedule(settings: OffPolicySettings, environments: int) -> tuple[int, int]:
-    """Returns the steps per environment between learning phases, and the updates per phase.
-
-    More environments take fewer steps each, so the ratio of updates to control steps stays that of
-    the settings.
-
-    Raises:
-        RequestError: if the number of updates per phase is not an integer.
-    """
-    steps = max(1, settings.train_freq // environments)
-    updates, remainder = divmod(settings.gradient_steps * steps * environments, settings.train_freq)
-    if remainder:
-        raise RequestError(
-            f"{environments} environments can't share {settings.gradient_steps} updates every "
-            f"{settings.train_freq} control steps: type a number of environments that divides "
-            f"{settings.train_freq}."
-        )
-    return steps, updates
 
 
 def _explore(agent: OffPolicyLearner, observations: Tensor, noise: Tensor) -> Tensor:

@@ -23,19 +23,23 @@ def checked_rule(kind: type[Rule], settings: OffPolicySettings, observation_size
         UnsupportedPolicyError: if its policy can't be saved.
     """
     with torch.random.fork_rng(devices=[]):
-        rule = make_rule(kind, settings, observation_size)
-        fault = next(_faults(rule), None)
+        rule, again = (make_rule(kind, settings, observation_size) for _ in range(2))
+        fault = next(_faults(rule, again), None)
     if fault is not None:
         raise WorkError(f"The rule {kind.__name__} can't be trained: {fault}.")
     network_of(mean_actor(rule), observation_size)
     return rule
 
 
-def _faults(rule: Rule) -> Iterator[str]:
-    """Yields what is wrong with a rule, as clauses."""
+def _faults(rule: Rule, again: Rule) -> Iterator[str]:
+    """Yields what is wrong with a rule, as clauses.
+
+    Args:
+        again: the same rule with other initial weights.
+    """
     names = parameter_names(rule)
     actor = getattr(rule, "actor", None)
-    if not isinstance(actor, nn.Sequential) or not _is_affine(actor[-1]):
+    if not (isinstance(actor, nn.Sequential) and actor and _is_affine(actor[-1])):
         yield "its actor is no nn.Sequential that ends in a Linear layer with a bias"
     if not rule.losses:
         yield "it has no losses"
@@ -48,9 +52,35 @@ def _faults(rule: Rule) -> Iterator[str]:
     for name in rule.delayed:
         if name not in changing:
             yield f"{name} is delayed, but neither trained nor a target network"
+    yield from _faults_of_modules(rule, again)
     for loss, trained in rule.losses.items():
         yield from _faults_of_loss(rule, loss, [rule.get_parameter(n) for n in names[trained]])
+    if type(rule).explore is not Rule.explore:
+        batch = _zeros(rule)
+        actions = rule.explore(batch.observations, batch.rewards)
+        if actions.shape != batch.rewards.shape:
+            shapes = tuple(actions.shape), tuple(batch.rewards.shape)
+            yield f"explore returns {shapes[0]}, not an action for each observation, {shapes[1]}"
     yield from _faults_of_stack(rule, names)
+
+
+def _faults_of_modules(rule: Rule, again: Rule) -> Iterator[str]:
+    """Yields what is wrong with the modules and buffers of a rule."""
+    others = dict(again.named_buffers())
+    for name, buffer in rule.named_buffers():
+        if not torch.equal(buffer, others[name]):
+            yield (
+                f"its buffer {name} is random, but seeds share buffers, which are not saved; make "
+                "it a parameter"
+            )
+    for module in rule.modules():
+        for name, value in vars(module).items():
+            if isinstance(value, Tensor):
+                yield f"{name} is a tensor that does not move to a GPU; use register_buffer"
+    first = {module: name for name, module in rule.named_modules()}
+    for name, module in rule.named_modules(remove_duplicate=False):
+        if name != first[module] and any(True for _ in module.parameters()):
+            yield f"{name} is the module {first[module]}; each must have its own"
 
 
 def _faults_of_loss(rule: Rule, loss: str, trained: list[nn.Parameter]) -> Iterator[str]:

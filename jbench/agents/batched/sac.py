@@ -172,7 +172,7 @@ class SAC(OffPolicyLearner):
             by_minimum: (..., N, 1) gradient of the loss by the lower value.
         """
         is_first = first <= second
-        if self.view.batch_shape:
+        if self.view.is_stack:
             by_first = is_first.to(by_minimum.dtype).mul_(by_minimum)
             return self.critics.action_gradient(by_first, by_minimum - by_first)
         # Each critic goes backward on its own rows only. This halves the work, but the sizes vary,

@@ -43,7 +43,7 @@ class Group(NamedTuple, Generic[_Learner]):
         Returns:
             (count, seeds, ...); (count, ...) on the CPU for one seed without a stack.
         """
-        if not self.learner.view.batch_shape:
+        if not self.learner.view.is_stack:
             return torch.from_numpy(per_seed[0])
         if offset:
             per_seed = [draws + seed * offset for seed, draws in enumerate(per_seed)]

@@ -29,7 +29,7 @@ def flat_parts(flat: Tensor, shapes: Iterable[Sequence[int]]) -> list[Tensor]:
     start, parts = 0, []
     for shape in shapes:
         count = math.prod(shape)
-        parts.append(flat[..., start : start + count].view(*flat.shape[:-1], *shape))
+        parts.append(flat[..., start : start + count].view((*flat.shape[:-1], *shape)))
         start += aligned(count)
     return parts
 
@@ -118,6 +118,11 @@ class SeedView:
     def twin_view(self) -> "TwinView":
         """Returns the tensors of both critics, of a stack."""
         return TwinView(self._tensors)
+
+    @property
+    def is_stack(self) -> bool:
+        """Whether these are the tensors of all seeds, with a leading axis."""
+        return self._seed is None
 
     @property
     def device(self) -> torch.device:

@@ -51,7 +51,7 @@ class Updates:
         self._rows = replay.rows_of(group.seeds)
         scratch, width = group.learner.view.scratch, self._rows.shape[-1]
         rows, next_rows = (scratch(name, self._size, width) for name in ("rows", "next_rows"))
-        self._together = min(_RECORDED, updates) if group.learner.view.batch_shape else 1
+        self._together = min(_RECORDED, updates) if group.learner.view.is_stack else 1
         self._noise = self._buffer(group.learner.noise_per_transition)
         self._discounts = self._buffer(1).fill_(self._gamma)
         self._indices, self._next_indices = (self._buffer(dtype=torch.int64) for _ in range(2))

@@ -97,7 +97,7 @@ class PluginEngine(Closing):
                 dictionary or have no column.
         """
         while self.control_steps < steps and not self.diverged:
-            # Copies, since an agent may change its arrays, and a resumed one gets them anew.
+            # Copies: an agent may change its arrays, and these are also saved in checkpoints.
             observations = self.environments.observations[0].numpy().copy()
             actions = self._checked("explore", self._agent.explore(observations), observations)
             if self.diverged:

@@ -94,7 +94,7 @@ def settings_with(
         names = ", ".join(sorted(kind.model_fields)) or "none"
         raise RequestError(f"{name} has no {what} {', '.join(unknown)}; {hint} has {names}.")
     try:
-        return kind.model_validate_json(json.dumps(dict(values)))
+        return kind.model_validate_json(json.dumps(dict(values), default=repr))
     except ValidationError as error:
         raise _refusal(error, kind, name) from None
 

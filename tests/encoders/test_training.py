@@ -375,6 +375,7 @@ def test_invalid_number_of_latents_is_refused(task, latents, message):
     [
         *(("dae", {"noise": value}, "noise of dae can't be") for value in (-0.1, math.nan, "x")),
         ("dae", {"epochs": 0}, "epochs of dae can't be 0"),
+        ("dae", {"epochs": object}, "epochs of dae can't be \"<class 'object'>\""),
         ("dae", {"epochs": 1.5}, "epochs of dae can't be 1.5"),
         ("ae", {"batch": 0}, "batch of ae can't be 0"),
         ("vae", {"learning_rate": math.inf}, "learning_rate of vae can't be inf"),

@@ -13,7 +13,7 @@ from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.run import read_run
 from jbench.simulation import Act
 from jbench.store import Record, Results
-from jbench.store.shipped import shipped
+from jbench.store.shipped import shipped_results
 from jbench.tasks.heuristics import heuristic
 
 SHIPPED = f"{REFERENCE}/"
@@ -117,7 +117,7 @@ def full_name(results: Results, name: str) -> str:
 
 def shipped_policies() -> list[str]:
     """Returns the names of all policies shipped with jbench."""
-    runs = Results(shipped()).scan("run")[0]
+    runs = shipped_results().scan("run")[0]
     return sorted(f"{SHIPPED}{run.id}" for run in runs if has_policy(run))
 
 
@@ -156,7 +156,7 @@ def _find_run(results: Results, name: str) -> Record | None:
 def _locate(results: Results, name: str) -> tuple[Results, str]:
     """Returns the results directory and the id of a trained policy's run."""
     if name.startswith(SHIPPED):
-        return Results(shipped()), _shipped_run(name)
+        return shipped_results(), _shipped_run(name)
     return results, results.complete_id("run", name)
 
 

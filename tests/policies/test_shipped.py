@@ -184,7 +184,7 @@ class TestShippedTwoCells:
         )
 
     def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, capsys):
-        monkeypatch.setattr(find, "shipped", lambda: tmp_path / "none")
+        monkeypatch.setattr(find, "shipped_results", lambda: Results(tmp_path / "none"))
         assert main(["evaluate", "--policy", "reference/face_direction/td3/full"]) == 2
         assert "this version of jbench ships none" in capsys.readouterr().err
 

@@ -134,7 +134,7 @@ class TestShippedTwoCells:
     def database(self, script, demo_results, target, monkeypatch):
         """The shipped results, which replace those of the package."""
         assert script.ship(demo_results, target) == []
-        monkeypatch.setattr(find, "shipped", lambda: target.path)
+        monkeypatch.setattr(find, "shipped_results", lambda: target)
         return target
 
     def test_shipped_results_verify_without_findings(self, database):

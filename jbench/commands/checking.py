@@ -48,6 +48,8 @@ def reproduce(
     if episodes is not None and episodes < 0:
         raise RequestError(f"--episodes {episodes}: type 0 or more.")
     output = Output(json)
+    if names.is_reference(results) and not run.startswith(SHIPPED):
+        run = f"{SHIPPED}{run}"
     # A shipped run needs no results directory.
     open_results = parsing.results_at if run.startswith(SHIPPED) else parsing.existing_results
     database, record = repeating.find_run(open_results(results), run)
@@ -72,7 +74,7 @@ def limit_threads() -> None:
 def reevaluate_all(database: "Results", output: Output) -> list["Reevaluation"]:
     """Repeats the last evaluation of every finished run, and prints those that are not equal.
 
-    Damaged runs are left out.
+    Damaged runs are left out, and runs without a policy are only counted.
     """
     from jbench.store.provenance import differences, provenance, sentence_of
     from jbench.training.reevaluate import reevaluate
@@ -92,11 +94,15 @@ def reevaluate_all(database: "Results", output: Output) -> list["Reevaluation"]:
             outcomes.append(outcome)
             progress(done)
     for outcome in outcomes:
-        if outcome.verdict != "equal":
+        if outcome.verdict in ("different", "not comparable"):
             output.say(f"run {outcome.run}\n  {outcome.verdict}: {outcome.reason}")
     counts = Counter(outcome.verdict for outcome in outcomes)
-    counted = ", ".join(f"{count:,} {verdict}" for verdict, count in counts.items())
-    output.say(f"Repeated the last evaluations of finished runs: {counted or 'there are none'}.")
+    without = counts.pop("no policy", 0)
+    if without:
+        left_out = counted(without, "finished run")
+        output.say(f"Left out {left_out} without a saved policy; --json lists them.")
+    verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in counts.items())
+    output.say(f"Repeated the last evaluations of finished runs: {verdicts or 'none'}.")
     return outcomes
 
 

@@ -15,6 +15,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output
 from jbench.errors import WorkError
+from jbench.names import is_reference
 from jbench.wording import are, counted, with_results
 
 if TYPE_CHECKING:
@@ -72,7 +73,8 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
             [_row(each) for each in listed],
         )
     else:
-        small = with_results("jbench collect --steps 100000", results)
+        to_write = RESULTS if is_reference(results) else results
+        small = with_results("jbench collect --steps 100000", to_write)
         output.say(f"No datasets in {results}; {small} makes a small one.")
     described = [
         display.described(

@@ -50,7 +50,7 @@ def known_or_held(setting: str, value: str, databases: Sequence["Results"]) -> s
         return value
     close = difflib.get_close_matches(value, sorted({*held, *known}), 1)
     what = "algorithm" if setting == "algo" else setting
-    where = " and ".join(str(results.path) for results in databases)
+    where = " and ".join(str(results.name) for results in databases)
     there = f"the runs in {where} have {', '.join(held)}" if held else f"{where} has no runs"
     hint = f"did you mean {close[0]}? {there[0].upper()}{there[1:]}" if close else there
     raise RequestError(f"Unknown {what} {value!r}; {hint}.")
@@ -105,9 +105,9 @@ def results_at(path: Path) -> "Results":
         RequestError: if the path is not a directory.
     """
     from jbench.store import Results
-    from jbench.store.shipped import shipped
+    from jbench.store.shipped import shipped_results
 
-    return Results(shipped() if is_reference(path) else path)
+    return shipped_results() if is_reference(path) else Results(path)
 
 
 def existing_results(path: Path) -> "Results":

@@ -176,7 +176,7 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
         output.document(_document(written))
     output.warn_of_damage(
         written.data.problems,
-        repair_hint(database.path),
+        repair_hint(database.name),
     )
 
 

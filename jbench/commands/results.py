@@ -167,11 +167,13 @@ def verify(
             **({"reevaluations": [one._asdict() for one in repeated]} if reevaluate else {}),
         }
     )
-    if checked.faults:
+    if any(fault.severity != "foreign" for fault in checked.faults):
         raise WorkError(
             f"Some results are damaged or left over; {with_results('jbench repair', results)} sets "
             "them aside. Intact results can still be used."
         )
+    if checked.faults:
+        raise WorkError("Some results can't be checked; see above. The others can still be used.")
     compared = [one for one in repeated if one.compared]
     if different := sum(one.verdict == "different" for one in compared):
         raise WorkError(

@@ -226,7 +226,7 @@ def _decide(
     if failures and train is not None:
         raise WorkError(f"{counted(len(failures), 'run')} failed; --retry-failed tries again.")
     if train is not None:
-        output.say(f"Next: {with_results('jbench report', results.path)}")
+        output.say(f"Next: {with_results('jbench report', results.name)}")
 
 
 def _device(

@@ -55,7 +55,7 @@ def tail(
     database = parsing.existing_results(results)
     filters = parsing.run_filters(database, task, algo, representation, status, seed)
     output, follower, problems = Output(json), Follower(database, filters), 0
-    lines = _json_lines if json else _text_lines
+    lines, found = _json_lines if json else _text_lines, False
     try:
         while True:
             for change in follower.look():
@@ -63,10 +63,13 @@ def tail(
                     output.warn(change)
                     problems += 1
                     continue
+                found = True
                 if last is not None:
                     change = change._replace(rows=_last(change.rows, last))
                 output.raw("".join(f"{line}\n" for line in lines(change)))
             if once:
+                if not (found or problems):
+                    output.say(f"No such runs in {results}.")
                 break
             last = None
             time.sleep(LOOK_EVERY)

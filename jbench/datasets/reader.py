@@ -103,14 +103,14 @@ def find_dataset(results: Results, id: str | None = None) -> Dataset:
     Raises:
         RequestError: if there is none, or it is not finished.
     """
-    collect = with_results("jbench collect", results.path)
+    collect = with_results("jbench collect", results.name)
     if id is not None:
         id = results.complete_id("dataset", id)
         record = results.find("dataset", id)
         if record is None:
             ids = [record.id for record in results.scan("dataset")[0]]
             raise RequestError(
-                f"No dataset {id} in {results.path}; "
+                f"No dataset {id} in {results.name}; "
                 + (f"there are {', '.join(ids)}." if ids else f"run {collect} first.")
             )
         if record.status != "finished":
@@ -124,13 +124,13 @@ def find_dataset(results: Results, id: str | None = None) -> Dataset:
     if not finished:
         reason = f" ({problems[0]})" if problems else ""
         raise RequestError(
-            f"No finished dataset in {results.path}{reason}; run {collect} first "
+            f"No finished dataset in {results.name}{reason}; run {collect} first "
             "(--steps 100000 makes a small one)."
         )
     plain = [record for record in finished if record.settings.get("augment") is None]
     if not plain:
         raise RequestError(
-            f"Every finished dataset in {results.path} is of an augmented robot; name one with "
+            f"Every finished dataset in {results.name} is of an augmented robot; name one with "
             f"--dataset: {', '.join(record.id for record in finished)}."
         )
     return Dataset(max(plain, key=lambda record: record.manifest.updated))

@@ -124,10 +124,10 @@ def load_encoder(results: Results, id: str) -> tuple[Encoder, dict[str, Any]]:
     record = results.find("encoder", id)
     if record is None:
         ids = [record.id for record in results.scan("encoder")[0]]
-        command = with_results("jbench train-dae", results.path)
+        command = with_results("jbench train-dae", results.name)
         there = f"there are {', '.join(ids)}" if ids else f"there is none yet: run {command}"
         raise RequestError(
-            f"No encoder {id} in {results.path}; {there}. A kind with a number of latents, such as "
+            f"No encoder {id} in {results.name}; {there}. A kind with a number of latents, such as "
             "dae12, selects the newest one."
         )
     if record.status != "finished":
@@ -166,8 +166,8 @@ def find_encoder(results: Results, name: str, task: str) -> str:
     ]
     if not matches:
         raise RequestError(
-            f"No {kind} of {latents} latents for {task} in {results.path}; type "
-            f"{with_results(_command(kind, task, latents), results.path)} to make one."
+            f"No {kind} of {latents} latents for {task} in {results.name}; type "
+            f"{with_results(_command(kind, task, latents), results.name)} to make one."
         )
     return max(matches, key=lambda record: record.manifest.updated).id
 
@@ -200,7 +200,7 @@ def _find_id(results: Results, name: str, task: str) -> str:
     if description["task"] != task:
         raise RequestError(
             f"The encoder {id} is for {description['task']}, not for {task}; type "
-            f"{with_results(_command(description['kind'], task), results.path)} to make one."
+            f"{with_results(_command(description['kind'], task), results.name)} to make one."
         )
     return id
 

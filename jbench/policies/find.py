@@ -13,7 +13,7 @@ from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.run import read_run
 from jbench.simulation import Act
 from jbench.store import Record, Results
-from jbench.store.shipped import shipped
+from jbench.store.shipped import shipped_results
 from jbench.tasks.heuristics import heuristic
 
 SHIPPED = f"{REFERENCE}/"
@@ -77,7 +77,7 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
     if is_imported_policy(name):
         return ImportedPolicy(name, task)
     if "/" not in name:
-        raise RequestError(f"Unknown policy {name!r}; choose {KINDS}.")
+        raise _unknown(name)
     run, agent = find_trained_agent(results, name)
     if agent.task != task:
         raise RequestError(
@@ -108,16 +108,21 @@ def full_name(results: Results, name: str) -> str:
     `face_direction/ddpg` for the only such run of the results.
 
     Raises:
-        RequestError: if no shipped policy matches the name, or several runs do.
+        RequestError: if there is no such kind of policy, no shipped policy matches the name, or
+            several runs do.
     """
     if "/" not in name:
+        if name.partition(":")[0] not in ("heuristic", "random", "constant") and (
+            not is_imported_policy(name)
+        ):
+            raise _unknown(name)
         return name
     return f"{SHIPPED if name.startswith(SHIPPED) else ''}{_locate(results, name)[1]}"
 
 
 def shipped_policies() -> list[str]:
     """Returns the names of all policies shipped with jbench."""
-    runs = Results(shipped()).scan("run")[0]
+    runs = shipped_results().scan("run")[0]
     return sorted(f"{SHIPPED}{run.id}" for run in runs if has_policy(run))
 
 
@@ -156,7 +161,7 @@ def _find_run(results: Results, name: str) -> Record | None:
 def _locate(results: Results, name: str) -> tuple[Results, str]:
     """Returns the results directory and the id of a trained policy's run."""
     if name.startswith(SHIPPED):
-        return Results(shipped()), _shipped_run(name)
+        return shipped_results(), _shipped_run(name)
     return results, results.complete_id("run", name)
 
 
@@ -175,3 +180,7 @@ def _shipped_run(name: str) -> str:
     choices = [one for one in names if one in close] or names
     instead = f"type one of {', '.join(choices)}" if names else "this version of jbench ships none"
     raise RequestError(f"No policy is shipped as {name}; {instead}.")
+
+
+def _unknown(name: str) -> RequestError:
+    return RequestError(f"Unknown policy {name!r}; choose {KINDS}.")

@@ -127,12 +127,12 @@ def load_agent(results: Results, run: str) -> TrainedAgent:
     """
     record = results.find("run", run)
     if record is None:
-        runs = with_results("jbench runs", results.path)
-        raise RequestError(f"No run {run} in {results.path}; {runs} lists them.")
+        runs = with_results("jbench runs", results.name)
+        raise RequestError(f"No run {run} in {results.name}; {runs} lists them.")
     if record.status != "finished":
         raise RequestError(f"The run {run} is {record.status}: it has no trained policy yet.")
     if not has_policy(record):
-        raise RequestError(f"The run {run} in {results.path} was saved without its policy.")
+        raise RequestError(f"The run {run} in {results.name} was saved without its policy.")
     description = record.read_file(DESCRIPTION)
     # Policies of recorded training loops and of other packages are networks.
     kind = Network if b'"network"' in description else Policy
@@ -140,9 +140,9 @@ def load_agent(results: Results, run: str) -> TrainedAgent:
         policy = kind.from_files(record.read_file(WEIGHTS), description)
     except ValueError as error:
         raise WorkError(f"The policy of {run} can't be read ({error}).") from None
-    encoder = record.settings["encoder"]
+    task, encoder = (record.settings.get(name, 0) for name in ("task", "encoder"))
+    if not isinstance(task, str) or not isinstance(encoder, str | None):
+        raise WorkError(f"The settings of the run {run} lack a task or an encoder.")
     return TrainedAgent(
-        record.settings["task"],
-        policy,
-        None if encoder is None else load_encoder(results, encoder)[0],
+        task, policy, None if encoder is None else load_encoder(results, encoder)[0]
     )

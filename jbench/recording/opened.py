@@ -16,7 +16,7 @@ from jbench.report.data.summaries import aggregate_curves
 from jbench.report.request import Request
 from jbench.report.views import curve_of
 from jbench.store import Results, query
-from jbench.store.shipped import shipped
+from jbench.store.shipped import shipped_results
 
 
 def open_results(path: Path | str = "results") -> "OpenedResults":
@@ -31,7 +31,7 @@ def open_results(path: Path | str = "results") -> "OpenedResults":
     """
     place = Path(path)
     if is_reference(place):
-        place = shipped()
+        return OpenedResults(shipped_results())
     if not place.exists():
         raise RequestError(f"{path} does not exist; pass a results directory.")
     return OpenedResults(Results(place))
@@ -49,7 +49,7 @@ class OpenedResults:
 
     def __repr__(self) -> str:
         """Returns the call that opens it."""
-        return f"jbench.open({str(self._results.path)!r})"
+        return f"jbench.open({str(self._results.name)!r})"
 
     def query(self, sql: str) -> pd.DataFrame:
         """Returns the rows of one SELECT, as `jbench query` does; docs/database.md has the tables.

@@ -22,10 +22,19 @@ _MAX_SHOWN = 5  # ids in a message
 
 
 class Results:
-    """A results directory."""
+    """A results directory.
 
-    def __init__(self, path: Path) -> None:
+    Attributes:
+        path: of the directory.
+        name: what `--results` and messages call it: the path, or `reference` for the shipped ones.
+    """
+
+    def __init__(self, path: Path, name: Path | None = None) -> None:
         """Opens a results directory, which need not exist yet.
+
+        Args:
+            path: of the directory.
+            name: see `Results`; the default is the path.
 
         Raises:
             RequestError: if the path is not a directory.
@@ -38,6 +47,7 @@ class Results:
         if is_file:
             raise RequestError(f"{path} is a file; name a directory with --results.")
         self.path = path
+        self.name = path if name is None else name
 
     def record(self, kind: Kind, id: str) -> Record:
         """Returns a record, which need not exist yet.

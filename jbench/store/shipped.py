@@ -13,6 +13,11 @@ def shipped() -> Path:
     return Path(str(resources.files("jbench").joinpath("reference")))
 
 
+def shipped_results() -> Results:
+    """Returns the results in the package, which messages call `reference`."""
+    return Results(shipped(), Path(REFERENCE))
+
+
 def results_to_write(path: Path) -> Results:
     """Returns results to write to, which need not exist yet.
 

@@ -25,7 +25,32 @@ def test_shipped_runs_are_listed_and_queried(capsys):
     sql = "SELECT count(*) AS n FROM runs"
     assert main(["query", sql, "--results", "reference", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == [{"n": len(ids)}]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("runs", "--algo", "dpg"), "did you mean ddpg? The runs in reference have ddpg, "),
+        (("evaluate", "--policy", "face_direction/x"), "Error: No policy is shipped as reference/"),
+        (
+            ("reproduce", "face_direction/x"),
+            "There is no run reference/face_direction/x in reference; ",
+        ),
+    ],
+)
+def test_messages_call_the_shipped_results_reference(arguments, sentence, capsys):
+    assert main([*arguments, "--results", "reference"]) == 2
+    printed = capsys.readouterr().err
+    assert sentence in printed
+    assert str(shipped()) not in printed
+
+
+def test_no_command_that_is_refused_is_suggested(capsys):
+    """A dataset is collected into results, not into the shipped ones."""
     assert main(["datasets", "--results", "reference"]) == 0
+    assert capsys.readouterr().out == (
+        "No datasets in reference; jbench collect --steps 100000 makes a small one.\n"
+    )
 
 
 def test_report_is_written_to_working_directory(tmp_path, capsys):

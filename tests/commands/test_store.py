@@ -10,7 +10,7 @@ import pytest
 from jbench.cli import main
 from jbench.store import Results
 from tests.command_line import jbench
-from tests.store.store_rows import listed
+from tests.store.store_rows import alter_manifest, listed
 from tests.store.store_whole import add_chain, add_whole_run
 
 
@@ -190,6 +190,13 @@ def test_damage_is_reported_by_run_and_repaired(results, run_command):
     code, out, _ = run_command("verify", results=results)
     # The evaluation of the run that was set aside is intact; verify warns of it.
     assert (code, "1 warning." in out) == (0, True)
+
+
+def test_verify_suggests_no_repair_of_newer_versions(results, run_command):
+    alter_manifest(results.scan("run")[0][1], schema_version=7)
+    code, _, err = run_command("verify", results=results)
+    assert (code, "jbench repair" in err) == (1, False)
+    assert "Error: Some results can't be checked; see above." in err
 
 
 def test_repair_reports_records_in_use(results, run_command):

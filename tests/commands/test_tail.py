@@ -78,6 +78,13 @@ def test_tail_prints_line_per_episode_and_final_status(results, capsys):
     assert line.endswith(": episode 0, return 5.0, 1,000 control steps, 2 s")
 
 
+def test_tail_says_that_no_run_matches(results, capsys):
+    assert tail(results, "--algo", "ppo") == 0
+    assert capsys.readouterr().out == f"No such runs in {results.path}.\n"
+    assert tail(results, "--algo", "ppo", "--json") == 0
+    assert capsys.readouterr() == ("", f"No such runs in {results.path}.\n")
+
+
 def test_damaged_run_is_reported_and_others_are_printed(results, capsys):
     damaged = results.scan("run")[0][0]
     path = damaged.path / listed(damaged)[0]

@@ -103,6 +103,7 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
     ("arguments", "message"),
     [
         (["--policy", "fly"], "Unknown policy 'fly'; choose heuristic, random, constant:U"),
+        (["--policy", ""], "Unknown policy ''; choose heuristic, random, constant:U"),
         (["--policy", "constant:2"], "lies in [-1, 1]"),
         (["--policy", "constant:x"], "lies in [-1, 1]"),
         (["--policy", "face_direction/td3/full/s00-00000000"], "No run face_direction/td3"),

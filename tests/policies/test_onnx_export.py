@@ -18,6 +18,7 @@ from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Layer, Network
 from jbench.policies.onnx_export import export_onnx
 from jbench.policies.saved import Policy, TrainedAgent
+from jbench.settings.base import settings_hash
 from jbench.simulation import Robots, rollout
 from jbench.store import Results
 from jbench.tasks import features, resets
@@ -44,6 +45,19 @@ def policy_of(inputs):
     """A policy with two layers."""
     weights = [random_matrix(8, inputs) / inputs, random_matrix(1, 8)]
     return Policy(weights, [random_matrix(8), random_matrix(1)], "tanh")
+
+
+@pytest.mark.parametrize("lacking", ["task", "encoder"])
+def test_run_whose_settings_lack_what_its_policy_needs_is_refused(lacking, tmp_path, capsys):
+    policy, results = policy_of(16), Results(tmp_path / "results")
+    settings = {"task": "face_direction", "encoder": None, "seed": 0}
+    del settings[lacking]
+    id = f"face_direction/other/full/s00-{settings_hash(settings)}"
+    results.create("run", id, settings).finish({}, policy.to_files())
+    assert main(["export", id, "--results", str(results.path)]) == 1
+    assert capsys.readouterr().err == (
+        f"Error: The settings of the run {id} lack a task or an encoder.\n"
+    )
 
 
 def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):

@@ -134,7 +134,7 @@ class TestShippedTwoCells:
     def database(self, script, demo_results, target, monkeypatch):
         """The shipped results, which replace those of the package."""
         assert script.ship(demo_results, target) == []
-        monkeypatch.setattr(find, "shipped", lambda: target.path)
+        monkeypatch.setattr(find, "shipped_results", lambda: target)
         return target
 
     def test_shipped_results_verify_without_findings(self, database):
@@ -184,7 +184,7 @@ class TestShippedTwoCells:
         )
 
     def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, capsys):
-        monkeypatch.setattr(find, "shipped", lambda: tmp_path / "none")
+        monkeypatch.setattr(find, "shipped_results", lambda: Results(tmp_path / "none"))
         assert main(["evaluate", "--policy", "reference/face_direction/td3/full"]) == 2
         assert "this version of jbench ships none" in capsys.readouterr().err
 

@@ -192,7 +192,7 @@ def _source(
     runs, unusable = usable_runs(tables["runs"])
     if choice is not None:
         runs = runs[np.array([choice(parse_run(one)) for one in runs["settings"]], bool)]
-    runs, early = _begun_since(runs, request)
+    runs, early = _begun_since(runs, request, strict=strict)
     runs = _filter(runs, request, strict=strict) if len(runs) else runs
     points = tables.pop("episodes"), tables.pop("evaluations")
     # Imported curves have no paths.
@@ -201,7 +201,14 @@ def _source(
     return Source(cells, runs, early + notes, [*problems, *unusable], tables, name, paths)
 
 
-def _begun_since(runs: pd.DataFrame, request: Request) -> tuple[pd.DataFrame, list[str]]:
+def _begun_since(
+    runs: pd.DataFrame, request: Request, *, strict: bool
+) -> tuple[pd.DataFrame, list[str]]:
+    """Returns the runs begun since the requested time, and a note on the others.
+
+    Raises:
+        NothingYetError: if there are none of several, and `strict` is set.
+    """
     since = request.begun_since()
     if since is None:
         return runs, []
@@ -212,7 +219,7 @@ def _begun_since(runs: pd.DataFrame, request: Request) -> tuple[pd.DataFrame, li
         if count
         else []
     )
-    if count and count == len(runs):
+    if strict and count and count == len(runs):
         raise NothingYetError(f"No run was begun since {request.since}. {notes[0]}")
     return runs[begun], notes
 

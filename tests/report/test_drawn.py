@@ -287,6 +287,31 @@ def test_evaluations_of_very_different_lengths_have_logarithmic_axis(fabric, las
         assert [text for text in shown if 0.5 <= float(text) <= 9] == ["0.5", "1", "2", "5"]
 
 
+@pytest.mark.parametrize("last", [0, 1000])
+def test_evaluations_before_training_are_on_linear_axis(fabric, last):
+    fabric.run([1.0], 0, algo="sac", evaluated={0: 10.0, last: 20.0})
+    fabric.run([1.0] * 9, 0, algo="ppo", evaluated={0: 10.0, 9000: 20.0})
+    figure = grid_figure(fabric.learned(kind=EVALUATION), [], Request())
+    (x,) = (panel.x for panel in figure.panels if panel.series)
+    assert (x.log, x.limits) == (False, (0, 9000))
+
+
+def test_axis_of_single_evaluation_before_training_has_width(fabric):
+    fabric.run([1.0], 0, evaluated={0: 10.0})
+    figure = grid_figure(fabric.learned(kind=EVALUATION), [], Request())
+    (x,) = (panel.x for panel in figure.panels if panel.series)
+    assert (x.log, x.limits) == (False, (0, 1))
+
+
+@pytest.mark.filterwarnings("error")  # matplotlib warns if it can't lay out a figure
+@pytest.mark.parametrize("sheet", layout.SHEETS.values(), ids=map(str, layout.SHEETS))
+def test_long_row_names_leave_room_for_heat_map(fabric, sheet):
+    fabric.run([1.0], algo="W" * 80)
+    drawn = plotting.draw(heat_map.matrix_figure(fabric.cells()[0]), sheet)
+    drawn.draw_without_rendering()
+    assert drawn.axes[0].get_position().width * sheet.width > 0.25
+
+
 @pytest.mark.parametrize("sheet", layout.SHEETS.values(), ids=map(str, layout.SHEETS))
 @pytest.mark.parametrize("count", [1, 2, 6])
 def test_long_row_names_leave_room_for_panels(sheet, count):

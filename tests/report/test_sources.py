@@ -105,6 +105,11 @@ class TestCompare:
         with pytest.raises(RequestError, match=printed):
             gather(both, Request(compare=compare))
 
+    def test_comparison_of_same_runs_is_refused(self, both):
+        printed = "is not compared: tau=0.25 and tau=2.5e-1 have the same settings."
+        with pytest.raises(RequestError, match=printed):
+            gather(both, Request(compare=("tau=0.25", "tau=2.5e-1")))
+
     def test_comparison_of_equal_sides_is_refused(self):
         with pytest.raises(RequestError, match="type two different ones"):
             Request(compare=("a", "a"))

@@ -149,7 +149,7 @@ def test_interval_has_stated_coverage():
 
 def test_steps_to_threshold_are_infinite_if_never_reached():
     returns = np.array([[1.0, 5.0, 9.0], [9.0, 1.0, np.nan], [1.0, 2.0, 3.0]])
-    steps = steps_to_threshold(returns, np.array([10.0, 20.0, 30.0]), 5.0)
+    steps = steps_to_threshold(returns, np.tile([10.0, 20.0, 30.0], (3, 1)), 5.0)
     assert steps.tolist() == [20.0, 10.0, np.inf]
     assert st.median([steps]) == 20.0
     found = st.estimate(st.median, [steps])

@@ -99,10 +99,10 @@ def near_misses(
         for other in (other for other in others if _named(other) == _named(cell)):
             labels = variant_labels({"a": cell.settings, "b": other.settings})
             labels = {key: label.removesuffix(f" ({key})") for key, label in labels.items()}
-            notes.append(
-                f"{' '.join(_named(cell))} is not compared: {cell.source} has {labels['a']}; "
-                f"{other.source} has {labels['b']}."
-            )
+            differs = f"{cell.source} has {labels['a']}; {other.source} has {labels['b']}"
+            same = f"{cell.source} and {other.source} have the same settings"
+            reason = same if cell.settings == other.settings else differs
+            notes.append(f"{' '.join(_named(cell))} is not compared: {reason}.")
     return notes
 
 

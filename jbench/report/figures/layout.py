@@ -1,5 +1,6 @@
 """Sizes of figures for a screen or a paper, and positions of panels, legend and notes."""
 
+from collections.abc import Sequence
 from functools import cache
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ SMALL = 8.0
 """Font size of most texts, in points."""
 
 _TINY = 5.5  # points; font size in narrow cells
+_NAMES_SHARE = 0.6  # of the width of a table, for the names of its rows
 _MEASURED_DPI = 100.0  # of drawings, as texts are not exactly as wide at another resolution
 _CHARACTERS = 16  # characters of the small size per inch
 
@@ -230,6 +232,13 @@ def cell_text_size(heat_map: HeatMap, sheet: Sheet) -> float:
     """Returns the font size in and beside the cells of a table, in points."""
     columns = len(heat_map.x) - 1
     return SMALL if _table_width(heat_map, sheet) / (columns + 1.5) > 0.8 else _TINY
+
+
+def row_name_size(names: Sequence[str], heat_map: HeatMap, sheet: Sheet) -> tuple[int, int]:
+    """Returns the size of names beside a heat map, see `shortened`, which leave room for it."""
+    room = _NAMES_SHARE * _table_width(heat_map, sheet) * SMALL / cell_text_size(heat_map, sheet)
+    fitting = (int(len(name) * room / max(width_of(name), 1e-9)) for name in names)
+    return min(ROW_NAME[0], *fitting), ROW_NAME[1]
 
 
 def in_lines(text: str, characters: int) -> str:

@@ -265,11 +265,12 @@ def test_figure_is_drawn_with_and_without_surrounding_text(fabric, published):
     seeds(fabric, [500])
     figure = grid_figure(fabric.learned(), published, Request())
     whole, bare = (plotting.draw(figure, text=text) for text in (True, False))
+    of_paper = plotting.draw(figure, layout.SHEETS[2])
     assert [text.get_text().split()[0] for text in whole.texts] == ["Training", "Shown:"]
-    assert bare.texts == []
+    assert (bare.texts, bare.legends, of_paper.texts) == ([], [], [])
     assert bare.get_size_inches()[1] < whole.get_size_inches()[1]
     assert "Order: quantile-first" in figure.caption
-    assert f"solved ({SOLVED})" in [text.get_text() for text in bare.legends[-1].get_texts()]
+    assert f"solved ({SOLVED})" in [text.get_text() for text in of_paper.legends[-1].get_texts()]
 
 
 @pytest.mark.parametrize(("last", "log"), [(7000, False), (9000, True)])

@@ -168,9 +168,8 @@ def test_encoders_of_another_task_give_no_report(results, tmp_path):
         write_report(results, tmp_path / "report", Request(task="move_to_pose"))
 
 
-def test_no_encoders_give_no_figure(results):
+def test_no_encoders_give_empty_table(results):
     assert table_of(results).empty
-    assert list(figure_items.of_encoders(table_of(results))) == []
 
 
 def add_predictions(record, yaw_rate, rank):

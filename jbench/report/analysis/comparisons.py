@@ -177,12 +177,10 @@ def best_of(cells: Sequence[Cell]) -> Cell | None:
     The 95% interval of the difference of medians must lie above 0 for every other cell, and both
     cells must have at least `DECIDING_SEEDS` seeds. The largest median alone is not enough.
     """
-    if len(cells) < 2:
-        return None
     learned = [cell for cell in cells if len(scores_of(cell).final)]
-    best = max(learned, key=lambda cell: float(np.median(scores_of(cell).final)), default=None)
-    if best is None:
+    if len(cells) < 2 or not learned:
         return None
+    best = max(learned, key=lambda cell: float(np.median(scores_of(cell).final)))
     return best if all(_is_above(best, other) for other in cells if other is not best) else None
 
 

@@ -21,6 +21,7 @@ POINT = ("episode_return", "control_steps", "processor_time")
 
 _KEY = ["task", "algo", "representation", "variant"]
 _USED = [*_KEY, "run", "seed", "steps", "status"]
+_ORDER, _ASCENDING = ["seed", "recorded", "steps", "run"], [True, False, False, True]
 _NOTHING = Points(*(np.empty(0) for _ in Points._fields))
 
 
@@ -74,16 +75,12 @@ def build_cells(
     for _, group in runs.groupby(_KEY[:3]):
         settings = _settings(group)
         for variant, label in variant_labels(settings).items():
-            seeds = _Seeds(group[group["variant"] == variant])
-            recorded: dict[Returns, Mapping[str, Points]] = {}
-            if any(run in trained for run in seeds.chosen["run"]) or seeds.any_diverged():
-                recorded[TRAINING] = trained
-            if any(run in evaluated for run in seeds.chosen["run"]) or seeds.diverged_too_early():
-                recorded[EVALUATION] = evaluated
+            same = group[group["variant"] == variant].sort_values(_ORDER, ascending=_ASCENDING)
+            recorded = _recorded(same.drop_duplicates("seed"), trained, evaluated)
             for i, (kind, points) in enumerate(recorded.items()):
-                # Both cells are of the same runs, which only one of them has notes on.
+                # Both cells are of the same runs, on which one of them has notes.
                 named = label, words[variant]
-                cells.append(_build_cell(seeds, *named, kind, points, source, noted=not i))
+                cells.append(_build_cell(same, *named, kind, points, source, noted=not i))
     return sorted(cells, key=paper_order), notes
 
 
@@ -92,31 +89,25 @@ def _settings(runs: pd.DataFrame) -> dict[str, Run]:
     return dict(zip(runs["variant"], runs["typed"], strict=True))
 
 
-class _Seeds:
-    """Runs with the same settings, of which the longest of each seed is used.
+def _recorded(
+    chosen: pd.DataFrame, trained: Mapping[str, Points], evaluated: Mapping[str, Points]
+) -> dict[Returns, Mapping[str, Points]]:
+    """Returns the points by run, for each kind of return of which these runs form a cell.
 
-    Attributes:
-        runs: rows of all runs.
-        chosen: rows of the runs in the cell, by ascending seed.
+    Diverged runs have training returns, and evaluations if all runs diverged and planned them.
     """
-
-    def __init__(self, runs: pd.DataFrame) -> None:
-        order = ["seed", "recorded", "steps", "run"]
-        self.runs = runs.sort_values(order, ascending=[True, False, False, True])
-        self.chosen = self.runs.drop_duplicates("seed")
-
-    def any_diverged(self) -> bool:
-        """Returns whether a run diverged."""
-        return bool(self.chosen["divergence"].notna().any())
-
-    def diverged_too_early(self) -> bool:
-        """Returns whether evaluations were planned for all runs, but all diverged."""
-        planned = [run.evaluate_episodes for run in self.chosen["typed"]]
-        return bool(self.chosen["divergence"].notna().all()) and all(planned)
+    recorded: dict[Returns, Mapping[str, Points]] = {}
+    diverged = chosen["divergence"].notna()
+    if any(run in trained for run in chosen["run"]) or diverged.any():
+        recorded[TRAINING] = trained
+    planned = all(run.evaluate_episodes for run in chosen["typed"])
+    if any(run in evaluated for run in chosen["run"]) or (diverged.all() and planned):
+        recorded[EVALUATION] = evaluated
+    return recorded
 
 
 def _build_cell(
-    seeds: _Seeds,
+    runs: pd.DataFrame,
     label: str,
     words: str,
     kind: Returns,
@@ -125,8 +116,8 @@ def _build_cell(
     *,
     noted: bool,
 ) -> Cell:
-    """Returns a cell of one kind of return; `noted` is whether its notes are on the runs too."""
-    chosen, notes = seeds.chosen, []
+    """Returns a cell of the first run of each seed; `noted` is whether it has notes on its runs."""
+    chosen, notes = runs.drop_duplicates("seed"), []
     usable = chosen["run"].isin(list(recorded)) | chosen["divergence"].notna()
     if not usable.all():
         point = "evaluation" if kind is EVALUATION else "training episode"
@@ -140,7 +131,7 @@ def _build_cell(
     present = np.isfinite(points.control_steps)
     lengths = np.max(np.where(present, np.arange(present.shape[1]) + 1, 0), axis=1)
     if noted:
-        notes += on_runs(seeds.runs, chosen, divergences, kind)
+        notes += on_runs(runs, chosen, divergences, kind)
     notes += on_points(chosen, present, absent, kind)
     settings = chosen["typed"].iloc[0]
     names: dict[str, Any] = {name: str(chosen[name].iloc[0]) for name in _KEY}

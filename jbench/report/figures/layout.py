@@ -139,7 +139,7 @@ def lay_out(figure: Figure, sheet: Sheet, *, text: bool, legend: bool = True) ->
     panel_height = _height(figure, sheet)
     if rows > 1 and sheet.paper and sheet.columns > _FEW and not figure.panels[0].y.names:
         panel_height *= _LOWER  # so that two rows are no higher than a third of a page
-    entries, top = _flow(figure if legend else None, width)
+    entries, top = _flow([label for label, _ in figure.legend] if legend else [], width)
     title = _TITLE_HEIGHT if text else 0.0
     entries = [(label, Box(box.left, box.top + title)) for label, box in entries]
     top += title
@@ -195,14 +195,14 @@ def _fitted(label: str, width: float) -> str:
     return in_lines(label, max(8, int(len(label) * width / max(width_of(label), 1e-9))))
 
 
-def _flow(figure: Figure | None, width: float) -> tuple[list[tuple[str, Box]], float]:
+def _flow(labels: Sequence[str], width: float) -> tuple[list[tuple[str, Box]], float]:
     """Returns the entries of a legend in rows from the left, and the end of the last row."""
-    if figure is None or not figure.legend:
+    if not labels:
         return [], 0.0
     entries = []
     left, top, lines = MARGIN, MARGIN, 1
     room = width - 2 * MARGIN - HANDLE - _GAP
-    for label, _ in figure.legend:
+    for label in labels:
         text = label if width_of(label) <= room else _fitted(label, 0.8 * room)
         across = HANDLE + _GAP + max(map(width_of, text.split("\n")))
         if left > MARGIN and left + across > width - MARGIN:

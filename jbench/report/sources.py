@@ -189,6 +189,8 @@ def _source(
     strict: bool = True,
 ) -> Source:
     """Returns the runs that pass the filters of the request and are chosen by their settings."""
+    # The name of a directory may contain bytes that no table can hold.
+    name = name.encode(errors="backslashreplace").decode()
     runs, unusable = usable_runs(tables["runs"])
     if choice is not None:
         runs = runs[np.array([choice(parse_run(one)) for one in runs["settings"]], bool)]
@@ -213,15 +215,13 @@ def _begun_since(
     if since is None:
         return runs, []
     begun = pd.to_datetime(runs["created"], utc=True, errors="coerce", format="ISO8601") >= since
-    count = int((~begun).sum())
-    notes = (
-        [f"{counted(count, 'run')} begun before {request.since} {are(count)} left out."]
-        if count
-        else []
-    )
-    if strict and count and count == len(runs):
-        raise NothingYetError(f"No run was begun since {request.since}. {notes[0]}")
-    return runs[begun], notes
+    earlier = int((~begun).sum())
+    if not earlier:
+        return runs, []
+    note = f"{counted(earlier, 'run')} begun before {request.since} {are(earlier)} left out."
+    if strict and earlier == len(runs):
+        raise NothingYetError(f"No run was begun since {request.since}. {note}")
+    return runs[begun], [note]
 
 
 def _filter(runs: pd.DataFrame, request: Request, *, strict: bool) -> pd.DataFrame:

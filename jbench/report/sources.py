@@ -230,11 +230,9 @@ def _filter(runs: pd.DataFrame, request: Request, *, strict: bool) -> pd.DataFra
     Raises:
         NothingYetError: if there are none, and `strict` is set.
     """
-    wanted = {"task": request.task, "algo": request.algo}
-    wanted = {name: value for name, value in wanted.items() if value is not None}
-    matches = pd.Series(True, index=runs.index)
-    for name, value in wanted.items():
-        matches &= runs[name] == value
+    typed = {"task": request.task, "algo": request.algo}
+    wanted = {name: value for name, value in typed.items() if value is not None}
+    matches = (runs[[*wanted]] == pd.Series(wanted, dtype=object)).all(axis=1)
     if strict and not matches.any():
         existing = "; ".join(
             f"{name} with {', '.join(sorted(set(group)))}"

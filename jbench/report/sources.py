@@ -209,7 +209,7 @@ def _begun_since(
     """Returns the runs begun since the requested time, and a note on the others.
 
     Raises:
-        NothingYetError: if there are none of several, and `strict` is set.
+        NothingYetError: if all runs were begun earlier, and `strict` is set.
     """
     since = request.begun_since()
     if since is None:

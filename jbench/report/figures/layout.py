@@ -237,8 +237,8 @@ def cell_text_size(heat_map: HeatMap, sheet: Sheet) -> float:
 def row_name_size(names: Sequence[str], heat_map: HeatMap, sheet: Sheet) -> tuple[int, int]:
     """Returns the size of names beside a heat map, see `shortened`, which leave room for it."""
     room = _NAMES_SHARE * _table_width(heat_map, sheet) * SMALL / cell_text_size(heat_map, sheet)
-    fitting = (int(len(name) * room / max(width_of(name), 1e-9)) for name in names)
-    return min(ROW_NAME[0], *fitting), ROW_NAME[1]
+    fitting = (int(len(one) * room / width_of(one)) for one in names if width_of(one) > room)
+    return min([ROW_NAME[0], *fitting]), ROW_NAME[1]
 
 
 def in_lines(text: str, characters: int) -> str:

@@ -16,11 +16,6 @@ def whole(value: float) -> str:
     return f"{round(value):,d}"
 
 
-def tenths(value: float) -> str:
-    """Formats a return with one decimal."""
-    return f"{value:,.1f}"
-
-
 def signed(value: float) -> str:
     """Formats a difference of returns."""
     return f"{round(value):+,d}" if round(value) else "0"
@@ -49,5 +44,10 @@ def span(numbers: Sequence[float], form: Form) -> str:
 
 
 def display_name(algo: str) -> str:
-    """Returns an algorithm's name as the paper writes it, or as its author does."""
-    return algo.upper() if algo in ALGORITHMS else algo
+    """Returns an algorithm's name as the paper writes it, or as its author does.
+
+    The label `TD3` of a recorded or imported algorithm differs from that of jbench's td3.
+    """
+    if algo in ALGORITHMS:
+        return algo.upper()
+    return f"{algo} (label)" if algo in map(str.upper, ALGORITHMS) else algo

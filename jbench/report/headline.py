@@ -13,7 +13,7 @@ from jbench.report.analysis.scores import Summary
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.formatting import display_name
-from jbench.report.tables import reduction_items
+from jbench.report.tables import reduction_items, values
 from jbench.report.views import View, cells_of
 from jbench.wording import are, counted
 
@@ -131,7 +131,7 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     who = one_of(names, "and")
     tasks = one_of(dict.fromkeys(answer.cell.task for answer in group), "and")
     one, several = len(names) == 1, len(group) > 1
-    medians = formatting.span([answer.median for answer in group], formatting.whole)
+    medians = formatting.span([answer.median for answer in group], values.against_solved)
     reached = [answer.reached for answer in group if answer.reached != math.inf]
     when = (
         f"return {SOLVED} after {formatting.span(reached, formatting.steps)} control steps"

@@ -6,6 +6,7 @@ changed are kept.
 """
 
 import json
+import re
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,6 +15,7 @@ from jbench.store.files import make_directory, open_plain, remove, sha256, write
 
 LISTING = "report.json"
 
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _MAX_LISTING = 1 << 22  # bytes
 _WRITERS = 16  # files written at a time
 
@@ -67,7 +69,7 @@ def _remove(path: Path, digest: str) -> bool:
 def _listed(out: Path) -> dict[str, str]:
     """Returns the files in the list of the existing report, if it has one.
 
-    The list is untrusted: names that are paths are ignored.
+    The list is untrusted: names that no file of a report has, such as paths, are ignored.
     """
     try:
         with open_plain(out / LISTING) as file:
@@ -75,7 +77,7 @@ def _listed(out: Path) -> dict[str, str]:
         return {
             name: digest
             for name, digest in listed.items()
-            if isinstance(digest, str) and Path(name).name == name
+            if isinstance(digest, str) and _NAME.fullmatch(name)
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}

@@ -189,10 +189,12 @@ def _source(
     strict: bool = True,
 ) -> Source:
     """Returns the runs that pass the filters of the request and are chosen by their settings."""
+    # The name of a directory may contain bytes that no table can hold.
+    name = name.encode(errors="backslashreplace").decode()
     runs, unusable = usable_runs(tables["runs"])
     if choice is not None:
         runs = runs[np.array([choice(parse_run(one)) for one in runs["settings"]], bool)]
-    runs, early = _begun_since(runs, request)
+    runs, early = _begun_since(runs, request, strict=strict)
     runs = _filter(runs, request, strict=strict) if len(runs) else runs
     points = tables.pop("episodes"), tables.pop("evaluations")
     # Imported curves have no paths.
@@ -201,20 +203,25 @@ def _source(
     return Source(cells, runs, early + notes, [*problems, *unusable], tables, name, paths)
 
 
-def _begun_since(runs: pd.DataFrame, request: Request) -> tuple[pd.DataFrame, list[str]]:
+def _begun_since(
+    runs: pd.DataFrame, request: Request, *, strict: bool
+) -> tuple[pd.DataFrame, list[str]]:
+    """Returns the runs begun since the requested time, and a note on the others.
+
+    Raises:
+        NothingYetError: if all runs were begun earlier, and `strict` is set.
+    """
     since = request.begun_since()
     if since is None:
         return runs, []
     begun = pd.to_datetime(runs["created"], utc=True, errors="coerce", format="ISO8601") >= since
-    count = int((~begun).sum())
-    notes = (
-        [f"{counted(count, 'run')} begun before {request.since} {are(count)} left out."]
-        if count
-        else []
-    )
-    if count and count == len(runs):
-        raise NothingYetError(f"No run was begun since {request.since}. {notes[0]}")
-    return runs[begun], notes
+    earlier = int((~begun).sum())
+    if not earlier:
+        return runs, []
+    note = f"{counted(earlier, 'run')} begun before {request.since} {are(earlier)} left out."
+    if strict and earlier == len(runs):
+        raise NothingYetError(f"No run was begun since {request.since}. {note}")
+    return runs[begun], [note]
 
 
 def _filter(runs: pd.DataFrame, request: Request, *, strict: bool) -> pd.DataFrame:
@@ -223,11 +230,9 @@ def _filter(runs: pd.DataFrame, request: Request, *, strict: bool) -> pd.DataFra
     Raises:
         NothingYetError: if there are none, and `strict` is set.
     """
-    wanted = {"task": request.task, "algo": request.algo}
-    wanted = {name: value for name, value in wanted.items() if value is not None}
-    matches = pd.Series(True, index=runs.index)
-    for name, value in wanted.items():
-        matches &= runs[name] == value
+    typed = {"task": request.task, "algo": request.algo}
+    wanted = {name: value for name, value in typed.items() if value is not None}
+    matches = (runs[[*wanted]] == pd.Series(wanted, dtype=object)).all(axis=1)
     if strict and not matches.any():
         existing = "; ".join(
             f"{name} with {', '.join(sorted(set(group)))}"

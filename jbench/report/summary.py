@@ -104,7 +104,7 @@ def _solved(summary: Summary) -> tuple[str, str]:
     median, or neither is at 900 or more.
     """
     one = summary.get("final_return", "median")
-    value = None if one is None else values.estimate(one.estimate, _form(one.estimate.value))
+    value = None if one is None else values.estimate(one.estimate, values.against_solved)
     if one is None or value is None:
         return "not solved", "no final return"
     text = f"{value.text}, {values.count_of(summary.cell, one.seeds)}"
@@ -112,11 +112,6 @@ def _solved(summary: Summary) -> tuple[str, str]:
         return "not solved", text
     verdict, _ = decide_solved(one.estimate, one.seeds)
     return ("solved" if verdict == "supported" else "uncertain"), text
-
-
-def _form(median: float) -> formatting.Form:
-    """Returns the format of a median and its interval: a median of 899.6 must not read 900."""
-    return formatting.tenths if SOLVED - 0.5 <= median < SOLVED else formatting.whole
 
 
 def _on_solved(views: Sequence[View]) -> list[str]:

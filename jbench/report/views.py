@@ -106,9 +106,13 @@ def views_of(
 
 
 def cells_of(views: Sequence[View]) -> list[Cell]:
-    """Returns one cell for the runs of each setting: that of training returns if there is one."""
-    training_last = sorted(views, key=lambda view: view.kind is TRAINING)
-    return list({cell.key: cell for view in training_last for cell in view.cells}.values())
+    """Returns one cell for the runs of each setting: that of most seeds, or training returns."""
+    found: dict[tuple[str, ...], Cell] = {}
+    for view in sorted(views, key=lambda view: view.kind is TRAINING):
+        for cell in view.cells:
+            if len(cell.seeds) >= len(found.get(cell.key, cell).seeds):
+                found[cell.key] = cell
+    return list(found.values())
 
 
 def curve_of(cell: Cell, request: Request) -> Curve:

@@ -59,7 +59,7 @@ class BrowserPage:
         svg.scroll_into_view_if_needed()
         box = svg.bounding_box()
         view = svg.evaluate("(e) => ['x', 'y', 'width', 'height'].map((n) => e.viewBox.baseVal[n])")
-        drawn = draw(figure, text=False, legend=False)
+        drawn = draw(figure, text=False)
         drawn.draw_without_rendering()  # places the panels
         left, up = drawn.axes[panel].transData.transform((x, y)) * 72 / drawn.dpi
         down = drawn.get_size_inches()[1] * 72 - up

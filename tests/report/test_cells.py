@@ -6,6 +6,7 @@ import pytest
 
 from jbench.report.data.building import build_cells, usable_runs
 from jbench.report.data.cells import file_name, in_order
+from jbench.report.data.returns import EVALUATION
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.alike import alike, comparable, flatten
 from jbench.settings.run import RunSettings, Unreadable, read_run
@@ -82,6 +83,17 @@ def test_few_seeds_are_noted(fabric, seeds, printed):
         fabric.run([1.0], seed=seed)
     (cell,), _ = fabric.cells()
     assert [note.split(":")[0] for note in cell.notes] == ([printed] if printed else [])
+
+
+def test_seeds_with_evaluations_only_are_noted(fabric):
+    fabric.run([], 0, evaluated={1000: 5.0}, steps=2000, status="unfinished")
+    fabric.run([], 1, evaluated={1000: 5.0, 2000: 6.0}, steps=2000)
+    (cell,), _ = fabric.cells(EVALUATION)
+    assert [note.split(":")[0] for note in cell.notes] == [
+        "only 2 seeds",
+        "seed 0 unfinished after 1 evaluation",
+        "seeds of unequal length, 1 to 2 evaluations",
+    ]
 
 
 def test_non_finite_returns_are_noted(fabric):

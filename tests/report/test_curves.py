@@ -144,6 +144,13 @@ def test_curve_reports_window_shortened_to_run(order):
     assert curve.quantile(50).tolist() == [0.0, *(0.5 + i for i in range(9)), 9.0]
 
 
+def test_control_steps_of_curve_do_not_decrease_after_end_of_seed():
+    steps = np.array([[1000.0, 2000, 3000, 4000], [3000, 6000, np.nan, np.nan]])
+    curve = learning_curve(np.ones((2, 4)), steps, np.array([4, 2]), window=1)
+    # Means of both seeds are 2000 and 4000. Then only the first one is left, at 3000 and 4000.
+    assert curve.control_steps.tolist() == [2000, 4000, 4000, 4000]
+
+
 def test_run_of_one_episode_is_one_point():
     curve = learning_curve(*cell([7.0]))
     assert (curve.window, curve.control_steps.tolist()) == (1, [1000])

@@ -265,11 +265,12 @@ def test_figure_is_drawn_with_and_without_surrounding_text(fabric, published):
     seeds(fabric, [500])
     figure = grid_figure(fabric.learned(), published, Request())
     whole, bare = (plotting.draw(figure, text=text) for text in (True, False))
+    of_paper = plotting.draw(figure, layout.SHEETS[2])
     assert [text.get_text().split()[0] for text in whole.texts] == ["Training", "Shown:"]
-    assert bare.texts == []
+    assert (bare.texts, bare.legends, of_paper.texts) == ([], [], [])
     assert bare.get_size_inches()[1] < whole.get_size_inches()[1]
     assert "Order: quantile-first" in figure.caption
-    assert f"solved ({SOLVED})" in [text.get_text() for text in bare.legends[-1].get_texts()]
+    assert f"solved ({SOLVED})" in [text.get_text() for text in of_paper.legends[-1].get_texts()]
 
 
 @pytest.mark.parametrize(("last", "log"), [(7000, False), (9000, True)])
@@ -285,6 +286,31 @@ def test_evaluations_of_very_different_lengths_have_logarithmic_axis(fabric, las
     shown = [text.get_text() for text in axes.get_xticklabels() if text.get_text()]
     if log:
         assert [text for text in shown if 0.5 <= float(text) <= 9] == ["0.5", "1", "2", "5"]
+
+
+@pytest.mark.parametrize("last", [0, 1000])
+def test_evaluations_before_training_are_on_linear_axis(fabric, last):
+    fabric.run([1.0], 0, algo="sac", evaluated={0: 10.0, last: 20.0})
+    fabric.run([1.0] * 9, 0, algo="ppo", evaluated={0: 10.0, 9000: 20.0})
+    figure = grid_figure(fabric.learned(kind=EVALUATION), [], Request())
+    (x,) = (panel.x for panel in figure.panels if panel.series)
+    assert (x.log, x.limits) == (False, (0, 9000))
+
+
+def test_axis_of_single_evaluation_before_training_has_width(fabric):
+    fabric.run([1.0], 0, evaluated={0: 10.0})
+    figure = grid_figure(fabric.learned(kind=EVALUATION), [], Request())
+    (x,) = (panel.x for panel in figure.panels if panel.series)
+    assert (x.log, x.limits) == (False, (0, 1))
+
+
+@pytest.mark.filterwarnings("error")  # matplotlib warns if it can't lay out a figure
+@pytest.mark.parametrize("sheet", layout.SHEETS.values(), ids=map(str, layout.SHEETS))
+def test_long_row_names_leave_room_for_heat_map(fabric, sheet):
+    fabric.run([1.0], algo="W" * 80)
+    drawn = plotting.draw(heat_map.matrix_figure(fabric.cells()[0]), sheet)
+    drawn.draw_without_rendering()
+    assert drawn.axes[0].get_position().width * sheet.width > 0.25
 
 
 @pytest.mark.parametrize("sheet", layout.SHEETS.values(), ids=map(str, layout.SHEETS))

@@ -66,6 +66,21 @@ def test_verdict_needs_six_seeds(fabric, count, verdict):
     assert ("but uncertain" in report.summary) == (count == 5)
 
 
+def test_median_that_rounds_to_900_contradicts_claim(fabric):
+    for seed in range(6):
+        fabric.run(FLAT + 399.6, seed)
+    assert "| 899.6 [899.6, 899.6] | contradicted |" in GatheredReport(fabric).table("claims")
+
+
+def test_label_that_reads_like_algorithm_of_paper_has_own_row(fabric):
+    for seed in range(3):
+        fabric.run(FLAT, seed)
+        fabric.run(FLAT + 200, seed, algo="TD3", engine="external")
+    table = GatheredReport(fabric).table("final_returns")
+    assert "| TD3 | full | 40k | 500 [500, 500], n = 3 |" in table
+    assert "| TD3 (label) | full | 40k | 700 [700, 700], n = 3 |" in table
+
+
 def test_unequal_lengths_are_noted_with_compared_steps(fabric):
     for seed in range(3):
         fabric.run(FLAT, seed)

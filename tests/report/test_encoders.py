@@ -1,6 +1,7 @@
 """Tests of the figure and the table of encoder errors against latents, with made-up encoders."""
 
 import json
+import math
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,7 @@ import pytest
 
 from jbench.errors import RequestError
 from jbench.names import OFE
-from jbench.report.figures import encoders, figure_items
+from jbench.report.figures import encoders, figure_items, plotting
 from jbench.report.page import legends
 from jbench.report.report import write_report
 from jbench.report.request import Request
@@ -67,6 +68,15 @@ def test_row_holds_medians_across_seeds_of_kind_and_size(results):
     assert first["test_mse"] == pytest.approx(0.4)
     fractions = first[["test", "pca", "random", "heuristic", "pca_heuristic"]].tolist()
     assert fractions == pytest.approx([0.4, 0.1, 0.5, 0.6, 0.7])
+
+
+def test_axis_shows_every_known_error(results):
+    for latents, explained in ((2, math.nan), (4, -math.inf), (8, -4.0), (16, 0.8)):
+        add(results, "dae", latents, explained)
+    figure = encoders.error_figure(table_of(results))
+    # From 0.2, which is the smallest error, to 5, with margins.
+    assert figure.panels[0].y.limits == pytest.approx((0.2 / 1.4, 5 * 1.3))
+    assert plotting.to_svg(plotting.draw(figure))
 
 
 def test_rows_are_ordered_by_task_kind_and_size(results):
@@ -158,9 +168,8 @@ def test_encoders_of_another_task_give_no_report(results, tmp_path):
         write_report(results, tmp_path / "report", Request(task="move_to_pose"))
 
 
-def test_no_encoders_give_no_figure(results):
+def test_no_encoders_give_empty_table(results):
     assert table_of(results).empty
-    assert list(figure_items.of_encoders(table_of(results))) == []
 
 
 def add_predictions(record, yaw_rate, rank):

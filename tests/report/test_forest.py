@@ -199,6 +199,11 @@ class TestHeadline:
         (line,) = [one for one in document(fabric).summary if "disagree on whether 900" in one]
         assert "training 899.6 [899.6, 899.6], n = 6: the median is below 900" in line
 
+    def test_median_that_rounds_to_900_does_not_solve_task(self, fabric):
+        add_runs(fabric, [899.97] * 6)
+        headline = document(fabric).headline
+        assert headline.startswith("TD3 does not solve face_direction (median return 899.9; 6")
+
     def test_median_of_exactly_900_solves_task(self, fabric):
         add_runs(fabric, [900] * 6)
         assert document(fabric).headline.startswith("TD3 solves face_direction")

@@ -101,6 +101,23 @@ def test_imports_with_evaluations_only_are_counted_beside_training(imported, tmp
     assert document.inventory == counts
 
 
+def test_seeds_with_evaluations_only_are_counted_beside_training_of_label(tmp_path):
+    path = tmp_path / "imported"
+    add(path, tmp_path, "fast", {0: 800.0})
+    add(path, tmp_path, "fast", {0: 810.0, 1: 820.0}, "e", more=("--returns", "evaluation"))
+    document = contents.document(gather(Results(path), Request()))
+    assert document.summary[0].startswith("2 runs in 1 cell on 1 task: ")
+    counts = [("2", "runs"), ("1", "cell"), ("1", "task"), ("16k", "control steps")]
+    assert document.inventory == counts
+
+
+def test_imports_are_reported_if_no_run_was_begun_since_date(demo, tmp_path):
+    add(demo, tmp_path, "fast", {0: 800.0})
+    data = gather(Results(demo), Request(since="2100-01-01"))
+    assert set(data.table["source"]) == {IMPORTED}
+    assert any("begun before 2100-01-01 are left out" in note for note in data.notes)
+
+
 def test_notes_count_only_imports_that_pass_filters(imported):
     notes = gather(Results(imported), Request(algo="fast")).notes
     assert [note for note in notes if "curves (csv)" in note] == [
@@ -136,6 +153,17 @@ def test_seeds_with_points_at_different_control_steps_are_noted(tmp_path):
     assert main(["import", *typed, *columns, "--results", str(path), str(file)]) == 0
     (row,) = gather(Results(path), Request()).table.to_dict("records")
     assert "the points of its seeds are up to 300 control steps apart" in row["notes"]
+
+
+def test_seeds_reach_return_at_their_own_control_steps(tmp_path):
+    path, file = tmp_path / "imported", tmp_path / "curves.csv"
+    file.write_text("seed,control_steps,episode_return\n0,1000,950\n1,7000,950\n2,9000,950\n")
+    typed = ("--from", "csv", "--task", "face_direction", "--algo", "td3", "--seed-column", "seed")
+    assert main(["import", *typed, "--results", str(path), str(file)]) == 0
+    (view,) = gather(Results(path), Request()).views
+    reached = view.statistics[0].get("steps_to_solved", "median")
+    estimate = reached.estimate
+    assert (estimate.value, estimate.low, estimate.high) == (7000, 1000, 9000)
 
 
 def test_imports_change_no_number_or_claim_of_runs(demo, imported, tmp_path):

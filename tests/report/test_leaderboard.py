@@ -36,17 +36,17 @@ def test_entries_with_overlapping_intervals_share_rank():
     assert ranks == [1, 2, 2, 2, None, None, 5, 5]
 
 
-def curve(median, steps, figure="fig9", sequence=False):
+def curve(median, steps, figure="fig9"):
     points = np.array([1000.0, steps])
     return PublishedCurve(
-        figure, "face_direction", "ddpg", "full", points, {50: np.array([0.0, median])}, sequence
+        figure, "face_direction", "ddpg", "full", points, {50: np.array([0.0, median])}
     )
 
 
 def test_published_curves_and_hand_written_policies_are_separate_entries():
     by_hand = {"face_direction": np.arange(100.0)}
     published = [curve(700.0, 3e6), curve(650.0, 5e6), curve(640.0, 5e6, "fig8")]
-    published.append(curve(990.0, 9e6, sequence=True))
+    published.append(curve(990.0, 9e6, "augmented-sac"))
     best, other = leaderboard.entries([], by_hand, published)
     # The longest curve counts; a curve on a sequence of robots is no entry.
     assert (best.source, best.median.value, best.trained) == ("published", 650.0, (5e6, 5e6))

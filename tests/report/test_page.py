@@ -453,6 +453,12 @@ class TestTables:
         assert list(downloads.flat(frame)) == ["a", "a'"]
 
 
+def test_inventory_names_numbers_before_their_values():
+    # HTML requires a <dt> before its <dd>.
+    page = render_document(made.document(inventory=[("3", "runs")]))
+    assert "<div><dt>runs</dt><dd>3</dd></div>" in page
+
+
 def test_figures_have_separate_path_ids():
     items = [FigureItem(f"f{i}", "F", made.curves_figure(), made.CURVES) for i in range(2)]
     page = Page(render_document(made.document(sections=[Section("S", [], items)])))

@@ -216,7 +216,7 @@ class TestFirstScreen:
         expect(page.page.locator(".headline")).to_be_in_viewport()
         box = page.page.locator("#tagged .drawing").bounding_box()
         assert box["y"] + box["height"] <= 800
-        assert page.page.locator(".inventory div").all_inner_texts() == ["3\nruns", "1\ntask"]
+        assert page.page.locator(".inventory div").all_inner_texts() == ["runs\n3", "task\n1"]
 
     def test_numbers_in_parentheses_are_fainter_than_words(self, opened, tmp_path):
         headline = "12 numbers (dae12) lower the return (-332 [-491, -214]; 6 seeds)."

@@ -177,6 +177,8 @@ def test_report_answers_by_evaluation_returns_first(fabric, out):
 
 def test_number_of_inputs_of_agent():
     assert reduction.numbers_seen("ofe12", "a task of another package") == 12
+    # The representation of a recorded run is a label that can end with any digits.
+    assert reduction.numbers_seen("dae" + 30 * "9", "face_direction") is None
     assert kind_of("lld-vae12") == "lld-vae"
     assert reduction.numbers_seen("lld-vae12", "face_direction") == 12
     assert reduction.numbers_seen("full", "face_direction") is None

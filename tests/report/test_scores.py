@@ -113,6 +113,15 @@ def test_nan_returns_are_ignored_in_means_and_counts(fabric, published):
     assert summary.get("final_return", "median").seeds == 1
 
 
+def test_seed_without_returns_is_not_counted_in_steps_to_threshold(fabric, published):
+    for seed, value in enumerate((np.nan, 950.0, 950.0)):
+        fabric.run(np.full(4, value), seed)
+    (summary,) = summaries(fabric.learned(), published)
+    for statistic in ("median", "interquartile_mean"):
+        found = summary.get("steps_to_solved", statistic)
+        assert (found.estimate.value, found.seeds, found.reached) == (1000, 2, 2)
+
+
 def test_robot_sequence_has_no_steps_to_threshold(fabric, published):
     flat(fabric, [950, 960, 970], augment=0, robots=2)
     (summary,) = summarised(fabric, published)

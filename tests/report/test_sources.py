@@ -1,7 +1,10 @@
 """Tests of the sources of a report: runs since a date, two compared sides, shipped runs."""
 
 import json
+import os
 import re
+import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -105,9 +108,22 @@ class TestCompare:
         with pytest.raises(RequestError, match=printed):
             gather(both, Request(compare=compare))
 
+    def test_comparison_of_same_runs_is_refused(self, both):
+        printed = "is not compared: tau=0.25 and tau=2.5e-1 have the same settings."
+        with pytest.raises(RequestError, match=printed):
+            gather(both, Request(compare=("tau=0.25", "tau=2.5e-1")))
+
     def test_comparison_of_equal_sides_is_refused(self):
         with pytest.raises(RequestError, match="type two different ones"):
             Request(compare=("a", "a"))
+
+    @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere all names are Unicode")
+    def test_directory_whose_name_is_not_unicode_is_compared(self, fabric, tmp_path):
+        fabric.run(FLAT, 0)
+        other = shutil.copytree(fabric.results.path, tmp_path / os.fsdecode(b"a\xff"))
+        compare = str(other), str(fabric.results.path)
+        data = gather(fabric.results, Request(compare=compare))
+        assert set(data.table["source"]) == {f"{tmp_path}/a\\udcff", compare[1]}
 
     def test_two_directories_are_compared(self, fabric, tmp_path, out):
         other = type(fabric)(tmp_path / "other")

@@ -13,7 +13,18 @@ from jbench.report.data.curves import steps_to_threshold
 
 _MADE = json.loads((Path(__file__).parent / "rliable_oracle" / "made.json").read_text())
 CASES = _MADE["cases"]
-NAMES = ("mean", "interquartile_mean", "probability_of_improvement")
+
+
+def mean(tasks):
+    """Returns the mean over tasks of the mean over seeds, a statistic that needs no sorting."""
+    return np.mean([np.mean(seeds, axis=-1) for seeds in tasks], axis=0)
+
+
+STATISTICS = {
+    "mean": mean,
+    "interquartile_mean": st.interquartile_mean,
+    "probability_of_improvement": st.probability_of_improvement,
+}
 
 
 def strata(matrix):
@@ -26,18 +37,18 @@ def groups(case, name):
     return [strata(case["x"]), strata(case["y"])] if both else [strata(case["x"])]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", STATISTICS)
 @pytest.mark.parametrize("case", range(len(CASES)))
 def test_estimates_equal_rliable(case, name):
     wanted = CASES[case]["made"][name]["value"]
-    assert getattr(st, name)(*groups(CASES[case], name)) == pytest.approx(wanted, abs=1e-9)
+    assert STATISTICS[name](*groups(CASES[case], name)) == pytest.approx(wanted, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", STATISTICS)
 @pytest.mark.parametrize("case", range(len(CASES)))
 def test_intervals_agree_with_rliable(case, name):
     low, high = CASES[case]["made"][name]["interval"]
-    found = st.estimate(getattr(st, name), *groups(CASES[case], name), resamples=20_000)
+    found = st.estimate(STATISTICS[name], *groups(CASES[case], name), resamples=20_000)
     # The limits of a bootstrap of 5,000 vary by about 2% of the width (one sd). The scores of half
     # of the cases are multiples of 25, so their limits may move by one step of a discrete
     # distribution: 25 divided by the number of runs.
@@ -53,7 +64,6 @@ def test_performance_profiles_equal_rliable(case):
 
 def test_tasks_with_unequal_seeds_have_equal_weight():
     unequal = [np.array([0.0]), np.array([1.0, 1.0, 1.0])]
-    assert st.mean(unequal) == 0.5
     assert st.performance_profile(unequal, np.array([0.5])).tolist() == [0.5]
     assert st.median(unequal) == 1.0  # of four runs: 0, 1, 1, 1
     # Four runs of weight 1/8 at 0, one of 1/4 at 100 and one at 200. A sixth is left out at each
@@ -121,16 +131,15 @@ def test_shared_resamples_give_same_estimates_bit_for_bit(monkeypatch):
 def test_vectorised_statistic_equals_statistic_of_each_resample():
     random = np.random.default_rng(0)
     many = [random.normal(size=(6, 9)), random.normal(size=(6, 4))]
-    for statistic in (st.mean, st.median, st.interquartile_mean, st.standard_deviation):
+    for statistic in (mean, st.median, st.interquartile_mean, st.standard_deviation):
         single = [statistic([task[i] for task in many]) for i in range(6)]
         np.testing.assert_allclose(statistic(many), single, rtol=1e-12)
 
 
 def test_interval_is_reproducible_and_needs_three_seeds():
     seeds = [np.array([1.0, 2.0, 4.0, 8.0])]
-    assert st.estimate(st.mean, seeds) == st.estimate(st.mean, seeds)
-    assert st.estimate(st.mean, seeds, seed=1) != st.estimate(st.mean, seeds)
-    two = st.estimate(st.mean, [np.array([1.0, 3.0])])
+    assert st.estimate(mean, seeds) == st.estimate(mean, seeds)
+    two = st.estimate(mean, [np.array([1.0, 3.0])])
     assert two.value == 2.0
     assert np.isnan([two.low, two.high, two.standard_error]).all()
 
@@ -142,14 +151,14 @@ def test_interval_has_stated_coverage():
     covered = [
         found.low <= 0 <= found.high
         for seeds in drawn
-        if (found := st.estimate(st.mean, [seeds], resamples=1000))
+        if (found := st.estimate(mean, [seeds], resamples=1000))
     ]
     assert 0.90 <= np.mean(covered) <= 0.97
 
 
 def test_steps_to_threshold_are_infinite_if_never_reached():
     returns = np.array([[1.0, 5.0, 9.0], [9.0, 1.0, np.nan], [1.0, 2.0, 3.0]])
-    steps = steps_to_threshold(returns, np.array([10.0, 20.0, 30.0]), 5.0)
+    steps = steps_to_threshold(returns, np.tile([10.0, 20.0, 30.0], (3, 1)), 5.0)
     assert steps.tolist() == [20.0, 10.0, np.inf]
     assert st.median([steps]) == 20.0
     found = st.estimate(st.median, [steps])

@@ -56,6 +56,7 @@ def test_latex_table_uses_booktabs_with_best_in_bold():
     [
         (r"\input{x}", r"\textbackslash{}input\{x\}"),
         ("$a^2_b$ #1 ~ %", r"\$a\textasciicircum{}2\_b\$ \#1 \textasciitilde{} \%"),
+        ("\N{CHECK MARK} yes, \N{BALLOT X} no", r"$\surd$ yes, $\times$ no"),
         ("1\N{EN DASH}2 <>", r"1--2 \textless{}\textgreater{}"),
     ],
 )

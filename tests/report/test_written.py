@@ -47,6 +47,7 @@ def test_report_without_listing_keeps_all_files(out):
         '{"files": []}',
         '{"files": {"../outside": 1}}',
         '{"files": {"../outside": "DIGEST", "..": "x", "link": "DIGEST"}}',
+        '{"files": {"a\\u0000b": "x", "a\\ud800b": "x", "": "x"}}',
     ],
 )
 def test_invalid_or_hostile_listing_is_harmless(out, listing):

@@ -99,10 +99,10 @@ def near_misses(
         for other in (other for other in others if _named(other) == _named(cell)):
             labels = variant_labels({"a": cell.settings, "b": other.settings})
             labels = {key: label.removesuffix(f" ({key})") for key, label in labels.items()}
-            notes.append(
-                f"{' '.join(_named(cell))} is not compared: {cell.source} has {labels['a']}; "
-                f"{other.source} has {labels['b']}."
-            )
+            differs = f"{cell.source} has {labels['a']}; {other.source} has {labels['b']}"
+            same = f"{cell.source} and {other.source} have the same settings"
+            reason = same if cell.settings == other.settings else differs
+            notes.append(f"{' '.join(_named(cell))} is not compared: {reason}.")
     return notes
 
 
@@ -177,12 +177,10 @@ def best_of(cells: Sequence[Cell]) -> Cell | None:
     The 95% interval of the difference of medians must lie above 0 for every other cell, and both
     cells must have at least `DECIDING_SEEDS` seeds. The largest median alone is not enough.
     """
-    if len(cells) < 2:
-        return None
     learned = [cell for cell in cells if len(scores_of(cell).final)]
-    best = max(learned, key=lambda cell: float(np.median(scores_of(cell).final)), default=None)
-    if best is None:
+    if len(cells) < 2 or not learned:
         return None
+    best = max(learned, key=lambda cell: float(np.median(scores_of(cell).final)))
     return best if all(_is_above(best, other) for other in cells if other is not best) else None
 
 

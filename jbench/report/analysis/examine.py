@@ -178,8 +178,8 @@ def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
     more = _common(baseline, reduced)
     iqm = st.difference(st.interquartile_mean)
     final = [ours.final], [theirs.final]
-    inner, outer = st.estimate(iqm, *final, confidence=0.9), st.estimate(iqm, *final)
-    spread = st.estimate(st.ratio(st.standard_deviation), *final)
+    inner = st.estimate(iqm, *final, confidence=0.9)
+    outer, spread = st.estimates([iqm, st.ratio(st.standard_deviation)], *final)
     smaller, needed = decide(spread, seeds, 1.0, logarithmic=True)
     faster = st.estimate(iqm, [ours.area], [theirs.area])
     return [
@@ -199,10 +199,9 @@ def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
         compared = f"{other.name_in_source} against {ON_POLICY}"
         seeds = min(len(theirs.final), len(ours.final))
         more = _common(ppo, other)
-        final = [ours.final], [theirs.final]
-        higher = st.estimate(st.difference(st.median), *final)
+        statistics = [st.difference(st.median), st.ratio(st.standard_deviation)]
+        higher, wider = st.estimates(statistics, [ours.final], [theirs.final])
         yield Finding("e", compared, higher, seeds, *decide(higher, seeds, 0), **more)
-        wider = st.estimate(st.ratio(st.standard_deviation), *final)
         verdict = decide(wider, seeds, 1.0, logarithmic=True)
         yield Finding("f", compared, wider, seeds, *verdict, **more)
 

@@ -24,6 +24,8 @@ SCALED = "scaled"
 BASELINES = (FULL, SCALED)
 """Baselines of reduced representations, without and with the encoders' scaling."""
 
+_MAX_DIGITS = 9  # more digits at the end of a label are no number of latents
+
 
 class Reduction(NamedTuple):
     """Comparison of a representation with a baseline, with all other settings equal.
@@ -80,14 +82,15 @@ class Group(NamedTuple):
 
 
 def numbers_seen(representation: str, task: str) -> int | None:
-    """Returns the size of an agent's input; None for the full observation.
+    """Returns the size of an agent's input; None for the full observation, or if it is unknown.
 
     Features learned with the agent that outnumber the observation are appended to it.
     """
     kind = kind_of(representation)
-    if kind == representation:
+    digits = representation.removeprefix(kind)
+    if not 0 < len(digits) <= _MAX_DIGITS:
         return None
-    numbers = int(representation.removeprefix(kind))
+    numbers = int(digits)
     if kind != OFE or task not in TASKS:
         return numbers
     # Imported here because the package imports dm_control.

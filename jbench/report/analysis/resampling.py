@@ -37,20 +37,20 @@ def _counts(index: NDArray[np.int64]) -> FloatArray:
     return counts.reshape(index.shape).astype(np.float64)
 
 
-def draws(sizes: Sizes, resamples: int, seed: int) -> Iterable[Draws]:
+def draws(sizes: Sizes, resamples: int) -> Iterable[Draws]:
     """Returns the resampled seeds in parts; groups of the same sizes share them, if few."""
     few = resamples * sum(map(sum, sizes)) <= _NUMBERS_AT_A_TIME
-    return (_drawn_once if few else _drawn)(sizes, resamples, seed)
+    return (_drawn_once if few else _drawn)(sizes, resamples)
 
 
 # A report estimates statistics of all cells, and then of all pairs.
 @lru_cache(maxsize=2)
-def _drawn_once(sizes: Sizes, resamples: int, seed: int) -> list[Draws]:
-    return list(_drawn(sizes, resamples, seed))
+def _drawn_once(sizes: Sizes, resamples: int) -> list[Draws]:
+    return list(_drawn(sizes, resamples))
 
 
-def _drawn(sizes: Sizes, resamples: int, seed: int) -> Iterator[Draws]:
-    random = np.random.default_rng(np.random.SeedSequence(seed))
+def _drawn(sizes: Sizes, resamples: int) -> Iterator[Draws]:
+    random = np.random.default_rng(np.random.SeedSequence(0))
     at_a_time = max(1, _NUMBERS_AT_A_TIME // sum(map(sum, sizes)))
     for first in range(0, resamples, at_a_time):
         count = min(at_a_time, resamples - first)

@@ -11,7 +11,12 @@ import pandas as pd
 from jbench.names import FULL
 from jbench.report.analysis import statistics as st
 from jbench.report.data.cells import SOLVED, Cell, LearnedCurve
-from jbench.report.data.curves import FloatArray, final_returns, steps_to_threshold
+from jbench.report.data.curves import (
+    FloatArray,
+    final_returns,
+    moving_average,
+    steps_to_threshold,
+)
 from jbench.report.data.published import PublishedCurve, best_at_end
 from jbench.report.data.returns import TRAINING
 
@@ -209,9 +214,10 @@ def _of_runs(item: LearnedCurve, half_best: float | None) -> Iterator[Statistic]
     thresholds = {"steps_to_solved": float(SOLVED), "steps_to_half_best": half_best}
     for measure, threshold in thresholds.items():
         if threshold is not None and cell.robots <= 1:
-            # Windows that are cut off at the ends of a run don't count.
-            each, at = curve.each[:, curve.full], curve.control_steps[curve.full]
-            steps = steps_to_threshold(each, at, threshold)
+            # Windows that are cut off at the ends of a run, and seeds without returns don't count.
+            known = np.isfinite(cell.returns).any(axis=1)
+            at = moving_average(cell.control_steps[known], curve.window)
+            steps = steps_to_threshold(curve.each[known][:, curve.full], at, threshold)
             yield from _of_seeds(measure, steps, _LOCATIONS, whole.control_steps, threshold)
     yield from final[len(_LOCATIONS) :]
 

@@ -67,11 +67,6 @@ def median(strata: Strata) -> FloatArray:
     return middle
 
 
-def mean(strata: Strata) -> FloatArray:
-    """Returns the mean over tasks of the mean over seeds."""
-    return _mean_over_tasks([np.mean(seeds, axis=-1) for seeds in strata])
-
-
 def interquartile_mean(strata: Strata) -> FloatArray:
     """Returns the mean without the lowest and highest quarter.
 
@@ -155,7 +150,7 @@ def performance_profile(strata: Strata, thresholds: FloatArray) -> FloatArray:
 
 
 def bootstrap(
-    statistics: Sequence[Statistic], *groups: Strata, resamples: int = RESAMPLES, seed: int = 0
+    statistics: Sequence[Statistic], *groups: Strata, resamples: int = RESAMPLES
 ) -> list[FloatArray]:
     """Returns each statistic of the same resampled groups, (resamples, ...).
 
@@ -165,7 +160,7 @@ def bootstrap(
     """
     parts = []
     sizes = tuple(tuple(len(seeds) for seeds in strata) for strata in groups)
-    for draws in resampling.draws(sizes, resamples, seed):
+    for draws in resampling.draws(sizes, resamples):
         drawn = [
             Sample(seeds[index] for seeds, index in zip(*pair, strict=True))
             for pair in zip(groups, draws.chosen, strict=True)
@@ -187,7 +182,6 @@ def estimate(
     *groups: Strata,
     resamples: int = RESAMPLES,
     confidence: float = CONFIDENCE,
-    seed: int = 0,
 ) -> Estimate:
     """Returns a statistic with its interval: percentiles of the stratified bootstrap.
 
@@ -195,7 +189,7 @@ def estimate(
         statistic: statistic that takes as many groups.
         groups: groups to compare, each with scores (seeds,) by task.
     """
-    return estimates([statistic], *groups, resamples=resamples, confidence=confidence, seed=seed)[0]
+    return estimates([statistic], *groups, resamples=resamples, confidence=confidence)[0]
 
 
 @remembered
@@ -204,7 +198,6 @@ def estimates(
     *groups: Strata,
     resamples: int = RESAMPLES,
     confidence: float = CONFIDENCE,
-    seed: int = 0,
 ) -> list[Estimate]:
     """Returns several statistics with intervals from the same resamples; see `estimate`."""
     if min(seeds.shape[-1] for strata in groups for seeds in strata) == 0:
@@ -212,7 +205,7 @@ def estimates(
     values = [float(statistic(*groups)) for statistic in statistics]
     if min(seeds.shape[-1] for strata in groups for seeds in strata) < MIN_SEEDS:
         return [Estimate(value) for value in values]
-    drawn = bootstrap(statistics, *groups, resamples=resamples, seed=seed)
+    drawn = bootstrap(statistics, *groups, resamples=resamples)
     return [_with_interval(*pair, confidence) for pair in zip(values, drawn, strict=True)]
 
 

@@ -1,6 +1,7 @@
 """Builds cells from rows of the database, with notes on unusual runs."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -8,18 +9,19 @@ import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS
 from jbench.report.data.cells import OURS, Cell, paper_order
-from jbench.report.data.curves import BAND_SEEDS, BoolArray, FloatArray, IntArray, Points
+from jbench.report.data.curves import FloatArray, IntArray, Points
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
+from jbench.report.data.notes import on_points, on_runs
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import variant_labels, variant_words
-from jbench.wording import are, counted
 
 POINT = ("episode_return", "control_steps", "processor_time")
 """Columns of the tables `episodes` and `evaluations` with the numbers of `Points`."""
 
 _KEY = ["task", "algo", "representation", "variant"]
 _USED = [*_KEY, "run", "seed", "steps", "status"]
+_ORDER, _ASCENDING = ["seed", "recorded", "steps", "run"], [True, False, False, True]
 _NOTHING = Points(*(np.empty(0) for _ in Points._fields))
 
 
@@ -73,12 +75,12 @@ def build_cells(
     for _, group in runs.groupby(_KEY[:3]):
         settings = _settings(group)
         for variant, label in variant_labels(settings).items():
-            seeds = _Seeds(group[group["variant"] == variant])
-            names = label, words[variant]
-            if any(run in trained for run in seeds.chosen["run"]) or seeds.any_diverged():
-                cells.append(_build_cell(seeds, names, TRAINING, trained, source))
-            if any(run in evaluated for run in seeds.chosen["run"]) or seeds.diverged_too_early():
-                cells.append(_build_cell(seeds, names, EVALUATION, evaluated, source))
+            same = group[group["variant"] == variant].sort_values(_ORDER, ascending=_ASCENDING)
+            recorded = _recorded(same.drop_duplicates("seed"), trained, evaluated)
+            for i, (kind, points) in enumerate(recorded.items()):
+                # Both cells are of the same runs, on which one of them has notes.
+                named = label, words[variant]
+                cells.append(_build_cell(same, *named, kind, points, source, noted=not i))
     return sorted(cells, key=paper_order), notes
 
 
@@ -87,37 +89,35 @@ def _settings(runs: pd.DataFrame) -> dict[str, Run]:
     return dict(zip(runs["variant"], runs["typed"], strict=True))
 
 
-class _Seeds:
-    """Runs with the same settings, of which the longest of each seed is used.
+def _recorded(
+    chosen: pd.DataFrame, trained: Mapping[str, Points], evaluated: Mapping[str, Points]
+) -> dict[Returns, Mapping[str, Points]]:
+    """Returns the points by run, for each kind of return of which these runs form a cell.
 
-    Attributes:
-        runs: rows of all runs.
-        chosen: rows of the runs in the cell, by ascending seed.
+    Diverged runs have training returns, and evaluations if all runs diverged and planned them.
     """
-
-    def __init__(self, runs: pd.DataFrame) -> None:
-        order = ["seed", "recorded", "steps", "run"]
-        self.runs = runs.sort_values(order, ascending=[True, False, False, True])
-        self.chosen = self.runs.drop_duplicates("seed")
-
-    def any_diverged(self) -> bool:
-        """Returns whether a run diverged."""
-        return bool(self.chosen["divergence"].notna().any())
-
-    def diverged_too_early(self) -> bool:
-        """Returns whether evaluations were planned for all runs, but all diverged."""
-        planned = [run.evaluate_episodes for run in self.chosen["typed"]]
-        return bool(self.chosen["divergence"].notna().all()) and all(planned)
+    recorded: dict[Returns, Mapping[str, Points]] = {}
+    diverged = chosen["divergence"].notna()
+    if any(run in trained for run in chosen["run"]) or diverged.any():
+        recorded[TRAINING] = trained
+    planned = all(run.evaluate_episodes for run in chosen["typed"])
+    if any(run in evaluated for run in chosen["run"]) or (diverged.all() and planned):
+        recorded[EVALUATION] = evaluated
+    return recorded
 
 
 def _build_cell(
-    seeds: _Seeds,
-    names: tuple[str, str],
+    runs: pd.DataFrame,
+    label: str,
+    words: str,
     kind: Returns,
     recorded: Mapping[str, Points],
     source: str,
+    *,
+    noted: bool,
 ) -> Cell:
-    chosen, notes = seeds.chosen, []
+    """Returns a cell of the first run of each seed; `noted` is whether it has notes on its runs."""
+    chosen, notes = runs.drop_duplicates("seed"), []
     usable = chosen["run"].isin(list(recorded)) | chosen["divergence"].notna()
     if not usable.all():
         point = "evaluation" if kind is EVALUATION else "training episode"
@@ -130,21 +130,18 @@ def _build_cell(
     points = count_divergence(stacked, divergences, planned, kind)
     present = np.isfinite(points.control_steps)
     lengths = np.max(np.where(present, np.arange(present.shape[1]) + 1, 0), axis=1)
-    if kind is TRAINING:
-        runs = seeds.runs[seeds.runs["seed"].isin(chosen["seed"])]
-        notes += _notes(runs, chosen, divergences)
-    notes += _notes_on_points(chosen, present, absent, kind)
-    first, settings = chosen.iloc[0], chosen["typed"].iloc[0]
+    if noted:
+        notes += on_runs(runs, chosen, divergences, kind)
+    notes += on_points(chosen, present, absent, kind)
+    settings = chosen["typed"].iloc[0]
+    names: dict[str, Any] = {name: str(chosen[name].iloc[0]) for name in _KEY}
     robots = 0 if settings.augment is None else settings.robots
     episodes = max(planned // EPISODE_STEPS, present.shape[1])
     return Cell(
         kind=kind,
-        task=str(first["task"]),
-        algo=str(first["algo"]),
-        representation=str(first["representation"]),
-        variant=str(first["variant"]),
-        label=names[0],
-        words=names[1],
+        **names,
+        label=label,
+        words=words,
         seeds=chosen["seed"].to_numpy(np.int64),
         lengths=lengths.astype(np.int64),
         steps=_steps(chosen, points.control_steps, lengths),
@@ -187,60 +184,6 @@ def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -
     if diverged.any() and not diverged.all():
         steps[diverged] = np.maximum(steps[diverged], steps[~diverged].max())
     return np.asarray(steps, np.int64)
-
-
-def _notes(
-    runs: pd.DataFrame, chosen: pd.DataFrame, divergences: Sequence[Divergence | None]
-) -> list[str]:
-    """Returns notes on unusual runs of a cell; `runs` contains the unused ones as well."""
-    notes = []
-    if len(chosen) < BAND_SEEDS:
-        seeds = counted(len(chosen), "seed")
-        notes.append(f"only {seeds}: no band is drawn, and quantiles across seeds say little")
-    lengths = dict(zip(chosen["seed"], chosen["recorded"], strict=True))
-    unused = runs.drop(chosen.index)
-    for seed, recorded in unused["recorded"].groupby(unused["seed"]) if len(unused) else ():
-        notes.append(
-            f"seed {seed} has {len(recorded) + 1} runs: the longest is used, of {lengths[seed]} "
-            f"episodes, not that of {', '.join(map(str, recorded))}"
-        )
-    rows = list(zip(chosen["seed"], chosen["status"], divergences, strict=True))
-    which = [f"seed {seed} {divergence}" for seed, _, divergence in rows if divergence]
-    if which:
-        notes.append(
-            f"{len(which)} of {len(chosen)} diverged ({', '.join(which)}): from its divergence on, "
-            "a seed counts with return 0, the minimum"
-        )
-    others = {seed: status for seed, status, divergence in rows if not divergence}
-    for ended in ("failed", "unfinished"):
-        for seed in (seed for seed, status in others.items() if status == ended):
-            notes.append(f"seed {seed} {ended} after {counted(lengths[seed], 'episode')}")
-    different = {lengths[seed] for seed in others}
-    if len(different) > 1:
-        notes.append(f"seeds of unequal length, {min(different)} to {max(different)} episodes")
-    return notes
-
-
-def _notes_on_points(
-    chosen: pd.DataFrame, present: BoolArray, absent: IntArray, kind: Returns
-) -> list[str]:
-    """Returns notes on non-finite returns, and on evaluations at different steps.
-
-    Args:
-        present: (seeds, points) whether a seed has a point there.
-        absent: (seeds,) number of points without a return.
-    """
-    name = "return" if kind is TRAINING else "evaluation"
-    notes = [
-        f"{counted(count, name)} of seed {seed} {are(count)} not finite and left out"
-        for seed, count in zip(chosen["seed"], absent, strict=True)
-        if count
-    ]
-    # A gap after a run's last point is its end; a gap before it is a missing evaluation.
-    ended = ~np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]
-    if kind is EVALUATION and not (present | ended).all():
-        notes.append("seeds were evaluated after different numbers of control steps")
-    return notes
 
 
 def _training_points(episodes: pa.Table) -> dict[str, Points]:

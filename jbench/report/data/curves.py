@@ -99,10 +99,12 @@ def learning_curve(
         quantiles = sliding_average(quantiles_across_seeds(returns), window)
     else:
         quantiles = quantiles_across_seeds(each)
+    # The mean of fewer seeds may be smaller, if imported points are at different control steps.
+    mean_steps = np.maximum.accumulate(np.nanmean(control_steps, axis=0))
     return Curve(
         order=order,
         window=window,
-        control_steps=centres(np.nanmean(control_steps, axis=0), window),
+        control_steps=centres(mean_steps, window),
         seeds=np.sum(np.isfinite(each), axis=0),
         quantiles=quantiles,
         each=each,
@@ -254,7 +256,8 @@ def steps_to_threshold(
 
     Args:
         returns: (seeds, points) smoothed episode returns; NaN after a run's end.
-        control_steps: (points,).
+        control_steps: (seeds, points).
     """
     reached = np.nan_to_num(returns, nan=-np.inf) >= threshold
-    return np.where(reached.any(axis=1), control_steps[np.argmax(reached, axis=1)], np.inf)
+    first = np.take_along_axis(control_steps, np.argmax(reached, axis=1)[:, None], axis=1)[:, 0]
+    return np.where(reached.any(axis=1), first, np.inf)

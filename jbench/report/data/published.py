@@ -38,7 +38,6 @@ class PublishedCurve:
         representation: `full` or `dae12`.
         control_steps: (points,) center of the window, as printed.
         quantiles: (points,) episode returns by percent; always contains 50.
-        sequence: whether training goes through several augmented robots.
     """
 
     figure: str
@@ -47,7 +46,11 @@ class PublishedCurve:
     representation: str
     control_steps: FloatArray
     quantiles: dict[int, FloatArray]
-    sequence: bool = False
+
+    @property
+    def sequence(self) -> bool:
+        """Whether training goes through several augmented robots."""
+        return self.figure == _SEQUENCE
 
     @property
     def figure_name(self) -> str:
@@ -109,7 +112,7 @@ def read_sequences(table: pa.Table) -> list[PublishedCurve]:
     """
     frame: pd.DataFrame = table.to_pandas(use_threads=False)
     curves = _curves(frame[frame["figure"] == _SEQUENCE])
-    return [replace(curve, representation=FULL, sequence=True) for curve in curves]
+    return [replace(curve, representation=FULL) for curve in curves]
 
 
 def _curves(frame: pd.DataFrame) -> list[PublishedCurve]:

@@ -102,7 +102,8 @@ def returns_axis(label: str) -> Axis:
 
 
 def steps_axis(end: float) -> Axis:
-    """Returns the axis of control steps up to `end`."""
+    """Returns the axis of control steps up to `end`, or to 1 if nothing was trained."""
+    end = max(end, 1.0)
     unit, name = (1e-6, "millions") if end >= 1e6 else (1e-3, "thousands")
     return Axis(f"control steps ({name})", (0, end), unit=unit)
 

@@ -109,8 +109,10 @@ def encoder_table(tables: dict[str, pa.Table], task: str | None = None) -> pd.Da
 
 def error_figure(table: pd.DataFrame) -> Figure:
     """Returns the figure of error against number of latents."""
-    lowest = max(float(table[list(_DATA)].to_numpy().min()), _FLOOR)
-    y = Axis("variance not explained", (lowest / 1.4, 1.3), log=True)
+    drawn = np.maximum(table[list(_DATA)].to_numpy(np.float64), _FLOOR)
+    known = drawn[np.isfinite(drawn)]
+    limits = np.min(known, initial=1) / 1.4, np.max(known, initial=1) * 1.3
+    y = Axis("variance not explained", limits, log=True)
     whole = ReferenceLine(1, Style("0.6", width=0.8))
     panels = [
         Panel(task, latents_axis(rows), y, _error_series(rows), [whole])

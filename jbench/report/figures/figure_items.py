@@ -141,9 +141,7 @@ def _on_one_robot(items: Sequence[LearnedCurve]) -> list[LearnedCurve]:
 
 
 def of_encoders(table: pd.DataFrame) -> Iterator[FigureItem]:
-    """Yields the errors and predictions of encoders against their number of latents."""
-    if table.empty:
-        return
+    """Yields the errors and predictions of encoders, of at least one, against their latents."""
     title = "Error of encoders against number of latents"
     yield FigureItem("encoders", title, encoders.error_figure(table), table)
     predicted = predictions.prediction_figure(table)

@@ -1,5 +1,6 @@
 """Sizes of figures for a screen or a paper, and positions of panels, legend and notes."""
 
+from collections.abc import Sequence
 from functools import cache
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ SMALL = 8.0
 """Font size of most texts, in points."""
 
 _TINY = 5.5  # points; font size in narrow cells
+_NAMES_SHARE = 0.6  # of the width of a table, for the names of its rows
 _MEASURED_DPI = 100.0  # of drawings, as texts are not exactly as wide at another resolution
 _CHARACTERS = 16  # characters of the small size per inch
 
@@ -137,7 +139,7 @@ def lay_out(figure: Figure, sheet: Sheet, *, text: bool, legend: bool = True) ->
     panel_height = _height(figure, sheet)
     if rows > 1 and sheet.paper and sheet.columns > _FEW and not figure.panels[0].y.names:
         panel_height *= _LOWER  # so that two rows are no higher than a third of a page
-    entries, top = _flow(figure if legend else None, width)
+    entries, top = _flow([label for label, _ in figure.legend] if legend else [], width)
     title = _TITLE_HEIGHT if text else 0.0
     entries = [(label, Box(box.left, box.top + title)) for label, box in entries]
     top += title
@@ -193,14 +195,14 @@ def _fitted(label: str, width: float) -> str:
     return in_lines(label, max(8, int(len(label) * width / max(width_of(label), 1e-9))))
 
 
-def _flow(figure: Figure | None, width: float) -> tuple[list[tuple[str, Box]], float]:
+def _flow(labels: Sequence[str], width: float) -> tuple[list[tuple[str, Box]], float]:
     """Returns the entries of a legend in rows from the left, and the end of the last row."""
-    if figure is None or not figure.legend:
+    if not labels:
         return [], 0.0
     entries = []
     left, top, lines = MARGIN, MARGIN, 1
     room = width - 2 * MARGIN - HANDLE - _GAP
-    for label, _ in figure.legend:
+    for label in labels:
         text = label if width_of(label) <= room else _fitted(label, 0.8 * room)
         across = HANDLE + _GAP + max(map(width_of, text.split("\n")))
         if left > MARGIN and left + across > width - MARGIN:
@@ -230,6 +232,13 @@ def cell_text_size(heat_map: HeatMap, sheet: Sheet) -> float:
     """Returns the font size in and beside the cells of a table, in points."""
     columns = len(heat_map.x) - 1
     return SMALL if _table_width(heat_map, sheet) / (columns + 1.5) > 0.8 else _TINY
+
+
+def row_name_size(names: Sequence[str], heat_map: HeatMap, sheet: Sheet) -> tuple[int, int]:
+    """Returns the size of names beside a heat map, see `shortened`, which leave room for it."""
+    room = _NAMES_SHARE * _table_width(heat_map, sheet) * SMALL / cell_text_size(heat_map, sheet)
+    fitting = (int(len(one) * room / width_of(one)) for one in names if width_of(one) > room)
+    return min([ROW_NAME[0], *fitting]), ROW_NAME[1]
 
 
 def in_lines(text: str, characters: int) -> str:

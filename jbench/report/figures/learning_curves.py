@@ -262,10 +262,12 @@ def _steps_axis(learned: Sequence[LearnedCurve]) -> Axis:
     """Returns the axis of control steps up to the end of the longest run.
 
     It is logarithmic for evaluations of runs whose lengths differ much: otherwise the short ones
-    fill only its left end. Training returns are on a linear axis, like the paper's.
+    fill only its left end. Training returns are on a linear axis, like the paper's, and so are
+    evaluations before the training, at control step 0.
     """
-    ends = [cell.longest for cell, _ in learned] or [1.0]
-    if not learned or learned[0].cell.kind.smoothed or max(ends) < _MUCH_LONGER * min(ends):
-        return curve_series.steps_axis(max(ends))
+    ends = [cell.longest for cell, _ in learned]
     first = min(float(curve.control_steps[0]) for _, curve in learned)
+    long = max(ends) >= _MUCH_LONGER * min(ends)
+    if learned[0].cell.kind.smoothed or not (long and first > 0):
+        return curve_series.steps_axis(max(ends))
     return Axis("control steps (thousands, logarithmic)", (first, max(ends)), log=True, unit=1e-3)

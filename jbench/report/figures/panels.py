@@ -131,6 +131,8 @@ def _style_panel(
     x_label = panel.x.label if place is None else place.x_label
     y_label = panel.y.label if place is None or place.first else ""
     name_size = layout.ROW_NAME if place is None else place.name_size
+    if panel.heat_map is not None and panel.y.names:
+        name_size = layout.row_name_size(panel.y.names, panel.heat_map, sheet)
     _style_axis(axes, "x", panel.x, x_label, layout.COLUMN_NAME, narrow=narrow)
     _style_axis(axes, "y", panel.y, y_label, name_size)
     if place is not None and panel.heat_map is None and panel.x.names:

@@ -35,20 +35,19 @@ def draw(
     sheet: Sheet = SCREEN,
     *,
     text: bool = True,
-    legend: bool = True,
     picture: bool = False,
 ) -> Drawn:
     """Draws a figure; the first of its axes are the panels in order.
 
     Args:
-        text: whether to draw title and notes; ignored for a paper, which has them in its caption.
+        text: whether to draw title, legend and notes; a paper has title and notes in its caption.
         picture: whether to rasterize lines and areas in SVG and PDF files.
     """
-    text = text and not sheet.paper
+    titled = text and not sheet.paper
     if any(panel.heat_map is not None for panel in figure.panels):
-        drawn = _heat_maps(figure, sheet, text=text, picture=picture)
+        drawn = _heat_maps(figure, sheet, text=titled, picture=picture)
     else:
-        drawn = _lines(figure, sheet, text=text, legend=legend, picture=picture)
+        drawn = _lines(figure, sheet, text=titled, legend=text, picture=picture)
     flat = (a for a, p in zip(drawn.axes, figure.panels, strict=False) if p.heat_map is not None)
     kept = (item for a in flat for item in (a.patch, *a.patches, *a.collections, *a.texts))
     for i, item in enumerate(kept):

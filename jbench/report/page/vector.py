@@ -123,7 +123,7 @@ def _rectangles(parts: Sequence[_Part]) -> list[Box]:
 @remembered
 def _heat_maps(figure: Figure, prefix: str, sheet: Sheet, *, picture: bool) -> _Part:
     """Returns a figure of heat maps."""
-    drawn = draw(figure, sheet, text=False, legend=False, picture=picture)
+    drawn = draw(figure, sheet, text=False, picture=picture)
     root, size = _parsed(drawn)
     for number, (axes, panel) in enumerate(zip(_axes(root), figure.panels, strict=False)):
         _mark(axes, number, panel, figure.entries)

@@ -122,7 +122,7 @@ def _overview(document: Document, state: PageState) -> Iterator[str]:
     if document.inventory:
         yield '<dl class="inventory">'
         for number, name in document.inventory:
-            yield f"<div><dd>{html(number)}</dd><dt>{html(name)}</dt></div>"
+            yield f"<div><dt>{html(name)}</dt><dd>{html(number)}</dd></div>"
         yield "</dl>"
     if document.summary:
         open_ = "" if document.headline else " open"

@@ -74,8 +74,8 @@ def findings_table(findings: Sequence[Finding]) -> TableItem | None:
     formats = {
         "b": formatting.ratio,
         "f": formatting.ratio,
-        "g": formatting.whole,
-        "h": formatting.whole,
+        "g": values.against_solved,
+        "h": values.against_solved,
     }
     rows = [
         {

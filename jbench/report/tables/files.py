@@ -15,6 +15,7 @@ _LATEX = {
     **{"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"},
     **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': "''"},
     **{"\N{EN DASH}": "--", "\N{HORIZONTAL ELLIPSIS}": r"\dots{}"},
+    **{"\N{CHECK MARK}": r"$\surd$", "\N{BALLOT X}": r"$\times$"},
 }
 _MARKDOWN = re.compile(r"([\\|*`<]|(?<=\])\()")
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from jbench.report.analysis.scores import Statistic, Summary, final_percentiles, scores_of
 from jbench.report.analysis.statistics import Estimate
-from jbench.report.data.cells import OURS, Cell
+from jbench.report.data.cells import OURS, SOLVED, Cell
 from jbench.report.document import Value
 from jbench.report.formatting import Form, display_name, span, steps, whole
 from jbench.wording import counted
@@ -24,6 +24,11 @@ def estimate(one: Estimate, form: Form = whole) -> Value | None:
         low, high = form(one.low), _bounded(one.high, form, "no upper bound")
         text = f"{text} [{low}, {high}]"
     return Value(text, one.value, numbers=numbers)
+
+
+def against_solved(value: float) -> str:
+    """Formats a return; one that is just below `SOLVED` has a decimal: 899.6 must not read 900."""
+    return f"{math.floor(10 * value) / 10:,}" if SOLVED - 0.5 <= value < SOLVED else whole(value)
 
 
 def of_statistic(

@@ -48,8 +48,6 @@ def reproduce(
     if episodes is not None and episodes < 0:
         raise RequestError(f"--episodes {episodes}: type 0 or more.")
     output = Output(json)
-    if names.is_reference(results) and not run.startswith(SHIPPED):
-        run = f"{SHIPPED}{run}"
     # A shipped run needs no results directory.
     open_results = parsing.results_at if run.startswith(SHIPPED) else parsing.existing_results
     database, record = repeating.find_run(open_results(results), run)

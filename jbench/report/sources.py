@@ -166,11 +166,11 @@ def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError
     """Returns the error for results without usable runs."""
     records, unreadable = results.scan("run")
     if records or unreadable or problems:
-        reason = " ".join([*problems, repair_hint(results.path)])
-        return WorkError(f"Nothing in {results.path} can be reported. {reason}")
+        reason = " ".join([*problems, repair_hint(results.name)])
+        return WorkError(f"Nothing in {results.name} can be reported. {reason}")
     train = "jbench train --task face_direction --steps 100000 --seeds 0-1"
     return NothingYetError(
-        f"There are no runs in {results.path}; run `{with_results(train, results.path)}` first."
+        f"There are no runs in {results.name}; run `{with_results(train, results.name)}` first."
     )
 
 

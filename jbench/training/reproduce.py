@@ -12,14 +12,14 @@ import torch
 from jbench.cores import one_thread
 from jbench.encoders import load_encoder
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS, REFERENCE
+from jbench.names import EPISODE_STEPS
 from jbench.policies.find import SHIPPED
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings, read_run
 from jbench.store import Record, Results, schema
 from jbench.store.merge import TIMES
 from jbench.store.provenance import device_provenance, differences, provenance
-from jbench.store.shipped import shipped
+from jbench.store.shipped import shipped_results
 from jbench.training.batched_run import run_batch
 from jbench.training.environment import load_encoder_of
 from jbench.training.reevaluate import Reevaluation, device_for, reevaluate
@@ -116,13 +116,12 @@ def find_run(results: Results, name: str) -> tuple[Results, Record]:
         RequestError: if there is no such run, or several.
         WorkError: if its manifest can't be read.
     """
-    path = results.path
     if name.startswith(SHIPPED):
-        results, path = Results(shipped()), Path(REFERENCE)
+        results = shipped_results()
     record = results.find("run", results.complete_id("run", name.removeprefix(SHIPPED)))
     if record is None:
-        runs = with_results("jbench runs", path)
-        raise RequestError(f"There is no run {name} in {path}; {runs} lists them.")
+        runs = with_results("jbench runs", results.name)
+        raise RequestError(f"There is no run {name} in {results.name}; {runs} lists them.")
     return results, record
 
 

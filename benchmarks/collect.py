@@ -187,9 +187,7 @@ def peak_memory(steps: int, threads: int) -> tuple[float, float]:
     with tempfile.TemporaryDirectory() as folder:
         command = ["collect", "--steps", str(steps), "--threads", str(threads)]
         began = time.perf_counter()
-        process = subprocess.Popen(
-            [sys.executable, "-m", "jbench.cli", *command, "--results", folder]
-        )
+        process = subprocess.Popen([sys.executable, "-m", "jbench", *command, "--results", folder])
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:

@@ -35,7 +35,7 @@ answer = query.ask(Results(Path(sys.argv[1])), {SQL!r})
 assert not answer.problems
 print(time.perf_counter() - began)
 """
-JBENCH = (sys.executable, "-m", "jbench.cli")
+JBENCH = (sys.executable, "-m", "jbench")
 COMMIT_EVERY = 50  # episodes; a run of 5,000 commits about 100 times
 
 

@@ -155,7 +155,7 @@ def whole(epochs: int, device: str) -> None:
         make_dataset(Path(path), 5000)
         command = ("train-dae", "--epochs", str(epochs), "--results", path, "--device", device)
         began = time.perf_counter()
-        subprocess.run([sys.executable, "-m", "jbench.cli", *command], check=True)
+        subprocess.run([sys.executable, "-m", "jbench", *command], check=True)
         wall = time.perf_counter() - began
         memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
         print(f"{epochs} epochs of 4,004,000 rows: {wall:.1f} s, at most {memory:.2f} GB")

@@ -70,7 +70,7 @@ def command_reference() -> str:
 
 def shipped_runs(directory: Path) -> str:
     """Writes the report of the shipped runs; returns the page that leads to it."""
-    report = [sys.executable, "-m", "jbench.cli", "report", "--results", "reference", "--claims"]
+    report = [sys.executable, "-m", "jbench", "report", "--results", "reference", "--claims"]
     subprocess.run([*report, "--format", "svg", "--out", directory], check=True, stdout=sys.stderr)
     text = RESULTS_PAGE.format(verdicts=(directory / "verdicts.md").read_text("utf-8"))
     for file in directory.iterdir():

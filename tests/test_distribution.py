@@ -79,7 +79,7 @@ def jbench(installed):
 
     def run(*arguments):
         done = subprocess.run(
-            [sys.executable, "-m", "jbench.cli", *arguments],
+            [sys.executable, "-m", "jbench", *arguments],
             cwd=installed,
             env=environment,
             capture_output=True,

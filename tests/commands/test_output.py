@@ -16,7 +16,7 @@ FORMATS = ((), *(pytest.param((name,), marks=pytest.mark.slow) for name in ("--c
 
 def start(*arguments, results, **streams):
     return subprocess.Popen(
-        [sys.executable, "-m", "jbench.cli", *arguments, "--results", str(results)], **streams
+        [sys.executable, "-m", "jbench", *arguments, "--results", str(results)], **streams
     )
 
 

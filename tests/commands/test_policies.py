@@ -121,7 +121,7 @@ def test_run_of_other_task_is_refused(augmented):
 
 def test_render_without_backend_prints_one_error_line(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "jbench.cli", "render", "--out", str(tmp_path / "film.png")],
+        [sys.executable, "-m", "jbench", "render", "--out", str(tmp_path / "film.png")],
         env={**os.environ, "MUJOCO_GL": "glfw", "DISPLAY": ":77"},
         capture_output=True,
         text=True,
@@ -134,7 +134,7 @@ def test_render_without_backend_prints_one_error_line(tmp_path):
 def test_view_without_display_names_render_command(tmp_path):
     bare = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     done = subprocess.run(
-        [sys.executable, "-m", "jbench.cli", "view"], env=bare, capture_output=True, text=True
+        [sys.executable, "-m", "jbench", "view"], env=bare, capture_output=True, text=True
     )
     assert done.returncode == 2
     assert "There is no display to open a window on; jbench render" in done.stderr

@@ -246,7 +246,7 @@ def test_help_and_completion_import_no_heavy_library():
         assert done.stdout.splitlines()[-1] == "[] 0"
     typed = {"COMP_WORDS": "jbench train --task move_to", "COMP_CWORD": "3"}
     completed = subprocess.run(
-        [sys.executable, "-X", "importtime", "-m", "jbench.cli"],
+        [sys.executable, "-X", "importtime", "-m", "jbench"],
         env={**os.environ, **typed, "_JBENCH_COMPLETE": "complete_bash"},
         capture_output=True,
         text=True,
@@ -258,7 +258,7 @@ def test_help_and_completion_import_no_heavy_library():
 
 def test_train_with_defaults_prints_forecast_first(tmp_path):
     process = subprocess.Popen(
-        [sys.executable, "-m", "jbench.cli", "train", "--results", str(tmp_path)],
+        [sys.executable, "-m", "jbench", "train", "--results", str(tmp_path)],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from jbench.store.files import make_directory, open_plain, remove, sha256, write_atomic
+from jbench.store.files import open_plain, remove, sha256, write_atomic
 
 LISTING = "report.json"
 
@@ -24,17 +24,15 @@ def write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[st
     """Writes the files of a report.
 
     Args:
-        out: directory; created if it does not exist.
+        out: an existing directory.
         contents: content of each file by name.
 
     Returns:
         The files written, and a sentence on kept files of an earlier report, if any.
 
     Raises:
-        RequestError: if the directory is not writable.
         WorkError: if writing fails, such as on a full disk.
     """
-    make_directory(out)
     before = _listed(out)
     new = {name: sha256(content) for name, content in contents.items()}
     # Until all is written, the list names the files of both reports, in case of a kill.

@@ -36,6 +36,7 @@ from jbench.report.sources import Source
 from jbench.report.tables import files
 from jbench.store import query
 from jbench.store.database import Results
+from jbench.store.files import make_directory
 from jbench.store.shipped import shipped
 
 _DEFAULT = Request()
@@ -66,6 +67,7 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
         WorkError: if there are runs but none can be read, or the disk is full.
     """
     data = gather(results, request)
+    make_directory(out)  # a wrong one is refused before the figures are drawn
     document = contents.document(data)
     drawn = [item for item in document.items if isinstance(item, FigureItem)]
     tasks = [

@@ -4,7 +4,10 @@ import json
 
 import pytest
 
+from jbench.errors import RequestError
+from jbench.report import contents
 from jbench.report.output_directory import LISTING, write
+from jbench.report.report import write_report
 
 
 def names(out):
@@ -12,6 +15,7 @@ def names(out):
 
 
 def test_files_missing_from_new_report_are_removed(out):
+    out.mkdir()
     write(out, {"a.png": b"1", "b.png": b"2"})
     paths, notes = write(out, {"b.png": b"3", "c.png": b"4"})
     assert names(out) == {"b.png", "c.png", LISTING}
@@ -21,6 +25,7 @@ def test_files_missing_from_new_report_are_removed(out):
 
 
 def test_foreign_and_changed_files_are_kept(out):
+    out.mkdir()
     write(out, {"a.png": b"1", "b.png": b"2", "gone.png": b"3"})
     (out / "notes.txt").write_text("mine")
     (out / "a.png").write_bytes(b"mine")
@@ -30,6 +35,15 @@ def test_foreign_and_changed_files_are_kept(out):
     assert note.startswith("a.png in ")
     # The file is kept and not reported again.
     assert write(out, {"c.png": b"4"})[1] == []
+
+
+def test_file_in_place_of_directory_is_refused_before_drawing(fabric, out, monkeypatch):
+    fabric.run([500.0] * 4)
+    out.write_text("mine")
+    monkeypatch.setattr(contents, "document", None)  # calling it would be a TypeError
+    with pytest.raises(RequestError, match="is a file, or lies in one; name a directory"):
+        write_report(fabric.results, out)
+    assert out.read_text() == "mine"
 
 
 def test_report_without_listing_keeps_all_files(out):

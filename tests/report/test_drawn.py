@@ -324,3 +324,10 @@ def test_long_row_names_leave_room_for_panels(sheet, count):
     right = max(place.box.left + place.box.width for place in laid.panels)
     assert right <= laid.width
     assert plotting.to_png(plotting.draw(figure, sheet))
+
+
+def test_axis_of_one_whole_number_has_no_fractions():
+    axis = Axis("latents", (11.5, 12.5), integer=True)
+    drawn = plotting.draw(Figure("Errors", [Panel("", axis, Axis("error", (0, 1)), [])]))
+    ticks = drawn.axes[0].get_xticks()
+    assert [tick for tick in ticks if 11.5 <= tick <= 12.5] == [12]

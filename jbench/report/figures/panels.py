@@ -184,7 +184,7 @@ def _style_axis(
     elif axis.ticks is not None:
         drawn.set_ticks(axis.ticks[:: 2 if narrow and len(axis.ticks) > 4 else 1])
     elif axis.integer:
-        drawn.set_major_locator(MaxNLocator(integer=True))
+        drawn.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     elif axis.log and np.log10(axis.limits[1] / axis.limits[0]) < _DECADES:
         drawn.set_major_locator(LogLocator(subs=(1, 2, 5)))
         drawn.set_minor_formatter(NullFormatter())

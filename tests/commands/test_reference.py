@@ -34,7 +34,7 @@ def test_shipped_runs_are_listed_and_queried(capsys):
         (("evaluate", "--policy", "face_direction/x"), "Error: No policy is shipped as reference/"),
         (
             ("reproduce", "face_direction/x"),
-            "There is no run reference/face_direction/x in reference; ",
+            "There is no run face_direction/x in reference; ",
         ),
     ],
 )

@@ -53,7 +53,7 @@ def reproduce(
     database, record = repeating.find_run(open_results(results), run)
     if episodes is None:
         episodes = repeating.default_episodes(record)
-    total = max(episodes, 1) * names.EPISODE_STEPS
+    total = max(1, min(episodes, record.rows("episodes"))) * names.EPISODE_STEPS
     with output.progress(f"reproduce {record.id}", total, "control steps") as progress:
         done = repeating.reproduce(database, record, episodes, progress)
     _say(done, record, output)

@@ -82,6 +82,13 @@ def test_reproduce_reports_equal_run(trained, capsys, monkeypatch):
     assert os.environ["OMP_NUM_THREADS"] == names.ONE_THREAD["OMP_NUM_THREADS"]
 
 
+def test_progress_of_reproduce_ends_with_the_recorded_episodes(trained, capsys, monkeypatch):
+    monkeypatch.setattr(names, "EPISODE_STEPS", EPISODE)
+    command = ["reproduce", RUNS[0].id, "--episodes", "999", "--results", str(trained.path)]
+    assert main(command) == 0
+    assert f": {2 * EPISODE} of {2 * EPISODE} control steps (100%)" in capsys.readouterr().err
+
+
 def test_reproduce_reports_first_difference(altered, capsys):
     command = ["reproduce", RUNS[1].id, "--json", "--results", str(altered.path)]
     assert main(command) == 1

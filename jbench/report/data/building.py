@@ -76,11 +76,12 @@ def build_cells(
         settings = _settings(group)
         for variant, label in variant_labels(settings).items():
             same = group[group["variant"] == variant].sort_values(_ORDER, ascending=_ASCENDING)
-            recorded = _recorded(same.drop_duplicates("seed"), trained, evaluated)
+            chosen = same.drop_duplicates("seed")
+            recorded = _recorded(chosen, trained, evaluated)
             for i, (kind, points) in enumerate(recorded.items()):
                 # Both cells are of the same runs, on which one of them has notes.
                 named = label, words[variant]
-                cells.append(_build_cell(same, *named, kind, points, source, noted=not i))
+                cells.append(_build_cell(same, chosen, *named, kind, points, source, noted=not i))
     return sorted(cells, key=paper_order), notes
 
 
@@ -108,6 +109,7 @@ def _recorded(
 
 def _build_cell(
     runs: pd.DataFrame,
+    chosen: pd.DataFrame,
     label: str,
     words: str,
     kind: Returns,
@@ -116,8 +118,13 @@ def _build_cell(
     *,
     noted: bool,
 ) -> Cell:
-    """Returns a cell of the first run of each seed; `noted` is whether it has notes on its runs."""
-    chosen, notes = runs.drop_duplicates("seed"), []
+    """Returns a cell of the chosen runs, one of each seed.
+
+    Args:
+        runs: all runs of its settings.
+        noted: whether the cell has notes on its runs.
+    """
+    notes = []
     usable = chosen["run"].isin(list(recorded)) | chosen["divergence"].notna()
     if not usable.all():
         point = "evaluation" if kind is EVALUATION else "training episode"

@@ -9,7 +9,7 @@ import pytest
 from jbench.report.data.cells import SOLVED
 from jbench.report.data.returns import EVALUATION
 from jbench.report.figure import Axis, Figure, Panel
-from jbench.report.figures import heat_map, layout, plotting, processor, profiles
+from jbench.report.figures import heat_map, layout, plotting, processor, profiles, texts
 from jbench.report.figures.learning_curves import ALGORITHM_COLORS, comparison_figures, grid_figure
 from jbench.report.report import write_report
 from jbench.report.request import Request
@@ -229,6 +229,31 @@ class TestSizesAndFormats:
                 assert box.x1 <= drawn.bbox.x1 + 1
                 assert box.y1 <= drawn.bbox.y1
             assert not [1 for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
+
+    @pytest.mark.parametrize("sheet", layout.SHEETS.values())
+    @pytest.mark.parametrize(
+        "titles",
+        [
+            [f"move_in_direction, TD3: {name}" for name in ("yaw rate", "forward speed", "reward")],
+            ["move_in_direction", "all tasks", "a_long_name_of_a_task"],
+        ],
+    )
+    def test_titles_of_panels_do_not_overlap(self, sheet, titles):
+        names = ("stable-baselines3, published", "DDPG")
+        axes = Axis("x", (0, 1)), Axis("y", (0, 1), ticks=(0, 1), names=names)
+        drawn = plotting.draw(Figure("", [Panel(one, *axes, []) for one in titles], (), []), sheet)
+        drawn.set_dpi(300)
+        plotting.to_png(drawn)
+        renderer = drawn.canvas.get_renderer()
+        assert [" ".join(axes.get_title(loc="left").split()) for axes in drawn.axes] == titles
+        boxes = [axes.get_tightbbox(renderer) for axes in drawn.axes]
+        assert max(box.x1 for box in boxes) <= drawn.bbox.x1
+        assert not [1 for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
+
+    def test_wide_title_is_divided_after_colon(self):
+        (title,), size = texts.fitted_titles(["face_direction: tilt rate"], 1.3, 8.0)
+        assert title == "face_direction:\ntilt rate"
+        assert size == 8.0
 
     @pytest.mark.usefixtures("undrawn")
     def test_only_requested_formats_are_written_and_others_removed(self, fabric, out):

@@ -1,18 +1,16 @@
 """Sizes of figures for a screen or a paper, and positions of panels, legend and notes."""
 
 from collections.abc import Sequence
-from functools import cache
 from textwrap import wrap
-from typing import Any, NamedTuple
-
-from matplotlib.backends.backend_agg import RendererAgg
-from matplotlib.font_manager import FontProperties
+from typing import NamedTuple
 
 from jbench.report.figure import Axis, Figure, HeatMap, Panel
+from jbench.report.figures.texts import SMALL, fitted, fitted_titles, shortened, width_of
 
 # Inches.
 MARGIN = 0.08
 _LEFT, _TICKS = 0.68, 0.42  # of an axis with a label and numbers, and with numbers only
+_RIGHT = 0.06  # beside the last panel
 _TITLE, _OPPOSITE = 0.22, 0.4
 _NUMBERS, _LABEL_LINE = 0.24, 0.15  # below a panel
 _TITLE_HEIGHT, _LINE_HEIGHT = 0.35, 0.165
@@ -21,12 +19,9 @@ _BETWEEN = 0.2
 _LEAST = 0.75  # width of a panel beside long names
 _FEW, _LOWER = 2, 0.6  # panels in a row of a narrow column; factor of the height of two wide rows
 
-SMALL = 8.0
-"""Font size of most texts, in points."""
-
+_MEDIUM = 9.0  # points; font size of the titles of panels on a screen
 _TINY = 5.5  # points; font size in narrow cells
 _NAMES_SHARE = 0.6  # of the width of a table, for the names of its rows
-_MEASURED_DPI = 100.0  # of drawings, as texts are not exactly as wide at another resolution
 _CHARACTERS = 16  # characters of the small size per inch
 
 COLUMN_NAME, ROW_NAME = (20, 3), (48, 3)
@@ -79,12 +74,16 @@ class Place(NamedTuple):
 
     Attributes:
         box: box of the axes.
+        title: title in lines.
+        title_size: its font size in points.
         x_label: label of the horizontal axis in lines; empty if the panel below has the same.
         first: whether it is the first of its row.
         name_size: maximum characters in a line, and lines, of the names of rows.
     """
 
     box: Box
+    title: str
+    title_size: float
     x_label: str
     first: bool
     name_size: tuple[int, int]
@@ -135,27 +134,31 @@ def lay_out(figure: Figure, sheet: Sheet, *, text: bool, legend: bool = True) ->
     name_size = min(ROW_NAME[0], beside), int(sheet.row / _LABEL_LINE)
     left = max(_left_of(panel.y, name_size) for panel in figure.panels)
     gap = 0.27 if shared else max(_TICKS, left - _LEFT + _TICKS) + 0.06
-    panel_width = (width - left - (columns - 1) * gap - 2 * MARGIN - 0.06) / columns
+    panel_width = (width - left - (columns - 1) * gap - 2 * MARGIN - _RIGHT) / columns
     panel_height = _height(figure, sheet)
     if rows > 1 and sheet.paper and sheet.columns > _FEW and not figure.panels[0].y.names:
         panel_height *= _LOWER  # so that two rows are no higher than a third of a page
     entries, top = _flow([label for label, _ in figure.legend] if legend else [], width)
-    title = _TITLE_HEIGHT if text else 0.0
-    entries = [(label, Box(box.left, box.top + title)) for label, box in entries]
-    top += title
+    above = _TITLE_HEIGHT if text else 0.0
+    entries = [(label, Box(box.left, box.top + above)) for label, box in entries]
+    top += above
+    room = panel_width + min(gap - MARGIN, MARGIN)  # a title may extend beyond its panel
+    largest = SMALL if sheet.paper else _MEDIUM
+    titles, title_size = fitted_titles([panel.title for panel in figure.panels], room, largest)
     places: list[Place] = []
     for first in range(0, count, columns):
         row = figure.panels[first : first + columns]
-        top += MARGIN + max(_above(panel) for panel in row)
+        top += MARGIN + max(map(_above, row, titles[first:]))
         labels = []
         for column, panel in enumerate(row):
             beneath = figure.panels[first + columns + column :][:1]
             same = bool(beneath) and beneath[0].x.label == panel.x.label
-            label = "" if same else _fitted(panel.x.label, panel_width)
+            label = "" if same else fitted(panel.x.label, panel_width)
             labels.append(label)
             at = MARGIN + left + column * (panel_width + gap)
             box = Box(at, top, panel_width, panel_height)
-            places.append(Place(box, label, column == 0, name_size))
+            title = titles[first + column]
+            places.append(Place(box, title, title_size, label, column == 0, name_size))
         lines = max(label.count("\n") + 1 if label else 0 for label in labels)
         top += panel_height + _NUMBERS + _LABEL_LINE * lines
     characters = int((width - 2 * MARGIN) * _CHARACTERS)
@@ -173,13 +176,10 @@ def _left_of(axis: Axis, size: tuple[int, int]) -> float:
     return max(map(width_of, lines), default=0.0) + 0.1
 
 
-def shortened(name: str, characters: int, lines: int) -> str:
-    """Returns a name wrapped into lines, truncated with "…" if it needs more of them."""
-    return "\n".join(wrap(name, characters, max_lines=lines, placeholder=" …"))
-
-
-def _above(panel: Panel) -> float:
-    return (_TITLE if panel.title else 0.0) + (_OPPOSITE if panel.x.opposite else 0.0)
+def _above(panel: Panel, title: str) -> float:
+    """Returns the space above a panel, for its title in lines and a second axis."""
+    room = _TITLE + _LABEL_LINE * title.count("\n") if title else 0.0
+    return room + (_OPPOSITE if panel.x.opposite else 0.0)
 
 
 def _height(figure: Figure, sheet: Sheet) -> float:
@@ -190,11 +190,6 @@ def _height(figure: Figure, sheet: Sheet) -> float:
     return sheet.single_height if len(figure.panels) == 1 else sheet.height
 
 
-def _fitted(label: str, width: float) -> str:
-    """Returns a label in as many lines as it needs below a panel."""
-    return in_lines(label, max(8, int(len(label) * width / max(width_of(label), 1e-9))))
-
-
 def _flow(labels: Sequence[str], width: float) -> tuple[list[tuple[str, Box]], float]:
     """Returns the entries of a legend in rows from the left, and the end of the last row."""
     if not labels:
@@ -203,7 +198,7 @@ def _flow(labels: Sequence[str], width: float) -> tuple[list[tuple[str, Box]], f
     left, top, lines = MARGIN, MARGIN, 1
     room = width - 2 * MARGIN - HANDLE - _GAP
     for label in labels:
-        text = label if width_of(label) <= room else _fitted(label, 0.8 * room)
+        text = label if width_of(label) <= room else fitted(label, 0.8 * room)
         across = HANDLE + _GAP + max(map(width_of, text.split("\n")))
         if left > MARGIN and left + across > width - MARGIN:
             left, top, lines = MARGIN, top + _LINE_HEIGHT * lines, 1
@@ -241,28 +236,9 @@ def row_name_size(names: Sequence[str], heat_map: HeatMap, sheet: Sheet) -> tupl
     return min([ROW_NAME[0], *fitting]), ROW_NAME[1]
 
 
-def in_lines(text: str, characters: int) -> str:
-    """Wraps a text; its own line breaks are kept."""
-    return "\n".join(line for part in text.split("\n") for line in wrap(part, characters)) or " "
-
-
 def free_characters(sheet: Sheet) -> int:
     """Returns the characters in a line of the title of a heat map, of two in a row on paper."""
     return int(15 * sheet.width / 2) - 8 if sheet.paper else 1000
-
-
-@cache
-def width_of(text: str) -> float:
-    """Returns the width of a text of the small size, in inches."""
-    measure: Any = _renderer().get_text_width_height_descent
-    font = FontProperties(size=SMALL)
-    return max(float(measure(t, font, ismath=False)[0]) for t in text.split("\n")) / _MEASURED_DPI
-
-
-@cache
-def _renderer() -> Any:
-    make: Any = RendererAgg
-    return make(1, 1, _MEASURED_DPI)
 
 
 def _table_width(heat_map: HeatMap | None, sheet: Sheet) -> float:

@@ -12,13 +12,13 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from jbench.report.figure import DOTS, Axis, HeatMap, Panel, Series, Style
-from jbench.report.figures import layout
-from jbench.report.figures.layout import SMALL, Place, Sheet
+from jbench.report.figures import layout, texts
+from jbench.report.figures.layout import Place, Sheet
+from jbench.report.figures.texts import SMALL
 
 SERIES = "series"
 """Prefix of the ids of the SVG elements of series; the panel and the series' number follow."""
 
-_MEDIUM = 9.0  # points
 _PICTURE_CELLS = 1000  # larger heat maps are rasterized: each cell would be a path of 200 bytes
 _INTERVAL_ALPHA = 0.18
 _DECADES = 3  # logarithmic axes over fewer decades have ticks at 1, 2 and 5
@@ -118,11 +118,12 @@ def _style_panel(
     axes: Axes, panel: Panel, sheet: Sheet, place: Place | None, *, shared: bool
 ) -> None:
     """Sets title, axes and grid of a panel."""
-    flat = panel.heat_map is not None
     if panel.title:
-        title = layout.in_lines(panel.title, layout.free_characters(sheet)) if flat else panel.title
-        title_look = (SMALL, "normal") if flat else (SMALL if sheet.paper else _MEDIUM, "bold")
-        size, weight = title_look
+        if place is None:
+            title, size = texts.in_lines(panel.title, layout.free_characters(sheet)), SMALL
+        else:
+            title, size = place.title, place.title_size
+        weight = "normal" if place is None else "bold"
         # Only a second axis above moves a title; else matplotlib measures all labels for nothing.
         y = None if panel.x.opposite else 1.0
         axes.set_title(title, loc="left", y=y, parse_math=False, fontsize=size, fontweight=weight)
@@ -171,14 +172,14 @@ def _style_axis(
     """Sets label, scale, limits and ticks of the axis "x" or "y".
 
     Args:
-        name_size: of the names of ticks, see `layout.shortened`.
+        name_size: of the names of ticks, see `texts.shortened`.
         narrow: whether there is room for few numbers only.
     """
     axes.set(**{f"{name}scale": "log" if axis.log else "linear", f"{name}lim": axis.limits})
     drawn = axes.xaxis if name == "x" else axes.yaxis
     drawn.set_label_text(label, fontsize=SMALL, parse_math=False)
     if axis.names is not None:
-        shown = [layout.shortened(one, *name_size) for one in axis.names]
+        shown = [texts.shortened(one, *name_size) for one in axis.names]
         for tick in drawn.set_ticks(axis.ticks or (), shown):
             tick.label1.set_parse_math(False)
     elif axis.ticks is not None:

@@ -15,15 +15,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jbench.report.figure import Figure, Panel, Shade, Style
-from jbench.report.figures import layout
-from jbench.report.figures.layout import SCREEN, SMALL, Box, Layout, Sheet
+from jbench.report.figures import layout, texts
+from jbench.report.figures.layout import SCREEN, Box, Layout, Sheet
 from jbench.report.figures.panels import draw_panel, look, tick_size
+from jbench.report.figures.texts import SMALL
 
 KEPT = "heat-map"
 """Prefix of the ids of SVG elements that keep their colors on a dark page."""
 
 _LARGE = 12.0  # points
-_BOLD = 1.2  # times as wide as other text, at most
 _PNG_DPI = {False: 150, True: 300}  # on a screen, and on paper
 _PICTURE_DPI = 200  # resolution of rasterized parts in SVG and PDF files
 _COMPACT = {"borderaxespad": 0, "borderpad": 0, "labelspacing": 0.35, "handletextpad": 0.6}
@@ -107,8 +107,8 @@ def _lines(figure: Figure, sheet: Sheet, *, text: bool, legend: bool, picture: b
     for (label, box), (_, style) in zip(laid.legend, figure.legend, strict=False):
         _entry(drawn, _handle(style), label, corner(box))
     if text:
-        room = (laid.width - 2 * layout.MARGIN) / max(layout.width_of(figure.title), 1e-9)
-        size_of_title = min(_LARGE, SMALL * room / _BOLD)
+        room = (laid.width - 3 * layout.MARGIN) / max(texts.width_of(figure.title, "bold"), 1e-9)
+        size_of_title = min(_LARGE, SMALL * room)
         corner_of_title = corner(Box(layout.MARGIN, layout.MARGIN))
         _text(drawn, corner_of_title, figure.title, size_of_title, "bold")
         _text(drawn, corner(laid.notes), "\n".join(laid.lines), SMALL, "normal")

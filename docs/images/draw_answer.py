@@ -1,0 +1,71 @@
+"""Draws the figures of docs/answer.md from the shipped runs: python docs/images/draw_answer.py.
+
+They are figures of `jbench report`, as for a paper, of the runs of the batched engine in float32.
+"""
+
+import io
+import shutil
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from PIL import Image
+
+from jbench.report import contents
+from jbench.report.document import FigureItem
+from jbench.report.figures import plotting
+from jbench.report.figures.layout import SHEETS
+from jbench.report.report import gather
+from jbench.report.request import Request
+from jbench.store import Results
+from jbench.store.shipped import shipped_results
+
+HERE = Path(__file__).parent
+TASK = "face_direction"
+COLORS = 128
+
+
+class Drawing(NamedTuple):
+    """A file of docs/images: the figure of the report, its algorithm and its columns in a paper."""
+
+    name: str
+    algo: str
+    figure: str
+    columns: int
+
+
+DRAWINGS = (
+    Drawing("answer", "ddpg", f"evaluations-{TASK}-ddpg", 1),
+    Drawing("answer-td3", "td3", f"evaluations-{TASK}-td3", 1),
+    Drawing("answer-reduction", "td3", "reduction", 1),
+    Drawing("answer-prediction", "td3", "prediction_returns", 2),
+)
+
+
+def copy_compared(target: Path) -> Results:
+    """Copies the shipped runs that docs/answer.md compares, and all encoders."""
+    source = shipped_results()
+    for run in source.scan("run")[0]:
+        if run.settings["engine"] == "batched" and "precision" not in run.settings:
+            shutil.copytree(run.path, target / run.path.relative_to(source.path))
+    shutil.copytree(source.path / "encoders", target / "encoders")
+    return Results(target)
+
+
+def draw(results: Results, drawing: Drawing) -> None:
+    """Draws a figure with few colors, which makes its file small."""
+    report = contents.document(gather(results, Request(task=TASK, algo=drawing.algo)))
+    (item,) = (one for one in report.items if one.name == drawing.figure)
+    assert isinstance(item, FigureItem)
+    drawn = plotting.draw(item.figure, SHEETS[drawing.columns])
+    picture = Image.open(io.BytesIO(plotting.to_png(drawn, paper=True))).convert("RGB")
+    path = HERE / f"{drawing.name}.png"
+    picture.quantize(COLORS).save(path, optimize=True)
+    print(f"{path}: {path.stat().st_size / 1e3:.0f} KB")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as directory:
+        compared = copy_compared(Path(directory))
+        for one in DRAWINGS:
+            draw(compared, one)

@@ -5,31 +5,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jbench.names import kind_of
 from jbench.report import sources
 from jbench.report.analysis import reduction
 from jbench.report.data.cells import of_kind
 from jbench.report.data.returns import EVALUATION
-from jbench.report.formatting import display_name, signed
 from jbench.report.request import Request
-from jbench.report.tables.values import estimate
+from jbench.report.tables.reduction_items import effect_text
 from jbench.settings.run import RunSettings
-from jbench.store import Results
-from jbench.store.shipped import shipped
+from jbench.store.shipped import shipped_results
 from jbench.store.verify import verify
 
 
 @pytest.fixture(scope="module")
 def runs():
-    results = Results(shipped())
+    results = shipped_results()
     records, problems = results.scan("run")
     assert problems == []
     return records
 
 
 def test_they_are_intact(runs):
-    found = verify(Results(shipped()), 1)
+    found = verify(shipped_results(), 1)
     assert found.faults == []
-    encoders = Results(shipped()).scan("encoder")[0]
+    encoders = shipped_results().scan("encoder")[0]
     assert found.records == len(runs) + len(encoders)
     assert runs
     assert {record.status for record in runs} == {"finished"}
@@ -85,23 +84,42 @@ def test_on_twelve_latents_the_published_seed_lies_among_ours(runs):
     assert min(map(np.median, chosen)) < 554.0 < max(map(np.median, chosen))
 
 
-def test_readme_table_has_the_numbers_of_the_shipped_runs():
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    cells = sources.own(Results(shipped()), Request()).cells
+@pytest.fixture(scope="module")
+def reductions():
+    cells = sources.own(shipped_results(), Request()).cells
     found = reduction.reductions(of_kind(cells, EVALUATION))
     assert found
-    for one in found:
-        # Names in the table have a number of latents only if it can be chosen.
-        names = (
-            f"(`{one.cell.representation}`)",
-            f"(`{one.cell.representation.rstrip('0123456789')}`)",
-        )
-        name, task = display_name(one.cell.algo), one.cell.task
-        start = f"| {name} | " if task == "face_direction" else f"| {name}, `{task}` | "
-        (row,) = [
-            line
-            for line in readme.splitlines()
-            if line.startswith(start) and any(name in line for name in names)
-        ]
-        assert f"| {one.seeds[0]} |" in row
-        assert f"| {estimate(one.findings[0].effect, signed).text} |" in row
+    return found
+
+
+def rows_of(page):
+    """Returns the cells of all rows of tables of a page."""
+    lines = (Path(__file__).parents[2] / page).read_text().splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if "|" in line]
+
+
+def names_of(cell):
+    """Returns the names of a representation: with its number of latents, and without."""
+    return cell.representation, kind_of(cell.representation)
+
+
+def test_readme_table_has_the_numbers_of_the_shipped_runs(reductions):
+    rows = rows_of("README.md")
+    for one in reductions:
+        if (one.cell.algo, one.cell.task) == ("td3", "face_direction"):
+            names = [f"(`{name}`)" for name in names_of(one.cell)]
+            (row,) = [row for row in rows if row[0].endswith(tuple(names))]
+            assert str(one.seeds[0]) in row
+            assert effect_text(one.finding("a")) in row
+
+
+def test_answer_has_every_comparison_of_the_shipped_runs(reductions):
+    rows = rows_of("docs/answer.md")
+    text = " ".join((Path(__file__).parents[2] / "docs/answer.md").read_text().split())
+    for one in reductions:
+        effects = [effect_text(finding) for finding in one.findings]
+        if (one.cell.algo, one.cell.task) == ("td3", "face_direction"):
+            (row,) = [row for row in rows if row[0] in names_of(one.cell) and one.baseline in row]
+            assert row[2:] == [effects[0], effects[2], effects[1]]
+        else:
+            assert all(effects[i] in text for i in (0, 2))

@@ -131,6 +131,7 @@ class Zoom {
 
   drag(event) {
     if (!this.pressed) return;
+    if (!event.buttons) return this.cancel(); // the button was released outside of the drawing
     const { panel, x: start, svg } = this.pressed;
     const [left, top, right, bottom] = panel.box;
     const end = Math.min(Math.max(pointIn(svg, event).x, left), right);

@@ -226,6 +226,7 @@ def test_saved_figure_is_zoomed(opened, written, tmp_path):
     root = ElementTree.parse(tmp_path / "curves.svg").getroot()
     texts = [one.text for one in root.iter("{http://www.w3.org/2000/svg}text")]
     assert texts[:6] == ["10", "12", "14", "16", "18", "20"]
+    assert root.get("font-family") == "sans-serif"
     assert [one for one in root.iter() if one.get("data-tick") == "x"] == []
 
 

@@ -171,7 +171,7 @@ class Zoom {
   // Zooms about the value that is shown.
   key(event) {
     const factor = { "+": 0.5, "=": 0.5, "-": 2, 0: Infinity }[event.key];
-    const panel = this.figure.panels[this.figure.panel];
+    const { panel } = this.figure;
     if (event.key === "Escape") this.cancel();
     if (!factor || event.ctrlKey || event.metaKey || !this.groups.has(panel)) return;
     event.preventDefault();

@@ -200,6 +200,7 @@ def test_measured_predictions_are_drawn_beside_errors(results, tmp_path):
     assert [panel.title.partition(": ")[2] for panel in panels] == [
         *("yaw rate", "forward speed", "tilt rate", "reward")
     ]
+    assert {panel.y.label for panel in panels} == {"R²"}  # only the first of a row shows it
     heights = [series.y[0] for panel in panels for series in panel.series]
     assert {*(series.label for panel in panels for series in panel.series)} == {"dae"}
     # A negative R² is drawn at 0; a target without variance is not drawn.

@@ -286,6 +286,8 @@ class TestComparison:
             if c.figure == "fig8"
         ]
         assert [edge.y.tolist() for edge in edges(drawn)] == quartiles
+        (of_edges,) = (name for name in key(figure) if name.startswith("published: 25th"))
+        assert all(of_edges in edge.entries for edge in edges(drawn))
         assert "Published Figure 8: training returns, 10 seeds, smooth-first" in figure.caption
 
     def test_published_figure_7_is_drawn_as_single_seeds(self, fabric, comparisons):

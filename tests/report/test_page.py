@@ -16,7 +16,16 @@ import pytest
 
 from jbench.report.document import FigureItem, Section, TableItem, Value
 from jbench.report.figure import Axis, Band, Figure, HeatMap, Panel, Series, Style
-from jbench.report.page import colors, downloads, render_document, tables, text, tooltips, vector
+from jbench.report.page import (
+    colors,
+    downloads,
+    legends,
+    render_document,
+    tables,
+    text,
+    tooltips,
+    vector,
+)
 from jbench.report.page.items import share_each
 from tests.report import page_documents as made
 
@@ -403,6 +412,19 @@ class TestDownloads:
     )
     def test_large_items_share_budget_left_by_small_items(self, sizes, total, share):
         assert share_each(sizes, total) == share
+
+
+class TestLegend:
+    @pytest.mark.parametrize("dash", ["--", "-.", (0, (8, 1.5))])
+    def test_marker_does_not_cover_gap_of_dashes(self, dash):
+        width, middle = 1.5, 13  # points; the swatch is 26 points wide
+        style = Style("#cc79a7", dash, width, marker="o", size=3)
+        shown = legends.legend(Figure("F", [], [("TD3", style)]), set())
+        first, gap, *_ = map(float, re.search('dasharray="([^"]*)"', shown)[1].split())
+        offset = float(re.search('dashoffset="([^"]*)"', shown)[1])
+        # The first dash is as far from the middle of the swatch on both sides.
+        assert -offset + first / 2 == pytest.approx(middle, abs=0.05)
+        assert middle + first / 2 + gap < 26
 
 
 class TestTables:

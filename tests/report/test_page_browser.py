@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import expect
 
-from jbench.report.document import FigureItem, Section, TableItem
+from jbench.report.document import FigureItem, Section, TableItem, Value
 from jbench.report.figure import Axis, Band, Panel, Series, Style
 from jbench.report.page import colors, render_document
 from tests.report import page_documents as made
@@ -344,6 +344,22 @@ class TestAppearance:
                 expect(element).to_be_visible()
         assert page.color(".item", "backgroundColor") == (255, 255, 255)
         assert _contrast(page.color("main p", "color"), (255, 255, 255)) >= 7
+
+    def test_printed_table_has_title_and_fits_page(self, opened, tmp_path):
+        heading = "control steps to half the published best: median, number {}"
+        frame = pd.DataFrame([[f"{i} of 10" for i in range(10)]])
+        frame = frame.map(lambda text: Value(text, float(text[0])))
+        frame.columns = [heading.format(i) for i in range(10)]
+        item = TableItem("speed", "Control steps to a return", "", frame, folded=True)
+        path = tmp_path / "index.html"
+        sections = [Section("S", [], [item])]
+        path.write_text(render_document(made.document(sections=sections)))
+        landscape = round((297 - 2 * 12) / 25.4 * 96)  # pixels of A4 without margins
+        page = opened(path, viewport={"width": landscape, "height": 700})
+        page.page.emulate_media(media="print")
+        expect(page.page.get_by_role("heading", name=item.title)).to_be_visible()
+        box = page.page.locator("#speed table").bounding_box()
+        assert box["x"] + box["width"] <= landscape
 
     def test_page_prints_on_a4(self, opened, written):
         page = opened(written)

@@ -7,12 +7,17 @@ import pandas as pd
 import pytest
 from playwright.sync_api import expect
 
-from jbench.report.data.cells import IMPORTED
+from jbench.report.analysis.statistics import Estimate
+from jbench.report.data.cells import IMPORTED, OURS
+from jbench.report.data.published import PUBLISHED
+from jbench.report.data.returns import KINDS
 from jbench.report.document import FigureItem, Section, TableItem
 from jbench.report.figure import Axis, Figure, Panel, Series, Style
+from jbench.report.leaderboard import Entry
+from jbench.report.leaderboard import table as leaderboard_table
 from jbench.report.page import render_document
 from tests.report import page_documents as made
-from tests.report.browser import PHONE
+from tests.report.browser import DESKTOP, PHONE
 
 COLORS = {"SAC": "#009e73", "TD3": "#cc79a7"}
 
@@ -181,6 +186,42 @@ class TestFilters:
         assert lines(other) == {("TD3", "face_direction")}
         assert rows(other) == ["SAC", "TD3"]
 
+    def test_escape_closes_filter_and_returns_focus(self, opened, written):
+        page = opened(written)
+        choose(page, "TD3")
+        page.page.keyboard.press("Escape")
+        expect(page.page.locator(".filters form")).to_be_hidden()
+        expect(page.page.locator(".filters summary")).to_be_focused()
+
+    def test_arrow_keys_skip_hidden_panels(self, opened, written):
+        page = opened(written)
+        choose(page, "face_direction")
+        page.page.locator("#tagged .drawing").focus()
+        for key in ("ArrowLeft", "ArrowDown", "ArrowUp"):
+            page.page.keyboard.press(key)
+            assert page.tip()[0] == "move_to_pose", key
+
+    def test_figure_without_visible_panel_is_not_saved(self, opened, written):
+        page = opened(written)
+        button = page.page.get_by_role("button", name="Save PNG")
+        expect(button).to_be_visible()
+        choose(page, "face_direction")
+        expect(button).to_be_visible()
+        page.page.locator(".filters label", has_text="move_to_pose").locator("input").click()
+        expect(button).to_be_hidden()
+
+    def test_entries_of_leaderboard_have_sources(self, opened, tmp_path):
+        median = Estimate(900.0, 800.0, 950.0, 30.0)
+        ranked = [Entry(one, "move_to_pose", "td3", "full", median, 6) for one in (OURS, PUBLISHED)]
+        board = leaderboard_table(ranked, KINDS["evaluation"])
+        path = tmp_path / "index.html"
+        section = Section("All", [], [board])
+        path.write_text(render_document(made.document(sections=[section])))
+        page = opened(path)
+        choose(page, PUBLISHED)
+        entries = page.page.locator("#leaderboard tbody tr:visible td:nth-child(3)")
+        assert entries.all_inner_texts() == ["runs"]
+
 
 class TestSaving:
     def test_saved_svg_has_visible_lines_and_legend(self, opened, written, tmp_path):
@@ -196,6 +237,28 @@ class TestSaving:
         assert COLORS["SAC"] not in strokes
         texts = [one.text for one in root.iter("{http://www.w3.org/2000/svg}text")]
         assert texts == ["TD3", "median"]
+
+    @pytest.mark.parametrize(("viewport", "rows"), [(DESKTOP, 1), (PHONE, 2)])
+    def test_saved_figure_has_rows_of_panels_as_page(
+        self, opened, written, tmp_path, viewport, rows
+    ):
+        page = opened(written, viewport=viewport)
+        with page.page.expect_download() as download:
+            page.page.get_by_role("button", name="Save SVG").click()
+        download.value.save_as(tmp_path / "tagged.svg")
+        root = ElementTree.parse(tmp_path / "tagged.svg").getroot()
+        panels = root.findall("{http://www.w3.org/2000/svg}svg[@role]")
+        assert [one.get("aria-label") for one in panels] == [
+            "Curves: face_direction", "Curves: move_to_pose"
+        ]  # fmt: skip
+        assert root.get("aria-label") is None
+        first, second = ({name: float(one.get(name)) for name in ("x", "y", "width", "height")}
+                         for one in panels)  # fmt: skip
+        beside = (first["width"], 0) if rows == 1 else (0, first["height"])
+        assert (second["x"], second["y"]) == pytest.approx(beside, abs=0.01)
+        widths = [first["width"], second["width"]]
+        right = float(root.get("viewBox").split()[2])
+        assert right == pytest.approx(sum(widths) if rows == 1 else max(widths), abs=0.01)
 
     def test_saved_png_has_288_dpi(self, opened, written, tmp_path):
         page = opened(written)

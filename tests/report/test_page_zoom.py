@@ -133,6 +133,19 @@ def test_escape_cancels_drag(opened, written):
     assert limits(page) is None
 
 
+def test_drag_ends_when_button_is_released_outside_of_figure(opened, written):
+    page = opened(written)
+    x, y = pixel(page, 10_000)
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x, page.page.locator("#curves").bounding_box()["y"] - 20)
+    page.page.mouse.up()
+    for steps in (15_000, 20_000):
+        page.page.mouse.move(*pixel(page, steps))
+        expect(page.page.locator("#curves .area")).to_have_count(0)
+    assert page.tip()[1] == "control steps (thousands): 20"
+
+
 def test_keyboard_zooms_and_resets(opened, written):
     page = opened(written)
     button = page.page.locator("#curves").get_by_role("button", name="Reset zoom")
@@ -213,6 +226,7 @@ def test_saved_figure_is_zoomed(opened, written, tmp_path):
     root = ElementTree.parse(tmp_path / "curves.svg").getroot()
     texts = [one.text for one in root.iter("{http://www.w3.org/2000/svg}text")]
     assert texts[:6] == ["10", "12", "14", "16", "18", "20"]
+    assert root.get("font-family") == "sans-serif"
     assert [one for one in root.iter() if one.get("data-tick") == "x"] == []
 
 

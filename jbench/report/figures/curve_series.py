@@ -190,8 +190,13 @@ def published_series(
         detail = f"published {entry} ({detail})"
     line = Style(color, "--", 1.0)
     median = Series(x, curve.quantiles[50], line, entry * labelled, detail=detail, **of)
-    edges = (Series(x, curve.quantiles[p], edge, **of) for p in band if p in curve.quantiles)
+    of["entries"] = (entry, key, _edges_key(band))
+    edges = [Series(x, curve.quantiles[p], edge, **of) for p in band if p in curve.quantiles]
     return [median, *edges]
+
+
+def _edges_key(band: tuple[int, int]) -> str:
+    return f"published: {percentiles(band)}"
 
 
 def is_published(panel: Panel) -> bool:
@@ -225,7 +230,7 @@ def curve_key(
             key.append((name, Style(color, "--", 1.0)))
     if PUBLISHED_KEY in shown:
         edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.5)
-        key.append((f"published: {percentiles(bands[0])}", edge))
+        key.append((_edges_key(bands[0]), edge))
     return [*key, SOLVED_KEY]
 
 

@@ -41,7 +41,7 @@ def prediction_figure(table: pd.DataFrame) -> Figure | None:
         Panel(
             f"{task}: {name}",
             latents_axis(rows),
-            Axis(f"R² of the {name}", _UNIT),
+            Axis("R²", _UNIT),
             _latents_series(rows, quantity),
         )
         for task, rows in by_task(table[table["yaw_rate"].notna()]).items()

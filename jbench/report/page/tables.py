@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.report.data.cells import OURS
 from jbench.report.data.published import PUBLISHED
 from jbench.report.document import Value
 from jbench.report.page.text import html
@@ -16,6 +17,7 @@ _TAGS = {
     "algorithm": "algorithm",
     "observation": "representation",
     "runs": "source",
+    "entry": "source",
 }
 """Names of the attributes by which a page filters rows, by column."""
 
@@ -75,15 +77,17 @@ def _tags(frame: pd.DataFrame) -> list[dict[str, str]]:
     for i, name in enumerate(frame.columns):
         for of_row, cell in zip(tags, frame.iloc[:, i].tolist(), strict=True):
             if name in _TAGS and isinstance(cell, str):
-                # Settings of the variant follow a representation: "full, bfloat16". Claims name the
-                # figure of the paper.
-                tag = _TAGS[name]
-                if tag == "representation":
-                    cell = cell.partition(",")[0]
-                elif tag == "source" and cell.startswith("Figure"):
-                    cell = PUBLISHED
-                of_row[tag] = cell
+                of_row[_TAGS[name]] = _tag(_TAGS[name], cell)
     return tags
+
+
+def _tag(name: str, cell: str) -> str:
+    """Returns the value of a tag for a cell."""
+    if name == "representation":
+        return cell.partition(",")[0]  # the settings of its variant follow: "full, bfloat16"
+    if name == "source" and cell.startswith(("Figure", PUBLISHED)):
+        return PUBLISHED  # a claim names the figure, the leaderboard the kind of return
+    return OURS if (name, cell) == ("source", "runs") else cell
 
 
 def _attributes(tags: Mapping[str, str]) -> str:

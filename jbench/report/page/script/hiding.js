@@ -1,20 +1,24 @@
 // Legends hide and emphasise series; filters hide series, panels and rows.
 
+// Whether there are series with this selector, all of which the filters hide.
+function areUnwanted(parent, selector) {
+  const series = [...parent.querySelectorAll(selector)];
+  return series.length > 0 && series.every((one) => isUnwanted(one.dataset));
+}
+
 function showFigure(figure) {
   const labels = labelsOf(figure);
   figure.querySelectorAll("[data-of]").forEach((series) => {
     const of = series.dataset.of.split(" ");
     series.classList.toggle("gone", isHidden(figure, labels, series.dataset, of));
   });
-  figure.querySelectorAll("svg[role]").forEach((panel) => {
-    const series = [...panel.querySelectorAll("[data-of]")];
-    const gone = series.length > 0 && series.every((one) => isUnwanted(one.dataset));
-    panel.classList.toggle("gone", gone);
-  });
+  const panels = [...figure.querySelectorAll("svg[role]")];
+  panels.forEach((panel) => panel.classList.toggle("gone", areUnwanted(panel, "[data-of]")));
+  const nothing = panels.every((panel) => panel.classList.contains("gone"));
+  figure.querySelector(".saving")?.classList.toggle("gone", nothing);
   figure.querySelectorAll(".legend > li[data-entry]").forEach((item) => {
-    const series = [...figure.querySelectorAll(`[data-of~="${item.dataset.entry}"]`)];
-    const gone = series.length > 0 && series.every((one) => isUnwanted(one.dataset));
-    item.classList.toggle("gone", gone);
+    const selector = `[data-of~="${item.dataset.entry}"]`;
+    item.classList.toggle("gone", areUnwanted(figure, selector));
   });
   figure.querySelectorAll(".legend button").forEach((button) => {
     button.setAttribute("aria-pressed", String(!isMuted(figure, button.textContent)));
@@ -87,7 +91,9 @@ function makeFilters() {
     values.forEach((value) => makeChoice(group, name, value));
   });
   box.addEventListener("keydown", (event) => {
-    if (event.key === "Escape") box.open = false;
+    if (event.key !== "Escape") return;
+    box.open = false;
+    box.firstChild.focus();
   });
   document.querySelector("nav .theme").before(box);
 }

@@ -11,29 +11,31 @@ function save(blob, name) {
 }
 
 function pictureOf(figure) {
-  const whole = figure.querySelector(".drawing > svg[role]").cloneNode(false);
-  whole.classList.remove("gone");
   const panels = [...figure.querySelectorAll(".drawing > svg[role]:not(.gone)")];
-  let [right, bottom] = [0, 0];
+  const whole = panels[0].cloneNode(false);
+  ["role", "aria-label"].forEach((name) => whole.removeAttribute(name)); // those of its first panel
+  let [x, y, right, bottom, last] = [0, 0, 0, 0, -Infinity];
   panels.forEach((panel) => {
+    const { left } = panel.getBoundingClientRect();
+    if (left <= last) [x, y] = [0, bottom]; // the first of a row on the page
     const { width, height } = panel.viewBox.baseVal;
     const copy = panel.cloneNode(true);
     copy.querySelectorAll(".gone, .mark").forEach((element) => element.remove());
-    setAll(copy, { x: right, y: 0, width, height });
+    setAll(copy, { x, y, width, height });
     whole.append(copy);
-    right += width;
-    bottom = Math.max(bottom, height);
+    [x, last] = [x + width, left];
+    [right, bottom] = [Math.max(right, x), Math.max(bottom, y + height)];
   });
   figure.querySelectorAll(".legend > li:not(.gone)").forEach((item) => {
     if (isMuted(figure, item.textContent)) return;
     const swatch = item.querySelector("svg").cloneNode(true);
     setAll(swatch, { x: 8, y: bottom + 2, width: 26, height: 10 });
-    const at = { x: 40, y: bottom + 10, "font-size": 8, "font-family": "sans-serif" };
     whole.append(swatch);
-    makeMark("text", whole, at).textContent = item.textContent;
+    makeMark("text", whole, { x: 40, y: bottom + 10, "font-size": 8 }).textContent = item.textContent;
     bottom += ROW;
   });
-  setAll(whole, { width: `${right}pt`, height: `${bottom}pt`, viewBox: `0 0 ${right} ${bottom}` });
+  const size = { width: `${right}pt`, height: `${bottom}pt`, viewBox: `0 0 ${right} ${bottom}` };
+  setAll(whole, { ...size, "font-family": "sans-serif" });
   return { text: new XMLSerializer().serializeToString(whole), width: right, height: bottom };
 }
 

@@ -16,7 +16,6 @@ class Figure {
     this.svgs = [...drawing.querySelectorAll("svg[role]")];
     this.svg = this.svgs[0];
     this.panels = panels;
-    this.panel = 0;
     this.index = -1;
     panels.forEach(setPositions);
     drawing.tabIndex = 0;
@@ -56,8 +55,8 @@ class Figure {
     const switches = { ArrowUp: -1, ArrowDown: 1 };
     if (event.key === "Escape") this.hide();
     if (event.key in switches) {
-      const count = this.panels.length;
-      this.panel = (this.panel + switches[event.key] + count) % count;
+      const shown = this.shownPanels();
+      this.chosen = shown.at((shown.indexOf(this.panel) + switches[event.key]) % shown.length);
       this.index = -1;
     }
     if (!(event.key in moves) && !(event.key in switches)) return;
@@ -67,9 +66,17 @@ class Figure {
 
   shownLines(panel) {
     const labels = labelsOf(this.figure);
-    return panel.lines.filter(
-      ({ x, tags, of }) => x.length && !isHidden(this.figure, labels, tags, of),
-    );
+    return panel.lines.filter(({ tags, of }) => !isHidden(this.figure, labels, tags, of));
+  }
+
+  shownPanels() {
+    return this.panels.filter((panel) => panel.grid || this.shownLines(panel).length);
+  }
+
+  // The panel whose values the arrow keys select.
+  get panel() {
+    const shown = this.shownPanels();
+    return shown.includes(this.chosen) ? this.chosen : (shown[0] ?? this.panels[0]);
   }
 
   // The line whose values the arrow keys select.
@@ -79,18 +86,18 @@ class Figure {
 
   // The horizontal value that the arrow keys have selected.
   value() {
-    return this.longest(this.panels[this.panel]).x[this.index];
+    return this.longest(this.panel).x[this.index];
   }
 
   goTo(value) {
-    const { x } = this.longest(this.panels[this.panel]);
+    const { x } = this.longest(this.panel);
     this.index = x.findIndex((one) => one >= value);
     this.step(0);
   }
 
   // Moves through the values of the panel's longest line, or its cells; with Shift one by one.
   step(direction, single) {
-    const panel = this.panels[this.panel];
+    const { panel } = this;
     const longest = this.longest(panel);
     const count = panel.grid ? panel.grid.values.flat().length : longest.x.length;
     if (!count) return this.hide();
@@ -142,6 +149,7 @@ class Figure {
   // Shows the values of all lines near here; returns the position of the tip, or null.
   showValues(panel, x, y) {
     const rows = this.shownLines(panel)
+      .filter((line) => line.x.length)
       .map((line) => ({ line, i: nearest(line, x) }))
       .filter(({ line, i }) => Math.abs(line.at[i][0] - x) <= REACH)
       .sort((a, b) => b.line.y[b.i] - a.line.y[a.i]);

@@ -131,6 +131,7 @@ class Zoom {
 
   drag(event) {
     if (!this.pressed) return;
+    if (!event.buttons) return this.cancel(); // the button was released outside of the drawing
     const { panel, x: start, svg } = this.pressed;
     const [left, top, right, bottom] = panel.box;
     const end = Math.min(Math.max(pointIn(svg, event).x, left), right);
@@ -170,7 +171,7 @@ class Zoom {
   // Zooms about the value that is shown.
   key(event) {
     const factor = { "+": 0.5, "=": 0.5, "-": 2, 0: Infinity }[event.key];
-    const panel = this.figure.panels[this.figure.panel];
+    const { panel } = this.figure;
     if (event.key === "Escape") this.cancel();
     if (!factor || event.ctrlKey || event.metaKey || !this.groups.has(panel)) return;
     event.preventDefault();

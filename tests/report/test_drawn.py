@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from jbench.names import TASKS
 from jbench.report.data.cells import SOLVED
 from jbench.report.data.returns import EVALUATION
 from jbench.report.figure import Axis, Figure, Panel
@@ -249,6 +250,35 @@ class TestSizesAndFormats:
         boxes = [axes.get_tightbbox(renderer) for axes in drawn.axes]
         assert max(box.x1 for box in boxes) <= drawn.bbox.x1
         assert not [1 for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
+
+    @pytest.mark.parametrize("sheet", layout.SHEETS.values())
+    def test_names_below_panel_do_not_overlap(self, sheet):
+        names = [f"representation{i}" for i in range(6)]
+        x = Axis("representation", (-0.5, 5.5), ticks=range(6), names=names)
+        panels = [Panel(title, x, Axis("y", (0, 1)), []) for title in ("one", "two")]
+        drawn = plotting.draw(Figure("", panels, (), []), sheet)
+        plotting.to_png(drawn)
+        for axes in drawn.axes:
+            labels = axes.get_xticklabels()
+            assert [label.get_text() for label in labels] == names
+            assert min(label.get_fontsize() for label in labels) >= 6
+            boxes = [label.get_window_extent() for label in labels]
+            if not labels[0].get_rotation():
+                assert all(a.x1 < b.x0 for a, b in itertools.pairwise(boxes))
+            assert min(box.y0 for box in boxes) >= 0
+
+    @pytest.mark.parametrize("sheet", layout.SHEETS.values())
+    @pytest.mark.parametrize("tasks", [1, 2, 5])
+    def test_texts_of_matrix_fit_their_cells(self, fabric, sheet, tasks):
+        for task, label in itertools.product(TASKS[:tasks], ("td3", "an_agent_with_a_long_name")):
+            seeds(fabric, [500, 600, 700], task=task, algo=label)
+        drawn = plotting.draw(heat_map.matrix_figure(cells(fabric)), sheet)
+        drawn.set_dpi(300)
+        plotting.to_png(drawn)
+        matrix = drawn.axes[0]
+        width = matrix.get_window_extent().width / tasks
+        assert len(matrix.texts) == 2 * tasks
+        assert max(text.get_window_extent().width for text in matrix.texts) <= width
 
     def test_wide_title_is_divided_after_colon(self):
         (title,), size = texts.fitted_titles(["face_direction: tilt rate"], 1.3, 8.0)

@@ -5,7 +5,14 @@ from textwrap import wrap
 from typing import NamedTuple
 
 from jbench.report.figure import Axis, Figure, HeatMap, Panel
-from jbench.report.figures.texts import SMALL, fitted, fitted_titles, shortened, width_of
+from jbench.report.figures.texts import (
+    SMALL,
+    fitted,
+    fitted_titles,
+    height_below,
+    shortened,
+    width_of,
+)
 
 # Inches.
 MARGIN = 0.08
@@ -20,8 +27,8 @@ _LEAST = 0.75  # width of a panel beside long names
 _FEW, _LOWER = 2, 0.6  # panels in a row of a narrow column; factor of the height of two wide rows
 
 _MEDIUM = 9.0  # points; font size of the titles of panels on a screen
-_TINY = 5.5  # points; font size in narrow cells
-_NAMES_SHARE = 0.6  # of the width of a table, for the names of its rows
+_NAMES_LEAST = 0.35  # of the width of a table, for the names of its rows
+_BAR = 0.75  # width of a color bar with its label
 _CHARACTERS = 16  # characters of the small size per inch
 
 COLUMN_NAME, ROW_NAME = (20, 3), (48, 3)
@@ -160,7 +167,8 @@ def lay_out(figure: Figure, sheet: Sheet, *, text: bool, legend: bool = True) ->
             title = titles[first + column]
             places.append(Place(box, title, title_size, label, column == 0, name_size))
         lines = max(label.count("\n") + 1 if label else 0 for label in labels)
-        top += panel_height + _NUMBERS + _LABEL_LINE * lines
+        names = max(height_below(panel.x.names, panel_width) for panel in row)
+        top += panel_height + _NUMBERS + names + _LABEL_LINE * lines
     characters = int((width - 2 * MARGIN) * _CHARACTERS)
     notes = [line for note in figure.notes for line in wrap(note, characters)] if text else []
     corner = Box(MARGIN, top + MARGIN)
@@ -216,24 +224,35 @@ def free_size(figure: Figure, sheet: Sheet, *, text: bool) -> tuple[int, float, 
     count, heat_map = len(figure.panels), figure.panels[0].heat_map
     if heat_map is None or not heat_map.is_map:
         rows = 0 if heat_map is None else len(heat_map.values)
-        return count, _table_width(heat_map, sheet), 1.1 + 0.5 * rows + 0.4 * text
+        below = heat_map is not None and bar_is_below(heat_map, sheet)
+        return count, _table_width(heat_map, sheet), 1.1 + 0.5 * rows + 0.4 * text + _BAR * below
     columns = min(count, 2) if sheet.paper else count
     width = sheet.width if sheet.paper else 3.6 * columns + 0.6
     height = -(-count // columns) * (width / columns + 0.3) + (0.9 if sheet.paper else 0.0)
     return columns, width, height
 
 
-def cell_text_size(heat_map: HeatMap, sheet: Sheet) -> float:
-    """Returns the font size in and beside the cells of a table, in points."""
-    columns = len(heat_map.x) - 1
-    return SMALL if _table_width(heat_map, sheet) / (columns + 1.5) > 0.8 else _TINY
+def table_texts(panel: Panel, sheet: Sheet) -> tuple[float, tuple[int, int]]:
+    """Returns the font size of a table in points, at which cells and names of rows fit beside.
+
+    Returns:
+        The font size, and the maximum characters in a line, and lines, of the names.
+    """
+    assert panel.heat_map is not None
+    room = _table_width(panel.heat_map, sheet) - _BAR * (not bar_is_below(panel.heat_map, sheet))
+    widest = max((width_of(cell.text) for cell in panel.heat_map.texts), default=0.0)
+    cells = (len(panel.heat_map.x) - 1) * (widest + _BETWEEN)
+    beside = max(room - cells, _NAMES_LEAST * room)
+    names = [name for name in panel.y.names or () if width_of(name) > 0]
+    characters = min([ROW_NAME[0], *(int(len(name) * beside / width_of(name)) for name in names)])
+    lines = [shortened(name, characters, ROW_NAME[1]) for name in names]
+    size = SMALL * room / (cells + max(map(width_of, lines), default=0.0))
+    return min(SMALL, size), (characters, ROW_NAME[1])
 
 
-def row_name_size(names: Sequence[str], heat_map: HeatMap, sheet: Sheet) -> tuple[int, int]:
-    """Returns the size of names beside a heat map, see `shortened`, which leave room for it."""
-    room = _NAMES_SHARE * _table_width(heat_map, sheet) * SMALL / cell_text_size(heat_map, sheet)
-    fitting = (int(len(one) * room / width_of(one)) for one in names if width_of(one) > room)
-    return min([ROW_NAME[0], *fitting]), ROW_NAME[1]
+def bar_is_below(heat_map: HeatMap, sheet: Sheet) -> bool:
+    """Returns whether the color bar is below the heat maps, where space beside them is scarce."""
+    return sheet.paper and (heat_map.is_map or sheet.columns <= _FEW)
 
 
 def free_characters(sheet: Sheet) -> int:

@@ -22,7 +22,6 @@ SERIES = "series"
 _PICTURE_CELLS = 1000  # larger heat maps are rasterized: each cell would be a path of 200 bytes
 _INTERVAL_ALPHA = 0.18
 _DECADES = 3  # logarithmic axes over fewer decades have ticks at 1, 2 and 5
-_LETTER = 0.6  # width of a letter, as a fraction of the font size
 _NARROW = 1.6  # inches; panels with fewer numbers on their axis
 _ARROW = {"arrowstyle": "->", "color": "#d00000", "linewidth": 1.6}
 
@@ -47,7 +46,7 @@ def draw_panel(
     """
     _style_panel(axes, panel, sheet, place, shared=shared)
     if panel.heat_map is not None:
-        _draw_heat_map(axes, panel.heat_map, sheet)
+        _draw_heat_map(axes, panel, panel.heat_map, sheet)
     for reference in panel.references:
         vertical, style = reference.vertical, reference.style
         (axes.axvline if vertical else axes.axhline)(reference.at, **look(style))
@@ -90,7 +89,7 @@ def _draw_series(axes: Axes, series: Series, *, picture: bool) -> list[Artist]:
     return drawn
 
 
-def _draw_heat_map(axes: Axes, heat_map: HeatMap, sheet: Sheet) -> None:
+def _draw_heat_map(axes: Axes, panel: Panel, heat_map: HeatMap, sheet: Sheet) -> None:
     low, high = heat_map.limits
     axes.pcolormesh(
         *(heat_map.x, heat_map.y, np.ma.masked_invalid(heat_map.values)),
@@ -103,7 +102,7 @@ def _draw_heat_map(axes: Axes, heat_map: HeatMap, sheet: Sheet) -> None:
         return
     axes.set_facecolor("0.93")
     axes.patch.set(hatch="////", edgecolor="0.75")
-    size = layout.cell_text_size(heat_map, sheet)
+    size, _ = layout.table_texts(panel, sheet)
     for cell in heat_map.texts:
         left, right = heat_map.x[cell.column : cell.column + 2]
         top, bottom = heat_map.y[cell.row : cell.row + 2]
@@ -133,11 +132,10 @@ def _style_panel(
     y_label = panel.y.label if place is None or place.first else ""
     name_size = layout.ROW_NAME if place is None else place.name_size
     if panel.heat_map is not None and panel.y.names:
-        name_size = layout.row_name_size(panel.y.names, panel.heat_map, sheet)
+        _, name_size = layout.table_texts(panel, sheet)
     _style_axis(axes, "x", panel.x, x_label, layout.COLUMN_NAME, narrow=narrow)
     _style_axis(axes, "y", panel.y, y_label, name_size)
-    if place is not None and panel.heat_map is None and panel.x.names:
-        axes.tick_params(axis="x", labelsize=_fitting_size(panel.x.names, place.box.width))
+    _fit_names(axes, panel.x.names or (), place)
     if shared and place is not None and not place.first:
         axes.tick_params(labelleft=False)
     if panel.heat_map is None:
@@ -150,14 +148,17 @@ def _style_panel(
     elif not panel.heat_map.is_map:
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
-        for label in axes.get_xticklabels() if len(panel.x.names or ()) > 1 else ():
-            label.set(rotation=25, ha="right")
 
 
-def _fitting_size(names: Sequence[str], width: float) -> float:
-    """Returns the font size in points at which names fit side by side into a width in inches."""
-    letter = width / len(names) / (max(map(len, names)) + 1)
-    return min(SMALL, 72 * letter / _LETTER)
+def _fit_names(axes: Axes, names: Sequence[str], place: Place | None) -> None:
+    """Makes names below a panel smaller or slanted where they would overlap."""
+    slanted = len(names) > 1
+    if place is not None and names:
+        fitting = texts.size_side_by_side(names, place.box.width)
+        slanted = fitting is None
+        axes.tick_params(axis="x", labelsize=fitting or SMALL)
+    for label in axes.get_xticklabels() if slanted else ():
+        label.set(rotation=texts.SLANT, ha="right")
 
 
 def _style_axis(
@@ -187,7 +188,9 @@ def _style_axis(
     elif axis.integer:
         drawn.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     elif axis.log and np.log10(axis.limits[1] / axis.limits[0]) < _DECADES:
-        drawn.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        first, last = np.ceil(np.log10(axis.limits[0])), np.floor(np.log10(axis.limits[1]))
+        few = narrow and last > first
+        drawn.set_major_locator(LogLocator(subs=(1,) if few else (1, 2, 5)))
         drawn.set_minor_formatter(NullFormatter())
         drawn.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     elif not axis.log:
@@ -206,7 +209,7 @@ def tick_size(panel: Panel, sheet: Sheet) -> float:
     """Returns the font size of a panel's numbers and names, in points."""
     if panel.heat_map is None or panel.heat_map.is_map:
         return SMALL
-    return layout.cell_text_size(panel.heat_map, sheet)
+    return layout.table_texts(panel, sheet)[0]
 
 
 def look(style: Style) -> dict[str, Any]:

@@ -150,12 +150,11 @@ def _heat_maps(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Dr
     heat_map = figure.panels[0].heat_map
     if heat_map is not None:
         norm = (LogNorm if heat_map.log else Normalize)(*heat_map.limits)
-        bottom = heat_map.is_map and sheet.paper
         bar = drawn.colorbar(
             ScalarMappable(norm, "viridis"),
             ax=all_axes,
             shrink=0.8 if heat_map.is_map else 0.9,
-            location="bottom" if bottom else "right",
+            location="bottom" if layout.bar_is_below(heat_map, sheet) else "right",
         )
         bar.set_label(heat_map.label, fontsize=SMALL)
         bar.ax.tick_params(labelsize=tick_size(figure.panels[0], sheet))

@@ -1,5 +1,6 @@
 """Texts of figures: their width, and how they are divided into lines."""
 
+import math
 from collections.abc import Sequence
 from functools import cache
 from textwrap import wrap
@@ -11,6 +12,11 @@ from matplotlib.font_manager import FontProperties
 SMALL = 8.0
 """Font size of most texts, in points."""
 
+SLANT = 35.0
+"""Angle in degrees of names below an axis that do not fit side by side."""
+
+_LEAST = 6.0  # points; font size of names side by side
+_SPACE = 0.06  # inches between them
 _MEASURED_DPI = 100.0  # of drawings, as texts are not exactly as wide at another resolution
 
 
@@ -58,6 +64,22 @@ def _title_in_lines(title: str, width: float) -> str:
             else:
                 lines[-1] = longer
     return "\n".join(lines)
+
+
+def size_side_by_side(names: Sequence[str], width: float) -> float | None:
+    """Returns the font size in points at which names fit side by side into a width in inches.
+
+    None if it were too small to read.
+    """
+    size = SMALL * width / (len(names) * (max(map(width_of, names)) + _SPACE))
+    return min(SMALL, size) if size >= _LEAST else None
+
+
+def height_below(names: Sequence[str] | None, width: float) -> float:
+    """Returns the height of names below an axis beyond that of a line, in inches."""
+    if not names or size_side_by_side(names, width):
+        return 0.0
+    return max(map(width_of, names)) * math.sin(math.radians(SLANT)) + _SPACE
 
 
 @cache

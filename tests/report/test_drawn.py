@@ -257,6 +257,7 @@ class TestSizesAndFormats:
         x = Axis("representation", (-0.5, 5.5), ticks=range(6), names=names)
         panels = [Panel(title, x, Axis("y", (0, 1)), []) for title in ("one", "two")]
         drawn = plotting.draw(Figure("", panels, (), []), sheet)
+        drawn.set_dpi(300)
         plotting.to_png(drawn)
         for axes in drawn.axes:
             labels = axes.get_xticklabels()

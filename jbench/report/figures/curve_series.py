@@ -50,7 +50,7 @@ QUARTILES = (25, 75)
 """Percentiles of a second, narrower band."""
 
 MEDIAN_KEY, PUBLISHED_KEY = "line: median", "published: median"
-_ONE_SEED_KEY = "published: one seed"
+_ONE_SEED_KEY, _EDGES_KEY = "published: one seed", "published: {}"
 
 
 def line_style(nth: int) -> Dash:
@@ -190,13 +190,9 @@ def published_series(
         detail = f"published {entry} ({detail})"
     line = Style(color, "--", 1.0)
     median = Series(x, curve.quantiles[50], line, entry * labelled, detail=detail, **of)
-    of["entries"] = (entry, key, _edges_key(band))
+    of["entries"] = (entry, key, _EDGES_KEY.format(percentiles(band)))
     edges = [Series(x, curve.quantiles[p], edge, **of) for p in band if p in curve.quantiles]
     return [median, *edges]
-
-
-def _edges_key(band: tuple[int, int]) -> str:
-    return f"published: {percentiles(band)}"
 
 
 def is_published(panel: Panel) -> bool:
@@ -230,7 +226,7 @@ def curve_key(
             key.append((name, Style(color, "--", 1.0)))
     if PUBLISHED_KEY in shown:
         edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.5)
-        key.append((_edges_key(bands[0]), edge))
+        key.append((_EDGES_KEY.format(percentiles(bands[0])), edge))
     return [*key, SOLVED_KEY]
 
 

@@ -36,12 +36,11 @@ def both(color: str) -> str:
 
 def rules(colors: Iterable[str]) -> str:
     """Returns the style sheet for these colors of figures, "#rrggbb", on both pages."""
-    lines = [
+    return "\n".join(
         f"figure [{name}='{color}']{{{name}:{both(color)}}}"
         for color in sorted(set(colors))
         for name in ("fill", "stroke")
-    ]
-    return "\n".join(lines)
+    )
 
 
 def _hex(rgb: Iterable[int]) -> str:

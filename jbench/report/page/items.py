@@ -7,7 +7,7 @@ import pandas as pd
 from jbench.report.document import Document, FigureItem, Item, TableItem
 from jbench.report.figures.layout import Sheet
 from jbench.report.page import downloads, legends, tables, tooltips, vector
-from jbench.report.page.text import html, identifier, json_block
+from jbench.report.page.text import classes, html, identifier, json_block
 
 _PAPER = (515, 570)  # points; maximum width and height of a figure on paper in portrait format
 _PAPER_TURNED = (770, 425)  # points; the same in landscape format
@@ -104,16 +104,15 @@ def _figure(one: FigureItem, state: PageState, heading: str, leads: bool) -> Ite
             f"#{id} svg[role]:nth-of-type({i + 1})"
             f"{{flex-grow:{width:.0f};min-width:min(100%,{0.9 * width:.0f}pt)}}"
         )
-    scrolls = len(drawing.widths) == 1 and (drawing.width > _BESIDE or _named(one))
+    scrolls = len(drawing.widths) == 1 and (drawing.width > _BESIDE or len(one.figure.panels) > 1)
     if scrolls:
         # Texts stay readable on a phone.
         rule = f"#{id} .drawing svg[role]{{min-width:{0.8 * drawing.width:.0f}pt}}"
         state.styles.append(f"@media screen and (max-width:48rem){{{rule}}}")
     panels = tooltips.panels(one.figure, drawing.boxes, state.points)
     beside = drawing.width <= _BESIDE and not leads
-    kinds = {"item": True, "wide": _is_wide(drawing), "beside": beside, "scrolls": scrolls}
-    names = " ".join(name for name, applies in kinds.items() if applies)
-    yield f'<figure id="{id}" class="{names}">\n{_heading(one.title, heading)}'
+    names = classes(item=True, wide=_is_wide(drawing), beside=beside, scrolls=scrolls)
+    yield f'<figure id="{id}"{names}>\n{_heading(one.title, heading)}'
     yield f'<div class="plot">{legends.legend(one.figure, state.colors)}'
     yield f'<div class="scroll drawing">{drawing.svg}</div></div>'
     if panels:
@@ -123,11 +122,6 @@ def _figure(one: FigureItem, state: PageState, heading: str, leads: bool) -> Ite
     yield caption([one.figure.caption], "How to read this figure", shown=shown)
     yield foot(one.name, one.data, state)
     yield "</figcaption>\n</figure>"
-
-
-def _named(one: FigureItem) -> bool:
-    """Returns whether the rows of several panels have names."""
-    return len(one.figure.panels) > 1 and any(p.y.names is not None for p in one.figure.panels)
 
 
 def _is_wide(drawing: vector.Drawing) -> bool:
@@ -140,8 +134,8 @@ def _is_wide(drawing: vector.Drawing) -> bool:
 
 
 def _table(one: TableItem, state: PageState, heading: str) -> Iterator[str]:
-    wide = " wide" if tables.is_wide(one.frame) else ""
-    yield f'<div id="{state.id(one.name)}" class="item{wide}">'
+    names = classes(item=True, wide=tables.is_wide(one.frame))
+    yield f'<div id="{state.id(one.name)}"{names}>'
     if one.folded:
         yield f"<details><summary><h3>{html(one.title)}</h3></summary>"
     else:

@@ -49,12 +49,10 @@ def _swatch(style: Style | Shade) -> Iterator[str]:
     middle, opacity = _HEIGHT / 2, f'opacity="{style.alpha:g}"'
     if style.dash:
         parts = _DASHES.get(style.dash, ()) if isinstance(style.dash, str) else style.dash[1]
-        lengths = [part * style.width for part in parts]
-        pattern = ""
-        if lengths:
-            pattern = f' stroke-dasharray="{" ".join(f"{one:.3g}" for one in lengths)}"'
-        if lengths and style.marker:  # the marker covers the middle of a dash, not a gap
-            pattern += f' stroke-dashoffset="{(lengths[0] - _WIDTH) / 2:.3g}"'
+        dashes = " ".join(f"{part * style.width:.3g}" for part in parts)
+        pattern = f' stroke-dasharray="{dashes}"' if dashes else ""
+        if dashes and style.marker:  # it covers the middle of a dash, not a gap
+            pattern += f' stroke-dashoffset="{(parts[0] * style.width - _WIDTH) / 2:.3g}"'
         yield f'<path d="M0 {middle:g}H{_WIDTH:g}" fill="none" stroke="{color}" '
         yield f'stroke-width="{style.width:g}" {opacity}{pattern}/>'
     if style.marker:

@@ -59,10 +59,7 @@ def _path(path: RunPath, most: int) -> list[Any]:
     The target is x, y (m) and yaw (rad); unknown numbers are None.
     """
     shown = path.points[thinned(np.arange(len(path.points)), most)]
-    tenths = np.round(shown / _PATH_UNIT).ravel().tolist()
+    points = [round(number) for number in (shown / _PATH_UNIT).ravel().tolist()]
     target = [round(value, 4) if np.isfinite(value) else None for value in path.target.tolist()]
     gained = round(path.episode_return, 1) if np.isfinite(path.episode_return) else None
-    return [
-        *(round(path.control_steps), gained),
-        *([round(value) for value in tenths], round(path.heading, 3), target),
-    ]
+    return [round(path.control_steps), gained, points, round(path.heading, 3), target]

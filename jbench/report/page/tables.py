@@ -10,7 +10,7 @@ import pandas as pd
 from jbench.report.data.cells import OURS
 from jbench.report.data.published import PUBLISHED
 from jbench.report.document import Value
-from jbench.report.page.text import html
+from jbench.report.page.text import classes, html
 
 _TAGS = {
     "task": "task",
@@ -43,8 +43,7 @@ def table(frame: pd.DataFrame, label: str, tags: Sequence[Mapping[str, str]] | N
     columns = [frame.iloc[:, i].tolist() for i in range(frame.shape[1])]
     numeric = [_is_numeric(column) for column in columns]
     heads = [
-        f'<th scope="col"{_class(_names(number=right, named=len(str(name)) > _NAME))}>'
-        f"{html(name)}</th>"
+        f'<th scope="col"{classes(number=right, named=len(str(name)) > _NAME)}>{html(name)}</th>'
         for name, right in zip(frame.columns, numeric, strict=True)
     ]
     tags = _tags(frame) if tags is None else tags
@@ -116,14 +115,12 @@ def number_text(value: Any) -> str:
 
 
 def _cell(cell: Any, right: bool, first: bool) -> str:
-    tag = 'th scope="row"' if first else "td"
-    close = "th" if first else "td"
+    tag, scope = ("th", ' scope="row"') if first else ("td", "")
     if _is_missing(cell):
-        return f"<{tag}{_class('number' if right else '')} data-missing></{close}>"
+        return f"<{tag}{scope}{classes(number=right)} data-missing></{tag}>"
     text, sort = _shown(cell)
     best = isinstance(cell, Value) and cell.best
     wordy = not right and len(text) > (_WORDY_NAME if first else _WORDY)
-    names = _names(number=right, best=best, wordy=wordy)
     inner = f"<strong>{html(text)}</strong>" if best else html(text)
     if len(text) > _LONG:
         inner = f'<div class="long" tabindex="0">{inner}</div>'
@@ -131,7 +128,8 @@ def _cell(cell: Any, right: bool, first: bool) -> str:
     sorting = " data-missing" if missing else ""
     if sort is not None and not missing:
         sorting = f' data-sort="{html(sort)}"'
-    return f"<{tag}{_class(names)}{sorting}>{inner}</{close}>"
+    names = classes(number=right, best=best, wordy=wordy)
+    return f"<{tag}{scope}{names}{sorting}>{inner}</{tag}>"
 
 
 def _shown(cell: Any) -> tuple[str, float | str | None]:
@@ -157,11 +155,3 @@ def _is_numeric(column: Sequence[Any]) -> bool:
     present = [cell for cell in column if not _is_missing(cell)]
     sorts = [_shown(cell)[1] for cell in present]
     return bool(sorts) and all(isinstance(sort, float) for sort in sorts)
-
-
-def _names(**kinds: bool) -> str:
-    return " ".join(name for name, has in kinds.items() if has)
-
-
-def _class(names: str) -> str:
-    return f' class="{names}"' if names else ""

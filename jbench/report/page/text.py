@@ -21,6 +21,12 @@ def html(text: object) -> str:
     return escape(plain(text), quote=True)
 
 
+def classes(**applies: bool) -> str:
+    """Returns the attribute `class` of an element, with the names that apply; empty without any."""
+    names = " ".join(name for name, does in applies.items() if does)
+    return f' class="{names}"' if names else ""
+
+
 def with_asides(sentence: str) -> str:
     """Returns a sentence as HTML in which parentheses of several words are marked as asides."""
     return re.sub(r"(\([^() ]+ [^()]*\))", r"<span>\1</span>", html(sentence))

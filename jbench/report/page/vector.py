@@ -27,7 +27,7 @@ CORNERS = 250_000
 # Characters that are invalid in XML: matplotlib writes every text into a comment unchanged.
 _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
 # From the style sheet that matplotlib puts into each SVG; here, elements inherit it from the root.
-_INHERITED = {"stroke-linejoin": "round", "stroke-linecap": "butt"}
+_INHERITED = 'stroke-linejoin="round" stroke-linecap="butt"'
 _AROUND = 1.5  # points about a panel and its texts
 
 
@@ -39,6 +39,7 @@ class Drawing(NamedTuple):
         colors: its colors, "#rrggbb", that differ on a dark page.
         widths: widths of the elements in points.
         height: height in points.
+        boxes: edges of each panel.
     """
 
     svg: str
@@ -93,15 +94,14 @@ def element(
     boxes = [box for part in parts for box in part.boxes]
     colors = set().union(*(part.colors for part in parts))
     if len(parts) == 1 or any(panel.y.names is not None for panel in figure.panels):
-        whole = Box(0, 0, *parts[0].size)
-        element = _svg("".join(part.content for part in parts), whole, title)
-        return Drawing(element, colors, [whole.width], whole.height, boxes)
-    rectangles = _rectangles(parts)
-    names = [f"{title}: {one.title}" if one.title else title for one in figure.panels]
-    shown = zip(parts, rectangles, names, strict=True)
-    elements = (_svg(part.content, rectangle, name) for part, rectangle, name in shown)
-    widths = [one.width for one in rectangles]
-    return Drawing("".join(elements), colors, widths, rectangles[0].height, boxes)
+        shown = [("".join(part.content for part in parts), Box(0, 0, *parts[0].size), title)]
+    else:
+        contents = [part.content for part in parts]
+        names = [f"{title}: {one.title}" if one.title else title for one in figure.panels]
+        shown = list(zip(contents, _rectangles(parts), names, strict=True))
+    elements = "".join(_svg(*one) for one in shown)
+    widths = [rectangle.width for _, rectangle, _ in shown]
+    return Drawing(elements, colors, widths, shown[0][1].height, boxes)
 
 
 def _rectangles(parts: Sequence[_Part]) -> list[Box]:
@@ -157,10 +157,8 @@ def _panel(
     svg.clean(inner, prefix, colors)
     tight: Any = drawn.axes[0].get_tightbbox()
     scale, height = 72 / drawn.dpi, size[1]
-    around = (
-        *(tight.x0 * scale, height - tight.y1 * scale),
-        *(tight.x1 * scale, height - tight.y0 * scale),
-    )
+    left, right = tight.x0 * scale, tight.x1 * scale
+    around = (left, height - tight.y1 * scale, right, height - tight.y0 * scale)
     return _Part(_content(inner), colors, size, _boxes(drawn, size), around)
 
 
@@ -189,10 +187,9 @@ def _content(root: ElementTree.Element) -> str:
 def _svg(content: str, shown: Box, title: str) -> str:
     """Returns an element with this content, of which it shows a box in points."""
     view = " ".join(f"{number:.6g}" for number in shown)
-    inherited = " ".join(f'{name}="{value}"' for name, value in _INHERITED.items())
     return (
         f'<svg role="img" aria-label="{html(title)}" width="{shown.width:g}pt" '
-        f'height="{shown.height:g}pt" viewBox="{view}" {inherited}>{content}</svg>'
+        f'height="{shown.height:g}pt" viewBox="{view}" {_INHERITED}>{content}</svg>'
     )
 
 

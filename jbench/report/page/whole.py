@@ -10,7 +10,7 @@ from jbench.report.document import Document, Section
 from jbench.report.figures.layout import SCREEN, Sheet
 from jbench.report.page import colors, items, runs, tables
 from jbench.report.page.items import PageState
-from jbench.report.page.text import html, json_block, with_asides
+from jbench.report.page.text import classes, html, json_block, with_asides
 
 _PROVENANCE = "Command, versions and machine of each run."
 _ABOUT = (
@@ -25,7 +25,7 @@ _SCRIPTS = (
     "sorting",
     "axes",
     "state",
-    "tips",
+    "tooltips",
     "hiding",
     "saving",
     "zoom",
@@ -114,8 +114,8 @@ def _overview(document: Document, state: PageState) -> Iterator[str]:
     if document.headline:
         yield f'<p class="headline">{with_asides(document.headline)}</p>'
     if document.overview:
-        wide = any(len(one.figure.panels) > 1 for one in document.overview)
-        yield f'<div class="overview{" stacked" if wide else ""}">'
+        stacked = any(len(one.figure.panels) > 1 for one in document.overview)
+        yield f"<div{classes(overview=True, stacked=stacked)}>"
         for one in document.overview:
             yield from items.item(one, state, leads=True)
         yield "</div>"
@@ -142,8 +142,7 @@ def _section(id: str, section: Section, state: PageState) -> Iterator[str]:
 
 def _provenance(document: Document, state: PageState) -> Iterator[str]:
     frame = document.provenance
-    wide = ' class="wide"' if tables.is_wide(frame) else ""
-    yield f'<section id="to-provenance"{wide}>\n<h2>Runs</h2>'
+    yield f'<section id="to-provenance"{classes(wide=tables.is_wide(frame))}>\n<h2>Runs</h2>'
     if frame.empty:
         yield "<p>There are no runs.</p>\n</section>"
         return
@@ -158,8 +157,8 @@ def _provenance(document: Document, state: PageState) -> Iterator[str]:
 
 
 def _list(sentences: Sequence[str], form: Callable[[str], str] = html) -> str:
-    items = "\n".join(f"<li>{form(sentence)}</li>" for sentence in sentences)
-    return f"<ul>\n{items}\n</ul>\n" if items else ""
+    lines = "\n".join(f"<li>{form(sentence)}</li>" for sentence in sentences)
+    return f"<ul>\n{lines}\n</ul>\n" if lines else ""
 
 
 def _asset(name: str) -> str:

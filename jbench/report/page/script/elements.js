@@ -2,42 +2,42 @@
 
 // Elements that the page makes.
 
-function make(name, parent, kind, text) {
+function make(name, parent, className, text) {
   const element = document.createElement(name);
-  if (kind) element.className = kind;
+  if (className) element.className = className;
   if (text !== undefined) element.textContent = text;
   parent.append(element);
   return element;
 }
 
-function makeButton(parent, kind, text, act) {
-  const button = make("button", parent, kind, text);
+function makeButton(parent, className, text, onClick) {
+  const button = make("button", parent, className, text);
   button.type = "button";
-  button.addEventListener("click", act);
+  button.addEventListener("click", onClick);
   return button;
 }
 
 // Turns what an element contains into a button in it.
-function makeInnerButton(element, act) {
+function makeInnerButton(element, onClick) {
   const content = [...element.childNodes];
-  const button = makeButton(element, "", "", act);
+  const button = makeButton(element, "", "", onClick);
   button.append(...content);
   return button;
 }
 
 function makeSvg(parent, attributes) {
   parent.insertAdjacentHTML("beforeend", "<svg></svg>");
-  setAll(parent.lastChild, attributes);
+  setAttributes(parent.lastChild, attributes);
   return parent.lastChild;
 }
 
-function makeMark(name, parent, attributes) {
+function makeSvgElement(name, parent, attributes) {
   const element = document.createElementNS(parent.namespaceURI, name);
-  setAll(element, attributes);
+  setAttributes(element, attributes);
   parent.append(element);
   return element;
 }
 
-function setAll(element, attributes) {
+function setAttributes(element, attributes) {
   Object.entries(attributes).forEach(([name, value]) => element.setAttribute(name, value));
 }

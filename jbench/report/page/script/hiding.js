@@ -17,8 +17,7 @@ function showFigure(figure) {
   const nothing = panels.every((panel) => panel.classList.contains("gone"));
   figure.querySelector(".saving")?.classList.toggle("gone", nothing);
   figure.querySelectorAll(".legend > li[data-entry]").forEach((item) => {
-    const selector = `[data-of~="${item.dataset.entry}"]`;
-    item.classList.toggle("gone", areUnwanted(figure, selector));
+    item.classList.toggle("gone", areUnwanted(figure, `[data-of~="${item.dataset.entry}"]`));
   });
   figure.querySelectorAll(".legend button").forEach((button) => {
     button.setAttribute("aria-pressed", String(!isMuted(figure, button.textContent)));

@@ -33,28 +33,28 @@ function scaleOf(points) {
 }
 
 function drawPath(svg, { points, heading, target: [x, y, yaw] }, kind, at) {
-  const group = makeMark("g", svg, { class: kind });
+  const group = makeSvgElement("g", svg, { class: kind });
   const positions = points.map(at);
   const [start, end] = [positions[0], positions.at(-1)];
   const goal = x === null ? start : at([x, y]);
-  if (x !== null) makeMark("circle", group, { class: "goal", cx: goal[0], cy: goal[1], r: 8 });
+  if (x !== null) makeSvgElement("circle", group, { class: "goal", cx: goal[0], cy: goal[1], r: 8 });
   if (yaw !== null) {
     const length = x === null ? PATH_SIZE / 3 : 20;
     const d = `M${goal.join(" ")}l${length * Math.cos(yaw)} ${-length * Math.sin(yaw)}`;
-    makeMark("path", group, { class: "goal", d });
+    makeSvgElement("path", group, { class: "goal", d });
   }
-  makeMark("path", group, { d: `M${positions.map((one) => one.join(" ")).join("L")}` });
-  makeMark("circle", group, { cx: start[0], cy: start[1], r: 3.5 });
+  makeSvgElement("path", group, { d: `M${positions.map((one) => one.join(" ")).join("L")}` });
+  makeSvgElement("circle", group, { cx: start[0], cy: start[1], r: 3.5 });
   const turn = `translate(${end.join(" ")}) rotate(${(-heading * 180) / Math.PI})`;
-  makeMark("path", group, { class: "end", d: "M8 0L-5 5L-2 0L-5 -5Z", transform: turn });
+  makeSvgElement("path", group, { class: "end", d: "M8 0L-5 5L-2 0L-5 -5Z", transform: turn });
 }
 
 function drawScale(svg, scale) {
   const [length, text] = roundLength(PATH_SIZE / 3 / scale);
   const [left, bottom] = [10, PATH_SIZE - 8];
   const d = `M${left} ${bottom - 5}v5h${length * scale}v-5`;
-  makeMark("path", makeMark("g", svg, { class: "scale" }), { d });
-  makeMark("text", svg, { x: left + 5, y: bottom - 6 }).textContent = text;
+  makeSvgElement("path", makeSvgElement("g", svg, { class: "scale" }), { d });
+  makeSvgElement("text", svg, { x: left + 5, y: bottom - 6 }).textContent = text;
 }
 
 function captionOf(paths) {

@@ -19,25 +19,25 @@ function settingsTable(parent, heads, rows) {
 
 function drawChart(svg, panel) {
   const [left, top, right, bottom] = panel.box;
-  const text = (content, at) => (makeMark("text", svg, at).textContent = content);
+  const text = (content, at) => (makeSvgElement("text", svg, at).textContent = content);
   ticksOf(panel.x, 6).forEach((value) => {
     const x = position(panel.x, value, left, right);
-    makeMark("path", svg, { class: "grid", d: `M${x} ${top}V${bottom}` });
+    makeSvgElement("path", svg, { class: "grid", d: `M${x} ${top}V${bottom}` });
     text(textOf(panel.x, value), { x, y: bottom + 14, "text-anchor": "middle" });
   });
   ticksOf(panel.y, 5).forEach((value) => {
     const y = position(panel.y, value, bottom, top);
-    makeMark("path", svg, { class: "grid", d: `M${left} ${y}H${right}` });
+    makeSvgElement("path", svg, { class: "grid", d: `M${left} ${y}H${right}` });
     text(textOf(panel.y, value), { x: left - 6, y: y + 3, "text-anchor": "end" });
   });
   const solved = position(panel.y, SOLVED, bottom, top);
-  makeMark("path", svg, { class: "solved", d: `M${left} ${solved}H${right}` });
+  makeSvgElement("path", svg, { class: "solved", d: `M${left} ${solved}H${right}` });
   text(panel.x.label, { x: (left + right) / 2, y: bottom + 30, "text-anchor": "middle" });
   panel.lines.forEach((line) => {
-    const group = makeMark("g", svg, { class: line.kind });
-    makeMark("path", group, { d: `M${line.at.map((at) => at.join(" ")).join("L")}` });
+    const group = makeSvgElement("g", svg, { class: line.kind });
+    makeSvgElement("path", group, { d: `M${line.at.map((at) => at.join(" ")).join("L")}` });
     const few = line.at.length <= 40 ? line.at : [];
-    few.forEach(([cx, cy]) => makeMark("circle", group, { cx, cy, r: 2.2 }));
+    few.forEach(([cx, cy]) => makeSvgElement("circle", group, { cx, cy, r: 2.2 }));
   });
 }
 
@@ -165,7 +165,7 @@ class Runs {
     [...lines, { kind: "solved", label: `solved (${SOLVED})` }].forEach(({ kind, label }) => {
       const item = make("li", legend);
       const swatch = makeSvg(item, { viewBox: "0 0 26 10", width: 26, "aria-hidden": "true" });
-      makeMark("path", makeMark("g", swatch, { class: kind }), { d: "M0 5.5H26" });
+      makeSvgElement("path", makeSvgElement("g", swatch, { class: kind }), { d: "M0 5.5H26" });
       make("span", item, "", label);
     });
   }

@@ -21,21 +21,22 @@ function pictureOf(figure) {
     const { width, height } = panel.viewBox.baseVal;
     const copy = panel.cloneNode(true);
     copy.querySelectorAll(".gone, .mark").forEach((element) => element.remove());
-    setAll(copy, { x, y, width, height });
+    setAttributes(copy, { x, y, width, height });
     whole.append(copy);
     [x, last] = [x + width, left];
     [right, bottom] = [Math.max(right, x), Math.max(bottom, y + height)];
   });
   figure.querySelectorAll(".legend > li:not(.gone)").forEach((item) => {
-    if (isMuted(figure, item.textContent)) return;
+    const label = item.textContent;
+    if (isMuted(figure, label)) return;
     const swatch = item.querySelector("svg").cloneNode(true);
-    setAll(swatch, { x: 8, y: bottom + 2, width: 26, height: 10 });
+    setAttributes(swatch, { x: 8, y: bottom + 2, width: 26, height: 10 });
     whole.append(swatch);
-    makeMark("text", whole, { x: 40, y: bottom + 10, "font-size": 8 }).textContent = item.textContent;
+    makeSvgElement("text", whole, { x: 40, y: bottom + 10, "font-size": 8 }).textContent = label;
     bottom += ROW;
   });
   const size = { width: `${right}pt`, height: `${bottom}pt`, viewBox: `0 0 ${right} ${bottom}` };
-  setAll(whole, { ...size, "font-family": "sans-serif" });
+  setAttributes(whole, { ...size, "font-family": "sans-serif" });
   return { text: new XMLSerializer().serializeToString(whole), width: right, height: bottom };
 }
 
@@ -64,17 +65,11 @@ function makeSaving(figure) {
   makeButton(foot, "save", "Save PNG", () => savePng(figure));
 }
 
-// Large data are packed in their links; here they are unpacked before they are saved.
-
-async function unpack(link) {
-  const packed = Uint8Array.from(atob(link.href.split(",")[1]), (byte) => byte.charCodeAt(0));
+// Large data are packed in their links; a click unpacks them before they are saved.
+async function saveUnpacked(event) {
+  event.preventDefault();
+  const { href, download } = event.currentTarget;
+  const packed = Uint8Array.from(atob(href.split(",")[1]), (byte) => byte.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  save(await new Response(stream).blob(), link.download.replace(/\.gz$/, ""));
-}
-
-function unpackOnClick(link) {
-  link.addEventListener("click", (event) => {
-    event.preventDefault();
-    unpack(link);
-  });
+  save(await new Response(stream).blob(), download.replace(/\.gz$/, ""));
 }

@@ -13,7 +13,9 @@ function addThemeButton() {
 
 addThemeButton();
 document.querySelectorAll("table.sortable").forEach(makeSortable);
-document.querySelectorAll("a[download$='.csv.gz']").forEach(unpackOnClick);
+document.querySelectorAll("a[download$='.csv.gz']").forEach((link) => {
+  link.addEventListener("click", saveUnpacked);
+});
 document.querySelectorAll("figure").forEach((figure) => {
   makeLegend(figure);
   makeSaving(figure);

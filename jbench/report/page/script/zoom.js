@@ -37,16 +37,16 @@ function replaceTicks(group, panel) {
   drawn.forEach((tick) => tick.classList.toggle("gone", panel.isZoomed));
   group.querySelector(".ticks")?.remove();
   if (!panel.isZoomed) return;
-  const ticks = makeMark("g", group, { class: "ticks" });
+  const ticks = makeSvgElement("g", group, { class: "ticks" });
   drawn[0].before(ticks);
   const draw = (axis, start, grid, length, label) =>
     ticksOf(axis, TICKS).forEach((value) => {
       const x = position(axis, value, left, right);
-      const line = (d, look) => makeMark("path", ticks, { d: `M${x} ${start}${d}`, ...look });
+      const line = (d, look) => makeSvgElement("path", ticks, { d: `M${x} ${start}${d}`, ...look });
       line(`v${grid}`, { stroke: "#ebebeb", "stroke-width": 0.6 });
       line(`v${length}`, { stroke: "#000000", "stroke-width": 0.8 });
       const look = { x, y: start + label, "font-size": 8, "text-anchor": "middle" };
-      makeMark("text", ticks, look).textContent = textOf(axis, value);
+      makeSvgElement("text", ticks, look).textContent = textOf(axis, value);
     });
   draw(panel.x, bottom, top - bottom, 3.5, 13);
   if (panel.x.opposite) draw({ ...panel.x, unit: panel.x.opposite }, top, 0, -3.5, -6);
@@ -141,10 +141,10 @@ class Zoom {
     this.figure.hide();
     this.area?.remove();
     this.pressed.end = end;
-    this.area = makeMark("g", svg, { class: "mark" });
+    this.area = makeSvgElement("g", svg, { class: "mark" });
     const x = Math.max(Math.min(start, end), left);
     const width = Math.max(start, end) - x;
-    makeMark("rect", this.area, { class: "area", x, y: top, width, height: bottom - top });
+    makeSvgElement("rect", this.area, { class: "area", x, y: top, width, height: bottom - top });
   }
 
   release() {

@@ -51,17 +51,15 @@ class Figure {
   }
 
   key(event) {
-    const moves = { ArrowLeft: -1, ArrowRight: 1 };
-    const switches = { ArrowUp: -1, ArrowDown: 1 };
+    const direction = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -1, ArrowDown: 1 }[event.key];
     if (event.key === "Escape") this.hide();
-    if (event.key in switches) {
-      const shown = this.shownPanels();
-      this.chosen = shown.at((shown.indexOf(this.panel) + switches[event.key]) % shown.length);
-      this.index = -1;
-    }
-    if (!(event.key in moves) && !(event.key in switches)) return;
+    if (!direction) return;
     event.preventDefault();
-    this.step(moves[event.key] ?? 0, event.shiftKey);
+    if (["ArrowLeft", "ArrowRight"].includes(event.key)) return this.step(direction, event.shiftKey);
+    const shown = this.shownPanels();
+    this.chosen = shown.at((shown.indexOf(this.panel) + direction) % shown.length);
+    this.index = -1;
+    this.step(0);
   }
 
   shownLines(panel) {
@@ -115,7 +113,7 @@ class Figure {
     shownBy?.hide();
     shownBy = this;
     this.svg = this.svgs[panel.number] ?? this.svgs[0];
-    this.mark = makeMark("g", this.svg, { class: "mark" });
+    this.mark = makeSvgElement("g", this.svg, { class: "mark" });
     const at = panel.grid ? this.showCell(panel, x, y) : this.showValues(panel, x, y);
     if (!at) return this.hide();
     tip.hidden = false;
@@ -138,7 +136,7 @@ class Figure {
     const [bottom, top] = [panel.rows[row], panel.rows[row + 1]];
     const [x0, y0] = [Math.min(left, right), Math.min(top, bottom)];
     const size = { width: Math.abs(right - left), height: Math.abs(top - bottom) };
-    makeMark("rect", this.mark, { x: x0, y: y0, ...size });
+    makeSvgElement("rect", this.mark, { x: x0, y: y0, ...size });
     if (panel.title) make("p", tip, "title", panel.title);
     make("p", tip, "", labelled(panel.x, centre(panel.grid.x, column)));
     make("p", tip, "", labelled(panel.y, centre(panel.grid.y, row)));
@@ -160,7 +158,7 @@ class Figure {
     if (panel.y.ticks) return this.showNamedRow(panel, near);
     const [nearX] = near.line.at[near.i];
     const [, top, , bottom] = panel.box;
-    makeMark("line", this.mark, { x1: nearX, x2: nearX, y1: top, y2: bottom });
+    makeSvgElement("line", this.mark, { x1: nearX, x2: nearX, y1: top, y2: bottom });
     if (panel.title) make("p", tip, "title", panel.title);
     make("p", tip, "", labelled(panel.x, near.line.x[near.i]));
     const list = make("ul", tip);
@@ -172,7 +170,7 @@ class Figure {
 
   showNamedRow(panel, near) {
     const [x, y] = near.line.at[near.i];
-    makeMark("circle", this.mark, { cx: x, cy: y, r: 3.5 }).style.fill = near.line.color;
+    makeSvgElement("circle", this.mark, { cx: x, cy: y, r: 3.5 }).style.fill = near.line.color;
     const name = textOf(panel.y, near.line.y[near.i]);
     make("p", tip, "title", [panel.title, name].filter((text) => text).join(", "));
     make("p", tip, "", near.line.label);
@@ -195,7 +193,7 @@ class Figure {
     const where = apart ? ` at ${textOf(panel.x, line.x[i])}` : "";
     make("span", item, "value", textOf(panel.y, line.y[i]) + bands.join("") + where);
     const [cx, cy] = line.at[i];
-    const dot = makeMark("circle", this.mark, { cx, cy, r: line === near.line ? 3.5 : 2.5 });
+    const dot = makeSvgElement("circle", this.mark, { cx, cy, r: line === near.line ? 3.5 : 2.5 });
     dot.style.fill = line.color;
   }
 

@@ -15,6 +15,7 @@ from jbench.commands.options import (
     OneTaskOption,
     ReadResultsOption,
     complete,
+    path,
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError
@@ -27,7 +28,8 @@ def leaderboard(
     directories: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Results directories, of which reference is the shipped one (default: --results)."
+            parser=path,
+            help="Results directories, of which reference is the shipped one (default: --results).",
         ),
     ] = None,
     task: OneTaskOption = None,
@@ -58,8 +60,10 @@ def leaderboard(
     from jbench.report.data.returns import KINDS
     from jbench.report.request import Request
 
-    databases = {str(path): parsing.existing_results(path) for path in directories or [results]}
-    read = list(databases.values())
+    found = [parsing.existing_results(directory) for directory in directories or [results]]
+    # A directory may be typed twice, also by two paths.
+    read = list({one.path.resolve(): one for one in found}.values())
+    databases = {str(one.name): one for one in read}
     request = Request(
         task=task and parsing.known_or_held("task", task, read),
         algo=algo if algo in (None, POLICY) else parsing.known_or_held("algo", algo, read),

@@ -14,14 +14,23 @@ def complete(*known: str) -> Callable[[str], list[str]]:
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
 
+def path(text: str | Path) -> Path:
+    """Returns a path as typed; an empty one, as of an unset shell variable, is refused."""
+    if not str(text):
+        raise typer.BadParameter("it is empty; type . for the working directory")
+    return Path(text)
+
+
 RESULTS = Path(names.RESULTS)
 """Default of `--results`."""
 
-ResultsOption = Annotated[Path, typer.Option("--results", help="Results directory.")]
+ResultsOption = Annotated[Path, typer.Option("--results", parser=path, help="Results directory.")]
 ReadResultsOption = Annotated[
     Path,
     typer.Option(
-        "--results", help=f"Results directory ({names.REFERENCE}: the results shipped with jbench)."
+        "--results",
+        parser=path,
+        help=f"Results directory ({names.REFERENCE}: the results shipped with jbench).",
     ),
 ]
 JsonOption = Annotated[

@@ -90,11 +90,24 @@ LOGGERS = ("tensorboard", "wandb", "trackio")
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Endings of the files of figures."""
 
+HEURISTIC = "heuristic"
+"""The hand-written policies of all tasks."""
+
+POLICIES = (HEURISTIC, "random", "constant")
+"""Policies of jbench that are not trained; constant:U is a constant command."""
+
 RESULTS = "results"
 """Default of `--results`."""
 
 REFERENCE = "reference"
 """Value of `--results` for the results shipped with jbench."""
+
+
+POLICY_NAMES = (
+    f"{HEURISTIC}, random, constant:U with U in [-1, 1], the id of a run, {REFERENCE}/ID of a run "
+    "that is shipped with jbench, an installed policy, or MODULE:NAME"
+)
+"""What users may type as a policy."""
 
 
 def is_reference(path: Path) -> bool:

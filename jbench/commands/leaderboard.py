@@ -56,7 +56,6 @@ def leaderboard(
     if markdown + as_csv + json > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
     from jbench.report import leaderboard as board
-    from jbench.report.analysis.heuristics import POLICY
     from jbench.report.data.returns import KINDS
     from jbench.report.request import Request
 
@@ -66,7 +65,7 @@ def leaderboard(
     databases = {str(one.name): one for one in read}
     request = Request(
         task=task and parsing.known_or_held("task", task, read),
-        algo=algo if algo in (None, POLICY) else parsing.known_or_held("algo", algo, read),
+        algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),
         returns=names.known("value of --returns", returns, names.RETURNS),
     )
     ranked, problems = board.of_results(databases, request)

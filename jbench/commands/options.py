@@ -89,9 +89,8 @@ RetryOption = Annotated[bool, typer.Option("--retry-failed", help="Retry runs th
 PolicyOption = Annotated[
     str,
     typer.Option(
-        help="Policy: heuristic, random, constant:U with U in [-1, 1], the id of a run, "
-        "reference/ID of a run that is shipped with jbench, an installed policy, or MODULE:NAME.",
-        autocompletion=complete("heuristic", "random", "constant:1"),
+        help=f"Policy: {names.POLICY_NAMES}.",
+        autocompletion=complete(names.HEURISTIC, "random", "constant:1"),
     ),
 ]
 CameraOption = Annotated[

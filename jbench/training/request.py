@@ -94,7 +94,7 @@ def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
         from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
 
         size = TASK_SPECS[runs[0].task].observation_size
-        sb3_classes.check(runs[0].algo, runs[0].hyperparameters, size)
+        sb3_classes.check(runs[0].algo, runs[0].hyperparameters, size, count)
     return runs
 
 

@@ -136,6 +136,10 @@ def test_seeds_and_steps_are_replaced_in_all_parts(tmp_path):
             PARTS + "[[part]]\ntasks = ['move_to_poze']\n",
             "part 3: Unknown task 'move_to_poze'; did you",
         ),
+        (
+            PARTS + "[[part]]\ntasks = ['move_to_pose']\nhyperparameters = {td3 = {tau = 2}}\n",
+            "part 3: tau of td3 can't be 2",
+        ),
         ("algos = ['td3']\n[part]\ntasks = ['move_to_pose']\n", "write [[part]] above each"),
         ("algos = ['td3']\npart = []\n", "write [[part]] above each"),
         ("[[prat]]\ntasks = ['move_to_pose']\n", "Unknown key 'prat'; did you mean part?"),
@@ -324,6 +328,7 @@ def test_invalid_value_is_reported_in_one_line(line, says, tmp_path):
     file.write_text("\n".join([*(f"{key} = {value}" for key, value in content.items()), line]))
     with pytest.raises(RequestError) as raised:
         cells_of(str(file), tmp_path)
+    assert str(raised.value).startswith(str(file))
     assert says in str(raised.value)
     assert "\n" not in str(raised.value)
 

@@ -133,6 +133,9 @@ def kind_of(representation: str) -> str:
 MAX_SEED = 2**63 - 1
 """The database stores seeds as signed 64-bit integers."""
 
+MAX_COUNT = 10**15
+"""The largest number of control steps that users may type."""
+
 CHECKPOINT_EVERY = 60.0
 """Minimum seconds between two checkpoints of a run; a kill loses at most this and one episode."""
 

@@ -16,7 +16,6 @@ from pydantic import (
     BeforeValidator,
     Field,
     NonNegativeInt,
-    PositiveInt,
     PrivateAttr,
 )
 
@@ -27,6 +26,7 @@ from jbench.errors import RequestError
 from jbench.names import (
     ALGORITHMS,
     FULL,
+    MAX_COUNT,
     MAX_SEED,
     OFE,
     TASKS,
@@ -54,7 +54,7 @@ _REPRESENTATION = re.compile(r"([a-z][a-z0-9-]*?):?([0-9]+)")
 
 
 # TOML parses 5e6 as a float.
-_Count = Annotated[PositiveInt, BeforeValidator(whole)]
+_Count = Annotated[int, Field(gt=0, le=MAX_COUNT), BeforeValidator(whole)]
 _Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 _EachOnce = AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds)))
 # TOML has lists; tuples are immutable.

@@ -26,7 +26,7 @@ def read_content(name: str) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(_text(name))
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
 
 

@@ -309,6 +309,7 @@ def test_documented_file_lists_all_keys_with_defaults(tmp_path):
         ("seeds = [-1]", "seeds.0 of the matrix can't be -1"),
         ("steps = 1.5", "steps of the matrix can't be 1.5"),
         ("steps = 999", "type 1000 or more"),
+        ("steps = 1e300", "it should be less than or equal to 1000000000000000"),
         ("evaluation = 3", "write [evaluation] and its keys below it"),
         ("[evaluation]\nevry = 3", "Unknown key of [evaluation] 'evry'; did you mean every?"),
         ("[evaluation]\nevery = 0", "evaluation.every of the matrix can't be 0"),
@@ -319,6 +320,7 @@ def test_documented_file_lists_all_keys_with_defaults(tmp_path):
         ("[encoder.options.dae]\nepoch = 2", "Unknown option of dae 'epoch'; did you mean epochs?"),
         ("[dataset]\nsteps = 1500", "must be a multiple, such as 2000"),
         ("tasks = [", "is not TOML"),
+        (f"tasks = {'[' * 10_000}", "is not TOML"),
     ],
 )
 def test_invalid_value_is_reported_in_one_line(line, says, tmp_path):

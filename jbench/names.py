@@ -90,11 +90,24 @@ LOGGERS = ("tensorboard", "wandb", "trackio")
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Endings of the files of figures."""
 
+HEURISTIC = "heuristic"
+"""The hand-written policies of all tasks."""
+
+POLICIES = (HEURISTIC, "random", "constant")
+"""Policies of jbench that are not trained; constant:U is a constant command."""
+
 RESULTS = "results"
 """Default of `--results`."""
 
 REFERENCE = "reference"
 """Value of `--results` for the results shipped with jbench."""
+
+
+POLICY_NAMES = (
+    f"{HEURISTIC}, random, constant:U with U in [-1, 1], the id of a run, {REFERENCE}/ID of a run "
+    "that is shipped with jbench, an installed policy, or MODULE:NAME"
+)
+"""What users may type as a policy."""
 
 
 def is_reference(path: Path) -> bool:
@@ -119,6 +132,9 @@ def kind_of(representation: str) -> str:
 
 MAX_SEED = 2**63 - 1
 """The database stores seeds as signed 64-bit integers."""
+
+MAX_COUNT = 10**15
+"""The largest number of control steps that users may type."""
 
 CHECKPOINT_EVERY = 60.0
 """Minimum seconds between two checkpoints of a run; a kill loses at most this and one episode."""

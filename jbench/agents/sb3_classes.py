@@ -9,6 +9,7 @@ import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.type_aliases import TrainFrequencyUnit
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import nn
 
@@ -71,19 +72,28 @@ def settings_of(name: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
     return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
 
 
-def check(name: str, settings: Mapping[str, Any], observation_size: int) -> None:
+def check(name: str, settings: Mapping[str, Any], observation_size: int, environments: int) -> None:
     """Builds an agent once, to see whether its class takes the settings.
 
     Raises:
-        RequestError: if it does not, or its policy can't be saved.
+        RequestError: if it does not, can't be trained in several environments, or its policy can't
+            be saved.
     """
+    env = DummyVecEnv([lambda: Spaces(observation_size)] * environments)
     try:
-        agent = build(name, settings, DummyVecEnv([lambda: Spaces(observation_size)]), seed=0)
+        agent = build(name, settings, env, seed=0)
     except Exception as error:
         reason = (str(error).splitlines() or [""])[0].rstrip(".")
         raise RequestError(
             f"{name} can't be made with these settings ({type(error).__name__}: {reason})."
         ) from None
+    # stable-baselines3 itself refuses this only when it collects the first transitions.
+    unit = getattr(getattr(agent, "train_freq", None), "unit", None)
+    if environments > 1 and unit is TrainFrequencyUnit.EPISODE:
+        raise RequestError(
+            f"train_freq of {name} can't be in episodes with {environments} environments: type a "
+            "number of steps, or one environment."
+        )
     try:
         network_of_model(agent, observation_size)
     except UnsupportedPolicyError as error:

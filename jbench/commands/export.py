@@ -14,6 +14,7 @@ from jbench.commands.options import (
     JsonOption,
     ReadResultsOption,
     complete,
+    path,
 )
 from jbench.commands.output import Output
 from jbench.commands.policies import database_and_policy
@@ -61,8 +62,9 @@ def export(
     out: Annotated[
         Path | None,
         typer.Option(
+            parser=path,
             help="File of the policy (default: RESULTS/onnx/RUN.onnx), or directory of Minari "
-            "datasets (default: RESULTS/minari)."
+            "datasets (default: RESULTS/minari).",
         ),
     ] = None,
     results: ReadResultsOption = RESULTS,

@@ -7,13 +7,13 @@ import typer
 
 from jbench import names
 from jbench.commands import parsing
-from jbench.commands.options import RESULTS, JsonOption, ResultsOption, TaskOption, complete
+from jbench.commands.options import RESULTS, JsonOption, ResultsOption, TaskOption, complete, path
 from jbench.commands.output import Output
 from jbench.wording import with_results
 
 
 def import_(
-    files: Annotated[list[Path], typer.Argument(help="Files with learning curves.")],
+    files: Annotated[list[Path], typer.Argument(parser=path, help="Files with learning curves.")],
     format: Annotated[
         str,
         typer.Option(

@@ -15,6 +15,7 @@ from jbench.commands.options import (
     OneTaskOption,
     ReadResultsOption,
     complete,
+    path,
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError
@@ -27,7 +28,8 @@ def leaderboard(
     directories: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Results directories, of which reference is the shipped one (default: --results)."
+            parser=path,
+            help="Results directories, of which reference is the shipped one (default: --results).",
         ),
     ] = None,
     task: OneTaskOption = None,
@@ -54,15 +56,16 @@ def leaderboard(
     if markdown + as_csv + json > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
     from jbench.report import leaderboard as board
-    from jbench.report.analysis.heuristics import POLICY
     from jbench.report.data.returns import KINDS
     from jbench.report.request import Request
 
-    databases = {str(path): parsing.existing_results(path) for path in directories or [results]}
-    read = list(databases.values())
+    found = [parsing.existing_results(directory) for directory in directories or [results]]
+    # A directory may be typed twice, also by two paths.
+    read = list({one.path.resolve(): one for one in found}.values())
+    databases = {str(one.name): one for one in read}
     request = Request(
         task=task and parsing.known_or_held("task", task, read),
-        algo=algo if algo in (None, POLICY) else parsing.known_or_held("algo", algo, read),
+        algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),
         returns=names.known("value of --returns", returns, names.RETURNS),
     )
     ranked, problems = board.of_results(databases, request)

@@ -14,14 +14,23 @@ def complete(*known: str) -> Callable[[str], list[str]]:
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
 
+def path(text: str | Path) -> Path:
+    """Returns a path as typed; an empty one, as of an unset shell variable, is refused."""
+    if not str(text):
+        raise typer.BadParameter("it is empty; type . for the working directory")
+    return Path(text)
+
+
 RESULTS = Path(names.RESULTS)
 """Default of `--results`."""
 
-ResultsOption = Annotated[Path, typer.Option("--results", help="Results directory.")]
+ResultsOption = Annotated[Path, typer.Option("--results", parser=path, help="Results directory.")]
 ReadResultsOption = Annotated[
     Path,
     typer.Option(
-        "--results", help=f"Results directory ({names.REFERENCE}: the results shipped with jbench)."
+        "--results",
+        parser=path,
+        help=f"Results directory ({names.REFERENCE}: the results shipped with jbench).",
     ),
 ]
 JsonOption = Annotated[
@@ -80,9 +89,8 @@ RetryOption = Annotated[bool, typer.Option("--retry-failed", help="Retry runs th
 PolicyOption = Annotated[
     str,
     typer.Option(
-        help="Policy: heuristic, random, constant:U with U in [-1, 1], the id of a run, "
-        "reference/ID of a run that is shipped with jbench, an installed policy, or MODULE:NAME.",
-        autocompletion=complete("heuristic", "random", "constant:1"),
+        help=f"Policy: {names.POLICY_NAMES}.",
+        autocompletion=complete(names.HEURISTIC, "random", "constant:1"),
     ),
 ]
 CameraOption = Annotated[

@@ -13,6 +13,7 @@ from jbench.errors import RequestError
 from jbench.names import (
     ENCODER_KINDS,
     FULL,
+    MAX_COUNT,
     MAX_SEED,
     NO_ENCODER,
     OFE,
@@ -143,7 +144,7 @@ def count(option: str, text: str) -> int:
         number = Decimal(text if scale == 1 else text[:-1]) * scale
     except InvalidOperation:
         number = Decimal(0)
-    if not (number.is_finite() and 1 <= number <= 10**15 and number % 1 == 0):
+    if not (number.is_finite() and 1 <= number <= MAX_COUNT and number % 1 == 0):
         raise RequestError(
             f"{option} {text}: type a positive whole number, such as 100000, 100k or 5e6."
         )

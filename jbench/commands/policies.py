@@ -29,7 +29,7 @@ PoseSeedOption = Annotated[int, typer.Option(help="Random seed of the pose and t
 
 
 def evaluate(
-    policy: PolicyOption = "heuristic",
+    policy: PolicyOption = names.HEURISTIC,
     task: PolicyTaskOption = None,
     episodes: Annotated[int, typer.Option(help="Number of episodes.")] = 100,
     seed: Annotated[int, typer.Option(help="Random seed of poses, targets and actions.")] = 0,
@@ -95,7 +95,7 @@ def render(
     out: Annotated[
         Path, typer.Option(help="Output file: FILE.mp4, FILE.gif, or FILE.png (a strip of frames).")
     ] = Path("jitterbug.mp4"),
-    policy: PolicyOption = "heuristic",
+    policy: PolicyOption = names.HEURISTIC,
     task: PolicyTaskOption = None,
     camera: CameraOption = "tracking",
     seed: PoseSeedOption = 0,
@@ -134,7 +134,7 @@ def render(
 
 
 def view(
-    policy: PolicyOption = "heuristic",
+    policy: PolicyOption = names.HEURISTIC,
     task: PolicyTaskOption = None,
     seed: PoseSeedOption = 0,
     augment: AugmentOption = None,

@@ -20,6 +20,7 @@ from jbench.commands.options import (
     OneTaskOption,
     ReadResultsOption,
     complete,
+    path,
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
@@ -116,7 +117,8 @@ def report(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Output directory (default: RESULTS/report; with --compare, RESULTS/comparison)."
+            parser=path,
+            help="Output directory (default: RESULTS/report; with --compare, RESULTS/comparison).",
         ),
     ] = None,
     results: ReadResultsOption = RESULTS,
@@ -227,7 +229,7 @@ def _show(written: "Report", output: Output) -> None:
         display.show_item(item, output)
     for note in written.data.notes:
         output.say(f"Note: {note}")
-    page = next(path for path in written.files if path.name == "index.html")
+    page = next(file for file in written.files if file.name == "index.html")
     output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
 
 
@@ -261,7 +263,7 @@ def _document(written: "Report") -> dict[str, Any]:
         "table": _cells(written),
         "comparisons": json.loads(to_json(comparisons_frame(written.data.comparisons))),
         **({} if findings is None else {"claims": json.loads(to_json(findings_frame(findings)))}),
-        "files": [str(path) for path in written.files],
+        "files": [str(file) for file in written.files],
         "notes": list(written.data.notes),
         "problems": list(written.data.problems),
     }

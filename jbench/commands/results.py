@@ -20,6 +20,7 @@ from jbench.commands.options import (
     ReadResultsOption,
     ResultsOption,
     SomeSeedsOption,
+    path,
 )
 from jbench.commands.output import Output, duration, short
 from jbench.errors import RequestError, WorkError
@@ -204,8 +205,8 @@ def repair(
     progress = partial(output.progress, "verify", unit="bytes")
     checked = check(database, parsing.all_cores(threads), progress)
     done = set_aside(database, checked.findings, dry_run)
-    for path, to in done.moved:
-        output.say(f"{path} -> {to}")
+    for moved, to in done.moved:
+        output.say(f"{moved} -> {to}")
     for sentence in done.left:
         output.warn(sentence)
     verb, count = "Would set" if dry_run else "Set", counted(len(done.moved), "file")
@@ -213,7 +214,7 @@ def repair(
     output.document(
         {
             "dry_run": dry_run,
-            "moved": [{"from": str(path), "to": str(to)} for path, to in done.moved],
+            "moved": [{"from": str(moved), "to": str(to)} for moved, to in done.moved],
             "left": done.left,
         }
     )
@@ -223,7 +224,9 @@ def repair(
 
 
 def merge(
-    others: Annotated[list[Path], typer.Argument(help="Results directories of other machines.")],
+    others: Annotated[
+        list[Path], typer.Argument(parser=path, help="Results directories of other machines.")
+    ],
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError
-from jbench.names import REFERENCE
+from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE
 from jbench.policies.imported import ImportedPolicy, is_imported_policy
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.run import read_run
@@ -18,11 +18,6 @@ from jbench.tasks.heuristics import heuristic
 
 SHIPPED = f"{REFERENCE}/"
 """Prefix of the names of shipped policies; the id of the run follows."""
-
-KINDS = (
-    f"heuristic, random, constant:U with U in [-1, 1], the id of a run, {SHIPPED} and the id of a "
-    "run that is shipped with jbench, an installed policy, or MODULE:NAME"
-)
 
 
 class ActingPolicy(Protocol):
@@ -52,15 +47,14 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
     """Returns a policy by name.
 
     Args:
-        name: "heuristic", "random", "constant:U", the id of a run, "reference/" and the id of a
-            shipped run, an installed policy, or MODULE:NAME.
+        name: see `jbench.names.POLICY_NAMES`.
         seed: of the random policy.
 
     Raises:
         RequestError: if there is no such policy, or it was trained on another task.
         WorkError: if the policy of another package can't be imported.
     """
-    if name == "heuristic":
+    if name == HEURISTIC:
         return heuristic(task)
     if name == "random":  # as in the random-policy dataset
         random = np.random.default_rng(np.random.SeedSequence(seed))
@@ -111,13 +105,11 @@ def full_name(results: Results, name: str) -> str:
         RequestError: if there is no such kind of policy, no shipped policy matches the name, or
             several runs do.
     """
-    if "/" not in name:
-        if name.partition(":")[0] not in ("heuristic", "random", "constant") and (
-            not is_imported_policy(name)
-        ):
-            raise _unknown(name)
+    if "/" in name:
+        return f"{SHIPPED if name.startswith(SHIPPED) else ''}{_locate(results, name)[1]}"
+    if name.partition(":")[0] in POLICIES or is_imported_policy(name):
         return name
-    return f"{SHIPPED if name.startswith(SHIPPED) else ''}{_locate(results, name)[1]}"
+    raise _unknown(name)
 
 
 def shipped_policies() -> list[str]:
@@ -183,4 +175,4 @@ def _shipped_run(name: str) -> str:
 
 
 def _unknown(name: str) -> RequestError:
-    return RequestError(f"Unknown policy {name!r}; choose {KINDS}.")
+    return RequestError(f"Unknown policy {name!r}; choose {POLICY_NAMES}.")

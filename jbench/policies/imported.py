@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from jbench import plugins
 from jbench.errors import RequestError, WorkError
-from jbench.names import REFERENCE
+from jbench.names import POLICIES, REFERENCE
 from jbench.policies.acting import acting
 from jbench.tasks.features import TASK_SPECS
 
 GROUP = "jbench.policies"
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
-_OURS = ("heuristic", "random", "constant", REFERENCE)
+_OURS = (*POLICIES, REFERENCE)
 
 
 def installed_policies() -> dict[str, EntryPoint]:

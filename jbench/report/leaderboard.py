@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from jbench.errors import RequestError
-from jbench.names import TASKS
+from jbench.names import HEURISTIC, TASKS
 from jbench.report import sources
 from jbench.report.analysis import heuristics, scores
 from jbench.report.analysis import statistics as st
@@ -84,7 +84,7 @@ def of_results(databases: Mapping[str, Results], request: Request) -> tuple[list
     if not ranked:
         where = " and ".join(databases)
         reasons = " ".join(problems)
-        what = "hand-written policy" if request.algo == heuristics.POLICY else "run"
+        what = "hand-written policy" if request.algo == HEURISTIC else "run"
         raise RequestError(
             f"No {what} in {where} has {kind.name} returns to rank. {reasons}".strip()
         )
@@ -116,9 +116,7 @@ def entries(
     """
     agents = [entry for entry in map(_of_cell, summaries) if entry is not None]
     policies = [
-        _of_policy(task, returns)
-        for task, returns in by_hand.items()
-        if algo in (None, heuristics.POLICY)
+        _of_policy(task, returns) for task, returns in by_hand.items() if algo in (None, HEURISTIC)
     ]
     tasks = {entry.task for entry in (*agents, *policies)}
     curves = [one for one in published if one.task in tasks and algo in (None, one.algo)]
@@ -206,7 +204,7 @@ def _of_cell(summary: Summary) -> Entry | None:
 
 def _of_policy(task: str, returns: FloatArray) -> Entry:
     median = st.estimate(st.median, [returns])
-    return Entry(HAND_WRITTEN, task, heuristics.POLICY, "full", median, len(returns))
+    return Entry(HAND_WRITTEN, task, HEURISTIC, "full", median, len(returns))
 
 
 def _of_paper(curves: Sequence[PublishedCurve]) -> list[Entry]:

@@ -37,7 +37,7 @@ from jbench.report.tables import files
 from jbench.store import query
 from jbench.store.database import Results
 from jbench.store.files import make_directory
-from jbench.store.shipped import shipped
+from jbench.store.shipped import shipped_results
 
 _DEFAULT = Request()
 
@@ -97,7 +97,7 @@ def gather(results: Results, request: Request) -> ReportData:
     behaviours, unread = behaviour.behaviours(results, request.task)
     encoder_table = encoders.encoder_table(own.tables, request.task)
     reported = [own, *imported]
-    reported += [sources.reference(request, shipped())] if request.reference else []
+    reported += [sources.reference(request, shipped_results())] if request.reference else []
     if request.baseline is not None:
         sources.check_baseline(request.baseline, reported)
     # Evaluated policies and encoders can be drawn without any run.

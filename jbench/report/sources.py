@@ -124,16 +124,12 @@ def check_baseline(baseline: str, reported: Sequence[Source]) -> None:
         )
 
 
-def reference(request: Request, path: Path) -> Source:
+def reference(request: Request, results: Results) -> Source:
     """Returns the runs shipped with jbench, which form separate cells."""
-    if not path.is_dir():
-        return Source([], pd.DataFrame(), [_NO_REFERENCE], [], {}, REFERENCE)
     filters = replace(request, since=None)  # the date is about runs of the user
-    source = _source(*_load(Results(path)), filters, REFERENCE, strict=False)
-    return source if source.cells else replace(source, notes=[*source.notes, _NO_REFERENCE])
-
-
-_NO_REFERENCE = "This version of jbench ships no reference runs for this report."
+    source = _source(*_load(results), filters, REFERENCE, strict=False)
+    note = "This version of jbench ships no reference runs for this report."
+    return source if source.cells else replace(source, notes=[*source.notes, note])
 
 
 def side(text: str, results: Results, request: Request) -> Source:

@@ -47,8 +47,12 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
     return hashlib.sha256(canonical_json(settings).encode()).hexdigest()[:8]
 
 
-_Model = TypeVar("_Model", bound=BaseModel)
+def whole(value: Any) -> Any:
+    """Returns the integer for a float such as 5e6, and anything else as it is."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
+
+_Model = TypeVar("_Model", bound=BaseModel)
 
 _PLAIN = {
     "Input should": "it should",
@@ -82,7 +86,8 @@ def settings_with(
 
     Args:
         name: of their owner in error messages.
-        values: those that differ from the defaults, as JSON values: a list for a tuple.
+        values: those that differ from the defaults, as JSON values: a list for a tuple. An integer
+            may be a float, such as 1e3.
         what: what a field is called in error messages.
 
     Raises:
@@ -93,8 +98,12 @@ def settings_with(
         hint = f"did you mean {close}? It" if close else "it"
         names = ", ".join(sorted(kind.model_fields)) or "none"
         raise RequestError(f"{name} has no {what} {', '.join(unknown)}; {hint} has {names}.")
+    typed = {
+        setting: whole(value) if kind.model_fields[setting].annotation is int else value
+        for setting, value in values.items()
+    }
     try:
-        return kind.model_validate_json(json.dumps(dict(values), default=repr))
+        return kind.model_validate_json(json.dumps(typed, default=repr))
     except ValidationError as error:
         raise _refusal(error, kind, name) from None
 

@@ -20,9 +20,9 @@ def of_settings(record: Record) -> str | None:
     """Returns a problem if a record's settings are invalid or do not match its id."""
     try:
         row_of(record)
-        expected = settings_hash(record.settings)
-    except (ValueError, WorkError) as error:
+    except WorkError as error:
         return f"is invalid: {str(error).removesuffix('.')}"
+    expected = settings_hash(record.settings)
     if record.id.endswith(f"-{expected}"):
         return None
     return f"has settings of the hash {expected}, not those that its id was made of"

@@ -13,6 +13,7 @@ from pydantic import (
 )
 
 from jbench.errors import WorkError
+from jbench.settings.base import canonical_json
 
 SCHEMA_VERSION = 4
 """Version of manifests and tables; incremented when either changes its meaning.
@@ -69,11 +70,12 @@ def _plain_date(text: str) -> str:
 
 
 def plain_settings(settings: dict[str, Any]) -> dict[str, Any]:
-    """Returns the settings after checking the characters of their names and texts.
+    """Returns the settings after checking their numbers and the characters of their texts.
 
     Raises:
-        ValueError: if a text can't be recorded.
+        ValueError: if a text or a number can't be recorded.
     """
+    canonical_json(settings)  # refuses NaN and infinite numbers, of which no hash can be made
     for name in _NAMES & settings.keys():
         value = settings[name]
         if isinstance(value, str) and not _NAME.fullmatch(value):

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import re
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -192,18 +193,21 @@ def to_csv(frame: pd.DataFrame) -> str:
 
 def to_json(frame: pd.DataFrame) -> str:
     """Returns the rows as a JSON list of objects; missing and infinite values are null."""
-    is_finite = frame.notna() & ~frame.isin([np.inf, -np.inf])
-    rows = frame.astype(object).where(is_finite, None).to_dict("records")
-    return json.dumps(rows, indent=1, default=_plain, allow_nan=False)
+    rows = frame.astype(object).where(frame.notna(), None).to_dict("records")
+    return json.dumps(_plain(rows), indent=1, allow_nan=False)
 
 
 def _plain(value: Any) -> Any:
-    """Returns a value of another type as a number, a list or text, for JSON."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return str(value)
+    """Returns a value of any type as one of JSON, also within lists and structs."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(name): _plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
 
 
 def _read(

@@ -7,9 +7,17 @@ same matrix always gives the same runs.
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, NonNegativeInt, PositiveInt
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    NonNegativeInt,
+    PrivateAttr,
+)
 
 from jbench.agents.algorithms import algorithm_fields, check_name, settings_of
 from jbench.encoders.registry import find_kind, kind_names, only_size
@@ -18,6 +26,7 @@ from jbench.errors import RequestError
 from jbench.names import (
     ALGORITHMS,
     FULL,
+    MAX_COUNT,
     MAX_SEED,
     OFE,
     TASKS,
@@ -28,12 +37,12 @@ from jbench.names import (
     known,
 )
 from jbench.seeds import parse_seeds
-from jbench.settings.base import Settings, validated
+from jbench.settings.base import Settings, validated, whole
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.sweeps.cell import Cell
-from jbench.sweeps.matrix_file import PART, parts_of, read_content
+from jbench.sweeps.matrix_file import PART, named, parts_of, read_content
 from jbench.training.request import (
     check_options,
     representation_of,
@@ -44,13 +53,10 @@ from jbench.training.request import (
 _REPRESENTATION = re.compile(r"([a-z][a-z0-9-]*?):?([0-9]+)")
 
 
-def _whole(value: Any) -> Any:
-    """Converts floats such as 5e6 to int, since TOML parses them as float."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
-_Count = Annotated[PositiveInt, BeforeValidator(_whole)]
+# TOML parses 5e6 as a float.
+_Count = Annotated[int, Field(gt=0, le=MAX_COUNT), BeforeValidator(whole)]
 _Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
+_EachOnce = AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds)))
 # TOML has lists; tuples are immutable.
 _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 
@@ -58,10 +64,6 @@ _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 def _like_run(name: str) -> Any:
     """Returns a field with the default and the limits of a field of `RunSettings`."""
     return RunSettings.model_fields[name]
-
-
-def _each_once(seeds: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(dict.fromkeys(seeds))
 
 
 class Evaluation(Settings):
@@ -96,7 +98,7 @@ class Matrix(Settings):
     tasks: _Names
     algos: _Names
     representations: _Names = (FULL,)
-    seeds: Annotated[tuple[_Seed, ...], AfterValidator(_each_once)] = Field(
+    seeds: Annotated[tuple[_Seed, ...], _EachOnce] = Field(
         default=tuple(range(10)), strict=False, min_length=1
     )
     steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.1")
@@ -118,6 +120,7 @@ class Matrix(Settings):
     ofe: dict[str, Any] = Field(
         default_factory=dict, description="settings of ofeN that replace the defaults"
     )
+    _name: str = PrivateAttr("the matrix")  # of the file or part, for errors
 
     @property
     def run_fields(self) -> dict[str, Any]:
@@ -151,11 +154,9 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
         RequestError: if there is no such matrix, or it is invalid.
     """
     content = read_content(name)
-    try:
+    with named(name):
         for key in content:
             known("key", key, (*Matrix.model_fields, PART))
-    except RequestError as error:
-        raise RequestError(f"{name}: {error}") from None
     parts = [_matrix({**part, **changes}, where) for where, part in parts_of(content, name).items()]
     engines = sorted({part.engine or "batched" for part in parts})
     if len(engines) > 1:
@@ -172,24 +173,20 @@ def matrix_cells(parts: Sequence[Matrix], results: Results) -> list[Cell]:
     Raises:
         RequestError: if the settings of a run or an encoder are invalid.
     """
-    cells = [
-        _cell(part, results, task, algo, name)
-        for part in parts
-        for task in part.tasks
-        for algo in part.algos
-        for name in part.representations
-        if "/" not in name or name.split("/")[0] == task
-    ]
     # Cells may be repeated, also by another name: planar is planar12.
     different: dict[tuple[str, ...], Cell] = {}
-    for cell in cells:
-        different.setdefault(tuple(run.id for run in cell.runs), cell)
+    for part in parts:
+        with named(part._name):
+            for task, algo, name in product(part.tasks, part.algos, part.representations):
+                if "/" not in name or name.split("/")[0] == task:
+                    cell = _cell(part, results, task, algo, name)
+                    different.setdefault(tuple(run.id for run in cell.runs), cell)
     return list(different.values())
 
 
 def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
     """Returns the checked content of a file or part."""
-    try:
+    with named(name):
         _check_keys(Matrix, content, "")
         for key, field in Matrix.model_fields.items():
             choices = _choices(field.annotation)
@@ -199,8 +196,7 @@ def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
         given = {"seeds": parse_seeds(seeds)} if isinstance(seeds, str) else {}
         matrix = validated(Matrix, "the matrix", **{**content, **given})
         _check_names(matrix)
-    except RequestError as error:
-        raise RequestError(f"{name}: {error}") from None
+    matrix._name = name
     return matrix
 
 

@@ -1,7 +1,8 @@
 """Reads the file of a matrix, shipped or a user's, and its parts."""
 
+import contextlib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ def read_content(name: str) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(_text(name))
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
 
 
@@ -45,6 +46,15 @@ def parts_of(content: Mapping[str, Any], name: str) -> dict[str, dict[str, Any]]
     if not tables or not parts:
         raise RequestError(f"{name}: {PART} is an array of tables: write [[{PART}]] above each.")
     return {f"{name}, part {n}": _merged(defaults, part) for n, part in enumerate(parts, 1)}
+
+
+@contextlib.contextmanager
+def named(name: str) -> Iterator[None]:
+    """Puts the name of a file or a part in front of the refusals of the block."""
+    try:
+        yield
+    except RequestError as error:
+        raise RequestError(f"{name}: {error}") from None
 
 
 def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.locks import HeldError
+from jbench.store.manifest import Kind
 from jbench.sweeps.cell import Cell
 from jbench.sweeps.watcher import Watcher
 
@@ -23,7 +24,7 @@ _LOOK_EVERY = 2.0  # s between two looks at what another process is making
 def missing_encoders(cells: Iterable[Cell], results: Results) -> list[EncoderSettings]:
     """Returns the encoders of cells that are not finished, each once."""
     wanted = {cell.encoder.id: cell.encoder for cell in cells if cell.encoder is not None}
-    return [settings for settings in wanted.values() if not _finished(results, settings.id)]
+    return [each for id, each in wanted.items() if not _is_finished(results, "encoder", id)]
 
 
 def missing_datasets(cells: Sequence[Cell], results: Results) -> list[DatasetSettings]:
@@ -32,7 +33,7 @@ def missing_datasets(cells: Sequence[Cell], results: Results) -> list[DatasetSet
     return [
         dataset
         for dataset in _datasets(cells).values()
-        if dataset.id in needed and _is_missing(dataset, results)
+        if dataset.id in needed and not _is_finished(results, "dataset", dataset.id)
     ]
 
 
@@ -85,7 +86,7 @@ def _make(
 ) -> dict[str, str]:
     """Makes encoders of a dataset; returns a sentence for each that can't be made, by id."""
     try:
-        if _is_missing(dataset, results):
+        if not _is_finished(results, "dataset", dataset.id):
             with watcher.progress("collect", dataset.steps, "control steps") as progress:
                 _when_free(lambda: collect(dataset, results, cores(), progress), watcher)
     except (RequestError, WorkError) as error:
@@ -142,14 +143,10 @@ def _datasets(cells: Iterable[Cell]) -> dict[str, DatasetSettings]:
     return {cell.dataset.id: cell.dataset for cell in cells if cell.dataset is not None}
 
 
-def _is_missing(dataset: DatasetSettings, results: Results) -> bool:
-    record = results.find("dataset", dataset.id)
-    return record is None or record.status != "finished"
-
-
-def _finished(results: Results, encoder: str) -> bool:
+def _is_finished(results: Results, kind: Kind, id: str) -> bool:
+    """Returns whether a record is finished; False if it is damaged, which its writer reports."""
     try:
-        record = results.find("encoder", encoder)
+        record = results.find(kind, id)
     except WorkError:
         return False
     return record is not None and record.status == "finished"

@@ -10,7 +10,7 @@ from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
 from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, Base, Engine, Precision, known
 from jbench.settings.algorithms import OffPolicySettings
-from jbench.settings.base import validated
+from jbench.settings.base import settings_with, validated
 from jbench.settings.ofe import OFESettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -94,7 +94,7 @@ def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
         from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
 
         size = TASK_SPECS[runs[0].task].observation_size
-        sb3_classes.check(runs[0].algo, runs[0].hyperparameters, size)
+        sb3_classes.check(runs[0].algo, runs[0].hyperparameters, size, count)
     return runs
 
 
@@ -124,7 +124,7 @@ def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
     if not match[1]:
         raise RequestError(f"{name} needs a number of features: type {OFE}12 or {OFE}240.")
     check_options(options)
-    return validated(OFESettings, name, units=int(match[1]), **options)
+    return settings_with(OFESettings, name, {**options, "units": int(match[1])})
 
 
 def check_options(options: Mapping[str, Any]) -> None:

@@ -16,6 +16,8 @@ from jbench.names import ALGORITHMS
 from jbench.settings.algorithms import SETTINGS, algorithm_settings
 from jbench.settings.base import settings_with
 from jbench.settings.run import RunSettings
+from jbench.store import Results
+from jbench.training.request import request_runs
 
 
 class Kind(enum.Enum):
@@ -260,6 +262,31 @@ def test_malformed_override_is_refused(assignment):
 def test_duplicate_override_is_refused():
     with pytest.raises(RequestError, match="each setting once"):
         parse_overrides(["tau=0.1", "tau=0.2"])
+
+
+def test_whole_number_may_be_typed_as_float(tmp_path):
+    def run(*typed):
+        (made,) = request_runs(
+            Results(tmp_path),
+            algo="td3",
+            task="face_direction",
+            encoder="ofe12",
+            seeds=[0],
+            base="published",
+            overrides=parse_overrides(list(typed)),
+            steps=1000,
+            evaluate_every=1000,
+            evaluate_episodes=1,
+        )
+        return made
+
+    typed_as_float = run("batch_size=1e3", "gamma=1", "ofe.layers=2.0", "ofe.pretraining=2")
+    assert type(typed_as_float.hyperparameters["batch_size"]) is int
+    assert type(typed_as_float.hyperparameters["gamma"]) is float
+    whole = run("batch_size=1000", "gamma=1.0", "ofe.layers=2", "ofe.pretraining=2.0")
+    assert typed_as_float.id == whole.id
+    with pytest.raises(RequestError, match=r"batch_size of td3 can't be 1000\.5"):
+        run("batch_size=1000.5")
 
 
 def test_recorded_settings_of_every_json_type_are_read_again():

@@ -13,6 +13,7 @@ from jbench.datasets import collect
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
 from tests.command_line import INTERRUPTIBLE
+from tests.store.store_rows import alter_manifest
 
 
 @pytest.fixture(scope="module")
@@ -35,11 +36,6 @@ def results(tmp_path, collected):
 
 def records(results):
     return {record.settings["seed"]: record for record in Results(results).scan("dataset")[0]}
-
-
-def alter_manifest(record, **changes):
-    path = record.path / "manifest.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
 
 
 def refused(capsys, *arguments):

@@ -117,6 +117,27 @@ def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, t
 
 
 @pytest.mark.parametrize(
+    ("arguments", "typed"),
+    [
+        (("runs", "--results", ""), "--results"),
+        (("collect", "--steps", "1000", "--results="), "--results"),
+        (("report", "--results", "reference", "--out", ""), "--out"),
+        (("export", "face_direction/td3", "--out="), "--out"),
+        (("leaderboard", ""), "directories"),
+        (("merge", "--results", "results", ""), "others"),
+        (("import", "--from=csv", "--task=face_direction", "--algo=a", ""), "files"),
+    ],
+)
+def test_empty_path_is_refused(arguments, typed, tmp_path, monkeypatch, capsys):
+    """An unset variable of the shell must not be the working directory."""
+    monkeypatch.chdir(tmp_path)
+    assert main(list(arguments)) == 2
+    expected = f"Error: Invalid value for '{typed}': it is empty; type . for the working directory;"
+    assert capsys.readouterr().err.startswith(expected)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         ("query", "SELECT 1"),

@@ -1,6 +1,4 @@
-"""Synthetic datasets to train encoders on, and changes of manifests."""
-
-import json
+"""Synthetic datasets to train encoders on."""
 
 import numpy as np
 import pyarrow as pa
@@ -58,9 +56,3 @@ def make_dataset(results, id="random/a", state=None, episodes=5, each=25):
 def observations_of(dataset, task="face_direction"):
     """All observations (episodes, 1001, size), the last after the last action."""
     return np.concatenate([block.observations for block in dataset.blocks(task)])
-
-
-def alter_manifest(record, **changes):
-    """Replaces values of a manifest."""
-    path = record.path / "manifest.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))

@@ -22,7 +22,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.registration import environment_id
 from jbench.store import Results
 from jbench.store.files import sha256
-from tests.encoders.encoder_data import alter_manifest
+from tests.store.store_rows import alter_manifest
 
 
 class Bomb:

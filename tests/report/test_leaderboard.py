@@ -94,6 +94,13 @@ def test_command_ranks_runs_of_directories(directories, capsys):
     assert ranked[str(directories), "sac"] == 11
 
 
+def test_directory_that_is_typed_twice_is_ranked_once(directories, tmp_path, capsys):
+    (tmp_path / "link").symlink_to(directories)
+    once = listed(capsys, directories)
+    assert len([one for one in once if one["source"] == OURS]) == 2
+    assert listed(capsys, directories, tmp_path / "link", directories / ".") == once
+
+
 def test_command_prints_markdown_and_csv(directories, capsys):
     assert main(["leaderboard", str(directories), "--markdown", "--returns", "training"]) == 0
     printed = capsys.readouterr().out

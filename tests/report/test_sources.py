@@ -1,6 +1,5 @@
 """Tests of the sources of a report: runs since a date, two compared sides, shipped runs."""
 
-import json
 import os
 import re
 import shutil
@@ -15,7 +14,9 @@ from jbench.report.contents import document
 from jbench.report.data.returns import TRAINING
 from jbench.report.report import gather, write_report
 from jbench.report.request import Request
+from jbench.store import Results
 from tests.report.conftest import drawn_files
+from tests.store.store_rows import alter_manifest
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -31,17 +32,11 @@ def learned(data):
     ]
 
 
-def set_created(record, when):
-    path = record.path / "manifest.json"
-    manifest = json.loads(path.read_text())
-    path.write_text(json.dumps({**manifest, "created": when}))
-
-
 class TestSince:
     @pytest.fixture
     def dated(self, fabric):
         for seed, when in enumerate(("2026-11-19T23:59:59+00:00", "2026-11-20T00:00:00+00:00")):
-            set_created(fabric.run(FLAT, seed), when)
+            alter_manifest(fabric.run(FLAT, seed), created=when)
         return fabric.results
 
     @pytest.mark.parametrize(
@@ -164,20 +159,20 @@ class TestReference:
             fabric.run(FLAT, seed)
             shipped.run(FLAT, seed)
         shipped.run(FLAT, algo="sac")
-        found = sources.reference(Request(), tmp_path / "reference")
+        found = sources.reference(Request(), shipped.results)
         assert [(c.source, c.algo, len(c.seeds)) for c in found.cells] == [
             ("reference", "sac", 1),
             ("reference", "td3", 2),
         ]
-        assert sources.reference(Request(algo="td3"), tmp_path / "reference").cells != []
-        assert sources.reference(Request(algo="ppo"), tmp_path / "reference").cells == []
+        assert sources.reference(Request(algo="td3"), shipped.results).cells != []
+        assert sources.reference(Request(algo="ppo"), shipped.results).cells == []
         # The date selects the user's own runs.
         later = Request(since="2999-01-01")
-        assert len(sources.reference(later, tmp_path / "reference").cells) == 2
+        assert len(sources.reference(later, shipped.results).cells) == 2
 
     def test_missing_reference_runs_are_noted(self, tmp_path):
         for directory in (tmp_path / "nowhere", tmp_path):
-            found = sources.reference(Request(), directory)
+            found = sources.reference(Request(), Results(directory))
             assert found.cells == []
             assert "ships no reference runs" in found.notes[-1]
 

@@ -101,6 +101,17 @@ def test_integer_larger_than_any_column_type_is_refused(results, where):
         assert "is not a manifest that can be read" in problems[0]
 
 
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_setting_that_is_not_finite_is_refused(results, number):
+    good, bad = add_whole_run(results), add_whole_run(results, seed=1)
+    alter_manifest(bad, settings={**manifest_of(bad)["settings"], "hyperparameters": [number]})
+    lines, problems = list_runs(results, {})
+    assert [line.run for line in lines] == [good.id]
+    assert "is not a manifest that can be read" in problems[0]
+    (found,) = verify(results, 1).findings
+    assert (found.severity, found.id) == ("damaged", bad.id)
+
+
 def test_missing_dataset_column_is_reported(results):
     dataset = add_chain(results)[0]
     entry = dataset.parts("steps")[0]

@@ -130,6 +130,21 @@ def test_json_is_list_of_objects_with_null_for_missing_values():
     assert isinstance(second["none"], int)
 
 
+def test_json_of_lists_and_structs_has_null_for_missing_values():
+    sql = """
+        select [1.5::double, 'nan'::double, null] as list, [[1], [2, 3]] as nested,
+               {'a': 'inf'::double, 'b': [null, 4]} as struct, map {1: 'nan'::float} as map
+    """
+    assert json.loads(to_json(run_sql(sql, TABLES))) == [
+        {
+            "list": [1.5, None, None],
+            "nested": [[1], [2, 3]],
+            "struct": {"a": None, "b": [None, 4]},
+            "map": {"1": None},
+        }
+    ]
+
+
 def test_json_of_no_rows_is_empty_list():
     assert json.loads(to_json(run_sql("select * from runs where false", TABLES))) == []
 

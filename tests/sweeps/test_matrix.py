@@ -136,6 +136,10 @@ def test_seeds_and_steps_are_replaced_in_all_parts(tmp_path):
             PARTS + "[[part]]\ntasks = ['move_to_poze']\n",
             "part 3: Unknown task 'move_to_poze'; did you",
         ),
+        (
+            PARTS + "[[part]]\ntasks = ['move_to_pose']\nhyperparameters = {td3 = {tau = 2}}\n",
+            "part 3: tau of td3 can't be 2",
+        ),
         ("algos = ['td3']\n[part]\ntasks = ['move_to_pose']\n", "write [[part]] above each"),
         ("algos = ['td3']\npart = []\n", "write [[part]] above each"),
         ("[[prat]]\ntasks = ['move_to_pose']\n", "Unknown key 'prat'; did you mean part?"),
@@ -305,6 +309,7 @@ def test_documented_file_lists_all_keys_with_defaults(tmp_path):
         ("seeds = [-1]", "seeds.0 of the matrix can't be -1"),
         ("steps = 1.5", "steps of the matrix can't be 1.5"),
         ("steps = 999", "type 1000 or more"),
+        ("steps = 1e300", "it should be less than or equal to 1000000000000000"),
         ("evaluation = 3", "write [evaluation] and its keys below it"),
         ("[evaluation]\nevry = 3", "Unknown key of [evaluation] 'evry'; did you mean every?"),
         ("[evaluation]\nevery = 0", "evaluation.every of the matrix can't be 0"),
@@ -315,6 +320,7 @@ def test_documented_file_lists_all_keys_with_defaults(tmp_path):
         ("[encoder.options.dae]\nepoch = 2", "Unknown option of dae 'epoch'; did you mean epochs?"),
         ("[dataset]\nsteps = 1500", "must be a multiple, such as 2000"),
         ("tasks = [", "is not TOML"),
+        (f"tasks = {'[' * 10_000}", "is not TOML"),
     ],
 )
 def test_invalid_value_is_reported_in_one_line(line, says, tmp_path):
@@ -324,6 +330,7 @@ def test_invalid_value_is_reported_in_one_line(line, says, tmp_path):
     file.write_text("\n".join([*(f"{key} = {value}" for key, value in content.items()), line]))
     with pytest.raises(RequestError) as raised:
         cells_of(str(file), tmp_path)
+    assert str(raised.value).startswith(str(file))
     assert says in str(raised.value)
     assert "\n" not in str(raised.value)
 

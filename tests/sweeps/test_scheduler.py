@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from jbench.cli import main
 from jbench.store import Results
 from jbench.sweeps.cell import all_runs
 from jbench.sweeps.matrix import matrix_cells, read_matrix
@@ -121,6 +122,24 @@ def test_gpu_trains_all_cells_of_algorithm_in_one_process(tmp_path, monkeypatch)
     assert len(td3) == len(ppo) == 4
     assert gpu.given == [td3, ppo, td3]
     assert notes == ["The process of 4 runs of td3 in 2 cells died; they are tried again."]
+
+
+def test_damaged_dataset_or_encoder_is_missing_and_stops_no_other_cell(tmp_path, capsys):
+    results = Results(tmp_path)
+    matrix = write_matrix(tmp_path, representations='"pca3", "full"')
+    encoder = matrix_cells(read_matrix(matrix), results)[0].encoder
+    for kind, id in (("dataset", encoder.dataset), ("encoder", encoder.id)):
+        record = results.record(kind, id)
+        record.path.mkdir(parents=True)
+        (record.path / "manifest.json").write_text("{")
+    typed = ["sweep", matrix, "--results", str(tmp_path), "--json"]
+    assert main([*typed, "--dry-run"]) == 0
+    assert json.loads(capsys.readouterr().out)["made_first"] == [encoder.dataset, encoder.id]
+    assert main(typed) == 1
+    printed = capsys.readouterr()
+    assert "manifest.json is not a manifest that can be read" in printed.err
+    cells = json.loads(printed.out)["cells"]
+    assert {cell["representation"]: cell["finished"] for cell in cells} == {"pca3": 0, "full": 2}
 
 
 def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):

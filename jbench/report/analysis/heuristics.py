@@ -7,14 +7,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jbench.names import TASKS
+from jbench.names import HEURISTIC, TASKS
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.examine import examine_heuristic
 from jbench.report.data.cells import in_order
 from jbench.report.data.curves import FloatArray
-
-POLICY = "heuristic"
-"""Name of the hand-written policies of all tasks."""
 
 
 def findings(
@@ -36,7 +33,7 @@ def findings(
         return findings, []
     note = (
         f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate --policy "
-        f"heuristic --task {missing[0]}`."
+        f"{HEURISTIC} --task {missing[0]}`."
     )
     return findings, [note]
 
@@ -50,7 +47,7 @@ def returns_by_task(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
     if "policy_evaluations" not in tables:
         return {}
     rows = tables["policy_evaluations"].to_pandas(use_threads=False)
-    chosen = _chosen(rows[(rows["policy"] == POLICY) & (rows["status"] == "finished")])
+    chosen = _chosen(rows[(rows["policy"] == HEURISTIC) & (rows["status"] == "finished")])
     episodes = tables["policy_episodes"].to_pandas(use_threads=False)
     returns = {}
     for name, evaluation in chosen.items():

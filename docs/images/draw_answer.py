@@ -23,6 +23,7 @@ from jbench.store.shipped import shipped_results
 HERE = Path(__file__).parent
 TASK = "face_direction"
 COLORS = 128
+SMALLER = 0.7  # than in a paper
 
 
 class Drawing(NamedTuple):
@@ -53,12 +54,15 @@ def copy_compared(target: Path) -> Results:
 
 
 def draw(results: Results, drawing: Drawing) -> None:
-    """Draws a figure with few colors, which makes its file small."""
+    """Draws a figure with few colors and pixels, which makes its file small."""
     report = contents.document(gather(results, Request(task=TASK, algo=drawing.algo)))
     (item,) = (one for one in report.items if one.name == drawing.figure)
     assert isinstance(item, FigureItem)
     drawn = plotting.draw(item.figure, SHEETS[drawing.columns])
     picture = Image.open(io.BytesIO(plotting.to_png(drawn, paper=True))).convert("RGB")
+    picture = picture.resize(
+        (round(SMALLER * picture.width), round(SMALLER * picture.height)), Image.Resampling.LANCZOS
+    )
     path = HERE / f"{drawing.name}.png"
     picture.quantize(COLORS).save(path, optimize=True)
     print(f"{path}: {path.stat().st_size / 1e3:.0f} KB")

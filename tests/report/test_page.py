@@ -120,6 +120,12 @@ class TestPage:
     def test_command_is_shown_once(self, page):
         assert page.text.count("jbench report --window 5 --results 'my results'") == 1
 
+    def test_contents_list_every_section_in_order(self, page):
+        sections = [dict(attributes)["id"] for tag, attributes in page.elements if tag == "section"]
+        assert sections[1] == "to-problems"
+        links = [link for link in page.values_of("href") if link.startswith("#to-")]
+        assert links == [f"#{id}" for id in sections]
+
     def test_items_with_same_name_have_different_ids(self):
         item = TableItem("same", "Same", "", pd.DataFrame({"a": [1]}))
         page = Page(render_document(made.document(sections=[Section("Same", [], [item, item])])))
@@ -127,7 +133,7 @@ class TestPage:
 
     def test_names_never_collide_with_ids_of_page_parts(self):
         frame = pd.DataFrame({"a": [1]})
-        names = ("Summary", "Notes", "to-summary", "to provenance", "?")
+        names = ("Summary", "Problems", "Notes", "to-summary", "to provenance", "?")
         sections = [Section(n, [], [TableItem(n, n, "", frame)]) for n in names]
         ids = Page(render_document(made.document(sections=sections))).values_of("id")
         assert len(ids) == len(set(ids))

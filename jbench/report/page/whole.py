@@ -85,6 +85,7 @@ def _body(document: Document, state: PageState) -> Iterator[str]:
     ids = [state.id(f"to-{section.title}") for section in document.sections]
     links = [
         ("to-summary", "Summary"),
+        *([("to-problems", "Problems")] if document.problems else []),
         *((id, section.title) for id, section in zip(ids, document.sections, strict=True)),
         *([("to-notes", "Notes")] if document.notes else []),
         ("to-provenance", "Runs"),

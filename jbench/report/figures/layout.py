@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from textwrap import wrap
 from typing import NamedTuple
 
-from jbench.report.figure import Axis, Figure, HeatMap, Panel
+from jbench.report.figure import Axis, Figure, Panel
 from jbench.report.figures.texts import (
     SMALL,
     fitted,
@@ -24,11 +24,9 @@ _TITLE_HEIGHT, _LINE_HEIGHT = 0.35, 0.165
 HANDLE, _GAP = 0.32, 0.07  # of an entry of the legend: its line, and the space to its text
 _BETWEEN = 0.2
 _LEAST = 0.75  # width of a panel beside long names
-_FEW, _LOWER = 2, 0.6  # panels in a row of a narrow column; factor of the height of two wide rows
+_LOWER = 0.6  # factor of the height of two wide rows
 
 _MEDIUM = 9.0  # points; font size of the titles of panels on a screen
-_NAMES_LEAST = 0.35  # of the width of a table, for the names of its rows
-_BAR = 0.75  # width of a color bar with its label
 _CHARACTERS = 16  # characters of the small size per inch
 
 COLUMN_NAME, ROW_NAME = (20, 3), (48, 3)
@@ -56,6 +54,11 @@ class Sheet(NamedTuple):
     single_height: float
     row: float
     paper: bool = False
+
+    @property
+    def is_narrow(self) -> bool:
+        """Whether it has room for two panels in a row at most."""
+        return self.columns <= 2
 
 
 SCREEN = Sheet(11.8, 4.9, 5, 1.65, 2.5, 0.33)
@@ -118,6 +121,28 @@ class Layout(NamedTuple):
     shared: bool
 
 
+class _Grid(NamedTuple):
+    """Sizes of the panels of a figure and of the spaces between them; lengths in inches.
+
+    Attributes:
+        columns: panels in a row.
+        width: width of the figure.
+        left: space to the left of the first panel.
+        gap: space between two panels.
+        panel: width and height of a panel.
+        shared: see `Layout.shared`.
+        name_size: see `Place.name_size`.
+    """
+
+    columns: int
+    width: float
+    left: float
+    gap: float
+    panel: tuple[float, float]
+    shared: bool
+    name_size: tuple[int, int]
+
+
 def lay_out(figure: Figure, sheet: Sheet, *, text: bool, legend: bool = True) -> Layout:
     """Returns the positions of the panels, of the legend above them, and of the notes below.
 
@@ -129,6 +154,20 @@ def lay_out(figure: Figure, sheet: Sheet, *, text: bool, legend: bool = True) ->
         text: whether it has title and notes.
         legend: whether it has a legend.
     """
+    grid = _grid(figure, sheet)
+    entries, below = _flow([label for label, _ in figure.legend] if legend else [], grid.width)
+    title = _TITLE_HEIGHT if text else 0.0
+    entries = [(label, Box(box.left, box.top + title)) for label, box in entries]
+    places, top = _places(figure, grid, sheet, below + title)
+    characters = int((grid.width - 2 * MARGIN) * _CHARACTERS)
+    notes = [line for note in figure.notes for line in wrap(note, characters)] if text else []
+    corner = Box(MARGIN, top + MARGIN)
+    height = corner.top + _LINE_HEIGHT * len(notes) + (MARGIN if notes else 0.0)
+    return Layout(grid.width, height, places, entries, corner, notes, grid.shared)
+
+
+def _grid(figure: Figure, sheet: Sheet) -> _Grid:
+    """Returns the sizes of the panels."""
     count = len(figure.panels)
     named = not sheet.paper and figure.panels[0].y.names is not None
     rows = -(-count // (sheet.columns + named))  # panels with named rows need no numbers beside
@@ -143,37 +182,34 @@ def lay_out(figure: Figure, sheet: Sheet, *, text: bool, legend: bool = True) ->
     gap = 0.27 if shared else max(_TICKS, left - _LEFT + _TICKS) + 0.06
     panel_width = (width - left - (columns - 1) * gap - 2 * MARGIN - _RIGHT) / columns
     panel_height = _height(figure, sheet)
-    if rows > 1 and sheet.paper and sheet.columns > _FEW and not figure.panels[0].y.names:
+    if rows > 1 and sheet.paper and not sheet.is_narrow and not figure.panels[0].y.names:
         panel_height *= _LOWER  # so that two rows are no higher than a third of a page
-    entries, top = _flow([label for label, _ in figure.legend] if legend else [], width)
-    above = _TITLE_HEIGHT if text else 0.0
-    entries = [(label, Box(box.left, box.top + above)) for label, box in entries]
-    top += above
-    room = panel_width + min(gap - MARGIN, MARGIN)  # a title may extend beyond its panel
+    return _Grid(columns, width, left, gap, (panel_width, panel_height), shared, name_size)
+
+
+def _places(figure: Figure, grid: _Grid, sheet: Sheet, top: float) -> tuple[list[Place], float]:
+    """Returns the places of the panels below `top`, and where they end."""
+    width, height = grid.panel
+    room = width + min(grid.gap - MARGIN, MARGIN)  # a title may extend beyond its panel
     largest = SMALL if sheet.paper else _MEDIUM
     titles, title_size = fitted_titles([panel.title for panel in figure.panels], room, largest)
-    places: list[Place] = []
-    for first in range(0, count, columns):
-        row = figure.panels[first : first + columns]
+    places = []
+    for first in range(0, len(figure.panels), grid.columns):
+        row = figure.panels[first : first + grid.columns]
         top += MARGIN + max(map(_above, row, titles[first:]))
         labels = []
         for column, panel in enumerate(row):
-            beneath = figure.panels[first + columns + column :][:1]
+            beneath = figure.panels[first + grid.columns + column :][:1]
             same = bool(beneath) and beneath[0].x.label == panel.x.label
-            label = "" if same else fitted(panel.x.label, panel_width)
+            label = "" if same else fitted(panel.x.label, width)
             labels.append(label)
-            at = MARGIN + left + column * (panel_width + gap)
-            box = Box(at, top, panel_width, panel_height)
+            box = Box(MARGIN + grid.left + column * (width + grid.gap), top, width, height)
             title = titles[first + column]
-            places.append(Place(box, title, title_size, label, column == 0, name_size))
+            places.append(Place(box, title, title_size, label, column == 0, grid.name_size))
         lines = max(label.count("\n") + 1 if label else 0 for label in labels)
-        names = max(height_below(panel.x.names, panel_width) for panel in row)
-        top += panel_height + _NUMBERS + names + _LABEL_LINE * lines
-    characters = int((width - 2 * MARGIN) * _CHARACTERS)
-    notes = [line for note in figure.notes for line in wrap(note, characters)] if text else []
-    corner = Box(MARGIN, top + MARGIN)
-    height = corner.top + _LINE_HEIGHT * len(notes) + (MARGIN if notes else 0.0)
-    return Layout(width, height, places, entries, corner, notes, shared)
+        names = max(height_below(panel.x.names, width) for panel in row)
+        top += height + _NUMBERS + names + _LABEL_LINE * lines
+    return places, top
 
 
 def _left_of(axis: Axis, size: tuple[int, int]) -> float:
@@ -214,53 +250,3 @@ def _flow(labels: Sequence[str], width: float) -> tuple[list[tuple[str, Box]], f
         left += across + _BETWEEN
         lines = max(lines, text.count("\n") + 1)
     return entries, top + _LINE_HEIGHT * lines
-
-
-def free_size(figure: Figure, sheet: Sheet, *, text: bool) -> tuple[int, float, float]:
-    """Returns columns of panels, width and height (inches) of a figure of heat maps.
-
-    matplotlib lays out such a figure.
-    """
-    count, heat_map = len(figure.panels), figure.panels[0].heat_map
-    if heat_map is None or not heat_map.is_map:
-        rows = 0 if heat_map is None else len(heat_map.values)
-        below = heat_map is not None and bar_is_below(heat_map, sheet)
-        return count, _table_width(heat_map, sheet), 1.1 + 0.5 * rows + 0.4 * text + _BAR * below
-    columns = min(count, 2) if sheet.paper else count
-    width = sheet.width if sheet.paper else 3.6 * columns + 0.6
-    height = -(-count // columns) * (width / columns + 0.3) + (0.9 if sheet.paper else 0.0)
-    return columns, width, height
-
-
-def table_texts(panel: Panel, sheet: Sheet) -> tuple[float, tuple[int, int]]:
-    """Returns the font size of a table in points, at which cells and names of rows fit beside.
-
-    Returns:
-        The font size, and the maximum characters in a line, and lines, of the names.
-    """
-    assert panel.heat_map is not None
-    room = _table_width(panel.heat_map, sheet) - _BAR * (not bar_is_below(panel.heat_map, sheet))
-    widest = max((width_of(cell.text) for cell in panel.heat_map.texts), default=0.0)
-    cells = (len(panel.heat_map.x) - 1) * (widest + _BETWEEN)
-    beside = max(room - cells, _NAMES_LEAST * room)
-    names = [name for name in panel.y.names or () if width_of(name) > 0]
-    characters = min([ROW_NAME[0], *(int(len(name) * beside / width_of(name)) for name in names)])
-    lines = [shortened(name, characters, ROW_NAME[1]) for name in names]
-    size = SMALL * room / (cells + max(map(width_of, lines), default=0.0))
-    return min(SMALL, size), (characters, ROW_NAME[1])
-
-
-def bar_is_below(heat_map: HeatMap, sheet: Sheet) -> bool:
-    """Returns whether the color bar is below the heat maps, where space beside them is scarce."""
-    return sheet.paper and (heat_map.is_map or sheet.columns <= _FEW)
-
-
-def free_characters(sheet: Sheet) -> int:
-    """Returns the characters in a line of the title of a heat map, of two in a row on paper."""
-    return int(15 * sheet.width / 2) - 8 if sheet.paper else 1000
-
-
-def _table_width(heat_map: HeatMap | None, sheet: Sheet) -> float:
-    if sheet.paper or heat_map is None:
-        return sheet.width
-    return max(5.0, 2.6 + 1.4 * (len(heat_map.x) - 1))

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from jbench.report.figure import DOTS, Axis, HeatMap, Panel, Series, Style
-from jbench.report.figures import layout, texts
+from jbench.report.figures import heat_map_layout, layout, texts
 from jbench.report.figures.layout import Place, Sheet
 from jbench.report.figures.texts import SMALL
 
@@ -102,7 +102,7 @@ def _draw_heat_map(axes: Axes, panel: Panel, heat_map: HeatMap, sheet: Sheet) ->
         return
     axes.set_facecolor("0.93")
     axes.patch.set(hatch="////", edgecolor="0.75")
-    size, _ = layout.table_texts(panel, sheet)
+    size, _ = heat_map_layout.table_texts(panel, sheet)
     for cell in heat_map.texts:
         left, right = heat_map.x[cell.column : cell.column + 2]
         top, bottom = heat_map.y[cell.row : cell.row + 2]
@@ -119,7 +119,10 @@ def _style_panel(
     """Sets title, axes and grid of a panel."""
     if panel.title:
         if place is None:
-            title, size = texts.in_lines(panel.title, layout.free_characters(sheet)), SMALL
+            title, size = (
+                texts.in_lines(panel.title, heat_map_layout.title_characters(sheet)),
+                SMALL,
+            )
         else:
             title, size = place.title, place.title_size
         weight = "normal" if place is None else "bold"
@@ -132,7 +135,7 @@ def _style_panel(
     y_label = panel.y.label if place is None or place.first else ""
     name_size = layout.ROW_NAME if place is None else place.name_size
     if panel.heat_map is not None and panel.y.names:
-        _, name_size = layout.table_texts(panel, sheet)
+        _, name_size = heat_map_layout.table_texts(panel, sheet)
     _style_axis(axes, "x", panel.x, x_label, layout.COLUMN_NAME, narrow=narrow)
     _style_axis(axes, "y", panel.y, y_label, name_size)
     _fit_names(axes, panel.x.names or (), place)
@@ -209,7 +212,7 @@ def tick_size(panel: Panel, sheet: Sheet) -> float:
     """Returns the font size of a panel's numbers and names, in points."""
     if panel.heat_map is None or panel.heat_map.is_map:
         return SMALL
-    return layout.table_texts(panel, sheet)[0]
+    return heat_map_layout.table_texts(panel, sheet)[0]
 
 
 def look(style: Style) -> dict[str, Any]:

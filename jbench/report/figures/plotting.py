@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jbench.report.figure import Figure, Panel, Shade, Style
-from jbench.report.figures import layout, texts
+from jbench.report.figures import heat_map_layout, layout, texts
 from jbench.report.figures.layout import SCREEN, Box, Layout, Sheet
 from jbench.report.figures.panels import draw_panel, look, tick_size
 from jbench.report.figures.texts import SMALL
@@ -138,7 +138,7 @@ def _corner(laid: Layout, box: Box) -> tuple[float, float]:
 
 def _heat_maps(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Drawn:
     """Draws a figure that matplotlib lays out; its panels share a color bar."""
-    columns, *size = layout.free_size(figure, sheet, text=text)
+    columns, *size = heat_map_layout.free_size(figure, sheet, text=text)
     drawn = Drawn((size[0], size[1]), facecolor="white", layout="constrained")
     FigureCanvasAgg(drawn)
     rows = -(-len(figure.panels) // columns)
@@ -154,7 +154,7 @@ def _heat_maps(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Dr
             ScalarMappable(norm, "viridis"),
             ax=all_axes,
             shrink=0.8 if heat_map.is_map else 0.9,
-            location="bottom" if layout.bar_is_below(heat_map, sheet) else "right",
+            location="bottom" if heat_map_layout.bar_is_below(heat_map, sheet) else "right",
         )
         bar.set_label(heat_map.label, fontsize=SMALL)
         bar.ax.tick_params(labelsize=tick_size(figure.panels[0], sheet))

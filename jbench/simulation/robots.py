@@ -113,6 +113,10 @@ class Robots(Closing):
         """Copies the complete state of one robot into `data`, which is made of the model."""
         mujoco.mj_setState(data.model, data, self._states[index], _STATE)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Returns how to make a copy, which has threads of its own."""
+        return _copy, (self._model, self._states, len(self._datas))
+
     def _work(self, data: mujoco.MjData, rows: Iterator[NDArray[np.float64]]) -> None:
         """Steps robots that no other thread has taken, one after another."""
         for row in rows:
@@ -134,3 +138,9 @@ class Robots(Closing):
 
     def _state(self) -> State:
         return robot.state_of(self._qpos, self._qvel, self._offset)
+
+
+def _copy(model: mujoco.MjModel, states: NDArray[np.float64], threads: int) -> Robots:
+    robots = Robots(model, len(states), threads)
+    robots.restore(states)
+    return robots

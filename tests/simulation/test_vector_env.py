@@ -1,5 +1,7 @@
 """Tests of the vector environment against Gymnasium's `SyncVectorEnv`, bit for bit."""
 
+import copy
+
 import gymnasium
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
+from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.registration import environment_id
 from jbench.simulation.vector_env import JitterbugVectorEnv
@@ -133,9 +136,11 @@ def test_returned_arrays_are_copies():
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"num_envs": 0}, "of at least 1, not 0 and 1000"),
-        ({"max_episode_steps": 0}, "of at least 1, not 1 and 0"),
-        ({"num_envs": 2.5, "max_episode_steps": None}, "must be whole numbers .* 2.5 and 1000"),
+        ({"num_envs": 0}, "of at least 1, not 0, 1000 and"),
+        ({"max_episode_steps": 0}, "of at least 1, not 1, 0 and"),
+        ({"num_envs": 2.5, "max_episode_steps": None}, "must be whole numbers .* 2.5, 1000 and"),
+        ({"threads": 0}, "of at least 1, not 1, 1000 and 0"),
+        ({"threads": 1.5}, "of at least 1, not 1, 1000 and 1.5"),
         ({"render_mode": "human"}, "'human' is not one of rgb_array"),
         ({"autoreset_mode": "Never"}, "'Never' is not a valid AutoresetMode"),
         ({"task": "fly"}, "'fly' is not one of move_from_origin"),
@@ -174,6 +179,9 @@ def test_invalid_calls_of_step_and_reset_are_refused():
     ours.reset(seed=0)
     with pytest.raises(ValueError, match=r"shape \(3, 1\), not \(3,\)"):
         ours.step(actions[0, :, 0])
+    for wrong in ([["a"]] * 3, [[0.1], [0.2, 0.3], [0.1]]):
+        with pytest.raises(RequestError, match=r"must be numbers of shape \(3, 1\), not \[\["):
+            ours.step(wrong)
     for each in actions:
         ours.step(each)
     with pytest.raises(ResetNeeded, match="Episodes have ended"):
@@ -182,6 +190,19 @@ def test_invalid_calls_of_step_and_reset_are_refused():
     ours.close()
     with pytest.raises(ClosedEnvironmentError):
         ours.step(actions[0])
+
+
+def test_copy_continues_alone():
+    ours, oracle = pair("move_to_pose")
+    for env in (ours, oracle):
+        env.reset(seed=5)
+    duplicate = copy.deepcopy(ours)
+    for actions in steps(LENGTH + 2):
+        assert_same(duplicate.step(actions), oracle.step(actions))
+    duplicate.close()
+    oracle.reset(seed=5)
+    actions = steps(1)[0]
+    assert_same(ours.step(actions), oracle.step(actions))
 
 
 def test_negative_step_limit_disables_truncation():

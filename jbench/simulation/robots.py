@@ -1,5 +1,6 @@
 """Multithreaded step-by-step simulation of many robots."""
 
+import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -53,7 +54,10 @@ class Robots(Closing):
                 mujoco.mjtState.mjSTATE_CTRL,
             )
         )
-        self._pool = ThreadPoolExecutor(max(1, len(self._datas) - 1))
+        self._start_threads()
+
+    def _start_threads(self) -> None:
+        self._pool, self._process = ThreadPoolExecutor(max(1, len(self._datas) - 1)), os.getpid()
 
     def close(self) -> None:
         """Stops the threads."""
@@ -78,6 +82,8 @@ class Robots(Closing):
 
     def step(self, actions: NDArray[np.floating]) -> State:
         """Applies actions (count,), clipped to [-1, 1], for one control step."""
+        if self._process != os.getpid():  # a forked process does not have the threads
+            self._start_threads()
         self._ctrl[:, 0] = np.clip(actions, -1, 1)
         # The threads share the iterator: `next` of a list iterator is atomic.
         rows = iter(self._rows)

@@ -1,6 +1,8 @@
 """Tests of the vector environment against Gymnasium's `SyncVectorEnv`, bit for bit."""
 
 import copy
+import multiprocessing
+import sys
 
 import gymnasium
 import numpy as np
@@ -203,6 +205,23 @@ def test_copy_continues_alone():
     oracle.reset(seed=5)
     actions = steps(1)[0]
     assert_same(ours.step(actions), oracle.step(actions))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forks")
+def test_forked_process_continues():
+    ours, oracle = pair("move_to_pose")
+    first, second = steps(2)
+    for env in (ours, oracle):
+        env.reset(seed=5)
+        env.step(first)  # starts the threads
+    context = multiprocessing.get_context("fork")
+    answers = context.SimpleQueue()
+    child = context.Process(target=lambda: answers.put(ours.step(second)[0]))
+    child.start()
+    child.join(60)
+    child.kill()
+    assert child.exitcode == 0
+    np.testing.assert_array_equal(answers.get(), oracle.step(second)[0])
 
 
 def test_negative_step_limit_disables_truncation():

@@ -7,6 +7,7 @@ module imports only the standard library.
 import os
 import subprocess
 import sys
+import warnings
 from functools import cache
 
 from jbench.errors import RequestError
@@ -74,6 +75,16 @@ def has_display() -> bool:
     return sys.platform != "linux" or bool(
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     )
+
+
+def open_display() -> bool:
+    """Connects to the display; returns whether windows can be opened."""
+    if not has_display():
+        return False
+    import glfw
+
+    with warnings.catch_warnings(action="ignore"):
+        return bool(glfw.init())
 
 
 def _use(backend: str) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jbench.datasets import layout
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS
+from jbench.names import EPISODE_STEPS, TASKS, known
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
 from jbench.tasks import features, rewards
@@ -54,8 +54,10 @@ class Dataset:
             parts: indices of `Dataset.parts` in the order of reading; all by default.
 
         Raises:
+            RequestError: if there is no such task.
             WorkError: if a file is damaged or has invalid columns or values.
         """
+        known("task", task, TASKS)
         files = self.record.parts("steps"), self.record.parts("dataset_episodes")
         if len(files[0]) != len(files[1]):
             raise WorkError(f"The manifest of the dataset {self.id} lacks files; collect it again.")
@@ -66,8 +68,9 @@ class Dataset:
         """Returns a task's observations (episodes, 1000, dim(O)) before each action.
 
         Raises:
-            WorkError: see `blocks`.
+            RequestError, WorkError: see `blocks`.
         """
+        known("task", task, TASKS)
         size = features.TASK_SPECS[task].observation_size
         observations = np.empty((self.episodes, EPISODE_STEPS, size), np.float32)
         for episodes, block in zip(self.parts, self.blocks(task), strict=True):

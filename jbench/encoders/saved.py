@@ -14,7 +14,7 @@ from jbench.encoders.kind import Kind
 from jbench.encoders.registry import find_kind, kind_names, make_kind, only_size
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
-from jbench.names import known
+from jbench.names import TASKS, known
 from jbench.store import Record, Results
 from jbench.tasks.features import Array
 from jbench.wording import with_results
@@ -153,6 +153,7 @@ def find_encoder(results: Results, name: str, task: str) -> str:
     Raises:
         RequestError: if there is none, or it encodes the observations of another task.
     """
+    known("task", task, TASKS)
     kind, number = _kind_and_number(name, task)
     if kind is None:
         return _find_id(results, name, task)

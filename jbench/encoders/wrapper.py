@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.encoders.saved import Encoder
+from jbench.errors import RequestError
 
 
 class EncodedObservation(
@@ -15,8 +16,20 @@ class EncodedObservation(
     """An environment whose observations are the latents of an encoder (paper, Figure 2)."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], encoder: Encoder) -> None:
-        """Wraps an environment; observations become (latent_size,) float32."""
+        """Wraps an environment; observations become (latent_size,) float32.
+
+        Raises:
+            RequestError: if the encoder is of observations of another size.
+        """
         super().__init__(env)
+        shape = env.observation_space.shape
+        try:
+            encoder.encode(np.zeros(shape or (), np.float32))
+        except ValueError:
+            raise RequestError(
+                f"This encoder can't encode observations of shape {shape}; load one of the "
+                "environment's task."
+            ) from None
         self._encoder = encoder
         self.observation_space = gymnasium.spaces.Box(
             -np.inf, np.inf, (encoder.latent_size,), np.float32

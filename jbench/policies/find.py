@@ -1,5 +1,6 @@
 """Policies by name: random, constant, heuristic, trained, or of another package."""
 
+import re
 from difflib import get_close_matches
 from typing import Protocol
 
@@ -18,6 +19,9 @@ from jbench.tasks.heuristics import heuristic
 
 SHIPPED = f"{REFERENCE}/"
 """Prefix of the names of shipped policies; the id of the run follows."""
+
+_CONSTANT = "constant:"
+_NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e-?\d+)?", re.ASCII | re.IGNORECASE)
 
 
 class ActingPolicy(Protocol):
@@ -59,14 +63,8 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
     if name == "random":  # as in the random-policy dataset
         random = np.random.default_rng(np.random.SeedSequence(seed))
         return _Stateless(lambda observations: random.uniform(-1, 1, (len(observations), 1)))
-    kind, colon, text = name.partition(":")
-    if kind == "constant" and colon:
-        try:
-            command = float(text)
-        except ValueError:
-            command = np.nan
-        if not -1 <= command <= 1:
-            raise RequestError(f"--policy {name}: a constant command lies in [-1, 1].")
+    if name.startswith(_CONSTANT):
+        command = _constant(name)
         return _Stateless(lambda observations: np.full((len(observations), 1), command))
     if is_imported_policy(name):
         return ImportedPolicy(name, task)
@@ -78,6 +76,17 @@ def find_policy(results: Results, name: str, task: str, seed: int = 0) -> Acting
             f"The run {run} was trained on {agent.task}, not {task}; type --task {agent.task}."
         )
     return _Stateless(agent.act)
+
+
+def _constant(name: str) -> float:
+    """Returns the command of a constant policy."""
+    text = name.removeprefix(_CONSTANT)
+    # Python also reads 0_1 and +1, but the name is part of an evaluation's id.
+    if not _NUMBER.fullmatch(text) or not -1 <= float(text) <= 1:
+        raise RequestError(
+            f"--policy {name}: a constant command lies in [-1, 1]; type constant:0.5, for example."
+        )
+    return float(text)
 
 
 def find_trained_agent(results: Results, name: str) -> tuple[str, TrainedAgent]:
@@ -102,11 +111,13 @@ def full_name(results: Results, name: str) -> str:
     `face_direction/ddpg` for the only such run of the results.
 
     Raises:
-        RequestError: if there is no such kind of policy, no shipped policy matches the name, or
-            several runs do.
+        RequestError: if there is no such kind of policy, its command is wrong, no shipped policy
+            matches the name, or several runs do.
     """
     if "/" in name:
         return f"{SHIPPED if name.startswith(SHIPPED) else ''}{_locate(results, name)[1]}"
+    if name.startswith(_CONSTANT):
+        _constant(name)
     if name.partition(":")[0] in POLICIES or is_imported_policy(name):
         return name
     raise _unknown(name)

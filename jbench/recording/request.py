@@ -36,6 +36,7 @@ def external_settings(
     Raises:
         RequestError: if a value is invalid, or there is no such encoder.
     """
+    fields = {name: _number(value) for name, value in fields.items()}
     # A task or label that does not exist is reported before an encoder that does not.
     validated(ExternalSettings, "the run", hyperparameters={}, **fields)
     if fields["steps"] < EPISODE_STEPS:
@@ -67,7 +68,7 @@ def plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> d
     Raises:
         RequestError: if a value is not a JSON value, or the seed or the steps do not agree.
     """
-    if not isinstance(values, Mapping):
+    if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
         raise RequestError(f"hyperparameters is {values!r}: type a dictionary of values by name.")
     plain = {name: _plain(value, f"hyperparameters[{name!r}]") for name, value in values.items()}
     given = {"seed": ("seed", seed), **dict.fromkeys(_STEPS, ("steps", steps))}
@@ -81,8 +82,7 @@ def plain_hyperparameters(values: Mapping[str, Any], seed: int, steps: int) -> d
 
 
 def _plain(value: Any, where: str) -> Any:
-    if isinstance(value, np.generic):
-        value = value.item()
+    value = _number(value)
     if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
         return {name: _plain(one, f"{where}[{name!r}]") for name, one in value.items()}
     if isinstance(value, list | tuple):
@@ -97,6 +97,11 @@ def _plain(value: Any, where: str) -> Any:
         f"{where} is {value!r}, which can't be recorded: type finite numbers, texts, None, lists "
         "and dictionaries."
     )
+
+
+def _number(value: Any) -> Any:
+    """Returns a number of numpy as one of Python, and anything else as it is."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def provenance_of_loop(package: str | None) -> dict[str, str | None]:

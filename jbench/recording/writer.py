@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.cores import cores
 from jbench.encoders import Encoder
-from jbench.errors import WorkError, sentence_of_failure
+from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.policies.network import Network
 from jbench.policies.saved import policy_files
 from jbench.settings.external import ExternalSettings
@@ -50,9 +50,15 @@ class RunWriter:
         """Adds a training episode that has just ended.
 
         Raises:
+            RequestError: if a loss is not a number.
             DivergedError: if a loss is not finite.
         """
-        numbers = {name: float(value) for name, value in losses.items()}
+        try:
+            numbers = {name: float(value) for name, value in losses.items()}
+        except (TypeError, ValueError) as error:
+            raise RequestError(
+                f"{', '.join(losses)} must be numbers or tensors of one element ({error})."
+            ) from None
         if (name := divergent_loss(numbers)) is not None:
             raise DivergedError(Divergence(None, self.control_steps, name))
         self._clock.share([self._log])

@@ -2,14 +2,13 @@
 
 import threading
 import time
-import warnings
 from typing import Any
 
 import numpy as np
 
 from jbench.errors import RequestError
 from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
-from jbench.opengl import has_display
+from jbench.opengl import has_display, open_display
 from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Scene
 from jbench.tasks.gym import JitterbugEnv
@@ -68,13 +67,10 @@ def _open_window(env: JitterbugEnv) -> Any:
             "There is no display to open a window on; jbench render draws without one."
         )
     # Deferred, since these imports look for a window system.
-    import glfw
     import mujoco.viewer
 
     # An error here would end the viewer's thread, for which the viewer would wait forever.
-    with warnings.catch_warnings(action="ignore"):
-        opened = glfw.init()
-    if not opened:
+    if not open_display():
         raise RequestError("The display can't be opened; jbench render draws without one.")
     try:
         window = mujoco.viewer.launch_passive(env.model, env.data, show_right_ui=False)

@@ -55,7 +55,7 @@ class Request:
         """Checks the fields."""
         known("order", self.order, ORDERS)
         known("kind of return", self.returns, RETURNS)
-        if self.window < 1:
+        if not isinstance(self.window, int) or self.window < 1:
             raise RequestError(f"A window of {self.window} episodes is invalid; type 1 or more.")
         if self.columns not in (None, 1, 2):
             raise RequestError(f"--columns {self.columns}: type 1 or 2.")

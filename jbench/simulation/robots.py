@@ -1,5 +1,6 @@
 """Multithreaded step-by-step simulation of many robots."""
 
+import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -53,7 +54,10 @@ class Robots(Closing):
                 mujoco.mjtState.mjSTATE_CTRL,
             )
         )
-        self._pool = ThreadPoolExecutor(max(1, len(self._datas) - 1))
+        self._start_threads()
+
+    def _start_threads(self) -> None:
+        self._pool, self._process = ThreadPoolExecutor(max(1, len(self._datas) - 1)), os.getpid()
 
     def close(self) -> None:
         """Stops the threads."""
@@ -78,6 +82,8 @@ class Robots(Closing):
 
     def step(self, actions: NDArray[np.floating]) -> State:
         """Applies actions (count,), clipped to [-1, 1], for one control step."""
+        if self._process != os.getpid():  # a forked process does not have the threads
+            self._start_threads()
         self._ctrl[:, 0] = np.clip(actions, -1, 1)
         # The threads share the iterator: `next` of a list iterator is atomic.
         rows = iter(self._rows)
@@ -113,6 +119,10 @@ class Robots(Closing):
         """Copies the complete state of one robot into `data`, which is made of the model."""
         mujoco.mj_setState(data.model, data, self._states[index], _STATE)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Returns how to make a copy, which has threads of its own."""
+        return _copy, (self._model, self._states, len(self._datas))
+
     def _work(self, data: mujoco.MjData, rows: Iterator[NDArray[np.float64]]) -> None:
         """Steps robots that no other thread has taken, one after another."""
         for row in rows:
@@ -134,3 +144,9 @@ class Robots(Closing):
 
     def _state(self) -> State:
         return robot.state_of(self._qpos, self._qvel, self._offset)
+
+
+def _copy(model: mujoco.MjModel, states: NDArray[np.float64], threads: int) -> Robots:
+    robots = Robots(model, len(states), threads)
+    robots.restore(states)
+    return robots

@@ -72,11 +72,12 @@ class JitterbugVectorEnv(
                 "gymnasium.make has more."
             )
         limit = EPISODE_STEPS if max_episode_steps is None else max_episode_steps
-        whole = all(isinstance(number, int | np.integer) for number in (num_envs, limit))
-        if not whole or num_envs < 1 or limit < -1 or limit == 0:
+        threads = cores() if threads is None else threads
+        whole = all(isinstance(number, int | np.integer) for number in (num_envs, limit, threads))
+        if not whole or num_envs < 1 or limit < -1 or limit == 0 or threads < 1:
             raise RequestError(
-                "num_envs and max_episode_steps must be whole numbers of at least 1, not "
-                f"{num_envs} and {limit}."
+                "num_envs, max_episode_steps and threads must be whole numbers of at least 1, not "
+                f"{num_envs}, {limit} and {threads}."
             )
         # Never stepped: it has the model and the spaces, and draws.
         self._single = JitterbugEnv(task, **settings)
@@ -90,7 +91,7 @@ class JitterbugVectorEnv(
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self._task = task
         self._limit = _UNLIMITED if limit == -1 else limit
-        self._robots = Robots(self._single.model, num_envs, threads or cores())
+        self._robots = Robots(self._single.model, num_envs, threads)
         self._generators, self._seeds = map(
             list, zip(*(seeding.np_random() for _ in range(num_envs)), strict=True)
         )
@@ -135,10 +136,14 @@ class JitterbugVectorEnv(
         return observations, _infos(info, mask)
 
     def step(self, actions: NDArray[np.float32]) -> Step:
-        """Applies the actions (num_envs, 1) for one control step of 0.01 s."""
-        self._check(actions)
+        """Applies the actions (num_envs, 1) for one control step of 0.01 s.
+
+        Raises:
+            RequestError: if the actions are not numbers of that shape; a ValueError.
+        """
+        commands = self._checked(actions)
         restarted = self._ended & (self._mode is AutoresetMode.NEXT_STEP)
-        state = self._robots.step(np.asarray(actions)[:, 0])
+        state = self._robots.step(commands)
         self._elapsed += 1
         if restarted.any():
             state = self._restart(restarted)
@@ -216,8 +221,8 @@ class JitterbugVectorEnv(
         self._elapsed[mask] = 0
         return self._robots.reset(starts.quaternions, mask)
 
-    def _check(self, actions: NDArray[np.float32]) -> None:
-        """Raises an error if the environments can't be stepped with these actions."""
+    def _checked(self, actions: Any) -> NDArray[np.float64]:
+        """Returns the commands (num_envs,); raises an error if no step can be made with them."""
         if self.closed:
             raise ClosedEnvironmentError("The environments are closed: make new ones.")
         if not self._started:
@@ -226,10 +231,17 @@ class JitterbugVectorEnv(
             raise ResetNeeded(
                 'Episodes have ended: call reset(options={"reset_mask": truncations}) before step.'
             )
-        if np.shape(actions) != (self.num_envs, 1):
+        try:
+            commands = np.asarray(actions, np.float64)
+        except (TypeError, ValueError):
             raise RequestError(
-                f"actions must have shape ({self.num_envs}, 1), not {np.shape(actions)}."
+                f"actions must be numbers of shape ({self.num_envs}, 1), not {actions!r}."
+            ) from None
+        if commands.shape != (self.num_envs, 1):
+            raise RequestError(
+                f"actions must have shape ({self.num_envs}, 1), not {commands.shape}."
             )
+        return commands[:, 0]
 
 
 def _infos(info: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:

@@ -29,7 +29,7 @@ class Results:
         name: what `--results` and messages call it: the path, or `reference` for the shipped ones.
     """
 
-    def __init__(self, path: Path, name: Path | None = None) -> None:
+    def __init__(self, path: Path | str, name: Path | None = None) -> None:
         """Opens a results directory, which need not exist yet.
 
         Args:
@@ -40,6 +40,7 @@ class Results:
             RequestError: if the path is not a directory.
             WorkError: if it can't be read.
         """
+        path = Path(path)
         try:
             is_file = path.exists() and not path.is_dir()
         except OSError as error:

@@ -87,11 +87,11 @@ def draw(seed: int, *, vary_masses: bool = False) -> Morphology:
         vary_masses: whether to vary densities and the motor's gear as well.
 
     Raises:
-        RequestError: if the seed is negative; a ValueError.
+        RequestError: if the seed is not a whole number of at least 0; a ValueError.
         WorkError: if no robot stands after a hundred redraws.
     """
-    if seed < 0:
-        raise RequestError(f"An augmented robot has no seed {seed}: use 0 or more.")
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise RequestError(f"An augmented robot has no seed {seed!r}: use 0 or more.")
     source = np.random.SeedSequence(seed)
     for redraws in range(_MAX_REDRAWS + 1):
         (child,) = source.spawn(1)

@@ -1,7 +1,7 @@
 """The five tasks as Gymnasium environments.
 
-gymnasium.make("jbench.tasks:Jitterbug/FaceDirection-v0")
-gymnasium.make("jbench.tasks:AugmentedJitterbug/FaceDirection-v0", augment=3)
+gymnasium.make("jbench:Jitterbug/FaceDirection-v0")
+gymnasium.make("jbench:AugmentedJitterbug/FaceDirection-v0", augment=3)
 """
 
 import os
@@ -12,6 +12,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench import opengl
+from jbench.errors import RequestError
 from jbench.names import CAMERAS, CONTROL_TIMESTEP, PHYSICS_STEPS, TASKS
 from jbench.tasks import features, model, resets
 from jbench.tasks.features import State, Target
@@ -53,13 +55,14 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             task: one of `jbench.names.TASKS`.
             render_mode: "rgb_array", "human", or None for no rendering.
             camera: one of `CAMERAS`.
-            width: of a picture, in pixels.
-            height: of a picture, in pixels.
+            width: of a picture, in pixels, at least 1.
+            height: of a picture, in pixels, at least 1.
             augment: seed of an augmented robot's morphology, or None for the plain robot.
             vary_masses: whether to vary the augmented robot's densities and gear as well.
 
         Raises:
-            ValueError: if the task, camera, render mode or robot does not exist.
+            ValueError: if the task, camera, render mode or robot does not exist, or the size of the
+                picture is wrong.
         """
         for value, known in (
             (task, TASKS),
@@ -68,6 +71,11 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         ):
             if value not in known:
                 raise ValueError(f"{value!r} is not one of {', '.join(map(str, known))}")
+        if not all(isinstance(side, int | np.integer) and side > 0 for side in (width, height)):
+            raise RequestError(
+                "width and height must be whole numbers of pixels of at least 1, not "
+                f"{width!r} and {height!r}."
+            )
         self.task = task
         self.render_mode = render_mode
         size = features.TASK_SPECS[task].observation_size
@@ -117,8 +125,17 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Applies the action (1,) for one control step of 0.01 s."""
-        self.data.ctrl[:] = np.clip(action, -1, 1)
+        """Applies the action (1,) for one control step of 0.01 s.
+
+        Raises:
+            RequestError: if the action is not one number; a ValueError.
+        """
+        try:
+            self.data.ctrl[:] = np.clip(action, -1, 1)
+        except (TypeError, ValueError):
+            raise RequestError(
+                f"The action must be a number, of shape (1,), not {action!r}."
+            ) from None
         mujoco.mj_step(self.model, self.data, nstep=PHYSICS_STEPS)
         observation, reward, info = self._outcome()
         self._render_human()
@@ -133,19 +150,13 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Returns an image (height, width, 3) in mode "rgb_array"; otherwise None.
 
         Raises:
-            RequestError: if MUJOCO_GL is not set and no backend works; a ValueError.
+            RequestError: if MUJOCO_GL names no backend and none works, or if there is no display
+                for "human"; a ValueError.
         """
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            # Deferred, since these imports look for a window system.
-            if self.render_mode == "rgb_array" and not os.environ.get("MUJOCO_GL"):
-                from jbench.opengl import choose_backend
-
-                choose_backend()
-            from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
-
-            self._renderer = MujocoRenderer(self.model, self.data, **self._picture)
+            self._renderer = self._make_renderer()
         # Positions of bodies and cameras are those before the last physics step.
         mujoco.mj_forward(self.model, self.data)
         # Another environment may have made its own context current.
@@ -153,6 +164,25 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         picture = self._renderer.render(self.render_mode)
         # Gymnasium returns a view with negative strides, which torch refuses.
         return None if picture is None else np.ascontiguousarray(picture)
+
+    def _make_renderer(self) -> Any:
+        if self.render_mode == "human":
+            # Gymnasium's window would end the process.
+            if not opengl.open_display():
+                raise RequestError(
+                    "There is no display to open a window on; render_mode='rgb_array' draws "
+                    "without one."
+                )
+        elif os.environ.get("MUJOCO_GL", "").strip().lower() in ("", *opengl.OFF):
+            opengl.choose_backend()
+        # Deferred, since this import looks for a window system.
+        from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
+
+        return MujocoRenderer(self.model, self.data, **self._picture)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns what is copied: all but the renderer, which the copy makes again."""
+        return {**vars(self), "_renderer": None}
 
     def close(self) -> None:
         """Closes windows and frees the renderer."""

@@ -8,7 +8,7 @@ import pyarrow.compute as pc
 import pytest
 
 from jbench.datasets import Dataset
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError
 from jbench.store import Results, schema
 
 TASK = "move_to_pose"
@@ -62,6 +62,12 @@ def test_parts_are_read_in_requested_order(dataset, parts):
     for number, block in zip(parts, found, strict=True):
         for ours, theirs in zip(everything[number], block, strict=True):
             np.testing.assert_array_equal(ours, theirs)
+
+
+def test_unknown_task_is_refused(dataset):
+    for read in (lambda task: next(dataset.blocks(task)), dataset.observations):
+        with pytest.raises(RequestError, match="Unknown task 'face_directoin'; did you mean face_"):
+            read("face_directoin")
 
 
 def test_missing_part_raises_index_error(dataset):

@@ -175,6 +175,11 @@ def test_invalid_name_is_refused(results, expected):
     assert "is not an id" in refusal(results, expected)
 
 
+def test_unknown_task_is_refused_with_suggestion(results):
+    with pytest.raises(RequestError, match=r"Unknown task 'face_directoin'; did you mean face_d"):
+        find_encoder(results, "dae:12", "face_directoin")
+
+
 def test_superscript_number_is_refused(results):
     assert refusal(results, "¹²")
 
@@ -293,6 +298,12 @@ def test_encoded_environment_observes_latents(trained):
     for seen, latents in pairs:
         np.testing.assert_array_equal(latents, encoder.encode(seen))
         assert encoded.observation_space.contains(latents)
+
+
+def test_environment_of_other_task_is_not_encoded(trained):
+    encoder, _ = load_encoder(trained.results, trained.record.id)
+    with pytest.raises(RequestError, match=r"can't encode observations of shape \(19,\)"):
+        EncodedObservation(gymnasium.make(environment_id("move_to_pose")), encoder)
 
 
 OBSERVATIONS = np.array([[0, 5, -1], [4, 5, 1], [1, 5, 3]], np.float32)

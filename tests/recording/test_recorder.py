@@ -378,6 +378,10 @@ def test_saved_layers_equal_torch():
         ({"steps": 40}, "No episode would end in 40 control steps"),
         ({"encoder": "ofe12"}, "learned together with jbench's own agents"),
         ({"hyperparameters": None}, "hyperparameters is None: type a dictionary"),
+        (
+            {"hyperparameters": {1: 2}},
+            "hyperparameters is {1: 2}: type a dictionary of values by name",
+        ),
         ({"hyperparameters": {"seed": 4}}, "hyperparameters['seed'] is 4, but seed=7"),
         ({"hyperparameters": {"f": print}}, "hyperparameters['f'] is <built-in function print>"),
         ({"package": "no-such-package"}, "package='no-such-package' is not an installed"),
@@ -393,6 +397,25 @@ def test_hyperparameters_are_converted_to_json_values():
     values = {"a": np.float32(0.5), "b": (1, None), "c": Path("x/y"), "d": {"e": True}}
     plain = plain_hyperparameters(values, 0, 1000)
     assert plain == {"a": 0.5, "b": [1, None], "c": "x/y", "d": {"e": True}}
+
+
+def test_numbers_of_numpy_give_same_run(tmp_path):
+    changes = {"seed": np.int64(SEED), "steps": np.int32(STEPS), "evaluate_every": np.int64(25)}
+    plain = {name: value.item() for name, value in changes.items()}
+    assert recorded(tmp_path, **changes).id == recorded(tmp_path, **plain).id
+
+
+@pytest.mark.parametrize("loss", ["low", None, torch.ones(3)])
+def test_loss_that_is_no_number_is_refused(loss, tmp_path):
+    with (
+        pytest.raises(jbench.RequestError, match="critic_loss must be numbers or tensors of one"),
+        recorded(tmp_path) as recording,
+    ):
+        recording.losses(critic_loss=loss)
+        env = recording.env()
+        env.reset()
+        for _ in range(EPISODE):
+            env.step([0.0])
 
 
 def test_misuse_of_recording_is_refused(tmp_path):

@@ -253,6 +253,7 @@ class TestRequests:
         ("wrong", "printed"),
         [
             ({"window": 0}, "window of 0"),
+            ({"window": 1.5}, "window of 1.5"),
             ({"window": -5}, "window of -5"),
             ({"order": "random"}, "quantile-first or smooth-first"),
         ],

@@ -146,6 +146,24 @@ class TestFilters:
         page.page.locator(".filters label", has_text="TD3").locator("input").click()
         assert legend.inner_text().split() == ["SAC", "TD3", "median"]
 
+    def test_link_with_values_that_report_lacks_hides_nothing(self, opened, written):
+        page = opened(written)
+        page.page.evaluate("location.hash = '#view:task=nope&source=nope&algorithm=TD3'")
+        expect(page.page.locator(".filters summary")).to_have_text("Filter (1 hidden)")
+        assert lines(page) == {("SAC", "face_direction"), ("SAC", "move_to_pose")}
+
+    def test_link_to_section_keeps_state_in_address(self, opened, written):
+        page = opened(written)
+        link = page.page.locator("nav a[href^='#']").last
+        link.click()
+        assert page.page.evaluate("location.hash") == link.get_attribute("href")
+        choose(page, "TD3")
+        state = page.page.evaluate("location.hash")
+        link.click()
+        expect(page.page.locator(link.get_attribute("href"))).to_be_in_viewport()
+        page.page.wait_for_function(f"location.hash === {state!r}")
+        assert lines(page) == {("SAC", "face_direction"), ("SAC", "move_to_pose")}
+
     def test_filter_fits_on_phone(self, opened, written):
         page = opened(written, viewport=PHONE)
         page.page.locator(".filters summary").click()

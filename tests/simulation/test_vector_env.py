@@ -1,5 +1,9 @@
 """Tests of the vector environment against Gymnasium's `SyncVectorEnv`, bit for bit."""
 
+import copy
+import multiprocessing
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
@@ -7,6 +11,7 @@ from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
+from jbench.errors import RequestError
 from jbench.names import TASKS
 from jbench.registration import environment_id
 from jbench.simulation.vector_env import JitterbugVectorEnv
@@ -133,9 +138,11 @@ def test_returned_arrays_are_copies():
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"num_envs": 0}, "of at least 1, not 0 and 1000"),
-        ({"max_episode_steps": 0}, "of at least 1, not 1 and 0"),
-        ({"num_envs": 2.5, "max_episode_steps": None}, "must be whole numbers .* 2.5 and 1000"),
+        ({"num_envs": 0}, "of at least 1, not 0, 1000 and"),
+        ({"max_episode_steps": 0}, "of at least 1, not 1, 0 and"),
+        ({"num_envs": 2.5, "max_episode_steps": None}, "must be whole numbers .* 2.5, 1000 and"),
+        ({"threads": 0}, "of at least 1, not 1, 1000 and 0"),
+        ({"threads": 1.5}, "of at least 1, not 1, 1000 and 1.5"),
         ({"render_mode": "human"}, "'human' is not one of rgb_array"),
         ({"autoreset_mode": "Never"}, "'Never' is not a valid AutoresetMode"),
         ({"task": "fly"}, "'fly' is not one of move_from_origin"),
@@ -174,6 +181,9 @@ def test_invalid_calls_of_step_and_reset_are_refused():
     ours.reset(seed=0)
     with pytest.raises(ValueError, match=r"shape \(3, 1\), not \(3,\)"):
         ours.step(actions[0, :, 0])
+    for wrong in ([["a"]] * 3, [[0.1], [0.2, 0.3], [0.1]]):
+        with pytest.raises(RequestError, match=r"must be numbers of shape \(3, 1\), not \[\["):
+            ours.step(wrong)
     for each in actions:
         ours.step(each)
     with pytest.raises(ResetNeeded, match="Episodes have ended"):
@@ -182,6 +192,36 @@ def test_invalid_calls_of_step_and_reset_are_refused():
     ours.close()
     with pytest.raises(ClosedEnvironmentError):
         ours.step(actions[0])
+
+
+def test_copy_continues_alone():
+    ours, oracle = pair("move_to_pose")
+    for env in (ours, oracle):
+        env.reset(seed=5)
+    duplicate = copy.deepcopy(ours)
+    for actions in steps(LENGTH + 2):
+        assert_same(duplicate.step(actions), oracle.step(actions))
+    duplicate.close()
+    oracle.reset(seed=5)
+    actions = steps(1)[0]
+    assert_same(ours.step(actions), oracle.step(actions))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forks")
+def test_forked_process_continues():
+    ours, oracle = pair("move_to_pose")
+    first, second = steps(2)
+    for env in (ours, oracle):
+        env.reset(seed=5)
+        env.step(first)  # starts the threads
+    context = multiprocessing.get_context("fork")
+    answers = context.SimpleQueue()
+    child = context.Process(target=lambda: answers.put(ours.step(second)[0]))
+    child.start()
+    child.join(60)
+    child.kill()
+    assert child.exitcode == 0
+    np.testing.assert_array_equal(answers.get(), oracle.step(second)[0])
 
 
 def test_negative_step_limit_disables_truncation():

@@ -179,7 +179,8 @@ def test_results_path_that_is_file_is_refused(tmp_path):
 
 
 def test_missing_results_directory_reads_as_empty(tmp_path):
-    results = Results(tmp_path / "missing")
+    results = Results(str(tmp_path / "missing"))
+    assert results.path == tmp_path / "missing"
     assert results.find("run", "a") is None
     assert results.scan("run") == ([], [])
     assert not (tmp_path / "missing").exists()

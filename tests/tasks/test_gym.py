@@ -1,5 +1,6 @@
 """Tests of the five tasks in Gymnasium: API, rendering, and equality with dm_control."""
 
+import copy
 import itertools
 import math
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 from dm_control import suite
 from gymnasium.utils.env_checker import check_env
 
+from jbench.errors import RequestError
 from jbench.names import CAMERAS, TASKS
 from jbench.registration import environment_id
 from jbench.tasks.gym import JitterbugEnv
@@ -237,6 +239,38 @@ def test_unknown_setting_is_refused_with_known_ones(settings, known):
         JitterbugEnv(**settings)
 
 
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"width": 0}, "pixels of at least 1, not 0 and 480"),
+        ({"height": "9"}, "pixels of at least 1, not 640 and '9'"),
+        ({"augment": 1.5}, "no seed 1.5"),
+        ({"augment": "3"}, "no seed '3'"),
+    ],
+)
+def test_setting_of_wrong_type_is_refused(settings, says):
+    with pytest.raises(RequestError, match=says):
+        JitterbugEnv("face_direction", **settings)
+
+
+@pytest.mark.parametrize("action", [[0.1, 0.2], [], None, "a", {"a": 1}])
+def test_action_that_is_not_one_number_is_refused_and_changes_nothing(action):
+    env, plain = JitterbugEnv("face_direction"), JitterbugEnv("face_direction")
+    for each in (env, plain):
+        each.reset(seed=0)
+    with pytest.raises(RequestError, match=r"must be a number, of shape \(1,\), not"):
+        env.step(action)
+    np.testing.assert_array_equal(env.step([0.5])[0], plain.step(np.float32([0.5]))[0])
+
+
+def test_window_without_display_is_refused(monkeypatch):
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(RequestError, match=r"no display .* render_mode='rgb_array'"):
+        JitterbugEnv("face_direction", render_mode="human").reset(seed=0)
+
+
 def test_render_without_render_mode_returns_none():
     env = JitterbugEnv("face_direction")
     env.reset(seed=0)
@@ -332,6 +366,18 @@ def test_several_environments_render_independently():
 
 
 @pytest.mark.usefixtures("coarse_pictures")
+def test_copy_of_rendered_environment_renders_same_image():
+    env = JitterbugEnv("move_to_pose", render_mode="rgb_array", width=64, height=48)
+    env.reset(seed=0)
+    image = env.render()
+    duplicate = copy.deepcopy(env)
+    env.step([1.0])
+    np.testing.assert_array_equal(duplicate.render(), image)
+    for each in (env, duplicate):
+        each.close()
+
+
+@pytest.mark.usefixtures("rendering")
 def test_closing_environment_does_not_affect_others():
     one, other = picture_env(), picture_env("overhead")
     for env in (one, other):

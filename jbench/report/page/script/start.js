@@ -35,4 +35,6 @@ showState();
 window.addEventListener("hashchange", () => {
   readAddress();
   showState();
+  // A link to a section leaves the state as it is, so the address shows it again.
+  writeAddress(location.href);
 });

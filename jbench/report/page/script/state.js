@@ -31,14 +31,20 @@ function toggle(id, label) {
   muted.set(id, labels);
 }
 
-function writeAddress() {
+function writeAddress(otherwise = location.pathname + location.search) {
   const state = new URLSearchParams();
   NAMES.forEach((name) => unwanted[name].forEach((value) => state.append(name, value)));
   muted.forEach((labels, id) => labels.forEach((label) => state.append(`in ${id}`, label)));
   zooms.forEach((limits, name) => state.append(`zoom ${name}`, limits.join(" ")));
   Object.entries(opened).forEach(([name, run]) => run && state.append(name, run));
   const text = state.toString();
-  history.replaceState(null, "", text ? STATE + text : location.pathname + location.search);
+  history.replaceState(null, "", text ? STATE + text : otherwise);
+}
+
+// Whether there is a filter for this value; a link may be of an older report.
+function isChoice(name, value) {
+  const inputs = [...document.querySelectorAll(".filters input")];
+  return inputs.some((input) => input.name === name && input.value === value);
 }
 
 function readAddress() {
@@ -48,7 +54,7 @@ function readAddress() {
   zooms.clear();
   Object.assign(opened, { run: null, against: null });
   new URLSearchParams(location.hash.slice(STATE.length)).forEach((value, name) => {
-    if (NAMES.includes(name)) unwanted[name].add(value);
+    if (isChoice(name, value)) unwanted[name].add(value);
     else if (name.startsWith("in ")) toggle(name.slice(3), value);
     else if (name in opened) opened[name] = value;
     else if (name.startsWith("zoom ")) zooms.set(name.slice(5), value.split(" ").map(Number));

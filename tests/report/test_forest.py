@@ -1,13 +1,16 @@
 """Tests of the overview of a report: forest plot, learning curves, headline and inventory."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 
+from jbench.names import REFERENCE
 from jbench.report import contents
 from jbench.report.analysis import statistics as st
 from jbench.report.report import gather
 from jbench.report.request import Request
+from jbench.store.database import Results
 
 ROWS = ["DDPG", "SAC"]
 
@@ -179,7 +182,8 @@ class TestHeadline:
 
     def test_headline_names_source_of_reductions(self, fabric, tmp_path, monkeypatch):
         shipped = type(fabric)(tmp_path / "reference")
-        monkeypatch.setattr("jbench.report.report.shipped", lambda: tmp_path / "reference")
+        named = Results(tmp_path / "reference", Path(REFERENCE))
+        monkeypatch.setattr("jbench.report.report.shipped_results", lambda: named)
         for runs, encoded in ((fabric, 790), (shipped, 500)):
             add_runs(runs, [800 + seed for seed in range(6)])
             add_runs(runs, [encoded + seed for seed in range(6)], representation="dae12")

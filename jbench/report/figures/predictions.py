@@ -28,7 +28,7 @@ _NOTE = (
     "at 0."
 )
 _MIN_POINTS = 3
-_UNIT = (-0.03, 1.03)
+_UNIT = (-0.06, 1.06)  # with room for markers at 0 and 1
 
 
 def prediction_figure(table: pd.DataFrame) -> Figure | None:

@@ -229,9 +229,13 @@ class Figure:
         return [*found.items(), *self.key]
 
     @property
-    def entries(self) -> dict[str, int]:
-        """Number of each entry of the legend."""
-        return {label: i for i, (label, _) in enumerate(self.legend)}
+    def entry_numbers(self) -> list[list[list[int]]]:
+        """Numbers of the entries of the legend that each series of each panel belongs to."""
+        numbers = {label: i for i, (label, _) in enumerate(self.legend)}
+        return [
+            [[numbers[entry] for entry in one.belongs_to if entry in numbers] for one in of.series]
+            for of in self.panels
+        ]
 
     @property
     def corners(self) -> int:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jbench.remembered import remembering
+from jbench.report.figure import Axis, Figure, Panel, Series, Style
 from jbench.report.page import vector
 from jbench.report.report import write_report
 from jbench.report.request import Request
@@ -51,8 +52,8 @@ def test_only_changed_data_is_read_and_drawn_again(fabric, growing, out, monkeyp
         memory.next_round()
         write_report(fabric.results, out, WATCHED)
     assert read == [(growing.id, "episodes")]
-    # One panel of the learning curves, and all of the forest plot, because they share their axes.
-    assert drawn == [TASKS[1], *TASKS]
+    # One panel of the learning curves, and one of the forest plot.
+    assert drawn == [TASKS[1], TASKS[1]]
     # The page equals that of a report without a cache.
     page = (out / "index.html").read_bytes()
     write_report(fabric.results, out, WATCHED)
@@ -62,3 +63,16 @@ def test_only_changed_data_is_read_and_drawn_again(fabric, growing, out, monkeyp
 def test_watched_report_writes_only_page(fabric, growing, out):
     write_report(fabric.results, out, WATCHED)
     assert sorted(path.name for path in out.iterdir()) == ["index.html", "report.json"]
+
+
+def test_renamed_line_draws_only_its_panel_again(monkeypatch):
+    def figure(label):
+        axes = Axis("x", (0, 1)), Axis("y", (0, 1))
+        one, other = (Series(np.arange(2.0), np.arange(2.0), Style("black"), s) for s in (label, "other"))
+        return Figure("two", [Panel("one", *axes, [one]), Panel("two", *axes, [other])])
+
+    drawn = counted(monkeypatch, vector, "draw_alone", lambda panel, *_: panel.title)
+    with remembering():
+        vector.element(figure("10k control steps"), "f", "title")
+        vector.element(figure("20k control steps"), "f", "title")
+    assert drawn == ["one", "two", "one"]

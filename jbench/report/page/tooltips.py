@@ -1,6 +1,7 @@
 """Values for the tooltips of figures: thinned series and heat maps as JSON."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,10 +53,12 @@ def panels(
             "box": [round(edge, 2) for edge in box],
             "x": _axis(panel.x),
             "y": _axis(panel.y),
-            "lines": _lines(panel, points, figure.entries),
+            "lines": _lines(panel, points, entries),
             "grid": _grid(panel.heat_map),
         }
-        for number, (panel, box) in enumerate(zip(figure.panels, boxes, strict=True))
+        for number, (panel, entries, box) in enumerate(
+            zip(figure.panels, figure.entry_numbers, boxes, strict=True)
+        )
     ]
     return [panel for panel in described if panel["lines"] or panel["grid"]]
 
@@ -86,17 +89,16 @@ def _has_values(series: Series) -> bool:
     return bool(series.label or series.detail)
 
 
-def _lines(panel: Panel, points: int, entries: Mapping[str, int]) -> list[dict[str, Any]]:
+def _lines(panel: Panel, points: int, entries: Sequence[Sequence[int]]) -> list[dict[str, Any]]:
     """Returns the series with a label or a detail.
 
     Each has `label`, `color`, `x`, `y`, `bands` (a list of [low, high], or null, for each point),
     `of` (its entries of the legend by number) and `tags`.
     """
     lines = []
-    for series in panel.series:
+    for series, of in zip(panel.series, entries, strict=True):
         shown = np.flatnonzero(_on_axis(series.x, panel.x) & _on_axis(series.y, panel.y))
         if _has_values(series) and shown.size:
-            of = [entries[entry] for entry in series.belongs_to if entry in entries]
             lines.append({**_line(series, thinned(shown, points)), "of": of})
     return lines
 
@@ -137,4 +139,6 @@ def _grid(heat_map: HeatMap | None) -> dict[str, Any] | None:
 
 def _numbers(values: FloatArray) -> list[float | None]:
     """Returns rounded numbers; None for NaN."""
-    return [float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None for value in values]
+    return [
+        float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()
+    ]

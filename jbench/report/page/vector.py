@@ -5,7 +5,7 @@ They become attributes of SVG here.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
@@ -82,13 +82,13 @@ def element(
         max_points: lines and areas of a figure with more points are rasterized.
     """
     picture = figure.corners > max_points
+    entries = figure.entry_numbers
     if any(panel.heat_map is not None for panel in figure.panels):
         parts = [_heat_maps(figure, prefix, sheet, picture=picture)]
     else:
         laid = layout.lay_out(figure, sheet, text=False, legend=False)
-        entries = figure.entries
         parts = [
-            _panel(panel, i, entries, laid, sheet, f"{prefix}{i}-", picture=picture)
+            _panel(panel, i, entries[i], laid, sheet, f"{prefix}{i}-", picture=picture)
             for i, panel in enumerate(figure.panels)
         ]
     boxes = [box for part in parts for box in part.boxes]
@@ -126,7 +126,7 @@ def _heat_maps(figure: Figure, prefix: str, sheet: Sheet, *, picture: bool) -> _
     drawn = draw(figure, sheet, text=False, picture=picture)
     root, size = _parsed(drawn)
     for number, (axes, panel) in enumerate(zip(_axes(root), figure.panels, strict=False)):
-        _mark(axes, number, panel, figure.entries)
+        _mark(axes, number, panel, figure.entry_numbers[number])
     colors: set[str] = set()
     # The hatch pattern of a heat map, whose id begins with "h", is among the definitions.
     svg.clean(root, prefix, colors, (KEPT, "h"))
@@ -138,14 +138,14 @@ def _heat_maps(figure: Figure, prefix: str, sheet: Sheet, *, picture: bool) -> _
 def _panel(
     panel: Panel,
     number: int,
-    entries: Mapping[str, int],
+    entries: Sequence[Sequence[int]],
     laid: Layout,
     sheet: Sheet,
     prefix: str,
     *,
     picture: bool,
 ) -> _Part:
-    """Returns a panel of lines, whose series have entries of the legend by number."""
+    """Returns a panel of lines; `entries` are `Figure.entry_numbers` of the panel."""
     drawn = draw_alone(panel, number, laid, sheet, picture=picture)
     root, size = _parsed(drawn)
     # The axes of a second scale are inside those of their panel.
@@ -198,7 +198,9 @@ def _axes(root: ElementTree.Element) -> list[ElementTree.Element]:
     return [one for group in root for one in group if one.get("id", "").startswith("axes_")]
 
 
-def _mark(axes: ElementTree.Element, number: int, panel: Panel, entries: Mapping[str, int]) -> None:
+def _mark(
+    axes: ElementTree.Element, number: int, panel: Panel, entries: Sequence[Sequence[int]]
+) -> None:
     """Marks a panel for the script: its ticks, which change in a zoom, and its series.
 
     Series have the numbers of their entries in the legend, and what the page filters by.
@@ -210,8 +212,7 @@ def _mark(axes: ElementTree.Element, number: int, panel: Panel, entries: Mapping
             one.set("data-tick", tick)
         name, _, place = one.get("id", "").partition("-")
         if name == SERIES and place:
-            series = panel.series[int(place.split("-")[1])]
-            of = [str(entries[entry]) for entry in series.belongs_to if entry in entries]
-            one.set("data-of", " ".join(of))
-            for tag, value in series.tags.items():
+            index = int(place.split("-")[1])
+            one.set("data-of", " ".join(map(str, entries[index])))
+            for tag, value in panel.series[index].tags.items():
                 one.set(f"data-{tag}", plain(value))

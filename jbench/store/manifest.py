@@ -27,7 +27,7 @@ OLDEST_SCHEMA_VERSION = 1
 MANIFEST = "manifest.json"
 
 FORMULA = ("=", "+", "@")
-"""Spreadsheets evaluate texts that begin with these."""
+"""Spreadsheets evaluate texts that begin with these; see `is_formula`."""
 
 Kind = Literal["dataset", "encoder", "run", "evaluation", "import"]
 Status = Literal["unfinished", "finished", "failed"]
@@ -86,14 +86,17 @@ def plain_settings(settings: dict[str, Any]) -> dict[str, Any]:
     return settings
 
 
+def is_formula(text: str) -> bool:
+    """Returns whether a spreadsheet might evaluate a text; an option of a command is none."""
+    return text[:1] in FORMULA or (text[:1] == "-" and ("|" in text or "(" in text))
+
+
 def _plain_provenance(provenance: dict[str, Any]) -> dict[str, Any]:
     """Checks the texts of provenance; a command may contain any printable text."""
     texts = _texts(provenance)
     typed = set(_texts({"command": provenance.get("command")}))
     for text in texts:
-        # An option may begin with "-", but a formula also contains "|" or "(".
-        formula = text[:1] in FORMULA or (text[:1] == "-" and ("|" in text or "(" in text))
-        if not text.isprintable() or formula or ("<" in text and text not in typed):
+        if not text.isprintable() or is_formula(text) or ("<" in text and text not in typed):
             raise ValueError(f"{text[:40]!r} can't be in provenance")
     return provenance
 

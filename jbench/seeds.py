@@ -1,5 +1,7 @@
 """Seeds as users type them, on the command line and in the file of a sweep."""
 
+import re
+
 from jbench.errors import RequestError
 
 _MAX_NUMBERS = 10_000  # in one range; more is a typing error
@@ -27,9 +29,9 @@ def parse_numbers(option: str, text: str, example: str) -> list[int]:
     """
     numbers: set[int] = set()
     for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        is_range = first.isdecimal() and (not dash or last.isdecimal())
-        if not is_range or not 0 <= int(last or first) - int(first) < _MAX_NUMBERS:
+        match = re.fullmatch(r"(\d{1,19})(?:-(\d{1,19}))?", part.strip())
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
+        if not 0 <= last - first < _MAX_NUMBERS:
             raise RequestError(f"{option} {text}: type {example}.")
-        numbers.update(range(int(first), int(last or first) + 1))
+        numbers.update(range(first, last + 1))
     return sorted(numbers)

@@ -4,7 +4,7 @@ import contextlib
 import difflib
 import json
 from collections.abc import Collection, Sequence
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -142,7 +142,7 @@ def count(option: str, text: str) -> int:
     scale = _SCALES.get(text[-1:].lower(), 1)
     try:
         number = Decimal(text if scale == 1 else text[:-1]) * scale
-    except InvalidOperation:
+    except ArithmeticError:  # no number, or one that decimal can't hold
         number = Decimal(0)
     if not (number.is_finite() and 1 <= number <= MAX_COUNT and number % 1 == 0):
         raise RequestError(

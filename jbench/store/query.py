@@ -1,5 +1,6 @@
 """SQL over the committed rows with DuckDB."""
 
+import contextlib
 import csv
 import io
 import json
@@ -177,7 +178,8 @@ def _with_types(frame: pd.DataFrame, types: Sequence[str]) -> pd.DataFrame:
         if type == "HUGEINT" and (column.isna() | (column.abs() < 2**53)).all():
             frame.isetitem(i, column.astype("Int64").array)
         elif type == "DATE":
-            frame.isetitem(i, column.dt.date)
+            with contextlib.suppress(ValueError):  # Python has no dates after the year 9999
+                frame.isetitem(i, column.dt.date)
     return frame
 
 

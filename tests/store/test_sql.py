@@ -166,6 +166,11 @@ def test_sums_of_integers_and_dates_keep_their_types():
     assert (second["gap"], second["day"], first["no_day"]) == (None, None, None)
 
 
+def test_date_after_year_9999_is_its_text():
+    frame = run_sql("select date '200000-01-02' as day", TABLES)
+    assert json.loads(to_json(frame))[0]["day"].startswith("200000-01-02")
+
+
 @pytest.mark.parametrize("number", [0.1 + 0.2, 1 / 3, 424.58 / 1000])
 def test_json_preserves_floats_exactly(number):
     frame = pd.DataFrame({"x": [number]})

@@ -17,7 +17,7 @@ from jbench.errors import RequestError
 from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Layer, Network
 from jbench.policies.onnx_export import export_onnx
-from jbench.policies.saved import Policy, TrainedAgent
+from jbench.policies.saved import Policy, TrainedAgent, policy_files
 from jbench.settings.base import settings_hash
 from jbench.simulation import Robots, rollout
 from jbench.store import Results
@@ -53,7 +53,7 @@ def test_run_whose_settings_lack_what_its_policy_needs_is_refused(lacking, tmp_p
     settings = {"task": "face_direction", "encoder": None, "seed": 0}
     del settings[lacking]
     id = f"face_direction/other/full/s00-{settings_hash(settings)}"
-    results.create("run", id, settings).finish({}, policy.to_files())
+    results.create("run", id, settings).finish({}, policy_files(policy))
     assert main(["export", id, "--results", str(results.path)]) == 1
     assert capsys.readouterr().err == (
         f"Error: The settings of the run {id} lack a task or an encoder.\n"

@@ -12,7 +12,7 @@ import pytest
 
 from jbench.cli import main
 from jbench.policies import find
-from jbench.policies.saved import Policy, has_policy
+from jbench.policies.saved import Policy, has_policy, policy_files
 from jbench.settings.alike import variant
 from jbench.settings.base import settings_hash
 from jbench.store import Results, schema
@@ -48,7 +48,7 @@ def add_run(results, seed, evaluations, algo="ddpg", finish=True):
     ]
     record.append({"evaluations": pa.Table.from_pylist(rows, schema.EVALUATIONS)})
     if finish:
-        record.finish({"wall_time": 1.0}, POLICY.to_files())
+        record.finish({"wall_time": 1.0}, policy_files(POLICY))
     return record
 
 
@@ -97,7 +97,7 @@ def test_command_and_checkpoint_are_not_shipped(script, source, target):
     run.append({}, {"checkpoint.safetensors": b"weights"})
     assert script.ship(source, target) == [f"{run.id} is left out: it is unfinished."]
     assert target.scan("run") == ([], [])
-    run.finish({"wall_time": 1.0}, POLICY.to_files())
+    run.finish({"wall_time": 1.0}, policy_files(POLICY))
     script.ship(source, target)
     kept = target.find("run", run.id)
     assert "command" in run.manifest.provenance

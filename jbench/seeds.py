@@ -19,13 +19,8 @@ def parse_seeds(text: str) -> list[int]:
 def parse_numbers(option: str, text: str, example: str) -> list[int]:
     """Returns the whole numbers of a text like 0-9 or 0,2,5-7, each once, in order.
 
-    Args:
-        option: the option, for the error.
-        text: what was typed.
-        example: what to type instead, for the error.
-
     Raises:
-        RequestError: if it is not such a text.
+        RequestError: if it is not such a text; it names the option and the example.
     """
     numbers: set[int] = set()
     for part in text.split(","):

@@ -193,12 +193,7 @@ def _setting(text: str) -> Any:
 
 
 def processes(jobs: int, device: str) -> int:
-    """Returns the number of processes at a time that `--jobs` requests.
-
-    Args:
-        jobs: 0 for one per core, or one for a GPU.
-        device: that trains the agents.
-    """
+    """Returns the processes at a time that `--jobs` requests; 0: one per core, or one for a GPU."""
     from jbench.sweeps.executors import default_jobs
 
     return all_cores(jobs) if jobs else default_jobs(device)

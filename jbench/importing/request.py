@@ -82,11 +82,7 @@ class ImportRequest:
             ) from None
 
     def seed_in(self, text: str, what: str) -> int:
-        """Returns the seed that `seed_from` finds in a text.
-
-        Args:
-            text: path of a file, or name of a run.
-            what: how messages call the text.
+        """Returns the seed that `seed_from` finds in a text, which messages call `what`.
 
         Raises:
             RequestError: if it finds no whole number.
@@ -106,11 +102,7 @@ class ImportRequest:
 
 
 def seed_of(text: str, where: str) -> int:
-    """Returns the seed in a text.
-
-    Args:
-        text: digits.
-        where: beginning of the message, which the text follows.
+    """Returns the seed in a text; an error begins with `where`.
 
     Raises:
         RequestError: if it is not a whole number.

@@ -63,7 +63,6 @@ class Follower:
         """Follows the runs that match the filters when they are seen for the first time.
 
         Args:
-            results: need not exist yet.
             filters: allowed values by field of `RunLine`.
         """
         self._results, self._filters = results, filters

@@ -194,10 +194,7 @@ class Manifest(BaseModel):
 
     @classmethod
     def from_bytes(cls, content: bytes, where: str) -> "Manifest":
-        """Reads a manifest.
-
-        Args:
-            where: path for error messages.
+        """Reads a manifest, which error messages call `where`.
 
         Raises:
             VersionError: if this jbench can't read its schema version.

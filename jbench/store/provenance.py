@@ -89,10 +89,6 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, 
     """Returns what may round numbers differently: [before, now] of each that is not the same.
 
     Entries that an older version did not record are not compared.
-
-    Args:
-        before: `provenance` at the start of the work.
-        now: current `provenance`.
     """
     then = {**before, **_packages(before)}
     return {

@@ -110,7 +110,6 @@ class Record(RecordReader):
         """Marks the record as finished and removes its checkpoints.
 
         Args:
-            summary: short results for the manifest.
             new_files: content of additional files by name.
             compact: whether to join each table into one file, which must fit in memory.
         """
@@ -143,12 +142,7 @@ class Record(RecordReader):
             files.remove(self.uncommitted())
 
     def fail(self, error: str, details: Mapping[str, Any] | None = None) -> None:
-        """Marks the work as failed and keeps its data.
-
-        Args:
-            error: a sentence.
-            details: JSON values to add to the summary.
-        """
+        """Marks the work as failed, by a sentence and details for the summary; keeps its data."""
         self._update(status="failed", summary={"error": error, **(details or {})})
 
     @contextlib.contextmanager

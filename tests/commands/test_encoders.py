@@ -126,21 +126,18 @@ def test_encoders_are_reported_and_used_in_training(filled, tmp_path, capsys):
         (("--dataset", "random/s00-00000000"), "No dataset random/s00-00000000"),
     ],
 )
-def test_invalid_request_prints_one_error_and_trains_nothing(collected, arguments, message, capsys):
-    assert main(["train-encoder", *arguments, "--results", str(collected)]) == 2
-    printed = capsys.readouterr()
-    assert message in printed.err
-    assert (printed.err.count("\n"), printed.out) == (1, "")
+def test_invalid_request_is_refused_and_trains_nothing(collected, arguments, message, refused):
+    assert message in refused("train-encoder", *arguments, results=collected)
     assert not (collected / "encoders").exists()
 
 
-def test_cuda_is_refused_without_cuda_device(collected, capsys):
+def test_cuda_is_refused_without_cuda_device(collected, refused):
     import torch
 
     if torch.cuda.is_available():
         pytest.skip("there is a CUDA device")
-    assert main(["train-dae", "--device", "cuda", "--results", str(collected)]) == 2
-    assert "There is no CUDA device here" in capsys.readouterr().err
+    error = refused("train-dae", "--device", "cuda", results=collected)
+    assert "There is no CUDA device here" in error
 
 
 def drop_column(record, column):
@@ -165,18 +162,16 @@ def drop_column(record, column):
 
 
 @pytest.mark.parametrize("column", ["action", "velocity_x"])
-def test_dataset_without_required_column_is_refused(results, column, capsys):
+def test_dataset_without_required_column_is_refused(results, column, refused):
     (manifest,) = results.rglob("manifest.json")
     drop_column(manifest.parent, column)
-    assert main(["train-encoder", "--kind", "lld-vae", "--results", str(results)]) == 1
-    printed = capsys.readouterr()
-    assert printed.err.count("\n") == 1
-    assert re.search(rf"steps-\S+ of the dataset random/\S+ is damaged .*{column}", printed.err)
+    error = refused("train-encoder", "--kind", "lld-vae", results=results, code=1)
+    assert re.search(rf"steps-\S+ of the dataset random/\S+ is damaged .*{column}", error)
     assert not list((results / "encoders").rglob("manifest.json"))
 
 
 @pytest.mark.parametrize("damage", ["altered", "short", "pickle"])
-def test_damaged_encoder_is_refused_and_unchanged(filled, tmp_path, damage, capsys):
+def test_damaged_encoder_is_refused_and_unchanged(filled, tmp_path, damage, refused):
     copy = tmp_path / "results"
     shutil.copytree(filled, copy)
     (path,) = copy.glob(f"encoders/face_direction/pca2/*/{WEIGHTS}")
@@ -187,11 +182,8 @@ def test_damaged_encoder_is_refused_and_unchanged(filled, tmp_path, damage, caps
         "pickle": b"\x80\x04cos\nsystem\n(S'touch gone-off'\ntR.",
     }[damage]
     path.write_bytes(damaged)
-    assert main(["train", "--encoder", "pca:2", "--results", str(copy)]) == 1
-    printed = capsys.readouterr()
-    assert printed.err.count("\n") == 1
-    assert f"{WEIGHTS} of the encoder face_direction/pca2/" in printed.err
-    assert "is damaged" in printed.err
+    error = refused("train", "--encoder", "pca:2", results=copy, code=1)
+    assert re.search(f"{WEIGHTS} of the encoder face_direction/pca2/.* is damaged", error)
     assert path.read_bytes() == damaged
     assert not (copy / "runs").exists()
 
@@ -203,7 +195,7 @@ def short(tmp_path):
     return tmp_path / "short"
 
 
-def test_killed_training_resumes_bit_for_bit(short, tmp_path, capsys):
+def test_killed_training_resumes_bit_for_bit(short, tmp_path, refused):
     whole, results = tmp_path / "whole", short
     shutil.copytree(results, whole)
     arguments = ("train-encoder", "--latent", "5", "--epochs", "200", "--batch", "64")
@@ -219,8 +211,7 @@ def test_killed_training_resumes_bit_for_bit(short, tmp_path, capsys):
     process.wait()
     (row,) = load(Results(results)).tables["encoders"].to_pylist()
     assert row["status"] == "unfinished"
-    assert main(["train", "--encoder", row["encoder"], "--results", str(results)]) == 2
-    assert "is unfinished" in capsys.readouterr().err
+    assert "is unfinished" in refused("train", "--encoder", row["encoder"], results=results)
     output = succeed(*arguments, results=results, short=True).stdout
     assert f"The encoder {row['encoder']} was interrupted; it resumes." in output
     succeed(*arguments, results=whole, short=True)

@@ -68,7 +68,6 @@ from tests.command_line import jbench, succeed
         ),
         (("train", "--environments", "0"), "Error: environments of the run can't be 0: "),
         (("train", "--robots", "0"), "Error: robots of the run can't be 0: "),
-        (("evaluate", "--episodes", "0"), "Error: episodes of the evaluation can't be 0: "),
         (("train", "--evaluate-episodes", "-1"), "evaluate_episodes of the run can't be -1"),
         (("train", "--jobs", "-1"), "Invalid value for '--jobs'"),
         (("collect", "--steps", "1500"), "must be a multiple, such as 2000"),
@@ -84,7 +83,6 @@ from tests.command_line import jbench, succeed
         (("report", "--order", "none"), "Unknown value of --order 'none'"),
         (("query", "DROP TABLE runs"), "read-only"),
         (("query", "FROM read_text('/etc/passwd')"), "file system operations are disabled"),
-        (("query", "SELECT 1", "--csv", "--json"), "exclude each other"),
         (("fly",), "No such command 'fly'"),
         (("collect", "--stepz", "1"), "No such option: --stepz"),
         (
@@ -105,15 +103,10 @@ from tests.command_line import jbench, succeed
         (("train", "--set", "tau=abc"), "tau of ddpg can't be 'abc': it should be a valid number."),
     ],
 )
-def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, tmp_path, capsys):
+def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, tmp_path, refused):
     # In this process: the console script exits with the code that main returns.
     (tmp_path / "results").mkdir()
-    assert main([*arguments, "--results", str(tmp_path / "results")]) == 2
-    printed = capsys.readouterr()
-    assert re.search(message, printed.err), printed.err
-    assert printed.err.startswith("Error: ")
-    assert printed.err.count("\n") == 1
-    assert bool(printed.out) == ("--json" in arguments)
+    assert re.search(message, refused(*arguments, results=tmp_path / "results"))
     assert not list(tmp_path.rglob("manifest.json"))
 
 
@@ -129,12 +122,11 @@ def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, t
         (("import", "--from=csv", "--task=face_direction", "--algo=a", ""), "files"),
     ],
 )
-def test_empty_path_is_refused(arguments, typed, tmp_path, monkeypatch, capsys):
+def test_empty_path_is_refused(arguments, typed, tmp_path, monkeypatch, refused):
     """An unset variable of the shell must not be the working directory."""
     monkeypatch.chdir(tmp_path)
-    assert main(list(arguments)) == 2
     expected = f"Error: Invalid value for '{typed}': it is empty; type . for the working directory;"
-    assert capsys.readouterr().err.startswith(expected)
+    assert refused(*arguments).startswith(expected)
     assert not list(tmp_path.iterdir())
 
 
@@ -142,30 +134,25 @@ def test_empty_path_is_refused(arguments, typed, tmp_path, monkeypatch, capsys):
     "arguments",
     [
         ("query", "SELECT 1"),
-        ("runs",),
-        ("datasets",),
-        ("report",),
+        *(("runs",), ("datasets",), ("verify",), ("report",)),
         ("report", "--reference"),
         ("report", "--watch"),
         ("report", "--compare", "engine=sb3", "engine=batched"),
     ],
 )
-def test_missing_results_directory_is_refused(arguments, tmp_path, capsys):
+def test_missing_results_directory_is_refused(arguments, tmp_path, refused):
     missing = tmp_path / "missing"
-    assert main([*arguments, "--results", str(missing)]) == 2
-    printed = capsys.readouterr()
-    assert printed.err.startswith(f"Error: {missing} does not exist; name another directory, such")
-    assert printed.out == ""
+    error = refused(*arguments, results=missing)
+    assert error.startswith(f"Error: {missing} does not exist; name another directory, such")
     assert not missing.exists()
 
 
 @pytest.mark.parametrize("verb", ["collect", "train-dae", "train", "report", "query"])
-def test_results_directory_that_is_file_is_refused(verb, tmp_path, capsys):
+def test_results_directory_that_is_file_is_refused(verb, tmp_path, refused):
     path = tmp_path / "results"
     path.write_text("mine")
     more = ("SELECT 1",) if verb == "query" else ()
-    assert main([verb, *more, "--results", str(path)]) == 2
-    assert "is a file" in capsys.readouterr().err
+    assert "is a file" in refused(verb, *more, results=path)
     assert path.read_text() == "mine"
 
 
@@ -237,6 +224,7 @@ def test_algorithm_is_case_insensitive_and_full_means_no_encoder(tmp_path):
         (("runs", "--task", "fly"), 2, "Unknown task 'fly'"),
         (("runs", "--fly"), 2, "No such option: --fly"),
         (("query", "SELECT nothing"), 2, "nothing"),
+        (("query", "SELECT 1", "--csv"), 2, "exclude each other"),
     ],
 )
 def test_json_of_failed_command_is_its_error(arguments, exit_code, message, tmp_path, capsys):

@@ -244,9 +244,6 @@ def test_gpu_has_one_process_unless_jobs_are_given(command, jobs, processes, res
         (("smoke", "--device", "tpu"), "Unknown device 'tpu'"),
     ],
 )
-def test_invalid_request_prints_one_error_line(arguments, message, results, capsys):
-    assert main(["sweep", *arguments, "--results", str(results)]) == 2
-    printed = capsys.readouterr()
-    assert message in printed.err
-    assert (printed.err.count("\n"), printed.out) == (1, "")
+def test_invalid_request_is_refused(arguments, message, results, refused):
+    assert message in refused("sweep", *arguments, results=results)
     assert not results.exists()

@@ -105,15 +105,14 @@ def test_damaged_run_is_reported_and_others_are_printed(results, capsys):
         (("train", "--log", "mlflow"), "Unknown value of --log 'mlflow'; choose tensorboard"),
     ],
 )
-def test_invalid_request_is_refused(results, capsys, arguments, message):
-    assert main([*arguments, "--results", str(results.path)]) == 2
-    assert message in capsys.readouterr().err
+def test_invalid_request_is_refused(results, refused, arguments, message):
+    assert message in refused(*arguments, results=results.path)
 
 
-def test_missing_library_is_reported_before_training(tmp_path, capsys, monkeypatch):
+def test_missing_library_is_reported_before_training(tmp_path, refused, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "torch.utils.tensorboard", None)
     monkeypatch.delitem(__import__("sys").modules, "jbench.loggers.tensorboard", raising=False)
-    arguments = ["train", "--log", "tensorboard", "--seeds", "0"]
-    assert main([*arguments, "--results", str(tmp_path / "results")]) == 2
-    assert "type pip install 'jbench[tensorboard]'" in capsys.readouterr().err
+    arguments = ("train", "--log", "tensorboard", "--seeds", "0")
+    error = refused(*arguments, results=tmp_path / "results")
+    assert "type pip install 'jbench[tensorboard]'" in error
     assert not (tmp_path / "results" / "runs").exists()

@@ -48,16 +48,14 @@ def policy_of(inputs):
 
 
 @pytest.mark.parametrize("lacking", ["task", "encoder"])
-def test_run_whose_settings_lack_what_its_policy_needs_is_refused(lacking, tmp_path, capsys):
+def test_run_whose_settings_lack_what_its_policy_needs_is_refused(lacking, tmp_path, refused):
     policy, results = policy_of(16), Results(tmp_path / "results")
     settings = {"task": "face_direction", "encoder": None, "seed": 0}
     del settings[lacking]
     id = f"face_direction/other/full/s00-{settings_hash(settings)}"
     results.create("run", id, settings).finish({}, policy_files(policy))
-    assert main(["export", id, "--results", str(results.path)]) == 1
-    assert capsys.readouterr().err == (
-        f"Error: The settings of the run {id} lack a task or an encoder.\n"
-    )
+    error = refused("export", id, results=results.path, code=1)
+    assert error == f"Error: The settings of the run {id} lack a task or an encoder.\n"
 
 
 def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
@@ -211,6 +209,5 @@ def test_encoder_that_is_not_layers_is_refused(tmp_path):
         (("--format", "tflite"), "Unknown value of --format 'tflite'; choose onnx"),
     ],
 )
-def test_invalid_request_is_refused(arguments, message, tmp_path, capsys):
-    assert main(["export", *arguments, "--results", str(tmp_path)]) == 2
-    assert message in capsys.readouterr().err
+def test_invalid_request_is_refused(arguments, message, tmp_path, refused):
+    assert message in refused("export", *arguments, results=tmp_path)

@@ -171,22 +171,19 @@ class TestShippedTwoCells:
             ("reference/face_direction/td3", "Error: {} is not unique; type one of {}"),
         ],
     )
-    def test_ambiguous_name_is_refused_with_choices(self, database, name, message, capsys):
+    def test_ambiguous_name_is_refused_with_choices(self, database, name, message, refused):
         there = ", ".join(find.shipped_policies())
-        assert main(["evaluate", "--policy", name]) == 2
-        assert message.format(name, there) in capsys.readouterr().err
+        assert message.format(name, there) in refused("evaluate", "--policy", name)
 
-    def test_run_without_policy_is_refused(self, database, capsys):
+    def test_run_without_policy_is_refused(self, database, refused):
         (rows, *_) = [run.id for run in database.scan("run")[0] if not has_policy(run)]
-        assert main(["evaluate", "--policy", rows, "--results", str(database.path)]) == 2
-        assert f"The run {rows} in {database.path} was saved without its policy." in (
-            capsys.readouterr().err
-        )
+        error = refused("evaluate", "--policy", rows, results=database.path)
+        assert f"The run {rows} in {database.path} was saved without its policy." in error
 
-    def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, capsys):
+    def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, refused):
         monkeypatch.setattr(find, "shipped_results", lambda: Results(tmp_path / "none"))
-        assert main(["evaluate", "--policy", "reference/face_direction/td3/full"]) == 2
-        assert "this version of jbench ships none" in capsys.readouterr().err
+        error = refused("evaluate", "--policy", "reference/face_direction/td3/full")
+        assert "this version of jbench ships none" in error
 
     def test_missing_encoder_of_shipped_runs_is_added(self, script, database, demo_results):
         (encoder,) = database.scan("encoder")[0]

@@ -5,16 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jbench.errors import RequestError
-from jbench.names import (
-    FULL,
-    IMPORT_FORMATS,
-    MAX_SEED,
-    RETURNS,
-    ImportFormat,
-    ReturnsName,
-    known,
-    one_of,
-)
+from jbench.names import FULL, MAX_SEED, ImportFormat, ReturnsName, one_of
 
 _USED_BY = {
     "tag": ("tensorboard",),
@@ -58,9 +49,6 @@ class ImportRequest:
 
     def __post_init__(self) -> None:
         """Checks the fields."""
-        known("format", self.format, IMPORT_FORMATS)
-        if self.returns is not None:
-            known("kind of return", self.returns, RETURNS)
         for name, formats in _USED_BY.items():
             if getattr(self, name) is not None and self.format not in formats:
                 option = f"--{name.replace('_', '-')}"

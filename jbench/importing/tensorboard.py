@@ -53,9 +53,7 @@ def joined(parts: Sequence[Series]) -> pd.DataFrame:
     return pd.concat([part.points for part in parts], ignore_index=True)
 
 
-def _tag(
-    file: ImportedFile, scalars: dict[str, list[tuple[int, float, float]]], tag: str | None
-) -> str:
+def _tag(file: ImportedFile, scalars: Scalars, tag: str | None) -> str:
     """Returns the tag to read.
 
     Raises:

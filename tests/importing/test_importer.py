@@ -8,6 +8,10 @@ from hashlib import sha256
 import numpy as np
 import pytest
 from stable_baselines3.common.monitor import load_results
+from tensorboard.compat.proto.event_pb2 import Event
+from tensorboard.compat.proto.summary_pb2 import SummaryMetadata
+from tensorboard.summary.writer.event_file_writer import EventFileWriter
+from tensorboard.util.tensor_util import make_tensor_proto
 
 from jbench.cli import main
 from jbench.store import Results
@@ -274,6 +278,17 @@ def test_truncated_or_damaged_event_file_is_refused(event_file, import_error):
         file.write_bytes(damaged)
         error = import_error("tensorboard", file, seed_from=r"td3__(\d+)__")
         assert f"{file} is cut off or damaged after" in error
+
+
+@pytest.mark.parametrize("content", [[1.0, 2.0], "many"])
+def test_scalar_that_is_not_one_number_is_refused(content, import_error, tmp_path):
+    plugin = SummaryMetadata.PluginData(plugin_name="scalars")
+    value = {"tensor": make_tensor_proto(content), "metadata": {"plugin_data": plugin}}
+    writer = EventFileWriter(str(tmp_path / "seed1"))
+    writer.add_event(Event(summary={"value": [{"tag": "eval/mean_reward", **value}]}))
+    writer.close()
+    error = import_error("tensorboard", *(tmp_path / "seed1").iterdir(), seed_from=r"seed(\d+)")
+    assert "a value of 'eval/mean_reward' is not one number." in error
 
 
 def test_event_files_of_two_trainings_are_refused(event_file, import_error):

@@ -13,7 +13,13 @@ from jbench.store.query import load
 from jbench.training.batched_run import run_batch
 from jbench.training.reproduce import reproduce
 from tests.command_line import SHORT, Process, succeed
-from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
+from tests.commands.distributions import (
+    assert_fails,
+    assert_listed_reported_and_verified,
+    install,
+    make_importable,
+    train_and_sweep,
+)
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "random-search-agent"
@@ -68,14 +74,8 @@ def test_train_and_sweep_make_same_runs(swept):
 
 
 def test_runs_of_uninstalled_agent_are_listed_reported_and_verified(swept, capsys):
-    here = ("--results", str(swept.path))
-    assert main(["runs", "--algo", "random-search", *here]) == 0
-    assert "face_direction/random-search/full/s00-" in capsys.readouterr().out
-    assert main(["verify", *here]) == 0
+    assert_listed_reported_and_verified(swept, "random-search", capsys)
     assert load(swept)[0]["runs"]["engine"].to_pylist() == ["plugin"] * 2
-    report = ("report", "--json", "--format", "png", "--out", swept.path / "out")
-    (cell,) = json.loads(succeed(*report, results=swept.path, short=True).stdout)["table"]
-    assert (cell["algo"], cell["seeds"]) == ("random-search", 2)
 
 
 def test_training_uninstalled_agent_is_refused(swept, refused):

@@ -15,7 +15,13 @@ from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from tests.agents.killed_run import stack_seeds
 from tests.command_line import SHORT, Process, succeed
-from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
+from tests.commands.distributions import (
+    assert_fails,
+    assert_listed_reported_and_verified,
+    install,
+    make_importable,
+    train_and_sweep,
+)
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "tqc-rule"
@@ -96,14 +102,8 @@ def test_trained_policy_is_evaluated_and_reevaluated(swept, installed):
 
 
 def test_runs_of_uninstalled_rule_are_listed_reported_and_verified(swept, capsys, refused):
-    here = ("--results", str(swept.path))
-    assert main(["runs", "--algo", "tqc", *here]) == 0
-    assert "face_direction/tqc/full/s00-" in capsys.readouterr().out
-    assert main(["verify", *here]) == 0
-    report = ("report", "--json", "--format", "png", "--out", swept.path / "out")
-    (cell,) = json.loads(succeed(*report, results=swept.path, short=True).stdout)["table"]
-    assert (cell["algo"], cell["seeds"]) == ("tqc", 2)
-    assert "Unknown algorithm 'tqc'" in refused("train", "--algo", "tqc", *here)
+    assert_listed_reported_and_verified(swept, "tqc", capsys)
+    assert "Unknown algorithm 'tqc'" in refused("train", "--algo", "tqc", results=swept.path)
 
 
 @pytest.mark.parametrize(

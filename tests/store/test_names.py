@@ -7,9 +7,14 @@ from jbench.errors import RequestError
 from jbench.store import parquet, query
 from jbench.store.listing import list_runs
 from jbench.store.verify import verify
-from tests.store.store_rows import RUN_SETTINGS, alter_manifest, listed, manifest_of
+from tests.store.store_rows import (
+    RUN_SETTINGS,
+    alter_manifest,
+    listed,
+    manifest_of,
+    put_in_place,
+)
 from tests.store.store_whole import add_chain, add_whole_run
-from tests.store.test_verify import put_in_place
 
 HOSTILE = (
     "=cmd|' /C calc'!A0",

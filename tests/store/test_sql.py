@@ -26,9 +26,10 @@ def secret(tmp_path):
 
 
 READERS = ["read_csv('{}')", "read_text('{}')", "read_blob('{}')", "glob('{}')", "'{}'"]
+READERS += ["read_text('file://{}')", "sniff_csv('{}')"]
 
 
-@pytest.mark.parametrize("reader", [*READERS, "sniff_csv('{}')"])
+@pytest.mark.parametrize("reader", READERS)
 def test_query_cannot_read_files(secret, reader):
     sql = f"select * from {reader.format(secret)}"
     counting = f"select count(*) from ({sql})"

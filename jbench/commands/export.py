@@ -96,6 +96,8 @@ def _policy(run: str, in_si_units: bool, out: Path | None, results: Path, output
     from jbench.policies.onnx_export import export_onnx
 
     database, name = database_and_policy(results, run)
+    if out is not None and out.is_dir():
+        raise RequestError(f"--out {out} is a directory; name a file.")
     id, agent = find_trained_agent(database, name)
     done = export_onnx(agent, id, out or database.path / "onnx" / f"{id}.onnx", in_si_units)
     what = "features in SI units" if in_si_units else "the observation of the environment"

@@ -74,7 +74,7 @@ class Follower:
         """Yields the changes since the last look, and a sentence for each damaged run, once."""
         for folder in walk(self._results.path / "runs"):
             try:
-                change = self._changed(folder)
+                change = self._change_of(folder)
             except (RequestError, WorkError) as error:
                 if str(error) not in self._reported:
                     self._reported.add(str(error))
@@ -83,7 +83,7 @@ class Follower:
             if change is not None and (change.status_changed or change.rows):
                 yield change
 
-    def _changed(self, folder: Folder) -> Change | None:
+    def _change_of(self, folder: Folder) -> Change | None:
         """Returns what a folder's run has changed; None if it has no run, or no new manifest."""
         if folder.problem is not None:
             raise WorkError(f"{folder.path} {folder.problem}.")
@@ -93,11 +93,11 @@ class Follower:
         stamp = _stamp(folder.path / MANIFEST)
         if stamp is not None and stamp == self._stamps.get(run):
             return None
-        change = self._change(run)
+        change = self._read(run)
         self._stamps[run] = stamp
         return change
 
-    def _change(self, run: str) -> Change | None:
+    def _read(self, run: str) -> Change | None:
         """Reads the new rows of a run; returns None if it is not followed."""
         record = self._results.find("run", run)
         if record is None:

@@ -4,7 +4,6 @@ import json
 import shutil
 import signal
 import subprocess
-import time
 
 import pytest
 
@@ -12,7 +11,7 @@ from jbench.cli import main
 from jbench.datasets import collect
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
-from tests.command_line import INTERRUPTIBLE
+from tests.command_line import INTERRUPTIBLE, wait_until
 from tests.store.store_rows import alter_manifest
 
 
@@ -44,9 +43,7 @@ def test_collect_stopped_by_ctrl_c_reports_that_it_can_resume(tmp_path):
         [*INTERRUPTIBLE, *arguments], stderr=subprocess.PIPE, text=True
     ) as process:
         try:
-            deadline = time.monotonic() + 120
-            while not any(tmp_path.rglob("manifest.json")) and time.monotonic() < deadline:
-                time.sleep(0.02)
+            wait_until(lambda: any(tmp_path.rglob("manifest.json")), process)
             process.send_signal(signal.SIGINT)
             _, output = process.communicate(timeout=120)
         finally:

@@ -3,8 +3,6 @@
 import json
 import re
 import shutil
-import signal
-import time
 from functools import partial
 
 import pytest
@@ -13,10 +11,11 @@ import safetensors.numpy
 from jbench.cli import main
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.training import CHECKPOINT
-from jbench.store import Results
+from jbench.store import Results, parquet
 from jbench.store.query import load
-from tests.command_line import SHORT, jbench, start, succeed, train
+from tests.command_line import SHORT, jbench, kill_when, start, succeed, train
 from tests.commands.distributions import install
+from tests.store.store_rows import put_in_place
 
 
 @pytest.fixture(scope="module")
@@ -140,31 +139,11 @@ def test_cuda_is_refused_without_cuda_device(collected, refused):
     assert "There is no CUDA device here" in error
 
 
-def drop_column(record, column):
-    """Rewrites a dataset without a column, as if an older version had written it."""
-    import io
-
-    import pyarrow.parquet as pq
-
-    from jbench.store.files import sha256
-
-    path = record / "manifest.json"
-    manifest = json.loads(path.read_text())
-    for entry in manifest["files"]:
-        if entry["table"] == "steps":
-            rows = pq.read_table(record / entry["name"], use_threads=False)
-            sink = io.BytesIO()
-            pq.write_table(rows.drop_columns(column), sink)
-            content = sink.getvalue()
-            (record / entry["name"]).write_bytes(content)
-            entry |= {"bytes": len(content), "sha256": sha256(content)}
-    path.write_text(json.dumps(manifest))
-
-
 @pytest.mark.parametrize("column", ["action", "velocity_x"])
 def test_dataset_without_required_column_is_refused(results, column, refused):
-    (manifest,) = results.rglob("manifest.json")
-    drop_column(manifest.parent, column)
+    (dataset,) = Results(results).scan("dataset")[0]
+    rows = dataset.rows_of(dataset.parts("steps")[0])
+    put_in_place(dataset, parquet.to_bytes(rows.drop_columns([column])))
     error = refused("train-encoder", "--kind", "lld-vae", results=results, code=1)
     assert re.search(rf"steps-\S+ of the dataset random/\S+ is damaged .*{column}", error)
     assert not list((results / "encoders").rglob("manifest.json"))
@@ -200,15 +179,10 @@ def test_killed_training_resumes_bit_for_bit(short, tmp_path, refused):
     shutil.copytree(results, whole)
     arguments = ("train-encoder", "--latent", "5", "--epochs", "200", "--batch", "64")
     process = start(*arguments, results=results, short=True)
-    deadline = time.monotonic() + 300
-    while not any(
-        CHECKPOINT in path.read_text() for path in (results / "encoders").rglob("manifest.json")
-    ):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    manifests = (results / "encoders").rglob
+    kill_when(
+        lambda: any(CHECKPOINT in path.read_text() for path in manifests("manifest.json")), process
+    )
     (row,) = load(Results(results)).tables["encoders"].to_pylist()
     assert row["status"] == "unfinished"
     assert "is unfinished" in refused("train", "--encoder", row["encoder"], results=results)

@@ -6,7 +6,6 @@ import re
 import shlex
 import subprocess
 import sys
-import time
 
 import pytest
 from typer.main import get_command
@@ -14,7 +13,7 @@ from typer.main import get_command
 from jbench.cli import app, main
 from jbench.commands import parsing
 from jbench.errors import RequestError
-from tests.command_line import jbench, succeed
+from tests.command_line import jbench, succeed, wait_until
 
 
 @pytest.mark.parametrize(
@@ -277,9 +276,7 @@ def test_train_with_defaults_prints_forecast_first(tmp_path):
     )
     line = process.stdout.readline()
     # The forecast is printed before a worker writes the first manifest.
-    deadline = time.monotonic() + 60
-    while not (manifests := list(tmp_path.rglob("manifest.json"))) and time.monotonic() < deadline:
-        time.sleep(0.05)
+    manifests = wait_until(lambda: list(tmp_path.rglob("manifest.json")), process)
     process.kill()
     process.wait()
     assert re.match(

@@ -16,7 +16,7 @@ from jbench.store import Results
 from jbench.sweeps import executors
 from jbench.training import request
 from tests import sweep_matrices
-from tests.command_line import SHORT, jbench, succeed
+from tests.command_line import SHORT, jbench, succeed, wait_until
 from tests.sweep_matrices import (
     committed,
     end_all,
@@ -26,7 +26,6 @@ from tests.sweep_matrices import (
     runs_of_matrix,
     start,
     states,
-    wait_until,
     workers,
 )
 

@@ -3,14 +3,13 @@
 import json
 import signal
 import subprocess
-import time
 
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from jbench.cli import main
 from jbench.store import Results
-from tests.command_line import INTERRUPTIBLE, succeed, train
+from tests.command_line import INTERRUPTIBLE, succeed, train, wait_until
 from tests.store.store_rows import listed
 from tests.store.store_whole import add_whole_run
 
@@ -28,10 +27,7 @@ def test_tail_prints_each_committed_row_until_ctrl_c(tmp_path):
     training = train("td3", "none", "--log", "tensorboard", "--steps", "200")
     succeed(*training, results=tmp_path / "results", short=True)
     runs = Results(tmp_path / "results").scan("run")[0]
-    deadline = time.monotonic() + 60
-    while out.read_text().count('"finished"') < len(runs):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    wait_until(lambda: out.read_text().count('"finished"') == len(runs), tail)
     tail.send_signal(signal.SIGINT)
     assert tail.communicate(timeout=60)[1] == ""
     assert tail.returncode == 0

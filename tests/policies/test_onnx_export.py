@@ -205,6 +205,7 @@ def test_encoder_that_is_not_layers_is_refused(tmp_path):
         (("a/b", "--format", "minari"), "name a dataset with --dataset"),
         (("a/b", "--task", TASK), "leave them out with RUN"),
         (("a/b",), "No run a/b in"),
+        (("a/b", "--out", "."), "--out . is a directory; name a file."),
         (("a/b", "--inputs", "pixels"), "Unknown value of --inputs 'pixels'; choose si"),
         (("--format", "tflite"), "Unknown value of --format 'tflite'; choose onnx"),
     ],

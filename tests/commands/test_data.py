@@ -79,6 +79,13 @@ def test_json_of_datasets_has_settings_status_and_size(results, capsys):
     assert [found[seed]["steps"] for seed in (0, 4, 7)] == [2000, 1000, 0]
 
 
+def test_json_of_summary_that_is_not_finite_has_null(results, capsys):
+    alter_manifest(records(results)[0], summary={"wall_time": float("nan"), "seen": [float("inf")]})
+    assert main(["datasets", "--results", str(results), "--json"]) == 0
+    summaries = [each["summary"] for each in json.loads(capsys.readouterr().out)["datasets"]]
+    assert {"wall_time": None, "seen": [None]} in summaries
+
+
 def test_empty_directory_reports_command_to_type(tmp_path, capsys):
     assert main(["datasets", "--results", str(tmp_path)]) == 0
     command = f"jbench collect --steps 100000 --results {tmp_path}"

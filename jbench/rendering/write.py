@@ -14,7 +14,7 @@ from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
 from jbench.policies.find import ActingPolicy
 from jbench.rendering.episode import Frame, Picture, Scene, render_episode
 from jbench.rendering.overlay import strip_picture, video_picture
-from jbench.store.files import make_directory, write_atomic
+from jbench.store.files import check_output, write_atomic
 
 SUFFIXES = (".mp4", ".gif", ".png")
 """Supported file suffixes: video, animation, strip of images."""
@@ -39,12 +39,12 @@ def default_size(path: Path) -> tuple[int, int]:
     return _MOMENT_SIZE if path.suffix.lower() == ".png" else _VIDEO_SIZE
 
 
-def check_output(path: Path) -> None:
-    """Checks that a file can be written, before anything is simulated.
+def _check(path: Path) -> None:
+    """Checks that a picture or video can be written, before anything is simulated.
 
     Raises:
-        RequestError: if the suffix is not in `SUFFIXES`, a library is missing, or the directory is
-            not writable.
+        RequestError: if the suffix is not in `SUFFIXES`, a library is missing, or see
+            `files.check_output`.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -58,9 +58,7 @@ def check_output(path: Path) -> None:
         raise RequestError(
             f"{suffix} needs {' and '.join(missing)}: type pip install 'jbench[render]'."
         )
-    make_directory(path.parent)
-    if path.is_dir():
-        raise RequestError(f"--out {path} is a directory; name a file.")
+    check_output(path)
 
 
 def render_to_file(
@@ -89,7 +87,7 @@ def render_to_file(
         RequestError: if the file can't be written.
         WorkError: if the disk is full or fails.
     """
-    check_output(path)
+    _check(path)
     suffix = path.suffix.lower()
     at = strip_steps(steps) if suffix == ".png" else video_steps(steps, speed)
     title, note = f"{scene.task}, {name}", f"{scene.camera} camera"

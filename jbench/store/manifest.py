@@ -130,6 +130,11 @@ def _texts(value: Any) -> list[str]:
     return texts
 
 
+def reason_of(error: ValidationError) -> str:
+    """Returns the first reason for which a manifest is invalid, as a clause."""
+    return error.errors()[0]["msg"].removeprefix("Value error, ")
+
+
 class VersionError(WorkError):
     """The manifest has a schema version that this jbench can't read."""
 
@@ -216,5 +221,6 @@ class Manifest(BaseModel):
                 )
             return cls.model_validate_json(content)
         except ValidationError as error:
-            reason = error.errors()[0]["msg"]
-            raise WorkError(f"{where} is not a manifest that can be read ({reason}).") from None
+            raise WorkError(
+                f"{where} is not a manifest that can be read ({reason_of(error)})."
+            ) from None

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from jbench.errors import RequestError
 from jbench.store import files, locks, parquet
-from jbench.store.manifest import MANIFEST, FileEntry, Manifest
+from jbench.store.manifest import MANIFEST, FileEntry, Manifest, reason_of
 from jbench.store.provenance import differences, provenance
 from jbench.store.record_reader import RecordReader
 
@@ -44,7 +44,7 @@ class Record(RecordReader):
                 updated=now,
             )
         except ValidationError as error:
-            reason = error.errors()[0]["msg"]
+            reason = reason_of(error)
             raise RequestError(f"The {self.kind} {self.id} can't be saved ({reason}).") from None
         files.make_directory(self.path)
         self._commit(manifest)

@@ -1,6 +1,7 @@
 """Tests of the export of policies to ONNX, against ONNX Runtime."""
 
 import json
+import os
 
 import numpy as np
 import onnx
@@ -196,6 +197,14 @@ def test_encoder_that_is_not_layers_is_refused(tmp_path):
     with pytest.raises(RequestError, match="The run a/b can't be exported to ONNX"):
         export_onnx(agent, "a/b", tmp_path / "policy.onnx")
     assert not (tmp_path / "policy.onnx").exists()
+
+
+def test_device_is_not_replaced(tmp_path, refused):
+    """A pipe stands for a device such as /dev/null."""
+    os.mkfifo(tmp_path / "pipe")
+    error = refused("export", RUN, "--out", tmp_path / "pipe", results=tmp_path / "results")
+    assert f"--out {tmp_path}/pipe is not a plain file; name a file." in error
+    assert (tmp_path / "pipe").is_fifo()
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ def test_names_of_third_party_algorithms_and_engines_are_read(results, algo):
 
 
 def test_record_with_unreadable_settings_is_not_created(results):
-    with pytest.raises(RequestError, match="'=1' can't be the setting algo"):
+    with pytest.raises(RequestError, match=r"saved \('=1' can't be the setting algo\)"):
         results.create("run", "a/b", {**RUN_SETTINGS, "algo": "=1"})
     assert results.find("run", "a/b") is None
 

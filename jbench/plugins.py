@@ -25,7 +25,6 @@ def offered(group: str, pattern: re.Pattern[str], taken: Collection[str]) -> dic
     """Returns the entry points of a group by name.
 
     Args:
-        group: name of the group.
         pattern: of valid names; others are left out.
         taken: names of jbench's own, which are left out.
     """
@@ -41,7 +40,6 @@ def load(what: str, point: EntryPoint) -> Any:
 
     Args:
         what: what it is in error messages, such as "kind of encoder".
-        point: an entry point.
 
     Raises:
         WorkError: if it can't be imported, or several packages offer this name.

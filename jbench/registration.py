@@ -8,11 +8,7 @@ _SOLVED = 900  # return (paper, Figure 9)
 
 
 def environment_id(task: str, augmented: bool = False) -> str:
-    """Returns the Gymnasium id of a task: `Jitterbug/FaceDirection-v0` for `face_direction`.
-
-    Args:
-        augmented: whether the robot is augmented: `AugmentedJitterbug/FaceDirection-v0`.
-    """
+    """Returns the Gymnasium id of a task, such as `Jitterbug/FaceDirection-v0`."""
     domain = "AugmentedJitterbug" if augmented else "Jitterbug"
     return f"{domain}/{task.title().replace('_', '')}-v0"
 

@@ -16,7 +16,6 @@ def final_episodes(
 
     Args:
         episodes: (runs,) number of episodes of each run.
-        max_episodes: upper limit.
     """
     return np.clip(episodes // 4, 1, max_episodes)
 

@@ -1,5 +1,7 @@
 """Seeds as users type them, on the command line and in the file of a sweep."""
 
+import re
+
 from jbench.errors import RequestError
 
 _MAX_NUMBERS = 10_000  # in one range; more is a typing error
@@ -17,19 +19,14 @@ def parse_seeds(text: str) -> list[int]:
 def parse_numbers(option: str, text: str, example: str) -> list[int]:
     """Returns the whole numbers of a text like 0-9 or 0,2,5-7, each once, in order.
 
-    Args:
-        option: the option, for the error.
-        text: what was typed.
-        example: what to type instead, for the error.
-
     Raises:
-        RequestError: if it is not such a text.
+        RequestError: if it is not such a text; it names the option and the example.
     """
     numbers: set[int] = set()
     for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        is_range = first.isdecimal() and (not dash or last.isdecimal())
-        if not is_range or not 0 <= int(last or first) - int(first) < _MAX_NUMBERS:
+        match = re.fullmatch(r"(\d{1,19})(?:-(\d{1,19}))?", part.strip())
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
+        if not 0 <= last - first < _MAX_NUMBERS:
             raise RequestError(f"{option} {text}: type {example}.")
-        numbers.update(range(int(first), int(last or first) + 1))
+        numbers.update(range(first, last + 1))
     return sorted(numbers)

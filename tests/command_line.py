@@ -1,9 +1,11 @@
 """Runs jbench commands in separate processes, which are forked; see `forking.py`."""
 
 import os
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 
 from jbench.names import EPISODE_STEPS
 from tests.forking import COMMAND, ROOT, Forked, server
@@ -73,6 +75,23 @@ def succeed(*arguments, results, short=False):
     done = jbench(*arguments, results=results, short=short)
     assert done.returncode == 0, done.stderr
     return done
+
+
+def wait_until(condition, process=None, seconds=300):
+    """Returns the value of a condition once it is true; the process must not end before."""
+    deadline = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < deadline
+        assert process is None or process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    return found
+
+
+def kill_when(condition, process):
+    """Kills a process (SIGKILL), but not its children, once a condition is true."""
+    wait_until(condition, process)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
 
 
 SMALL = ("--set", "hidden_layers=[8]", "--set", "batch_size=8")

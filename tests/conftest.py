@@ -48,6 +48,22 @@ def coarse_pictures(rendering, monkeypatch):
 
 
 @pytest.fixture
+def refused(capsys):
+    """Returns a function that runs a command that must fail; it returns the only line printed."""
+    from jbench.cli import main
+
+    def run(*arguments, results=None, code=2):
+        where = () if results is None else ("--results", str(results))
+        capsys.readouterr()
+        assert main([*map(str, arguments), *where]) == code
+        printed = capsys.readouterr()
+        assert (printed.err[:7], printed.err.count("\n"), printed.out) == ("Error: ", 1, "")
+        return printed.err
+
+    return run
+
+
+@pytest.fixture
 def forked_workers(monkeypatch):
     """Forks the workers that a command in this process starts; see `tests/forking.py`."""
     from tests.forking import fork_workers

@@ -13,7 +13,7 @@ import safetensors.numpy
 from jbench.datasets import collect
 from jbench.encoders import saved
 from jbench.encoders.settings import encoder_settings
-from jbench.policies.saved import Policy
+from jbench.policies.saved import Policy, policy_files
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
@@ -102,7 +102,7 @@ def _add_run(results, representation, seed, training, evaluation):
             "evaluations": pa.Table.from_pylist(evaluations, schema.EVALUATIONS),
         }
     )
-    record.finish({"wall_time": 120.0, "steps_done": 25_000}, _policy(representation).to_files())
+    record.finish({"wall_time": 120.0, "steps_done": 25_000}, policy_files(_policy(representation)))
 
 
 def _policy(representation):

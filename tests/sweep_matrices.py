@@ -3,7 +3,6 @@
 import contextlib
 import os
 import signal
-import time
 from pathlib import Path
 
 from jbench.store import Results, locks
@@ -90,16 +89,6 @@ def ended(process):
     """Waits until a process ends; returns its standard output and standard error."""
     out, err = process.communicate(timeout=600)
     return out + err
-
-
-def wait_until(condition, process=None, seconds=300):
-    """Returns the value of a condition once it is true; the process must not end before."""
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline
-        assert process is None or process.poll() is None, process.communicate()
-        time.sleep(0.02)
-    return found
 
 
 def held(runs, path):

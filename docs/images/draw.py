@@ -47,9 +47,9 @@ def episodes() -> None:
     policy, task = heuristic("move_to_pose"), "move_to_pose"
     scene = Scene(task, seed=SEED, camera="spectator", width=480, height=360)
     path = HERE / "move_to_pose.gif"
-    print(render_to_file(policy, scene, path, name="heuristic", speed=0.5, steps=400))
+    render_to_file(policy, scene, path, name="heuristic", speed=0.5, steps=400)
     scene = Scene(task, seed=SEED, camera="spectator", width=320, height=240)
-    print(render_to_file(policy, scene, HERE / "strip.png", name="heuristic", steps=250))
+    render_to_file(policy, scene, HERE / "strip.png", name="heuristic", steps=250)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """The algorithms command."""
 
-from collections.abc import Sequence
 from json import dumps
 from typing import Annotated, Any
 
@@ -31,15 +30,15 @@ def algorithms(
         except WorkError as error:
             broken.append({"name": each, "error": str(error)})
             output.warn(str(error))
-    if name is not None:
-        _show_settings(listed, output)
-    else:
+    if name is None:
         rows = [
-            (a["name"], a["engine"], a["package"], ", ".join(_assignment(s) for s in a["settings"]))
+            (a["name"], a["engine"], a["package"], ", ".join(map(_assignment, a["settings"])))
             for a in listed
         ]
         output.table("Algorithms", ("--algo", "engine", "package", "settings"), rows)
         output.say("jbench algorithms NAME explains the settings of one; --set changes them.")
+    elif listed:
+        _show_settings(listed[0], output)
     output.document({"algorithms": listed, "broken": broken})
     if broken:
         raise WorkError(f"{counted(len(broken), 'algorithm')} can't be loaded; see above.")
@@ -68,12 +67,11 @@ def _described(name: str) -> dict[str, Any]:
     }
 
 
-def _show_settings(listed: Sequence[dict[str, Any]], output: Output) -> None:
-    for found in listed:
-        rows = [(s["name"], _text(s["default"]), s["description"]) for s in found["settings"]]
-        package = found["package"] or "in no package"
-        title = f"{found['name']}: {package}, engine {found['engine']}"
-        output.table(title, ("setting", "default", "meaning"), rows)
+def _show_settings(algorithm: dict[str, Any], output: Output) -> None:
+    rows = [(s["name"], _text(s["default"]), s["description"]) for s in algorithm["settings"]]
+    package = algorithm["package"] or "in no package"
+    title = f"{algorithm['name']}: {package}, engine {algorithm['engine']}"
+    output.table(title, ("setting", "default", "meaning"), rows)
 
 
 def _assignment(setting: dict[str, Any]) -> str:

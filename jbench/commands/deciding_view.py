@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from jbench.commands.output import Output
 from jbench.report.analysis import sequential
 from jbench.report.analysis.claims import MARGIN
@@ -54,7 +52,7 @@ def show_look(look: Look, output: Output) -> None:
 
 
 def described_outcomes(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """Returns the entries of comparisons in the JSON document; non-finite numbers are null."""
+    """Returns the entries of comparisons in the JSON document."""
     return [
         {
             "comparison": one.comparison.name,
@@ -62,10 +60,7 @@ def described_outcomes(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
             "algo": one.comparison.ours.algo,
             "representation": one.comparison.ours.representation,
             "against": one.comparison.against,
-            **{
-                key: value if isinstance(value, str) or np.isfinite(value) else None
-                for key, value in one.decision._asdict().items()
-            },
+            **one.decision._asdict(),
             "needed": [run.id for run in one.needed],
         }
         for one in outcomes

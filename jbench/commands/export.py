@@ -94,8 +94,11 @@ def _policy(run: str, in_si_units: bool, out: Path | None, results: Path, output
         raise RequestError("--format onnx needs the package onnx; type pip install 'jbench[onnx]'.")
     from jbench.policies.find import find_trained_agent
     from jbench.policies.onnx_export import export_onnx
+    from jbench.store.files import check_output
 
     database, name = database_and_policy(results, run)
+    if out is not None:
+        check_output(out)
     id, agent = find_trained_agent(database, name)
     done = export_onnx(agent, id, out or database.path / "onnx" / f"{id}.onnx", in_si_units)
     what = "features in SI units" if in_si_units else "the observation of the environment"

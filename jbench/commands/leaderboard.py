@@ -1,7 +1,7 @@
 """The leaderboard command."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -19,9 +19,6 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError
-
-if TYPE_CHECKING:
-    from jbench.report.document import TableItem
 
 
 def leaderboard(
@@ -55,9 +52,11 @@ def leaderboard(
     """
     if markdown + as_csv + json > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
+    from jbench.commands.display import show_item
     from jbench.report import leaderboard as board
     from jbench.report.data.returns import KINDS
     from jbench.report.request import Request
+    from jbench.report.tables.files import FORMATS
 
     found = [parsing.existing_results(directory) for directory in directories or [results]]
     # A directory may be typed twice, also by two paths.
@@ -69,22 +68,11 @@ def leaderboard(
         returns=names.known("value of --returns", returns, names.RETURNS),
     )
     ranked, problems = board.of_results(databases, request)
-    output = Output(json)
-    _show(
-        board.table(ranked, KINDS[request.returns]),
-        "md" if markdown else "csv" if as_csv else None,
-        output,
-    )
+    output, item = Output(json), board.table(ranked, KINDS[request.returns])
+    if markdown or as_csv:
+        output.raw(FORMATS["md" if markdown else "csv"](item))
+    else:
+        show_item(item, output)
+        output.say(item.caption)
     output.document({"entries": board.documents(ranked), "problems": problems})
     output.warn_of_damage(problems)
-
-
-def _show(item: "TableItem", format: str | None, output: Output) -> None:
-    from jbench.commands.display import show_item
-    from jbench.report.tables.files import FORMATS
-
-    if format is not None:
-        output.raw(FORMATS[format](item))
-        return
-    show_item(item, output)
-    output.say(item.caption)

@@ -15,10 +15,7 @@ if TYPE_CHECKING:
 def logged(
     log: str | None, results: "Results", runs: Sequence["RunSettings"], output: Output
 ) -> Iterator[None]:
-    """Copies the rows of runs to an experiment tracker during the block, if one is named.
-
-    Args:
-        log: one of `names.LOGGERS`, or None.
+    """Copies the rows of runs to an experiment tracker (`names.LOGGERS`), if one is named.
 
     Raises:
         RequestError: if the tracker's library is not installed.

@@ -1,6 +1,5 @@
 """Terminal output of the commands: text, tables, progress, or one JSON document."""
 
-import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -8,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any, ClassVar
 
 from jbench.errors import WorkError
+from jbench.json_text import json_text
 from jbench.wording import are, counted
 
 _PLAIN_EVERY = 10.0  # s between plain lines of progress, where there is no terminal
@@ -80,9 +80,9 @@ class Output:
             raise WorkError(f"{count} damaged and left out; see above. {advice}".rstrip())
 
     def document(self, content: dict[str, Any]) -> None:
-        """Prints the JSON document if `--json` was given."""
+        """Prints the JSON document if `--json` was given; see `json_text`."""
         if self.as_json:
-            self.raw(json.dumps(content, indent=1, allow_nan=False) + "\n")
+            self.raw(f"{json_text(content)}\n")
 
     def raw(self, text: str) -> None:
         """Writes text to standard output unchanged."""

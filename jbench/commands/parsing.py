@@ -4,23 +4,12 @@ import contextlib
 import difflib
 import json
 from collections.abc import Collection, Sequence
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jbench import names
 from jbench.errors import RequestError
-from jbench.names import (
-    ENCODER_KINDS,
-    FULL,
-    MAX_COUNT,
-    MAX_SEED,
-    NO_ENCODER,
-    OFE,
-    REFERENCE,
-    is_reference,
-    kind_of,
-)
 from jbench.seeds import parse_numbers
 
 if TYPE_CHECKING:
@@ -87,16 +76,16 @@ def _representations(value: str, results: "Results") -> list[str]:
     """Returns the representations that are meant: `planar` is every size of this kind."""
     from jbench.store.listing import values_of
 
-    if value.lower() in NO_ENCODER:
-        return [FULL]
-    of_kind = [one for one in values_of(results, "representation") if kind_of(one) == value]
+    if value.lower() in names.NO_ENCODER:
+        return [names.FULL]
+    of_kind = [one for one in values_of(results, "representation") if names.kind_of(one) == value]
     return of_kind or [known_or_held("representation", value, [results])]
 
 
 def _is_representation(value: str) -> bool:
     """Returns whether a value is `full`, or a built-in kind with its size, such as dae12."""
-    kind = kind_of(value)
-    return value == FULL or (value != kind and kind in {*ENCODER_KINDS, OFE})
+    kind = names.kind_of(value)
+    return value == names.FULL or (value != kind and kind in {*names.ENCODER_KINDS, names.OFE})
 
 
 def results_at(path: Path) -> "Results":
@@ -108,7 +97,7 @@ def results_at(path: Path) -> "Results":
     from jbench.store import Results
     from jbench.store.shipped import shipped_results
 
-    return shipped_results() if is_reference(path) else Results(path)
+    return shipped_results() if names.is_reference(path) else Results(path)
 
 
 def existing_results(path: Path) -> "Results":
@@ -120,8 +109,8 @@ def existing_results(path: Path) -> "Results":
     results = results_at(path)
     if not results.path.exists():
         raise RequestError(
-            f"{path} does not exist; name another directory, such as {REFERENCE} (the results "
-            "shipped with jbench), or type jbench demo to make results."
+            f"{path} does not exist; name another directory, such as {names.REFERENCE} (the "
+            "results shipped with jbench), or type jbench demo to make results."
         )
     return results
 
@@ -142,9 +131,9 @@ def count(option: str, text: str) -> int:
     scale = _SCALES.get(text[-1:].lower(), 1)
     try:
         number = Decimal(text if scale == 1 else text[:-1]) * scale
-    except InvalidOperation:
+    except ArithmeticError:  # no number, or one that decimal can't hold
         number = Decimal(0)
-    if not (number.is_finite() and 1 <= number <= MAX_COUNT and number % 1 == 0):
+    if not (number.is_finite() and 1 <= number <= names.MAX_COUNT and number % 1 == 0):
         raise RequestError(
             f"{option} {text}: type a positive whole number, such as 100000, 100k or 5e6."
         )
@@ -157,8 +146,8 @@ def seed(number: int, option: str = "--seed") -> int:
     Raises:
         RequestError: if it is negative, or exceeds the database's 64-bit integers.
     """
-    if not 0 <= number <= MAX_SEED:
-        raise RequestError(f"{option} {number}: type a whole number from 0 up to {MAX_SEED}.")
+    if not 0 <= number <= names.MAX_SEED:
+        raise RequestError(f"{option} {number}: type a whole number from 0 up to {names.MAX_SEED}.")
     return number
 
 
@@ -193,12 +182,7 @@ def _setting(text: str) -> Any:
 
 
 def processes(jobs: int, device: str) -> int:
-    """Returns the number of processes at a time that `--jobs` requests.
-
-    Args:
-        jobs: 0 for one per core, or one for a GPU.
-        device: that trains the agents.
-    """
+    """Returns the processes at a time that `--jobs` requests; 0: one per core, or one for a GPU."""
     from jbench.sweeps.executors import default_jobs
 
     return all_cores(jobs) if jobs else default_jobs(device)

@@ -118,19 +118,18 @@ def render(
     choose_backend()
     from jbench.policies.find import find_policy
     from jbench.rendering.episode import Scene
-    from jbench.rendering.write import check_output, default_size, render_to_file
+    from jbench.rendering.write import default_size, render_to_file
 
     output, (database, policy) = Output(json), database_and_policy(results, policy)
-    check_output(out)
     width, height = default_size(out)
     task = _task(database, policy, task, "move_to_pose")
     scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
     runner = find_policy(database, policy, task, seed)
     _say_other_robot(output, database, policy, augment)
     with output.progress(f"render {policy} {task}", steps, "control steps") as progress:
-        done = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
-    output.say(f"{done.path}: {done.seconds:.1f} s, return {done.episode_return:.0f}")
-    output.document({"path": str(done.path), "episode_return": done.episode_return})
+        last = render_to_file(runner, scene, out, name=policy, steps=steps, progress=progress)
+    output.say(f"{out}: {last.time:.1f} s, return {last.episode_return:.0f}")
+    output.document({"path": str(out), "episode_return": last.episode_return})
 
 
 def view(

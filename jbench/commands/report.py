@@ -223,20 +223,15 @@ def open_page(page: Path) -> bool:
 
 def _show(written: "Report", output: Output) -> None:
     from jbench.commands import display
+    from jbench.store.query import records
 
-    display.show_final_returns(_cells(written), output)
+    display.show_final_returns(records(written.data.table), output)
     for item in _printed_tables(written):
         display.show_item(item, output)
     for note in written.data.notes:
         output.say(f"Note: {note}")
     page = next(file for file in written.files if file.name == "index.html")
     output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
-
-
-def _cells(written: "Report") -> list[dict[Any, Any]]:
-    """Returns the row of each cell in the table; None for missing values."""
-    table = written.data.table
-    return table.astype(object).where(table.notna(), None).to_dict("records")
 
 
 def _printed_tables(written: "Report") -> list["TableItem"]:
@@ -252,17 +247,15 @@ def _printed_tables(written: "Report") -> list["TableItem"]:
 
 def _document(written: "Report") -> dict[str, Any]:
     """Returns the JSON document."""
-    import json
-
     from jbench.report.analysis.claims import findings_frame
     from jbench.report.analysis.comparisons import comparisons_frame
-    from jbench.store.query import to_json
+    from jbench.store.query import records
 
     findings = written.data.findings
     return {
-        "table": _cells(written),
-        "comparisons": json.loads(to_json(comparisons_frame(written.data.comparisons))),
-        **({} if findings is None else {"claims": json.loads(to_json(findings_frame(findings)))}),
+        "table": records(written.data.table),
+        "comparisons": records(comparisons_frame(written.data.comparisons)),
+        **({} if findings is None else {"claims": records(findings_frame(findings))}),
         "files": [str(file) for file in written.files],
         "notes": list(written.data.notes),
         "problems": list(written.data.problems),

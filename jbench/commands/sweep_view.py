@@ -25,12 +25,7 @@ def show_missing(cells: Sequence[Cell], results: Results, output: Output) -> lis
 def show_matrix(
     title: str, statuses: Sequence[CellStatus], jobs: int, times: bool, output: Output
 ) -> None:
-    """Prints how many seeds of each cell are finished, and what is left.
-
-    Args:
-        jobs: number of processes that run at a time.
-        times: whether to print the estimated time left.
-    """
+    """Prints how many seeds of each cell are finished, and with `times` the time that is left."""
     settings = [_settings(each.cell) for each in statuses]
     varied = [name for name in settings[0] if len({each[name] for each in settings}) > 1]
     header = ["task", "algo", "representation", *varied]

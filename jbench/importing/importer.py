@@ -85,12 +85,6 @@ def import_curves(
             has several files of which only one can be its learning curve.
         WorkError: if the disk is full or fails.
     """
-    curves = read_curves(paths, request)
-    return [_write(results, curve) for curve in curves]
-
-
-def read_curves(paths: Sequence[Path], request: ImportRequest) -> list[_Curve]:
-    """Returns the learning curves of all seeds; see `import_curves`."""
     if not paths:
         raise RequestError("No file is named; type the files to import.")
     by_hash: dict[str, ImportedFile] = {}
@@ -105,7 +99,8 @@ def read_curves(paths: Sequence[Path], request: ImportRequest) -> list[_Curve]:
     for file in by_hash.values():
         for series in read(file, request):
             by_seed.setdefault(series.seed, []).append(series)
-    return [_curve(parts, request) for _, parts in sorted(by_seed.items())]
+    curves = [_curve(parts, request) for _, parts in sorted(by_seed.items())]
+    return [_write(results, curve) for curve in curves]
 
 
 def _open(path: Path) -> ImportedFile:

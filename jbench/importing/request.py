@@ -5,16 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jbench.errors import RequestError
-from jbench.names import (
-    FULL,
-    IMPORT_FORMATS,
-    MAX_SEED,
-    RETURNS,
-    ImportFormat,
-    ReturnsName,
-    known,
-    one_of,
-)
+from jbench.names import FULL, MAX_SEED, ImportFormat, ReturnsName, one_of
 
 _USED_BY = {
     "tag": ("tensorboard",),
@@ -58,9 +49,6 @@ class ImportRequest:
 
     def __post_init__(self) -> None:
         """Checks the fields."""
-        known("format", self.format, IMPORT_FORMATS)
-        if self.returns is not None:
-            known("kind of return", self.returns, RETURNS)
         for name, formats in _USED_BY.items():
             if getattr(self, name) is not None and self.format not in formats:
                 option = f"--{name.replace('_', '-')}"
@@ -82,11 +70,7 @@ class ImportRequest:
             ) from None
 
     def seed_in(self, text: str, what: str) -> int:
-        """Returns the seed that `seed_from` finds in a text.
-
-        Args:
-            text: path of a file, or name of a run.
-            what: how messages call the text.
+        """Returns the seed that `seed_from` finds in a text, which messages call `what`.
 
         Raises:
             RequestError: if it finds no whole number.
@@ -106,11 +90,7 @@ class ImportRequest:
 
 
 def seed_of(text: str, where: str) -> int:
-    """Returns the seed in a text.
-
-    Args:
-        text: digits.
-        where: beginning of the message, which the text follows.
+    """Returns the seed in a text; an error begins with `where`.
 
     Raises:
         RequestError: if it is not a whole number.

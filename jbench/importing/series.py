@@ -34,12 +34,7 @@ class Series(NamedTuple):
 
 
 def numbers(table: pd.DataFrame, name: str, file: ImportedFile) -> NDArray[np.float64]:
-    """Returns a column of texts as finite numbers.
-
-    Args:
-        table: from `read_table`.
-        name: name of the column.
-        file: for error messages.
+    """Returns a column of `read_table` as finite numbers.
 
     Raises:
         RequestError: if one is not a finite number.
@@ -59,8 +54,7 @@ def check_points(points: pd.DataFrame, file: ImportedFile, where: Callable[[int]
 
     Args:
         points: see `Series.points`.
-        file: for error messages.
-        where: name of a point in error messages, by its position.
+        where: returns what messages call a point, by its position.
 
     Raises:
         RequestError: if there is no point, or a value can't be one of a Jitterbug task.

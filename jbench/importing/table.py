@@ -64,10 +64,7 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
 
 
 def check_columns(table: pd.DataFrame, file: ImportedFile, option: str, name: str) -> None:
-    """Checks that there is a column of that name.
-
-    Args:
-        option: option that names the column.
+    """Checks that there is the column that an option names.
 
     Raises:
         RequestError: if there is none.

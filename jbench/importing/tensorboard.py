@@ -53,9 +53,7 @@ def joined(parts: Sequence[Series]) -> pd.DataFrame:
     return pd.concat([part.points for part in parts], ignore_index=True)
 
 
-def _tag(
-    file: ImportedFile, scalars: dict[str, list[tuple[int, float, float]]], tag: str | None
-) -> str:
+def _tag(file: ImportedFile, scalars: Scalars, tag: str | None) -> str:
     """Returns the tag to read.
 
     Raises:
@@ -92,7 +90,12 @@ def _scalars(file: ImportedFile) -> Scalars:
             # Only the first value of a tag says which plugin the tag belongs to.
             plugin = plugins.setdefault(value.tag, value.metadata.plugin_data.plugin_name)
             if plugin == "scalars":
-                number = float(make_ndarray(value.tensor).item())
+                try:
+                    number = float(make_ndarray(value.tensor).item())
+                except (TypeError, ValueError):
+                    raise RequestError(
+                        f"{file.path}: a value of {value.tag[:40]!r} is not one number."
+                    ) from None
                 scalars.setdefault(value.tag, []).append((event.step, event.wall_time, number))
     # The reader stops at a damaged record without a message.
     records = _records(file.content)

@@ -52,11 +52,7 @@ _MODULES = {
 
 
 def make_logger(name: str, results: Path) -> Logger:
-    """Returns the logger of a tracker.
-
-    Args:
-        name: one of `jbench.names.LOGGERS`.
-        results: the results directory; a tracker that writes files has a directory there.
+    """Returns the logger of a tracker (`names.LOGGERS`); its files are in the results directory.
 
     Raises:
         RequestError: if its library is not installed.

@@ -49,23 +49,23 @@ class Policy:
             values = np.maximum(values @ weight.T + bias, 0)
         return _SQUASHES[self.squash](values @ self.weights[-1].T + self.biases[-1])
 
-    def to_files(self) -> dict[str, bytes]:
-        """Returns the policy as files by name: weights as safetensors, and their layout as JSON."""
-        tensors: dict[str, NDArray[np.float32]] = {}
+    def tensors(self) -> dict[str, NDArray[np.float32]]:
+        """Returns the arrays by name, such as 0.weight, for safetensors."""
+        tensors = {} if self.features is None else self.features.tensors()
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             tensors |= {f"{layer}.weight": weight, f"{layer}.bias": bias}
-        description: dict[str, Any] = {"layers": len(self.weights), "squash": self.squash}
+        return tensors
+
+    def description(self) -> dict[str, Any]:
+        """Returns the structure that the tensors do not contain, for JSON."""
+        structure: dict[str, Any] = {"layers": len(self.weights), "squash": self.squash}
         if self.features is not None:
-            tensors |= self.features.tensors()
-            description["features"] = self.features.description()
-        return {
-            WEIGHTS: safetensors.numpy.save(tensors),
-            DESCRIPTION: json.dumps(description, indent=1).encode(),
-        }
+            structure["features"] = self.features.description()
+        return structure
 
     @classmethod
     def from_files(cls, weights: bytes, description: bytes) -> "Policy":
-        """Reads a policy that `to_files` wrote.
+        """Inverts `tensors` (as safetensors) and `description` (as JSON).
 
         Raises:
             ValueError: if the files are invalid.
@@ -91,8 +91,6 @@ def policy_files(policy: Policy | Network | None) -> dict[str, bytes]:
     """Returns a policy as files by name; none for None."""
     if policy is None:
         return {}
-    if isinstance(policy, Policy):
-        return policy.to_files()
     return {
         WEIGHTS: safetensors.numpy.save(policy.tensors()),
         DESCRIPTION: json.dumps(policy.description(), indent=1).encode(),

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jbench.errors import RequestError
-from jbench.names import CAMERAS, CONTROL_TIMESTEP, EPISODE_STEPS, TASKS, known
+from jbench.names import CONTROL_TIMESTEP
 from jbench.policies.find import ActingPolicy
 from jbench.tasks import features
 from jbench.tasks.gym import JitterbugEnv
@@ -20,9 +19,6 @@ Picture = NDArray[np.uint8]
 # With 4096, dots appear in the corners of the overhead view.
 _SHADOW_TEXELS = 5120
 
-_SIDES = (64, 4096)  # minimum and maximum width and height in pixels
-_SPEEDS = (0.05, 10.0)  # minimum and maximum speed of a video; 1 is real time
-
 
 @dataclass(frozen=True)
 class Scene:
@@ -31,12 +27,8 @@ class Scene:
     Attributes:
         seed: of the initial pose and the target.
         camera: one of `jbench.names.CAMERAS`.
-        width: in pixels.
-        height: in pixels.
+        width, height: in pixels.
         augment: seed of an augmented robot's morphology, or None for the plain robot.
-
-    Raises:
-        RequestError: if the task or camera does not exist, or the size is out of range.
     """
 
     task: str
@@ -45,16 +37,6 @@ class Scene:
     width: int = 640
     height: int = 480
     augment: int | None = None
-
-    def __post_init__(self) -> None:
-        known("task", self.task, TASKS)
-        known("camera", self.camera, CAMERAS)
-        smallest, largest = _SIDES
-        if not all(smallest <= side <= largest for side in (self.width, self.height)):
-            raise RequestError(
-                f"No picture of {self.width} x {self.height} pixels; each side has {smallest} to "
-                f"{largest}."
-            )
 
 
 @dataclass(frozen=True)
@@ -114,49 +96,6 @@ def render_episode(
             progress(step)
     finally:
         env.close()
-
-
-def video_steps(
-    frames_per_second: float, speed: float = 1.0, steps: int = EPISODE_STEPS
-) -> tuple[Collection[int], float]:
-    """Returns the control steps of a video's frames and the seconds between frames.
-
-    Frames are a whole number of control steps apart, so the speed is exact and the frame rate is
-    rounded: in real time, 30 frames a second become 33.3.
-
-    Args:
-        speed: 1 for real time, 0.5 for half speed.
-
-    Raises:
-        RequestError: if speed, frame rate or steps are out of range.
-    """
-    if not _SPEEDS[0] <= speed <= _SPEEDS[1]:
-        raise RequestError(f"No speed {speed:g}; there are {_SPEEDS[0]:g} to {_SPEEDS[1]:g}.")
-    _check_steps(steps)
-    max_rate = round(speed / CONTROL_TIMESTEP, 6)  # 29 at speed 0.29, not 28.999999999999996
-    if not 1 <= frames_per_second <= max_rate:
-        raise RequestError(
-            f"No video of {frames_per_second:g} frames a second; there are 1 to {max_rate:g}."
-        )
-    stride = round(max_rate / frames_per_second)
-    return range(0, steps + 1, stride), stride * CONTROL_TIMESTEP / speed
-
-
-def strip_steps(moments: int, steps: int = EPISODE_STEPS) -> Collection[int]:
-    """Returns the control steps of equally spaced moments, from the first to the last.
-
-    Raises:
-        RequestError: if there are fewer than two moments, or more than steps.
-    """
-    _check_steps(steps)
-    if not 2 <= moments <= steps + 1:
-        raise RequestError(f"No strip of {moments} moments in {steps} control steps.")
-    return [round(moment * steps / (moments - 1)) for moment in range(moments)]
-
-
-def _check_steps(steps: int) -> None:
-    if not 1 <= steps <= EPISODE_STEPS:
-        raise RequestError(f"An episode has 1 to {EPISODE_STEPS} control steps, not {steps}.")
 
 
 def goal(task: str, observation: NDArray[np.floating]) -> str:

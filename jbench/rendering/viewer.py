@@ -23,8 +23,7 @@ _CLOSING_SECONDS = 30
 def view(policy: ActingPolicy, scene: Scene) -> int:
     """Opens MuJoCo's viewer and simulates episodes in real time until the window is closed.
 
-    Args:
-        scene: the first episode; its camera and size are ignored.
+    The scene is that of the first episode; its camera and size are ignored.
 
     Returns:
         The number of simulated control steps.

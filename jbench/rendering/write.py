@@ -2,28 +2,19 @@
 
 import importlib.util
 import io
-import itertools
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from jbench.errors import RequestError, WorkError
-from jbench.names import EPISODE_STEPS
+from jbench.names import CONTROL_TIMESTEP, EPISODE_STEPS
 from jbench.policies.find import ActingPolicy
-from jbench.rendering.episode import (
-    Frame,
-    Picture,
-    Scene,
-    render_episode,
-    strip_steps,
-    video_steps,
-)
+from jbench.rendering.episode import Frame, Picture, Scene, render_episode
 from jbench.rendering.overlay import strip_picture, video_picture
-from jbench.store.files import make_directory, write_atomic
+from jbench.store.files import check_output, write_atomic
 
 SUFFIXES = (".mp4", ".gif", ".png")
 """Supported file suffixes: video, animation, strip of images."""
@@ -31,8 +22,10 @@ SUFFIXES = (".mp4", ".gif", ".png")
 _VIDEO_SIZE = (640, 480)
 _MOMENT_SIZE = (320, 240)
 
-# Browsers slow down animations with shorter intervals (s).
-_MIN_GIF_INTERVAL = 0.02
+_INTERVAL = 0.04
+"""Seconds between the images of a video or an animation, a whole number of control steps."""
+
+_MOMENTS = 6  # images in a strip
 
 # Images from which an animation's palette is computed.
 _PALETTE_PICTURES = 8
@@ -41,33 +34,17 @@ _PALETTE_PICTURES = 8
 _VIDEO_QUALITY = 8
 
 
-@dataclass(frozen=True)
-class Rendered:
-    """A written file.
-
-    Attributes:
-        pictures: number of images.
-        seconds: simulated time from the start of the episode to the last image.
-        episode_return: at the last image.
-    """
-
-    path: Path
-    pictures: int
-    seconds: float
-    episode_return: float
-
-
 def default_size(path: Path) -> tuple[int, int]:
     """Returns the default width and height (pixels) for a file's suffix."""
     return _MOMENT_SIZE if path.suffix.lower() == ".png" else _VIDEO_SIZE
 
 
-def check_output(path: Path) -> None:
-    """Checks that a file can be written, before anything is simulated.
+def _check(path: Path) -> None:
+    """Checks that a picture or video can be written, before anything is simulated.
 
     Raises:
-        RequestError: if the suffix is not in `SUFFIXES`, a library is missing, or the directory is
-            not writable.
+        RequestError: if the suffix is not in `SUFFIXES`, a library is missing, or see
+            `files.check_output`.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -81,9 +58,7 @@ def check_output(path: Path) -> None:
         raise RequestError(
             f"{suffix} needs {' and '.join(missing)}: type pip install 'jbench[render]'."
         )
-    make_directory(path.parent)
-    if path.is_dir():
-        raise RequestError(f"--out {path} is a directory; name a file.")
+    check_output(path)
 
 
 def render_to_file(
@@ -92,35 +67,29 @@ def render_to_file(
     path: Path,
     *,
     name: str,
-    frames_per_second: float = 25,
     speed: float = 1.0,
-    moments: int = 6,
     steps: int = EPISODE_STEPS,
     progress: Callable[[int], object] = lambda steps: None,
-) -> Rendered:
+) -> Frame:
     """Writes an episode of a policy as a video, an animation, or a strip of images.
 
     Args:
         path: of the file; its suffix determines the format.
-        frames_per_second: of a video or an animation.
-        speed: of a video or an animation: 1 for real time, 0.5 for half speed.
-        moments: number of images in a strip.
-        steps: control steps to show.
+        name: of the policy, for the text in a video or an animation.
+        speed: of a video or an animation, a multiple of 0.25: 1 for real time.
+        steps: control steps to show, 1 to 1000.
         progress: called with the number of completed control steps.
+
+    Returns:
+        The last frame.
 
     Raises:
         RequestError: if the file can't be written.
         WorkError: if the disk is full or fails.
     """
-    check_output(path)
+    _check(path)
     suffix = path.suffix.lower()
-    at: Collection[int]
-    if suffix == ".png":
-        at, interval = strip_steps(moments, steps), 0.0
-    else:
-        at, interval = video_steps(frames_per_second, speed, steps)
-    if suffix == ".gif":
-        _check_gif(interval)
+    at = strip_steps(steps) if suffix == ".png" else video_steps(steps, speed)
     title, note = f"{scene.task}, {name}", f"{scene.camera} camera"
     if speed != 1:
         note += f", {speed:g} x real time"
@@ -134,21 +103,24 @@ def render_to_file(
             yield strip_picture(frame) if is_strip else video_picture(frame, title, note)
 
     if suffix == ".mp4":
-        content = mp4(pictures(), (scene.width, scene.height), interval)
+        content = mp4(pictures(), (scene.width, scene.height))
     elif suffix == ".gif":
-        content = gif(list(pictures()), interval)
+        content = gif(list(pictures()))
     else:
         content = png_strip(list(pictures()))
     write_atomic(path, content)
-    return Rendered(path, len(at), last_frame[0].time, last_frame[0].episode_return)
+    return last_frame[0]
 
 
-def _check_gif(interval: float) -> None:
-    if interval < _MIN_GIF_INTERVAL:
-        raise RequestError(
-            f"No .gif of {1 / interval:g} frames a second; it has at most "
-            f"{1 / _MIN_GIF_INTERVAL:g}."
-        )
+def video_steps(steps: int, speed: float) -> Collection[int]:
+    """Returns the control steps of a video's images; see `render_to_file`."""
+    return range(0, steps + 1, round(speed * _INTERVAL / CONTROL_TIMESTEP))
+
+
+def strip_steps(steps: int) -> Collection[int]:
+    """Returns the control steps of a strip's images, equally spaced from the first to the last."""
+    last = min(_MOMENTS - 1, steps)
+    return [round(moment * steps / last) for moment in range(last + 1)]
 
 
 def png_strip(pictures: Sequence[Picture]) -> bytes:
@@ -158,14 +130,8 @@ def png_strip(pictures: Sequence[Picture]) -> bytes:
     return buffer.getvalue()
 
 
-def gif(pictures: Sequence[Picture], interval: float) -> bytes:
-    """Returns a looping animation.
-
-    Args:
-        pictures: (height, width, 3) each, all of the same size.
-        interval: seconds between images. The file counts hundredths, so single images may be
-            shown a hundredth longer or shorter, but the whole has the right length.
-    """
+def gif(pictures: Sequence[Picture]) -> bytes:
+    """Returns a looping animation of images (height, width, 3)."""
     indices = np.linspace(0, len(pictures) - 1, min(_PALETTE_PICTURES, len(pictures))).astype(int)
     sample = Image.fromarray(np.vstack([pictures[index] for index in indices]))
     palette = sample.quantize(256, method=Image.Quantize.MEDIANCUT)
@@ -174,27 +140,25 @@ def gif(pictures: Sequence[Picture], interval: float) -> bytes:
         Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
         for picture in pictures
     ]
-    starts = [round(100 * interval * number) for number in range(len(images) + 1)]
     buffer = io.BytesIO()
     images[0].save(
         buffer,
         "GIF",
         save_all=True,
         append_images=images[1:],
-        duration=[10 * (end - start) for start, end in itertools.pairwise(starts)],
+        duration=round(1000 * _INTERVAL),
         loop=0,
         optimize=True,
     )
     return buffer.getvalue()
 
 
-def mp4(pictures: Iterator[Picture], size: tuple[int, int], interval: float) -> bytes:
+def mp4(pictures: Iterator[Picture], size: tuple[int, int]) -> bytes:
     """Returns an H.264 video that any browser plays.
 
     Args:
         pictures: (height, width, 3) each; odd sizes are padded by repeating the last row or column.
         size: width and height (pixels).
-        interval: seconds between images.
 
     Raises:
         RequestError: if the library has no ffmpeg for this machine.
@@ -214,7 +178,7 @@ def mp4(pictures: Iterator[Picture], size: tuple[int, int], interval: float) -> 
         writer = imageio_ffmpeg.write_frames(
             str(path),
             (size[0] + odd[0], size[1] + odd[1]),
-            fps=1 / interval,
+            fps=1 / _INTERVAL,
             codec="libx264",
             quality=_VIDEO_QUALITY,
             macro_block_size=2,  # colours are stored per 2 x 2 pixels

@@ -30,11 +30,7 @@ class Results:
     """
 
     def __init__(self, path: Path | str, name: Path | None = None) -> None:
-        """Opens a results directory, which need not exist yet.
-
-        Args:
-            path: of the directory.
-            name: see `Results`; the default is the path.
+        """Opens a results directory, which need not exist yet; its name is the path by default.
 
         Raises:
             RequestError: if the path is not a directory.
@@ -125,8 +121,7 @@ class Results:
     def scan(self, kind: Kind, beginning: str = "") -> tuple[list[Record], list[str]]:
         """Returns the records of a kind, oldest first, and an error for each unreadable one.
 
-        Args:
-            beginning: only records whose id begins with it are read.
+        Only records whose id has this beginning are read.
         """
         records, problems = [], []
         root = self.path / f"{kind}s"

@@ -83,6 +83,18 @@ def make_directory(path: Path) -> None:
         raise RequestError(f"{path} is not writable; name a directory that you may write to.")
 
 
+def check_output(path: Path) -> None:
+    """Checks that a file can be written, or replaced, before work whose result it will hold.
+
+    Raises:
+        RequestError: if the path is a directory or a device, or its directory is not writable.
+    """
+    make_directory(path.parent)
+    if path.exists() and not path.is_file():
+        what = "a directory" if path.is_dir() else "not a plain file"
+        raise RequestError(f"--out {path} is {what}; name a file.")
+
+
 def write_atomic(path: Path, content: bytes) -> None:
     """Writes a file atomically.
 

@@ -1,9 +1,11 @@
 """Following runs: their rows as they are committed."""
 
+import contextlib
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
@@ -14,7 +16,7 @@ from jbench.store.database import Results
 from jbench.store.listing import RunLine, matches, run_line
 from jbench.store.manifest import MANIFEST
 from jbench.store.record import Record
-from jbench.store.tree import walk
+from jbench.store.tree import Folder, walk
 
 LOOK_EVERY = 2.0
 """Seconds between two looks at the results."""
@@ -61,40 +63,41 @@ class Follower:
         """Follows the runs that match the filters when they are seen for the first time.
 
         Args:
-            results: need not exist yet.
             filters: allowed values by field of `RunLine`.
         """
         self._results, self._filters = results, filters
         self._seen: dict[str, _Seen] = {}
-        self._stamps: dict[str, tuple[int, ...]] = {}
+        self._stamps: dict[str, tuple[int, ...] | None] = {}
         self._reported: set[str] = set()
 
     def look(self) -> Iterator[Change | str]:
         """Yields the changes since the last look, and a sentence for each damaged run, once."""
-        root = self._results.path / "runs"
-        for folder in walk(root):
-            if not folder.is_record:
-                continue
-            run = folder.path.relative_to(root).as_posix()
+        for folder in walk(self._results.path / "runs"):
             try:
-                stat = (folder.path / MANIFEST).stat()
-                # Each commit renames a new file to this name.
-                stamp = (stat.st_ino, stat.st_mtime_ns, stat.st_size)
-                if self._stamps.get(run) == stamp:
-                    continue
-                change = self._change(run)
-            except OSError:
-                continue  # it was removed meanwhile
+                change = self._change_of(folder)
             except (RequestError, WorkError) as error:
                 if str(error) not in self._reported:
                     self._reported.add(str(error))
                     yield str(error)
                 continue
-            self._stamps[run] = stamp
             if change is not None and (change.status_changed or change.rows):
                 yield change
 
-    def _change(self, run: str) -> Change | None:
+    def _change_of(self, folder: Folder) -> Change | None:
+        """Returns what a folder's run has changed; None if it has no run, or no new manifest."""
+        if folder.problem is not None:
+            raise WorkError(f"{folder.path} {folder.problem}.")
+        if not folder.is_record:
+            return None
+        run = folder.path.relative_to(self._results.path / "runs").as_posix()
+        stamp = _stamp(folder.path / MANIFEST)
+        if stamp is not None and stamp == self._stamps.get(run):
+            return None
+        change = self._read(run)
+        self._stamps[run] = stamp
+        return change
+
+    def _read(self, run: str) -> Change | None:
         """Reads the new rows of a run; returns None if it is not followed."""
         record = self._results.find("run", run)
         if record is None:
@@ -128,6 +131,14 @@ def grouped(rows: Sequence[Row]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
 
     for (table, _), group in groupby(rows, key):
         yield table, [row for _, row in group]
+
+
+def _stamp(manifest: Path) -> tuple[int, ...] | None:
+    """Returns what each commit changes, since it renames a new file to this name."""
+    with contextlib.suppress(OSError):
+        stat = manifest.stat()
+        return stat.st_ino, stat.st_mtime_ns, stat.st_size
+    return None
 
 
 def _starts_over(record: Record, seen: _Seen) -> bool:

@@ -66,7 +66,6 @@ def list_runs(
     Args:
         filters: allowed values by field of `RunLine`.
         returns: whether to read the episodes for the last returns.
-        kind: whether to list the runs or the imported curves.
     """
     records, problems = results.scan(kind)
     lines: list[tuple[RunLine, Record]] = []

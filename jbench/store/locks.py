@@ -22,11 +22,7 @@ class HeldError(WorkError):
     """Another process holds the lock."""
 
     def __init__(self, whose: str) -> None:
-        """Makes the error.
-
-        Args:
-            whose: the locked record, such as `the run ID`.
-        """
+        """Makes the error of a locked record, such as `the run ID`."""
         super().__init__(f"Another process is writing {whose}; wait for it or stop it.")
 
 
@@ -34,11 +30,7 @@ class HeldError(WorkError):
 def hold(
     directory: Path, whose: str, kind: LockFlags = LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING
 ) -> Iterator[None]:
-    """Holds a lock of a directory during the block.
-
-    Args:
-        whose: the locked record, for the error.
-        kind: exclusive by default, without waiting.
+    """Holds a lock of a directory during the block; by default exclusive, without waiting.
 
     Raises:
         HeldError: if another process holds the lock.

@@ -27,7 +27,7 @@ OLDEST_SCHEMA_VERSION = 1
 MANIFEST = "manifest.json"
 
 FORMULA = ("=", "+", "@")
-"""Spreadsheets evaluate texts that begin with these."""
+"""Spreadsheets evaluate texts that begin with these; see `is_formula`."""
 
 Kind = Literal["dataset", "encoder", "run", "evaluation", "import"]
 Status = Literal["unfinished", "finished", "failed"]
@@ -86,14 +86,17 @@ def plain_settings(settings: dict[str, Any]) -> dict[str, Any]:
     return settings
 
 
+def is_formula(text: str) -> bool:
+    """Returns whether a spreadsheet might evaluate a text; an option of a command is none."""
+    return text[:1] in FORMULA or (text[:1] == "-" and ("|" in text or "(" in text))
+
+
 def _plain_provenance(provenance: dict[str, Any]) -> dict[str, Any]:
     """Checks the texts of provenance; a command may contain any printable text."""
     texts = _texts(provenance)
     typed = set(_texts({"command": provenance.get("command")}))
     for text in texts:
-        # An option may begin with "-", but a formula also contains "|" or "(".
-        formula = text[:1] in FORMULA or (text[:1] == "-" and ("|" in text or "(" in text))
-        if not text.isprintable() or formula or ("<" in text and text not in typed):
+        if not text.isprintable() or is_formula(text) or ("<" in text and text not in typed):
             raise ValueError(f"{text[:40]!r} can't be in provenance")
     return provenance
 
@@ -125,6 +128,11 @@ def _texts(value: Any) -> list[str]:
         elif kind is int and not -_MAX_INTEGER <= item < _MAX_INTEGER:
             raise ValueError("a number is too large")
     return texts
+
+
+def reason_of(error: ValidationError) -> str:
+    """Returns the first reason for which a manifest is invalid, as a clause."""
+    return error.errors()[0]["msg"].removeprefix("Value error, ")
 
 
 class VersionError(WorkError):
@@ -191,10 +199,7 @@ class Manifest(BaseModel):
 
     @classmethod
     def from_bytes(cls, content: bytes, where: str) -> "Manifest":
-        """Reads a manifest.
-
-        Args:
-            where: path for error messages.
+        """Reads a manifest, which error messages call `where`.
 
         Raises:
             VersionError: if this jbench can't read its schema version.
@@ -216,5 +221,6 @@ class Manifest(BaseModel):
                 )
             return cls.model_validate_json(content)
         except ValidationError as error:
-            reason = error.errors()[0]["msg"]
-            raise WorkError(f"{where} is not a manifest that can be read ({reason}).") from None
+            raise WorkError(
+                f"{where} is not a manifest that can be read ({reason_of(error)})."
+            ) from None

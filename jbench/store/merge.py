@@ -42,12 +42,7 @@ class Merged(NamedTuple):
 def merge(
     results: Results, sources: Sequence[Results], progress: Progress = no_progress
 ) -> list[Merged]:
-    """Merges results directories into one.
-
-    Args:
-        results: destination.
-        sources: only read.
-        progress: shows the number of completed records.
+    """Merges the sources, which are only read, into the results.
 
     Raises:
         RequestError: if a source contains no results, or is the destination.

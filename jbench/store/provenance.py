@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jbench.cores import cores
-from jbench.store.manifest import FORMULA
+from jbench.store.manifest import is_formula
 
 if TYPE_CHECKING:
     import torch
@@ -82,17 +82,13 @@ def _driver(file: Path = Path("/sys/module/nvidia/version")) -> str | None:
 def _printable(text: str) -> str:
     """Returns a word of a command as a manifest allows it."""
     text = "".join(c if c.isprintable() else "\ufffd" for c in text)
-    return f"'{text}" if text[:1] in FORMULA else text
+    return f"'{text}" if is_formula(text) else text
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Returns what may round numbers differently: [before, now] of each that is not the same.
 
     Entries that an older version did not record are not compared.
-
-    Args:
-        before: `provenance` at the start of the work.
-        now: current `provenance`.
     """
     then = {**before, **_packages(before)}
     return {

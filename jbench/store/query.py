@@ -1,9 +1,8 @@
 """SQL over the committed rows with DuckDB."""
 
+import contextlib
 import csv
 import io
-import json
-import math
 import re
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -12,12 +11,12 @@ from importlib import resources
 from typing import Any, NamedTuple
 
 import duckdb
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 
 from jbench.cores import cores
 from jbench.errors import RequestError, WorkError
+from jbench.json_text import json_text
 from jbench.names import FULL
 from jbench.remembered import recall
 from jbench.store import schema
@@ -177,7 +176,8 @@ def _with_types(frame: pd.DataFrame, types: Sequence[str]) -> pd.DataFrame:
         if type == "HUGEINT" and (column.isna() | (column.abs() < 2**53)).all():
             frame.isetitem(i, column.astype("Int64").array)
         elif type == "DATE":
-            frame.isetitem(i, column.dt.date)
+            with contextlib.suppress(ValueError):  # Python has no dates after the year 9999
+                frame.isetitem(i, column.dt.date)
     return frame
 
 
@@ -193,21 +193,12 @@ def to_csv(frame: pd.DataFrame) -> str:
 
 def to_json(frame: pd.DataFrame) -> str:
     """Returns the rows as a JSON list of objects; missing and infinite values are null."""
-    rows = frame.astype(object).where(frame.notna(), None).to_dict("records")
-    return json.dumps(_plain(rows), indent=1, allow_nan=False)
+    return json_text(records(frame))
 
 
-def _plain(value: Any) -> Any:
-    """Returns a value of any type as one of JSON, also within lists and structs."""
-    if isinstance(value, np.generic | np.ndarray):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(name): _plain(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, str | int) else str(value)
+def records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
+    """Returns the rows as dictionaries; missing values are None."""
+    return frame.astype(object).where(frame.notna(), None).to_dict("records")
 
 
 def _read(

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from jbench.errors import RequestError
 from jbench.store import files, locks, parquet
-from jbench.store.manifest import MANIFEST, FileEntry, Manifest
+from jbench.store.manifest import MANIFEST, FileEntry, Manifest, reason_of
 from jbench.store.provenance import differences, provenance
 from jbench.store.record_reader import RecordReader
 
@@ -44,7 +44,7 @@ class Record(RecordReader):
                 updated=now,
             )
         except ValidationError as error:
-            reason = error.errors()[0]["msg"]
+            reason = reason_of(error)
             raise RequestError(f"The {self.kind} {self.id} can't be saved ({reason}).") from None
         files.make_directory(self.path)
         self._commit(manifest)
@@ -110,7 +110,6 @@ class Record(RecordReader):
         """Marks the record as finished and removes its checkpoints.
 
         Args:
-            summary: short results for the manifest.
             new_files: content of additional files by name.
             compact: whether to join each table into one file, which must fit in memory.
         """
@@ -143,12 +142,7 @@ class Record(RecordReader):
             files.remove(self.uncommitted())
 
     def fail(self, error: str, details: Mapping[str, Any] | None = None) -> None:
-        """Marks the work as failed and keeps its data.
-
-        Args:
-            error: a sentence.
-            details: JSON values to add to the summary.
-        """
+        """Marks the work as failed, by a sentence and details for the summary; keeps its data."""
         self._update(status="failed", summary={"error": error, **(details or {})})
 
     @contextlib.contextmanager

@@ -76,11 +76,7 @@ def repair(results: Results, findings: Sequence[Finding], dry_run: bool = False)
     """Moves damaged records and files that no manifest lists to the quarantine directory.
 
     Records that are being written, that can't be read at present or that a newer jbench wrote are
-    not changed. Each record is checked again before it is moved.
-
-    Args:
-        findings: of `verify`.
-        dry_run: whether to only report what would be done.
+    not changed. Each record is checked again before it is moved. A dry run moves nothing.
     """
     quarantine, left = Quarantine(results, dry_run), []
     faults = [finding for finding in findings if finding.severity != "warning"]

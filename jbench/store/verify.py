@@ -111,12 +111,7 @@ def no_progress(total: int) -> AbstractContextManager[Callable[[int], None]]:
 
 
 def verify(results: Results, threads: int, progress: Progress = no_progress) -> Verified:
-    """Checks a results directory.
-
-    Args:
-        threads: number of files read at a time.
-        progress: shows the bytes read so far.
-    """
+    """Checks a results directory; each thread reads a file, and the progress is in bytes."""
     checks = [check for kind in KINDS for check in _checks_of(results, kind)]
     _check_files(checks, threads, progress)
     checks = [_settled(results, check) for check in checks]

@@ -20,7 +20,7 @@ from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.errors import RequestError, WorkError
 from jbench.names import ALGORITHMS
-from jbench.policies.saved import Policy
+from jbench.policies.saved import Policy, policy_files
 from jbench.settings.algorithms import SCRIPT, algorithm_settings
 from jbench.settings.ofe import OFESettings
 from jbench.tasks.gym import JitterbugEnv
@@ -405,7 +405,7 @@ def test_extracted_policies_equal_agents(algo, options, encoder):
     assert actions.shape == (3, 8, 1)
     assert abs(actions).max() <= 1
     for index, policy in enumerate(policies):
-        files = policy.to_files()
+        files = policy_files(policy)
         loaded = Policy.from_files(files["policy.safetensors"], files["policy.json"])
         seen = torch.from_numpy(observations[index])
         seen = seen if encoder is None else encoder.encode(seen)

@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jbench.agents import sb3
 from jbench.names import ALGORITHMS
-from jbench.policies.saved import Policy
+from jbench.policies.saved import Policy, policy_files
 from jbench.settings.algorithms import algorithm_settings
 from jbench.tasks.gym import JitterbugEnv
 
@@ -112,7 +112,7 @@ def test_saved_policy_equals_agent(algo):
     agent = build(algo, hidden_layers=[24, 16])
     observations = np.random.default_rng(0).normal(size=(50, 16)).astype(np.float32)
     expected, _ = agent.predict(observations, deterministic=True)
-    files = sb3.policy(agent).to_files()
+    files = policy_files(sb3.policy(agent))
     policy = Policy.from_files(files["policy.safetensors"], files["policy.json"])
     np.testing.assert_allclose(policy.act(observations), expected, atol=2e-6)
     np.testing.assert_allclose(policy.act(observations[3]), expected[3], atol=2e-6)
@@ -139,7 +139,7 @@ def test_saved_policy_is_copy():
     ],
 )
 def test_invalid_policy_files_are_refused(weights, description):
-    files = sb3.policy(build("td3", hidden_layers=[4])).to_files()
+    files = policy_files(sb3.policy(build("td3", hidden_layers=[4])))
     with pytest.raises(ValueError, match=r"policy|Expecting"):
         Policy.from_files(weights or files["policy.safetensors"], description)
 

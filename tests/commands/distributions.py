@@ -1,5 +1,6 @@
 """Installs third-party packages by pip without a network, and trains their agents."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -7,6 +8,7 @@ import sys
 
 import pytest
 
+from jbench.cli import main
 from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from tests.command_line import SHORT, succeed
@@ -57,6 +59,17 @@ def train_and_sweep(site, directory, train, matrix):
         succeed("train", *train, *first, results=results, short=True)
         succeed("sweep", directory / "matrix.toml", results=results, short=True)
     return Results(results)
+
+
+def assert_listed_reported_and_verified(results, algo, capsys):
+    """Checks the two runs of `train_and_sweep` by commands of a process without the package."""
+    here = ("--results", str(results.path))
+    assert main(["runs", "--algo", algo, *here]) == 0
+    assert f"face_direction/{algo}/full/s00-" in capsys.readouterr().out
+    assert main(["verify", *here]) == 0
+    report = ("report", "--json", "--format", "png", "--out", results.path / "out")
+    (cell,) = json.loads(succeed(*report, results=results.path, short=True).stdout)["table"]
+    assert (cell["algo"], cell["seeds"]) == (algo, 2)
 
 
 def assert_fails(run, path, sentence, episodes):

@@ -13,7 +13,13 @@ from jbench.store.query import load
 from jbench.training.batched_run import run_batch
 from jbench.training.reproduce import reproduce
 from tests.command_line import SHORT, Process, succeed
-from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
+from tests.commands.distributions import (
+    assert_fails,
+    assert_listed_reported_and_verified,
+    install,
+    make_importable,
+    train_and_sweep,
+)
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "random-search-agent"
@@ -68,20 +74,13 @@ def test_train_and_sweep_make_same_runs(swept):
 
 
 def test_runs_of_uninstalled_agent_are_listed_reported_and_verified(swept, capsys):
-    here = ("--results", str(swept.path))
-    assert main(["runs", "--algo", "random-search", *here]) == 0
-    assert "face_direction/random-search/full/s00-" in capsys.readouterr().out
-    assert main(["verify", *here]) == 0
+    assert_listed_reported_and_verified(swept, "random-search", capsys)
     assert load(swept)[0]["runs"]["engine"].to_pylist() == ["plugin"] * 2
-    report = ("report", "--json", "--format", "png", "--out", swept.path / "out")
-    (cell,) = json.loads(succeed(*report, results=swept.path, short=True).stdout)["table"]
-    assert (cell["algo"], cell["seeds"]) == ("random-search", 2)
 
 
-def test_training_uninstalled_agent_is_refused(swept, capsys):
+def test_training_uninstalled_agent_is_refused(swept, refused):
     before = sorted(swept.path.rglob("*"))
-    assert main(["train", "--algo", "random-search", "--results", str(swept.path)]) == 2
-    error = capsys.readouterr().err
+    error = refused("train", "--algo", "random-search", results=swept.path)
     assert "Unknown algorithm 'random-search'" in error
     assert "an agent of another package must be installed here" in error
     assert sorted(swept.path.rglob("*")) == before
@@ -105,9 +104,8 @@ def test_training_uninstalled_agent_is_refused(swept, capsys):
         (("math:cos",), "no subclass of stable-baselines3's BaseAlgorithm"),
     ],
 )
-def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, capsys):
-    assert main(["train", "--algo", *typed, "--results", str(tmp_path / "results")]) == 2
-    assert re.search(sentence, capsys.readouterr().err)
+def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, refused):
+    assert re.search(sentence, refused("train", "--algo", *typed, results=tmp_path / "results"))
     assert not (tmp_path / "results").exists()
 
 
@@ -119,9 +117,8 @@ def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, capsys
         ("no-settings", "Settings of the agent no-settings is no subclass of jbench.AgentSettings"),
     ],
 )
-def test_entry_point_that_is_not_an_agent_is_refused(installed, algo, sentence, tmp_path, capsys):
-    assert main(["train", "--algo", algo, "--results", str(tmp_path / "results")]) == 1
-    assert sentence in capsys.readouterr().err
+def test_entry_point_that_is_not_an_agent_is_refused(installed, algo, sentence, tmp_path, refused):
+    assert sentence in refused("train", "--algo", algo, results=tmp_path / "results", code=1)
 
 
 @pytest.mark.parametrize(

@@ -113,9 +113,8 @@ def test_reproduce_reports_first_difference(altered, capsys):
         ([RUNS[2].id, "--episodes", "0"], "was saved without its policy: type --episodes 1"),
     ],
 )
-def test_reproduce_refuses_invalid_request(altered, arguments, sentence, capsys):
-    assert main(["reproduce", *arguments, "--results", str(altered.path)]) == 2
-    assert sentence in capsys.readouterr().err
+def test_reproduce_refuses_invalid_request(altered, arguments, sentence, refused):
+    assert sentence in refused("reproduce", *arguments, results=altered.path)
 
 
 def test_run_without_evaluations_fails_comparison(trained, tmp_path, capsys):
@@ -133,12 +132,12 @@ def test_run_without_evaluations_fails_comparison(trained, tmp_path, capsys):
     assert "Error: No run could be compared with its last evaluation." in capsys.readouterr().err
 
 
-def test_reproducing_shipped_run_needs_no_results_directory(tmp_path, monkeypatch, capsys):
+def test_reproducing_shipped_run_needs_no_results_directory(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
-    assert main(["reproduce", "reference/face_direction/sac/full/s00"]) == 2
-    assert ": face_direction/sac/full/s00-" in capsys.readouterr().err
-    assert main(["reproduce", RUNS[0].id]) == 2
-    assert "results does not exist; name another directory" in capsys.readouterr().err
+    run = "reference/face_direction/sac/full/s00"
+    assert ": face_direction/sac/full/s00-" in refused("reproduce", run)
+    missing = refused("reproduce", RUNS[0].id)
+    assert "results does not exist; name another directory" in missing
 
 
 def test_verify_repeats_last_evaluations(trained, altered, capsys):

@@ -4,7 +4,6 @@ import json
 import shutil
 import signal
 import subprocess
-import time
 
 import pytest
 
@@ -12,7 +11,7 @@ from jbench.cli import main
 from jbench.datasets import collect
 from jbench.settings.dataset import DatasetSettings
 from jbench.store import Results
-from tests.command_line import INTERRUPTIBLE
+from tests.command_line import INTERRUPTIBLE, wait_until
 from tests.store.store_rows import alter_manifest
 
 
@@ -38,25 +37,13 @@ def records(results):
     return {record.settings["seed"]: record for record in Results(results).scan("dataset")[0]}
 
 
-def refused(capsys, *arguments):
-    """Runs a failing command; returns its exit code and error message."""
-    code = main(list(arguments))
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    (line,) = (line for line in printed.err.splitlines() if not line.startswith("export "))
-    assert line.startswith("Error: ")
-    return code, line.removeprefix("Error: ")
-
-
 def test_collect_stopped_by_ctrl_c_reports_that_it_can_resume(tmp_path):
     arguments = ["collect", "--steps", "500000", "--results", str(tmp_path)]
     with subprocess.Popen(
         [*INTERRUPTIBLE, *arguments], stderr=subprocess.PIPE, text=True
     ) as process:
         try:
-            deadline = time.monotonic() + 120
-            while not any(tmp_path.rglob("manifest.json")) and time.monotonic() < deadline:
-                time.sleep(0.02)
+            wait_until(lambda: any(tmp_path.rglob("manifest.json")), process)
             process.send_signal(signal.SIGINT)
             _, output = process.communicate(timeout=120)
         finally:
@@ -90,6 +77,13 @@ def test_json_of_datasets_has_settings_status_and_size(results, capsys):
         assert found[seed]["settings"] == record.settings
         assert (found[seed]["status"], found[seed]["bytes"]) == (record.status, size)
     assert [found[seed]["steps"] for seed in (0, 4, 7)] == [2000, 1000, 0]
+
+
+def test_json_of_summary_that_is_not_finite_has_null(results, capsys):
+    alter_manifest(records(results)[0], summary={"wall_time": float("nan"), "seen": [float("inf")]})
+    assert main(["datasets", "--results", str(results), "--json"]) == 0
+    summaries = [each["summary"] for each in json.loads(capsys.readouterr().out)["datasets"]]
+    assert {"wall_time": None, "seen": [None]} in summaries
 
 
 def test_empty_directory_reports_command_to_type(tmp_path, capsys):
@@ -134,47 +128,39 @@ def test_export_defaults_to_newest_plain_dataset(results, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "message"),
+    ("arguments", "message"),
     [
-        (("--dataset", "random/s00-00000000"), 2, "No dataset random/s00-00000000 in "),
-        (("--dataset", DatasetSettings(steps=9000, seed=7).id), 2, "is unfinished; type the jbe"),
-        (("--dataset", "../a"), 2, "is not an id"),
-        (("--task", "fly"), 2, "Unknown task 'fly'; choose move_from_origin,"),
-        (("--format", "csv"), 2, "Unknown value of --format 'csv'; choose onnx or minari."),
-        (("--out", "/proc/jbench"), 2, "can't be made"),
+        (("--dataset", "random/s00-00000000"), "No dataset random/s00-00000000 in "),
+        (("--dataset", DatasetSettings(steps=9000, seed=7).id), "is unfinished; type the jbe"),
+        (("--dataset", "../a"), "is not an id"),
+        (("--task", "fly"), "Unknown task 'fly'; choose move_from_origin,"),
+        (("--format", "csv"), "Unknown value of --format 'csv'; choose onnx or minari."),
+        (("--out", "/proc/jbench"), "can't be made"),
     ],
 )
-def test_invalid_export_is_refused(results, arguments, code, message, capsys):
-    found = refused(capsys, "export", "--results", str(results), *arguments)
-    assert found[0] == code
-    assert message in found[1]
+def test_invalid_export_is_refused(results, arguments, message, refused):
+    assert message in refused("export", *arguments, results=results)
     assert not (results / "minari").exists()
 
 
-def test_export_refuses_damaged_dataset_and_other_schema_version(results, capsys):
+def test_export_refuses_damaged_dataset_and_other_schema_version(results, refused):
     newest = records(results)[0]
     part = newest.path / newest.parts("steps")[0].name
     whole = part.read_bytes()
     part.write_bytes(whole[:1000])
-    code, output = refused(capsys, "export", "--results", str(results))
-    assert code == 1
+    output = refused("export", results=results, code=1)
     assert f"{part} of the dataset {newest.id} is damaged (1000 bytes, not {len(whole)})" in output
     part.write_bytes(whole)
     alter_manifest(newest, schema_version=0)
-    code, output = refused(capsys, "export", "--results", str(results), "--dataset", newest.id)
-    assert code == 1
+    output = refused("export", "--dataset", newest.id, results=results, code=1)
     assert "is of schema version 0, and this jbench reads from 1: read it with the jbench" in output
     assert not list(results.glob("minari/**/*.hdf5"))
 
 
-def test_export_does_not_overwrite(results, tmp_path, capsys):
+def test_export_does_not_overwrite(results, tmp_path, refused):
     command = ("export", "--results", str(results), "--out", str(tmp_path / "out"))
     assert main(list(command)) == 0
     written = [(path, path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*")]
-    capsys.readouterr()
-    code, output = refused(capsys, *command)
-    assert code == 2
-    assert output.endswith(
-        "exists already and is not overwritten; name another directory with --out."
-    )
+    error = "exists already and is not overwritten; name another directory with --out."
+    assert error in refused(*command)
     assert [(path, path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*")] == written

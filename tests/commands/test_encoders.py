@@ -3,8 +3,6 @@
 import json
 import re
 import shutil
-import signal
-import time
 from functools import partial
 
 import pytest
@@ -13,10 +11,11 @@ import safetensors.numpy
 from jbench.cli import main
 from jbench.encoders.saved import DESCRIPTION, WEIGHTS
 from jbench.encoders.training import CHECKPOINT
-from jbench.store import Results
+from jbench.store import Results, parquet
 from jbench.store.query import load
-from tests.command_line import SHORT, jbench, start, succeed, train
+from tests.command_line import SHORT, jbench, kill_when, start, succeed, train
 from tests.commands.distributions import install
+from tests.store.store_rows import put_in_place
 
 
 @pytest.fixture(scope="module")
@@ -126,57 +125,32 @@ def test_encoders_are_reported_and_used_in_training(filled, tmp_path, capsys):
         (("--dataset", "random/s00-00000000"), "No dataset random/s00-00000000"),
     ],
 )
-def test_invalid_request_prints_one_error_and_trains_nothing(collected, arguments, message, capsys):
-    assert main(["train-encoder", *arguments, "--results", str(collected)]) == 2
-    printed = capsys.readouterr()
-    assert message in printed.err
-    assert (printed.err.count("\n"), printed.out) == (1, "")
+def test_invalid_request_is_refused_and_trains_nothing(collected, arguments, message, refused):
+    assert message in refused("train-encoder", *arguments, results=collected)
     assert not (collected / "encoders").exists()
 
 
-def test_cuda_is_refused_without_cuda_device(collected, capsys):
+def test_cuda_is_refused_without_cuda_device(collected, refused):
     import torch
 
     if torch.cuda.is_available():
         pytest.skip("there is a CUDA device")
-    assert main(["train-dae", "--device", "cuda", "--results", str(collected)]) == 2
-    assert "There is no CUDA device here" in capsys.readouterr().err
-
-
-def drop_column(record, column):
-    """Rewrites a dataset without a column, as if an older version had written it."""
-    import io
-
-    import pyarrow.parquet as pq
-
-    from jbench.store.files import sha256
-
-    path = record / "manifest.json"
-    manifest = json.loads(path.read_text())
-    for entry in manifest["files"]:
-        if entry["table"] == "steps":
-            rows = pq.read_table(record / entry["name"], use_threads=False)
-            sink = io.BytesIO()
-            pq.write_table(rows.drop_columns(column), sink)
-            content = sink.getvalue()
-            (record / entry["name"]).write_bytes(content)
-            entry |= {"bytes": len(content), "sha256": sha256(content)}
-    path.write_text(json.dumps(manifest))
+    error = refused("train-dae", "--device", "cuda", results=collected)
+    assert "There is no CUDA device here" in error
 
 
 @pytest.mark.parametrize("column", ["action", "velocity_x"])
-def test_dataset_without_required_column_is_refused(results, column, capsys):
-    (manifest,) = results.rglob("manifest.json")
-    drop_column(manifest.parent, column)
-    assert main(["train-encoder", "--kind", "lld-vae", "--results", str(results)]) == 1
-    printed = capsys.readouterr()
-    assert printed.err.count("\n") == 1
-    assert re.search(rf"steps-\S+ of the dataset random/\S+ is damaged .*{column}", printed.err)
+def test_dataset_without_required_column_is_refused(results, column, refused):
+    (dataset,) = Results(results).scan("dataset")[0]
+    rows = dataset.rows_of(dataset.parts("steps")[0])
+    put_in_place(dataset, parquet.to_bytes(rows.drop_columns([column])))
+    error = refused("train-encoder", "--kind", "lld-vae", results=results, code=1)
+    assert re.search(rf"steps-\S+ of the dataset random/\S+ is damaged .*{column}", error)
     assert not list((results / "encoders").rglob("manifest.json"))
 
 
 @pytest.mark.parametrize("damage", ["altered", "short", "pickle"])
-def test_damaged_encoder_is_refused_and_unchanged(filled, tmp_path, damage, capsys):
+def test_damaged_encoder_is_refused_and_unchanged(filled, tmp_path, damage, refused):
     copy = tmp_path / "results"
     shutil.copytree(filled, copy)
     (path,) = copy.glob(f"encoders/face_direction/pca2/*/{WEIGHTS}")
@@ -187,11 +161,8 @@ def test_damaged_encoder_is_refused_and_unchanged(filled, tmp_path, damage, caps
         "pickle": b"\x80\x04cos\nsystem\n(S'touch gone-off'\ntR.",
     }[damage]
     path.write_bytes(damaged)
-    assert main(["train", "--encoder", "pca:2", "--results", str(copy)]) == 1
-    printed = capsys.readouterr()
-    assert printed.err.count("\n") == 1
-    assert f"{WEIGHTS} of the encoder face_direction/pca2/" in printed.err
-    assert "is damaged" in printed.err
+    error = refused("train", "--encoder", "pca:2", results=copy, code=1)
+    assert re.search(f"{WEIGHTS} of the encoder face_direction/pca2/.* is damaged", error)
     assert path.read_bytes() == damaged
     assert not (copy / "runs").exists()
 
@@ -203,24 +174,18 @@ def short(tmp_path):
     return tmp_path / "short"
 
 
-def test_killed_training_resumes_bit_for_bit(short, tmp_path, capsys):
+def test_killed_training_resumes_bit_for_bit(short, tmp_path, refused):
     whole, results = tmp_path / "whole", short
     shutil.copytree(results, whole)
     arguments = ("train-encoder", "--latent", "5", "--epochs", "200", "--batch", "64")
     process = start(*arguments, results=results, short=True)
-    deadline = time.monotonic() + 300
-    while not any(
-        CHECKPOINT in path.read_text() for path in (results / "encoders").rglob("manifest.json")
-    ):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    manifests = (results / "encoders").rglob
+    kill_when(
+        lambda: any(CHECKPOINT in path.read_text() for path in manifests("manifest.json")), process
+    )
     (row,) = load(Results(results)).tables["encoders"].to_pylist()
     assert row["status"] == "unfinished"
-    assert main(["train", "--encoder", row["encoder"], "--results", str(results)]) == 2
-    assert "is unfinished" in capsys.readouterr().err
+    assert "is unfinished" in refused("train", "--encoder", row["encoder"], results=results)
     output = succeed(*arguments, results=results, short=True).stdout
     assert f"The encoder {row['encoder']} was interrupted; it resumes." in output
     succeed(*arguments, results=whole, short=True)

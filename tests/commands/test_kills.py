@@ -4,36 +4,22 @@ Episodes are short.
 """
 
 import json
-import signal
-import time
 from functools import partial
 
-from jbench.errors import WorkError
-from jbench.store import Results
+from jbench.store import Results, locks
 from jbench.store.query import load
 from tests import command_line
-from tests.command_line import SHORT, train
+from tests.command_line import SHORT, kill_when, train, wait_until
 
 jbench = partial(command_line.jbench, short=True)
 start = partial(command_line.start, short=True)
 succeed = partial(command_line.succeed, short=True)
 
 
-def kill_when(process, ready):
-    """Kills a process (SIGKILL), but not its children, once a condition is true."""
-    deadline = time.monotonic() + 120
-    while not ready():
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-
-
 def test_killed_collection_is_readable_and_resumes(tmp_path):
     # The dataset has one file, written seconds after the manifest.
     steps = ("collect", "--steps", "2000")
-    kill_when(start(*steps, results=tmp_path), lambda: any(tmp_path.rglob("manifest.json")))
+    kill_when(lambda: any(tmp_path.rglob("manifest.json")), start(*steps, results=tmp_path))
     (row,) = load(Results(tmp_path)).tables["datasets"].to_pylist()
     assert (row["status"], row["steps_done"]) == ("unfinished", 0)
     refused = jbench("train-dae", results=tmp_path)
@@ -51,20 +37,14 @@ def test_killed_collection_is_readable_and_resumes(tmp_path):
 
 def wait_until_free(record):
     """Waits until the worker, which ends with its parent, has released the lock."""
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        try:
-            with record.lock():
-                return
-        except WorkError:
-            time.sleep(0.1)
+    wait_until(lambda: not locks.is_held(record.path))
 
 
 def test_killed_training_is_readable_and_resumes(tmp_path):
     arguments = train("td3", "none", "--steps", "1500", "--jobs", "1")
     checkpoints = (*arguments, "--checkpoint-every", "0")
     process = start(*checkpoints, results=tmp_path)
-    kill_when(process, lambda: len(list(tmp_path.rglob("checkpoint-*"))) >= 3)
+    kill_when(lambda: len(list(tmp_path.rglob("checkpoint-*"))) >= 3, process)
     results = Results(tmp_path)
     found = results.scan("run")[0]
     for record in found:
@@ -85,7 +65,7 @@ def test_killed_training_is_readable_and_resumes(tmp_path):
 
 def test_killed_run_of_stable_baselines3_restarts_with_notice(tmp_path):
     arguments = train("td3", "none", "--steps", "1000", "--seeds", "0", "--engine", "sb3")
-    kill_when(start(*arguments, results=tmp_path), lambda: any(tmp_path.rglob("manifest.json")))
+    kill_when(lambda: any(tmp_path.rglob("manifest.json")), start(*arguments, results=tmp_path))
     (record,) = Results(tmp_path).scan("run")[0]
     assert record.status == "unfinished"
     wait_until_free(record)
@@ -99,10 +79,7 @@ def test_run_of_another_process_is_skipped_with_notice(tmp_path):
     arguments = train("td3", "none", "--steps", "100000", "--seeds", "0", "--checkpoint-every", "0")
     first = start(*arguments, results=tmp_path)
     try:
-        deadline = time.monotonic() + 120
-        while not list(tmp_path.rglob("manifest.json")):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_until(lambda: list(tmp_path.rglob("manifest.json")), first)
         (record,) = Results(tmp_path).scan("run")[0]
         second = succeed(*arguments, "--json", results=tmp_path)
         note = "Another process is training seed 0 of td3 face_direction full; it is left out here."

@@ -38,9 +38,8 @@ def test_shipped_runs_are_listed_and_queried(capsys):
         ),
     ],
 )
-def test_messages_call_the_shipped_results_reference(arguments, sentence, capsys):
-    assert main([*arguments, "--results", "reference"]) == 2
-    printed = capsys.readouterr().err
+def test_messages_call_the_shipped_results_reference(arguments, sentence, refused):
+    printed = refused(*arguments, results="reference")
     assert sentence in printed
     assert str(shipped()) not in printed
 
@@ -78,11 +77,9 @@ def test_evaluation_is_saved_in_default_results(tmp_path, capsys):
         ("export",),
     ],
 )
-def test_writing_command_refuses_shipped_results(arguments, capsys):
-    assert main([*arguments, "--results", "reference"]) == 2
-    printed = capsys.readouterr()
-    assert "reference names the results shipped with jbench, which are read-only" in printed.err
-    assert (printed.err.count("\n"), printed.out) == (1, "")
+def test_writing_command_refuses_shipped_results(arguments, refused):
+    error = refused(*arguments, results="reference")
+    assert "reference names the results shipped with jbench, which are read-only" in error
 
 
 def test_existing_directory_named_reference_takes_precedence(tmp_path, capsys):

@@ -15,7 +15,13 @@ from jbench.store import Results
 from jbench.training.batched_run import run_batch
 from tests.agents.killed_run import stack_seeds
 from tests.command_line import SHORT, Process, succeed
-from tests.commands.distributions import assert_fails, install, make_importable, train_and_sweep
+from tests.commands.distributions import (
+    assert_fails,
+    assert_listed_reported_and_verified,
+    install,
+    make_importable,
+    train_and_sweep,
+)
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "tqc-rule"
@@ -95,16 +101,9 @@ def test_trained_policy_is_evaluated_and_reevaluated(swept, installed):
     typed("reproduce", run.id, "--episodes", "1")
 
 
-def test_runs_of_uninstalled_rule_are_listed_reported_and_verified(swept, capsys):
-    here = ("--results", str(swept.path))
-    assert main(["runs", "--algo", "tqc", *here]) == 0
-    assert "face_direction/tqc/full/s00-" in capsys.readouterr().out
-    assert main(["verify", *here]) == 0
-    report = ("report", "--json", "--format", "png", "--out", swept.path / "out")
-    (cell,) = json.loads(succeed(*report, results=swept.path, short=True).stdout)["table"]
-    assert (cell["algo"], cell["seeds"]) == ("tqc", 2)
-    assert main(["train", "--algo", "tqc", *here]) == 2
-    assert "Unknown algorithm 'tqc'" in capsys.readouterr().err
+def test_runs_of_uninstalled_rule_are_listed_reported_and_verified(swept, capsys, refused):
+    assert_listed_reported_and_verified(swept, "tqc", capsys)
+    assert "Unknown algorithm 'tqc'" in refused("train", "--algo", "tqc", results=swept.path)
 
 
 @pytest.mark.parametrize(
@@ -118,9 +117,8 @@ def test_runs_of_uninstalled_rule_are_listed_reported_and_verified(swept, capsys
         (("tqc", "--precision", "bfloat16"), "tqc does not learn in bfloat16"),
     ],
 )
-def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, capsys):
-    assert main(["train", "--algo", *typed, "--results", str(tmp_path / "results")]) == 2
-    assert re.search(sentence, capsys.readouterr().err)
+def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, refused):
+    assert re.search(sentence, refused("train", "--algo", *typed, results=tmp_path / "results"))
     assert not (tmp_path / "results").exists()
 
 
@@ -132,9 +130,8 @@ def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, capsys
         ("agent-settings", "Settings of the rule agent-settings is no subclass of jbench.Off"),
     ],
 )
-def test_entry_point_that_is_not_a_rule_is_refused(installed, algo, sentence, tmp_path, capsys):
-    assert main(["train", "--algo", algo, "--results", str(tmp_path / "results")]) == 1
-    assert sentence in capsys.readouterr().err
+def test_entry_point_that_is_not_a_rule_is_refused(installed, algo, sentence, tmp_path, refused):
+    assert sentence in refused("train", "--algo", algo, results=tmp_path / "results", code=1)
 
 
 @pytest.mark.parametrize(

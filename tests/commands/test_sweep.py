@@ -16,7 +16,7 @@ from jbench.store import Results
 from jbench.sweeps import executors
 from jbench.training import request
 from tests import sweep_matrices
-from tests.command_line import SHORT, jbench, succeed
+from tests.command_line import SHORT, jbench, succeed, wait_until
 from tests.sweep_matrices import (
     committed,
     end_all,
@@ -26,7 +26,6 @@ from tests.sweep_matrices import (
     runs_of_matrix,
     start,
     states,
-    wait_until,
     workers,
 )
 
@@ -244,9 +243,6 @@ def test_gpu_has_one_process_unless_jobs_are_given(command, jobs, processes, res
         (("smoke", "--device", "tpu"), "Unknown device 'tpu'"),
     ],
 )
-def test_invalid_request_prints_one_error_line(arguments, message, results, capsys):
-    assert main(["sweep", *arguments, "--results", str(results)]) == 2
-    printed = capsys.readouterr()
-    assert message in printed.err
-    assert (printed.err.count("\n"), printed.out) == (1, "")
+def test_invalid_request_is_refused(arguments, message, results, refused):
+    assert message in refused("sweep", *arguments, results=results)
     assert not results.exists()

@@ -3,14 +3,13 @@
 import json
 import signal
 import subprocess
-import time
 
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from jbench.cli import main
 from jbench.store import Results
-from tests.command_line import INTERRUPTIBLE, succeed, train
+from tests.command_line import INTERRUPTIBLE, succeed, train, wait_until
 from tests.store.store_rows import listed
 from tests.store.store_whole import add_whole_run
 
@@ -28,10 +27,7 @@ def test_tail_prints_each_committed_row_until_ctrl_c(tmp_path):
     training = train("td3", "none", "--log", "tensorboard", "--steps", "200")
     succeed(*training, results=tmp_path / "results", short=True)
     runs = Results(tmp_path / "results").scan("run")[0]
-    deadline = time.monotonic() + 60
-    while out.read_text().count('"finished"') < len(runs):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    wait_until(lambda: out.read_text().count('"finished"') == len(runs), tail)
     tail.send_signal(signal.SIGINT)
     assert tail.communicate(timeout=60)[1] == ""
     assert tail.returncode == 0
@@ -105,15 +101,14 @@ def test_damaged_run_is_reported_and_others_are_printed(results, capsys):
         (("train", "--log", "mlflow"), "Unknown value of --log 'mlflow'; choose tensorboard"),
     ],
 )
-def test_invalid_request_is_refused(results, capsys, arguments, message):
-    assert main([*arguments, "--results", str(results.path)]) == 2
-    assert message in capsys.readouterr().err
+def test_invalid_request_is_refused(results, refused, arguments, message):
+    assert message in refused(*arguments, results=results.path)
 
 
-def test_missing_library_is_reported_before_training(tmp_path, capsys, monkeypatch):
+def test_missing_library_is_reported_before_training(tmp_path, refused, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "torch.utils.tensorboard", None)
     monkeypatch.delitem(__import__("sys").modules, "jbench.loggers.tensorboard", raising=False)
-    arguments = ["train", "--log", "tensorboard", "--seeds", "0"]
-    assert main([*arguments, "--results", str(tmp_path / "results")]) == 2
-    assert "type pip install 'jbench[tensorboard]'" in capsys.readouterr().err
+    arguments = ("train", "--log", "tensorboard", "--seeds", "0")
+    error = refused(*arguments, results=tmp_path / "results")
+    assert "type pip install 'jbench[tensorboard]'" in error
     assert not (tmp_path / "results" / "runs").exists()

@@ -119,6 +119,19 @@ def imports(tmp_path, capsys):
 
 
 @pytest.fixture
+def import_error(imports, tmp_path):
+    """Returns a function that runs an import that must be refused; it returns the error."""
+
+    def run(form, *files, **options):
+        code, out, err = imports(form, *files, **options)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert not (tmp_path / "results").exists()
+        return err
+
+    return run
+
+
+@pytest.fixture
 def rows(tmp_path):
     """Returns a function that reads the rows of imported curves by seed."""
     from jbench.store import Results, query

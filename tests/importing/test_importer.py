@@ -1,13 +1,17 @@
 """Tests of `jbench import`, which reads learning curves of other programs."""
 
-import builtins
 import json
 import shutil
+import sys
 from hashlib import sha256
 
 import numpy as np
 import pytest
 from stable_baselines3.common.monitor import load_results
+from tensorboard.compat.proto.event_pb2 import Event
+from tensorboard.compat.proto.summary_pb2 import SummaryMetadata
+from tensorboard.summary.writer.event_file_writer import EventFileWriter
+from tensorboard.util.tensor_util import make_tensor_proto
 
 from jbench.cli import main
 from jbench.store import Results
@@ -15,10 +19,6 @@ from jbench.store.verify import verify
 
 EPISODES = {1: [100.0, 250.5, 900.0], 2: [50.0, 60.0, 70.0]}
 """The returns in the files of the fixtures."""
-
-
-def nothing_written(tmp_path):
-    return not (tmp_path / "results").exists()
 
 
 # Reading.
@@ -57,17 +57,10 @@ def test_scalars_of_event_file_are_read(event_file, imports, rows):
         assert points["control_steps"].tolist() == [1000, 2000, 3000]
 
 
-def test_training_in_two_event_files_is_one_curve(event_file, imports, rows):
-    later, first = event_file(1, [700.0, 800.0], first=3), event_file(1, EPISODES[1])
-    assert imports("tensorboard", later, first, seed_from=r"td3__(\d+)__")[0] == 0
-    assert rows()[1]["episode_return"].tolist() == [*EPISODES[1], 700, 800]
-
-
-def test_evaluation_tag_is_imported_as_evaluation_curve(event_file, imports, rows):
+def test_evaluation_tag_is_imported_as_evaluation_curve(event_file, imports, import_error, rows):
     file = event_file(1, EPISODES[1], "eval/mean_reward")
-    code, _, err = imports("tensorboard", file, seed_from=r"td3__(\d+)__")
-    assert code == 2
-    assert "type --tag with one of eval/mean_reward, losses/qf1_loss" in err
+    error = import_error("tensorboard", file, seed_from=r"td3__(\d+)__")
+    assert "type --tag with one of eval/mean_reward, losses/qf1_loss" in error
     more = ("--tag", "eval/mean_reward")
     assert imports("tensorboard", file, seed_from=r"td3__(\d+)__", more=more)[0] == 0
     assert rows("imports")[1]["returns"].tolist() == ["evaluation"]
@@ -80,11 +73,10 @@ def test_wandb_chart_is_read_by_run(wandb_file, imports, rows):
     assert found[2]["control_steps"].tolist() == [1001, 2001, 3001]
 
 
-def test_wandb_chart_requires_axis_of_control_steps(wandb_file, imports, rows):
+def test_wandb_chart_requires_axis_of_control_steps(wandb_file, imports, import_error, rows):
     file = wandb_file(axis="Step")
-    code, _, err = imports("wandb-csv", file, seed_from=r"td3__(\d+)__")
-    assert code == 2
-    assert "choose the axis global_step in W&B, or type --steps-column 'Step'" in err
+    error = import_error("wandb-csv", file, seed_from=r"td3__(\d+)__")
+    assert "choose the axis global_step in W&B, or type --steps-column 'Step'" in error
     more = ("--steps-column", "Step")
     assert imports("wandb-csv", file, seed_from=r"td3__(\d+)__", more=more)[0] == 0
     assert len(rows()) == 2
@@ -139,10 +131,11 @@ def test_order_of_files_of_equal_times_changes_nothing(monitor_file, imports, tm
     assert (code, "Imported 0 of 1 curves" in out) == (0, True)
 
 
-def test_files_are_named_in_order_of_training(event_file, imports, rows):
+def test_training_in_two_event_files_is_one_curve_in_its_order(event_file, imports, rows):
     later, first = event_file(1, [700.0, 800.0], first=3), event_file(1, EPISODES[1])
     assert imports("tensorboard", later, first, seed_from=r"td3__(\d+)__")[0] == 0
     assert [*json.loads(rows("imports")[1]["files"][0]).values()] == [str(first), str(later)]
+    assert rows()[1]["episode_return"].tolist() == [*EPISODES[1], 700, 800]
 
 
 def test_records_keep_names_and_checksums_of_files(monitor_file, imports, rows):
@@ -198,11 +191,6 @@ def test_list_shows_points_and_kind_of_return(sb3_files, imports, tmp_path, caps
 # Invalid files and requests; nothing is written.
 
 
-def cut(file, bytes_=5):
-    file.write_bytes(file.read_bytes()[:-bytes_])
-    return file
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -228,46 +216,39 @@ def cut(file, bytes_=5):
     ],
 )
 def test_truncated_mixed_or_empty_monitor_file_is_refused(
-    change, message, monitor_file, imports, tmp_path
+    change, message, monitor_file, import_error
 ):
     whole, broken = monitor_file(2, EPISODES[2]), monitor_file(1, EPISODES[1])
     with broken.open(newline="") as file:
         text = file.read()
     broken.write_bytes(change(text).encode())
-    code, _, err = imports("sb3-monitor", whole, broken)
-    assert code == 2
-    assert f"{broken}" in err
-    assert message in err
-    assert err.count("\n") == 1
-    assert nothing_written(tmp_path)
+    error = import_error("sb3-monitor", whole, broken)
+    assert f"{broken}" in error
+    assert message in error
 
 
 @pytest.mark.parametrize("form", ["sb3-monitor", "sb3-evaluations", "tensorboard", "csv"])
-def test_empty_file_and_file_of_other_format_are_refused(form, imports, tmp_path):
+def test_empty_file_and_file_of_other_format_are_refused(form, import_error, tmp_path):
     for content, name in ((b"", "empty"), (b"\x89PNG\x00\xff1234567890", "picture")):
         file = tmp_path / f"{name}1"
         file.write_bytes(content)
-        code, _, err = imports(form, file)
-        assert code == 2
-        assert str(file) in err
-        assert nothing_written(tmp_path)
+        assert str(file) in import_error(form, file)
 
 
-def test_truncated_evaluations_are_refused(sb3_files, imports, tmp_path):
+def test_truncated_evaluations_are_refused(sb3_files, import_error, tmp_path):
     file = tmp_path / "evaluations3.npz"
     content = (sb3_files / "evaluations.npz").read_bytes()
     for length in (10, len(content) // 2, len(content) - 1):
         file.write_bytes(content[:length])
-        code, _, err = imports("sb3-evaluations", file)
-        assert code == 2
-        assert f"{file} is cut off, or not an evaluations.npz" in err
+        error = import_error("sb3-evaluations", file)
+        assert f"{file} is cut off, or not an evaluations.npz" in error
     np.savez_compressed(file, timesteps=np.arange(999))
     damaged = bytearray(file.read_bytes())
     damaged[60:90] = b"\xff" * 30  # of the compressed array
     file.write_bytes(damaged)
-    assert f"{file} is cut off, or not an evaluations.npz" in imports("sb3-evaluations", file)[2]
+    assert f"{file} is cut off, or not an eval" in import_error("sb3-evaluations", file)
     np.savez(file, timesteps=np.arange(2), results=np.ones((2, 1)))
-    assert "not of an EvalCallback" in imports("sb3-evaluations", file)[2]
+    assert "not of an EvalCallback" in import_error("sb3-evaluations", file)
 
 
 @pytest.mark.parametrize(
@@ -281,59 +262,59 @@ def test_truncated_evaluations_are_refused(sb3_files, imports, tmp_path):
         (np.full((2, 3), 1e300), "evaluation 1: 1e+300 is no number of control steps"),
     ],
 )
-def test_evaluations_with_wrong_lengths_are_refused(imports, tmp_path, lengths, message):
+def test_evaluations_with_wrong_lengths_are_refused(import_error, tmp_path, lengths, message):
     file = tmp_path / "evaluations3.npz"
     arrays = {"timesteps": [1000, 2000], "results": np.full((2, 3), 500), "ep_lengths": lengths}
     np.savez(file, **arrays)
-    code, _, err = imports("sb3-evaluations", file)
-    assert code == 2
-    assert message in err
-    assert nothing_written(tmp_path)
+    assert message in import_error("sb3-evaluations", file)
 
 
-def test_truncated_or_damaged_event_file_is_refused(event_file, imports, tmp_path):
+def test_truncated_or_damaged_event_file_is_refused(event_file, import_error):
     file = event_file(1, EPISODES[1])
     content = file.read_bytes()
     flipped = bytearray(content)
     flipped[len(content) // 2] ^= 1
     for damaged in (content[:-1], content[: len(content) // 2], bytes(flipped)):
         file.write_bytes(damaged)
-        code, _, err = imports("tensorboard", file, seed_from=r"td3__(\d+)__")
-        assert code == 2
-        assert f"{file} is cut off or damaged after" in err
-    assert nothing_written(tmp_path)
+        error = import_error("tensorboard", file, seed_from=r"td3__(\d+)__")
+        assert f"{file} is cut off or damaged after" in error
 
 
-def test_event_files_of_two_trainings_are_refused(event_file, imports, tmp_path):
+@pytest.mark.parametrize("content", [[1.0, 2.0], "many"])
+def test_scalar_that_is_not_one_number_is_refused(content, import_error, tmp_path):
+    plugin = SummaryMetadata.PluginData(plugin_name="scalars")
+    value = {"tensor": make_tensor_proto(content), "metadata": {"plugin_data": plugin}}
+    writer = EventFileWriter(str(tmp_path / "seed1"))
+    writer.add_event(Event(summary={"value": [{"tag": "eval/mean_reward", **value}]}))
+    writer.close()
+    error = import_error("tensorboard", *(tmp_path / "seed1").iterdir(), seed_from=r"seed(\d+)")
+    assert "a value of 'eval/mean_reward' is not one number." in error
+
+
+def test_event_files_of_two_trainings_are_refused(event_file, import_error):
     one, other = event_file(1, EPISODES[1]), event_file(1, EPISODES[1], first=1)
-    code, _, err = imports("tensorboard", one, other, seed_from=r"td3__(\d+)__")
-    assert code == 2
-    assert "are both of seed 1 and both have values at 2,000 control steps" in err
+    error = import_error("tensorboard", one, other, seed_from=r"td3__(\d+)__")
+    assert "are both of seed 1 and both have values at 2,000 control steps" in error
     one.write_bytes(one.read_bytes() + other.read_bytes())
-    code, _, err = imports("tensorboard", one, seed_from=r"td3__(\d+)__")
-    assert code == 2
-    assert "the control steps go back from 3,000 to 2,000" in err
-    assert nothing_written(tmp_path)
+    error = import_error("tensorboard", one, seed_from=r"td3__(\d+)__")
+    assert "the control steps go back from 3,000 to 2,000" in error
 
 
-def test_wandb_run_without_values_is_named(imports, tmp_path):
+def test_wandb_run_without_values_is_named(import_error, tmp_path):
     file = tmp_path / "chart.csv"
     file.write_text('"global_step","td3__1 - return","td3__2 - return"\n"100","5",""\n')
-    code, _, err = imports("wandb-csv", file, seed_from=r"td3__(\d+)")
-    assert code == 2
-    assert f"{file} has no value of td3__2 - return; leave it out." in err
+    error = import_error("wandb-csv", file, seed_from=r"td3__(\d+)")
+    assert f"{file} has no value of td3__2 - return; leave it out." in error
 
 
-def test_truncated_wandb_chart_is_refused(wandb_file, imports, tmp_path):
+def test_truncated_wandb_chart_is_refused(wandb_file, import_error):
     file = wandb_file()
     content = file.read_bytes()
     for fewer in (1, 4, 9):
         file.write_bytes(content[:-fewer])
-        code, _, err = imports("wandb-csv", file, seed_from=r"td3__(\d+)__")
-        assert code == 2
-        assert f"{file}, line 7: " in err
-        assert "cut off" in err
-    assert nothing_written(tmp_path)
+        error = import_error("wandb-csv", file, seed_from=r"td3__(\d+)__")
+        assert f"{file}, line 7: " in error
+        assert "cut off" in error
 
 
 @pytest.mark.parametrize(
@@ -348,13 +329,10 @@ def test_truncated_wandb_chart_is_refused(wandb_file, imports, tmp_path):
         ("a,a\n1,2\n", "two columns 'a'"),
     ],
 )
-def test_invalid_csv_file_is_refused(text, message, imports, tmp_path):
+def test_invalid_csv_file_is_refused(text, message, import_error, tmp_path):
     file = tmp_path / "seed1.csv"
     file.write_text(text)
-    code, _, err = imports("csv", file)
-    assert code == 2
-    assert message in err
-    assert nothing_written(tmp_path)
+    assert message in import_error("csv", file)
 
 
 @pytest.mark.parametrize(
@@ -369,33 +347,20 @@ def test_invalid_csv_file_is_refused(text, message, imports, tmp_path):
         ({"algo": "../td3"}, "type letters, digits"),
     ],
 )
-def test_invalid_request_is_refused(arguments, message, monitor_file, imports, tmp_path):
-    code, _, err = imports("sb3-monitor", monitor_file(1, EPISODES[1]), **arguments)
-    assert code == 2
-    assert message in err
-    assert nothing_written(tmp_path)
+def test_invalid_request_is_refused(arguments, message, monitor_file, import_error):
+    assert message in import_error("sb3-monitor", monitor_file(1, EPISODES[1]), **arguments)
 
 
-def test_second_file_of_seed_is_refused(tmp_path, imports, monitor_file):
+def test_second_file_of_seed_is_refused(tmp_path, import_error):
     files = [tmp_path / "a1.csv", tmp_path / "b1.csv"]
     for file, value in zip(files, "56", strict=True):
         file.write_text(f"control_steps,episode_return\n1000,{value}\n")
-    assert "seed 1 has 2 learning curves" in imports("csv", *files)[2]
-    assert "have the same content" in imports("csv", files[0], files[0])[2]
-    assert nothing_written(tmp_path)
+    assert "seed 1 has 2 learning curves" in import_error("csv", *files)
+    assert "have the same content" in import_error("csv", files[0], files[0])
 
 
-def test_missing_tensorboard_error_names_package(event_file, imports, monkeypatch, tmp_path):
-    original = builtins.__import__
-
-    def without(name, *arguments):
-        if name.startswith("tensorboard"):
-            raise ImportError(name)
-        return original(name, *arguments)
-
-    file = event_file(1, EPISODES[1])
-    monkeypatch.setattr(builtins, "__import__", without)
-    code, _, err = imports("tensorboard", file, seed_from=r"td3__(\d+)__")
-    assert code == 2
-    assert 'pip install "jbench[tensorboard]"' in err
-    assert nothing_written(tmp_path)
+def test_missing_tensorboard_error_names_package(event_file, import_error, monkeypatch):
+    loader = "tensorboard.backend.event_processing.event_file_loader"
+    monkeypatch.setitem(sys.modules, loader, None)
+    error = import_error("tensorboard", event_file(1, EPISODES[1]), seed_from=r"td3__(\d+)__")
+    assert 'pip install "jbench[tensorboard]"' in error

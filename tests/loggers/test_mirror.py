@@ -16,7 +16,7 @@ from jbench.loggers.logger import make_logger
 from jbench.loggers.mirror import mirrored
 from jbench.store import Results, schema
 from tests.store.store_rows import episodes
-from tests.store.store_whole import add_whole_run
+from tests.store.store_whole import add_whole_run, restart
 
 
 @pytest.fixture
@@ -80,9 +80,7 @@ def test_log_of_resumed_run_has_each_point_once(results):
 def test_rows_before_restart_are_hidden(results):
     run = add_whole_run(results, [1.0, 2.0], finish=False)
     mirror(results, run)
-    created = run.manifest.created
-    while run.manifest.created == created:
-        run.create(run.settings)
+    restart(run)
     run.append({"episodes": episodes(run.id, [5.0])})
     mirror(results, run)
     assert scalars(results, run, "training/episode_return") == [(1000, 5.0)]

@@ -121,11 +121,8 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
         (["--target-yaw", "nan"], "type degrees"),
     ],
 )
-def test_invalid_request_prints_one_error_line(arguments, message, tmp_path, capsys):
-    assert main(["evaluate", *arguments, "--results", str(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+def test_invalid_request_is_refused(arguments, message, tmp_path, refused):
+    assert message in refused("evaluate", *arguments, results=tmp_path)
 
 
 def test_drawn_target_differs_from_fixed_target():

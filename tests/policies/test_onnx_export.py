@@ -1,6 +1,7 @@
 """Tests of the export of policies to ONNX, against ONNX Runtime."""
 
 import json
+import os
 
 import numpy as np
 import onnx
@@ -17,7 +18,7 @@ from jbench.errors import RequestError
 from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Layer, Network
 from jbench.policies.onnx_export import export_onnx
-from jbench.policies.saved import Policy, TrainedAgent
+from jbench.policies.saved import Policy, TrainedAgent, policy_files
 from jbench.settings.base import settings_hash
 from jbench.simulation import Robots, rollout
 from jbench.store import Results
@@ -48,16 +49,14 @@ def policy_of(inputs):
 
 
 @pytest.mark.parametrize("lacking", ["task", "encoder"])
-def test_run_whose_settings_lack_what_its_policy_needs_is_refused(lacking, tmp_path, capsys):
+def test_run_whose_settings_lack_what_its_policy_needs_is_refused(lacking, tmp_path, refused):
     policy, results = policy_of(16), Results(tmp_path / "results")
     settings = {"task": "face_direction", "encoder": None, "seed": 0}
     del settings[lacking]
     id = f"face_direction/other/full/s00-{settings_hash(settings)}"
-    results.create("run", id, settings).finish({}, policy.to_files())
-    assert main(["export", id, "--results", str(results.path)]) == 1
-    assert capsys.readouterr().err == (
-        f"Error: The settings of the run {id} lack a task or an encoder.\n"
-    )
+    results.create("run", id, settings).finish({}, policy_files(policy))
+    error = refused("export", id, results=results.path, code=1)
+    assert error == f"Error: The settings of the run {id} lack a task or an encoder.\n"
 
 
 def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
@@ -200,6 +199,14 @@ def test_encoder_that_is_not_layers_is_refused(tmp_path):
     assert not (tmp_path / "policy.onnx").exists()
 
 
+def test_device_is_not_replaced(tmp_path, refused):
+    """A pipe stands for a device such as /dev/null."""
+    os.mkfifo(tmp_path / "pipe")
+    error = refused("export", RUN, "--out", tmp_path / "pipe", results=tmp_path / "results")
+    assert f"--out {tmp_path}/pipe is not a plain file; name a file." in error
+    assert (tmp_path / "pipe").is_fifo()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -207,10 +214,10 @@ def test_encoder_that_is_not_layers_is_refused(tmp_path):
         (("a/b", "--format", "minari"), "name a dataset with --dataset"),
         (("a/b", "--task", TASK), "leave them out with RUN"),
         (("a/b",), "No run a/b in"),
+        (("a/b", "--out", "."), "--out . is a directory; name a file."),
         (("a/b", "--inputs", "pixels"), "Unknown value of --inputs 'pixels'; choose si"),
         (("--format", "tflite"), "Unknown value of --format 'tflite'; choose onnx"),
     ],
 )
-def test_invalid_request_is_refused(arguments, message, tmp_path, capsys):
-    assert main(["export", *arguments, "--results", str(tmp_path)]) == 2
-    assert message in capsys.readouterr().err
+def test_invalid_request_is_refused(arguments, message, tmp_path, refused):
+    assert message in refused("export", *arguments, results=tmp_path)

@@ -12,7 +12,7 @@ import pytest
 
 from jbench.cli import main
 from jbench.policies import find
-from jbench.policies.saved import Policy, has_policy
+from jbench.policies.saved import Policy, has_policy, policy_files
 from jbench.settings.alike import variant
 from jbench.settings.base import settings_hash
 from jbench.store import Results, schema
@@ -48,7 +48,7 @@ def add_run(results, seed, evaluations, algo="ddpg", finish=True):
     ]
     record.append({"evaluations": pa.Table.from_pylist(rows, schema.EVALUATIONS)})
     if finish:
-        record.finish({"wall_time": 1.0}, POLICY.to_files())
+        record.finish({"wall_time": 1.0}, policy_files(POLICY))
     return record
 
 
@@ -97,7 +97,7 @@ def test_command_and_checkpoint_are_not_shipped(script, source, target):
     run.append({}, {"checkpoint.safetensors": b"weights"})
     assert script.ship(source, target) == [f"{run.id} is left out: it is unfinished."]
     assert target.scan("run") == ([], [])
-    run.finish({"wall_time": 1.0}, POLICY.to_files())
+    run.finish({"wall_time": 1.0}, policy_files(POLICY))
     script.ship(source, target)
     kept = target.find("run", run.id)
     assert "command" in run.manifest.provenance
@@ -171,22 +171,19 @@ class TestShippedTwoCells:
             ("reference/face_direction/td3", "Error: {} is not unique; type one of {}"),
         ],
     )
-    def test_ambiguous_name_is_refused_with_choices(self, database, name, message, capsys):
+    def test_ambiguous_name_is_refused_with_choices(self, database, name, message, refused):
         there = ", ".join(find.shipped_policies())
-        assert main(["evaluate", "--policy", name]) == 2
-        assert message.format(name, there) in capsys.readouterr().err
+        assert message.format(name, there) in refused("evaluate", "--policy", name)
 
-    def test_run_without_policy_is_refused(self, database, capsys):
+    def test_run_without_policy_is_refused(self, database, refused):
         (rows, *_) = [run.id for run in database.scan("run")[0] if not has_policy(run)]
-        assert main(["evaluate", "--policy", rows, "--results", str(database.path)]) == 2
-        assert f"The run {rows} in {database.path} was saved without its policy." in (
-            capsys.readouterr().err
-        )
+        error = refused("evaluate", "--policy", rows, results=database.path)
+        assert f"The run {rows} in {database.path} was saved without its policy." in error
 
-    def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, capsys):
+    def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, refused):
         monkeypatch.setattr(find, "shipped_results", lambda: Results(tmp_path / "none"))
-        assert main(["evaluate", "--policy", "reference/face_direction/td3/full"]) == 2
-        assert "this version of jbench ships none" in capsys.readouterr().err
+        error = refused("evaluate", "--policy", "reference/face_direction/td3/full")
+        assert "this version of jbench ships none" in error
 
     def test_missing_encoder_of_shipped_runs_is_added(self, script, database, demo_results):
         (encoder,) = database.scan("encoder")[0]

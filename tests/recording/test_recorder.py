@@ -116,7 +116,7 @@ def test_rows_equal_returns_of_environment(finished):
     assert rows[0]["policy_loss"] is None
 
 
-def test_seed_determines_first_episode(finished, tmp_path):
+def test_block_that_ends_early_fails_and_seed_determines_its_first_episode(finished, tmp_path):
     results, id, actor, returns = finished
     with (
         pytest.raises(jbench.WorkError, match="50 of 100 control steps"),
@@ -124,6 +124,7 @@ def test_seed_determines_first_episode(finished, tmp_path):
     ):
         assert loop(recording, actor, episodes=1) == returns[:1]
     assert recording.id == id
+    assert record_of(tmp_path / "again", id).status == "failed"
     first, second = (
         record_of(where, id).read("evaluations")["episode_return"].to_pylist()
         for where in (results, tmp_path / "again")
@@ -214,15 +215,6 @@ def test_block_that_raises_fails_run_which_can_restart(tmp_path, capfd):
     record = record_of(tmp_path, recording.id)
     assert (record.status, record.rows("episodes")) == ("finished", 2)
     assert f"The run {record.id} is failed; it starts over." in capfd.readouterr().err
-
-
-def test_block_that_ends_early_fails_run(tmp_path):
-    with (
-        pytest.raises(jbench.WorkError, match="50 of 100 control steps"),
-        recorded(tmp_path, evaluate_episodes=0) as recording,
-    ):
-        loop(recording, None, episodes=1)
-    assert record_of(tmp_path, recording.id).status == "failed"
 
 
 def test_nonfinite_action_is_divergence(tmp_path):
@@ -320,25 +312,22 @@ def test_policy_that_is_not_sequence_of_layers_is_refused(policy, reason, tmp_pa
     assert message.endswith(".")
 
 
-def test_complete_run_finishes_when_policy_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("policy", "reason"),
+    [
+        (Residual(), "add takes 2 results"),
+        (nn.Sequential(nn.Linear(16, 1), nn.Flatten(0)), r"it can't act .*the shape \(16,\)"),
+    ],
+)
+def test_complete_run_finishes_when_policy_is_refused(policy, reason, tmp_path):
     with (
-        pytest.raises(jbench.UnsupportedPolicyError),
+        pytest.raises(jbench.UnsupportedPolicyError, match=reason),
         recorded(tmp_path, evaluate_episodes=0) as it,
     ):
         loop(it, None)
-        it.keep_policy(Residual())
+        it.keep_policy(policy)
     record = record_of(tmp_path, it.id)
     assert (record.status, record.rows("episodes")) == ("finished", 2)
-
-
-def test_complete_run_finishes_when_policy_returns_wrong_shape(tmp_path):
-    with (
-        pytest.raises(jbench.UnsupportedPolicyError, match=r"it can't act .*the shape \(16,\)"),
-        recorded(tmp_path, evaluate_episodes=0) as it,
-    ):
-        loop(it, None)
-        it.keep_policy(nn.Sequential(nn.Linear(16, 1), nn.Flatten(0)))
-    assert record_of(tmp_path, it.id).status == "finished"
 
 
 def test_second_block_of_recording_starts_over(tmp_path):

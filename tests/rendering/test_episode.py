@@ -5,9 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from jbench.errors import RequestError
 from jbench.names import CAMERAS
-from jbench.rendering.episode import Scene, goal, render_episode, strip_steps, video_steps
+from jbench.rendering.episode import Scene, goal, render_episode
 from jbench.tasks import features, resets
 from jbench.tasks.gym import JitterbugEnv
 from tests.rendering.render_policies import PAD, Constant
@@ -62,60 +61,6 @@ def test_overhead_camera_shows_target_at_its_position(monkeypatch):
     # target, 4.6 pixels in radius, is 46.1 pixels right of the middle and 23.1 below it.
     assert np.hypot(np.median(columns) - (160 + 46.1), np.median(rows) - (120 + 23.1)) < 4.6
     assert 20 < len(rows) < 140  # a disc of 66 pixels, a pointer, and its edges
-
-
-@pytest.mark.parametrize(
-    ("settings", "sentence"),
-    [
-        ({"task": "fly"}, "Unknown task 'fly'"),
-        ({"camera": "trackin"}, "Unknown camera 'trackin'; did you mean tracking?"),
-        ({"width": 63}, "No picture of 63 x 480 pixels"),
-        ({"height": 5000}, "No picture of 640 x 5000 pixels; each side has 64 to 4096."),
-    ],
-)
-def test_invalid_scene_is_refused(settings, sentence):
-    with pytest.raises(RequestError) as caught:
-        Scene(**{"task": "face_direction"} | settings)
-    assert str(caught.value).startswith(sentence)
-
-
-@pytest.mark.parametrize(
-    ("settings", "steps", "interval"),
-    [
-        ((25,), range(0, 1001, 4), 0.04),
-        ((30,), range(0, 1001, 3), 0.03),  # a whole number of control steps apart
-        ((100, 1.0, 7), range(8), 0.01),
-        ((25, 0.5, 100), range(0, 101, 2), 0.04),  # slow motion: more frames
-        ((25, 2.0, 100), range(0, 101, 8), 0.04),
-        ((29, 0.29, 100), range(101), 1 / 29),  # the highest rate, although 0.29 / 0.01 < 29
-    ],
-)
-def test_video_steps_have_requested_rate_and_speed(settings, steps, interval):
-    assert video_steps(*settings) == (steps, pytest.approx(interval))
-
-
-def test_strip_spans_first_to_last_step():
-    assert strip_steps(6) == [0, 200, 400, 600, 800, 1000]
-    assert strip_steps(4, 100) == [0, 33, 67, 100]
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (lambda: video_steps(101), "No video of 101 frames a second; there are 1 to 100."),
-        (lambda: video_steps(60, 0.5), "No video of 60 frames a second; there are 1 to 50."),
-        (lambda: video_steps(0), "No video of 0 frames a second"),
-        (lambda: video_steps(25, 0), "No speed 0; there are 0.05 to 10."),
-        (lambda: video_steps(25, float("nan")), "No speed nan"),
-        (lambda: video_steps(25, 1.0, 1001), "An episode has 1 to 1000 control steps, not 1001."),
-        (lambda: strip_steps(1), "No strip of 1 moments in 1000 control steps."),
-        (lambda: strip_steps(5, 3), "No strip of 5 moments in 3 control steps."),
-    ],
-)
-def test_invalid_video_is_refused(call, sentence):
-    with pytest.raises(RequestError) as caught:
-        call()
-    assert str(caught.value).startswith(sentence)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import pytest
 from tests.forking import Piped
 
 PREAMBLE = """
-import resource, signal, sys, time
+import sys, time
 from pathlib import Path
 from tests.store import store_faults
 from jbench.errors import RequestError, WorkError

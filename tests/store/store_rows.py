@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from jbench.store import schema
+from jbench.store.files import sha256
 
 ROWS = pa.schema([("n", pa.int64())])
 """The columns of the tables in these tests."""
@@ -47,6 +48,14 @@ def alter_manifest(record, **changes):
     """Overwrites fields of the manifest on the disk."""
     changed = {**manifest_of(record), **changes}
     (record.path / "manifest.json").write_text(json.dumps(changed))
+
+
+def put_in_place(record, content, **entry):
+    """Overwrites the first file, with its size and checksum in the manifest."""
+    first, *rest = manifest_of(record)["files"]
+    (record.path / first["name"]).write_bytes(content)
+    changed = {**first, "bytes": len(content), "sha256": sha256(content), **entry}
+    alter_manifest(record, files=[changed, *rest])
 
 
 def listed(record):

@@ -152,13 +152,6 @@ def test_manifest_that_is_directory_is_reported(results, record):
         results.create("run", "a/b", {})
 
 
-def test_only_record_without_manifest_is_skipped(results, record):
-    record.append({"t": numbers(1)})
-    add_run(results, "c", [1.0])
-    (record.path / "manifest.json").unlink()
-    assert [found.id for found in results.scan("run")[0]] == ["c"]
-
-
 def test_runs_directory_that_is_file_is_refused(results):
     results.path.mkdir()
     (results.path / "runs").write_text("mine")

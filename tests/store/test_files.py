@@ -1,26 +1,20 @@
 """Tests of atomic writes: a file is complete or absent, and no temporary file remains."""
 
-import subprocess
-import sys
-
 import pytest
 
 from jbench.errors import RequestError, WorkError
+from jbench.store import Results
 from jbench.store.files import make_directory, write_atomic
+from tests.store.store_faults import run_script
 from tests.store.store_rows import names
 
 OLD, NEW = b"old" * 100, b"new" * 10_000
 
-# Python ignores SIGXFSZ, so that a write beyond the limit fails as on a full disk.
 WITHOUT_ROOM = """
-import resource, signal, sys
-from pathlib import Path
-from jbench.errors import WorkError
 from jbench.store.files import write_atomic
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+store_faults.limit_file_size(4096)
 try:
-    write_atomic(Path(sys.argv[1]), b"new" * 10_000)
+    write_atomic(results.path / "file", b"new" * 10_000)
 except WorkError as error:
     print(error)
 """
@@ -54,11 +48,10 @@ def test_write_on_full_disk_keeps_old_file_and_is_reported(tmp_path, before):
     path = tmp_path / "file"
     if before is not None:
         path.write_bytes(before)
-    command = [sys.executable, "-c", WITHOUT_ROOM, str(path)]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    (printed,) = run_script(Results(tmp_path), WITHOUT_ROOM)
     assert printed == (
         f"No room left to write file in {tmp_path}; what was finished is kept: "
-        "free some space and type the command again.\n"
+        "free some space and type the command again."
     )
     assert names(tmp_path) == (set() if before is None else {"file"})
     assert before is None or path.read_bytes() == before

@@ -6,7 +6,7 @@ import pytest
 from jbench.store import Results, schema
 from jbench.store.follow import Follower
 from tests.store.store_rows import episodes, listed
-from tests.store.store_whole import add_whole_run
+from tests.store.store_whole import add_whole_run, restart
 
 
 @pytest.fixture
@@ -62,10 +62,7 @@ def test_restarted_run_is_new_and_its_rows_are_yielded(results):
     run = add_whole_run(results, [1.0, 2.0], finish=False)
     follower = Follower(results, {})
     assert returns_of(follower) == [1, 2]
-    # As many rows as before: only the time of creation tells the two apart.
-    manifest = run.manifest
-    while run.manifest.created == manifest.created:
-        run.create(manifest.settings)
+    restart(run)
     append(run, 5.0, 6.0, first=0)
     (change,) = follower.look()
     assert change.is_new

@@ -7,9 +7,14 @@ from jbench.errors import RequestError
 from jbench.store import parquet, query
 from jbench.store.listing import list_runs
 from jbench.store.verify import verify
-from tests.store.store_rows import RUN_SETTINGS, alter_manifest, listed, manifest_of
+from tests.store.store_rows import (
+    RUN_SETTINGS,
+    alter_manifest,
+    listed,
+    manifest_of,
+    put_in_place,
+)
 from tests.store.store_whole import add_chain, add_whole_run
-from tests.store.test_verify import put_in_place
 
 HOSTILE = (
     "=cmd|' /C calc'!A0",
@@ -87,7 +92,7 @@ def test_names_of_third_party_algorithms_and_engines_are_read(results, algo):
 
 
 def test_record_with_unreadable_settings_is_not_created(results):
-    with pytest.raises(RequestError, match="'=1' can't be the setting algo"):
+    with pytest.raises(RequestError, match=r"saved \('=1' can't be the setting algo\)"):
         results.create("run", "a/b", {**RUN_SETTINGS, "algo": "=1"})
     assert results.find("run", "a/b") is None
 

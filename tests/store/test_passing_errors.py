@@ -96,8 +96,8 @@ def test_interrupted_listing_is_retried(results, fail, function):
 def test_directory_that_cannot_be_listed_is_reported(results, fail, code, capsys):
     run = add_whole_run(results)
     fail("scandir", run.path, code)
-    for verb in ("runs", "verify", "repair"):
-        assert main([verb, "--results", str(results.path)]) == 1
+    for verb in (["runs"], ["verify"], ["repair"], ["tail", "--once"]):
+        assert main([*verb, "--results", str(results.path)]) == 1
         printed = capsys.readouterr()
         assert f"{run.path} can't be read ({os.strerror(code)})" in printed.out + printed.err
     with results.locked("run", run.id) as found:  # leftover files are removed the next time

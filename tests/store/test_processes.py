@@ -12,7 +12,7 @@ import pytest
 
 from jbench.errors import WorkError
 from jbench.store import Results
-from tests.store.store_faults import Script
+from tests.store.store_faults import Script, run_script
 from tests.store.store_rows import listed, names, numbers, read
 
 # Rows of one append have the same number; it is printed once the append has returned.
@@ -44,8 +44,7 @@ with results.record("run", "a/b").lock():
 """
 
 WITHOUT_ROOM = """
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+store_faults.limit_file_size(20_000)
 try:
     results.find("run", "a/b").append({"t": numbers(2), "u": incompressible(10_000)})
 except WorkError as error:
@@ -108,9 +107,8 @@ def test_record_is_consistent_after_kill_at_any_time(results):
 
 def test_append_of_two_tables_on_full_disk_commits_neither(results, record):
     record.append({"t": numbers(1)})
-    with process_of(results, WITHOUT_ROOM) as process:
-        output = process.stdout.read()
-    assert output.startswith("No room left to write u-00000-")
+    (printed,) = run_script(results, WITHOUT_ROOM)
+    assert printed.startswith("No room left to write u-00000-")
     again = results.find("run", "a/b")
     assert (read(again), read(again, "u")) == ([1], [])
     again.clean()

@@ -1,4 +1,6 @@
-"""Tests of the device in a record's provenance."""
+"""Tests of the command and the device in a record's provenance."""
+
+import sys
 
 import pytest
 import torch
@@ -13,6 +15,13 @@ H100 = {
     "cuda": "13.0",
     "driver": "580.65.06",
 }
+
+
+@pytest.mark.parametrize("word", ["--seed-from=seed(\\d+)", "-a|b", "=x", "@x", "--steps=1e5"])
+def test_any_word_of_command_can_be_recorded(results, monkeypatch, word):
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/jbench", "import", word])
+    command = results.create("run", "a", {}).manifest.provenance["command"]
+    assert command == ["jbench", "import", word if word == "--steps=1e5" else f"'{word}"]
 
 
 def test_cpu_and_gpu_are_recorded_in_provenance(monkeypatch):

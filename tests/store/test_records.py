@@ -56,8 +56,10 @@ def test_file_missing_from_manifest_is_not_read(results, record):
 def test_directory_without_manifest_is_no_record(results, record):
     record.append({"t": numbers(1)})
     (record.path / "manifest.json").unlink()
+    results.create("run", "c", {})
     assert results.find("run", "a/b") is None
-    assert results.scan("run") == ([], [])
+    records, problems = results.scan("run")
+    assert ([found.id for found in records], problems) == (["c"], [])
 
 
 @pytest.mark.parametrize("id", ["c", "a", "a/b/c"])

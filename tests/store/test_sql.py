@@ -26,9 +26,10 @@ def secret(tmp_path):
 
 
 READERS = ["read_csv('{}')", "read_text('{}')", "read_blob('{}')", "glob('{}')", "'{}'"]
+READERS += ["read_text('file://{}')", "sniff_csv('{}')"]
 
 
-@pytest.mark.parametrize("reader", [*READERS, "sniff_csv('{}')"])
+@pytest.mark.parametrize("reader", READERS)
 def test_query_cannot_read_files(secret, reader):
     sql = f"select * from {reader.format(secret)}"
     counting = f"select count(*) from ({sql})"
@@ -164,6 +165,11 @@ def test_sums_of_integers_and_dates_keep_their_types():
     assert first["large"] == 16100000 * 2.0**60
     assert (first["day"], second["no_day"]) == ("2020-01-02", "2020-01-03")
     assert (second["gap"], second["day"], first["no_day"]) == (None, None, None)
+
+
+def test_date_after_year_9999_is_its_text():
+    frame = run_sql("select date '200000-01-02' as day", TABLES)
+    assert json.loads(to_json(frame))[0]["day"].startswith("200000-01-02")
 
 
 @pytest.mark.parametrize("number", [0.1 + 0.2, 1 / 3, 424.58 / 1000])

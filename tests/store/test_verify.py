@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from jbench.settings.base import settings_hash
 from jbench.store import Results
-from jbench.store.files import sha256
 from jbench.store.manifest import Manifest
 from jbench.store.verify import examine, verify
 from tests.store.store_faults import Script, run_script
-from tests.store.store_rows import alter_manifest, listed, manifest_of, numbers
+from tests.store.store_rows import alter_manifest, listed, manifest_of, numbers, put_in_place
 from tests.store.store_whole import add, add_chain, add_whole_run, snapshot
 from tests.store.test_damage import BROKEN_MANIFESTS, DAMAGES, flip_a_byte, truncate
 
@@ -68,14 +67,6 @@ def test_all_faults_are_reported_at_once(results):
     found = sentences(results)
     assert [sort for sort, *_ in found] == ["leftover"] + ["damaged"] * 4
     assert len({id for _, kind, id, _ in found if kind == "run"}) == 2
-
-
-def put_in_place(record, content, **entry):
-    """Overwrites the first file and updates size and checksum in the manifest."""
-    first, *rest = manifest_of(record)["files"]
-    (record.path / first["name"]).write_bytes(content)
-    changed = {**first, "bytes": len(content), "sha256": sha256(content), **entry}
-    alter_manifest(record, files=[changed, *rest])
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from jbench.cli import main
 from jbench.store.locks import LOCK
-from tests.command_line import succeed
+from tests.command_line import succeed, wait_until
 from tests.sweep_matrices import (
     committed,
     end_all,
@@ -19,7 +19,6 @@ from tests.sweep_matrices import (
     runs_of_matrix,
     start,
     states,
-    wait_until,
     workers,
     write_matrix,
 )

@@ -93,9 +93,8 @@ def regions_of(
     else:
         settings = algo.Settings()
         rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))
-    tensors = Tensors(SEEDS, torch.float32, GPU)
-    low = precision == "bfloat16"
-    team = Team(rule, settings, sizes, tensors, stacked=True, low_precision=low)
+    tensors = Tensors(SEEDS, torch.float32, GPU, low_precision=precision == "bfloat16")
+    team = Team(rule, settings, sizes, tensors, stacked=True)
     generators = [Generators(seed, 1) for seed in range(SEEDS)]
     (group,) = team.groups
     if algo == "ppo":

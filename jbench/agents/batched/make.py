@@ -103,9 +103,8 @@ def make_engine(
         _learner(algo, settings, robots.sizes, ofe),
         settings,
         robots.sizes,
-        Tensors(len(seeds), dtype, torch_device),
+        Tensors(len(seeds), dtype, torch_device, low_precision=precision == "bfloat16"),
         stacked=gpu if stacked is None else stacked,
-        low_precision=precision == "bfloat16",
     )
     if isinstance(settings, PPOSettings):
         return OnPolicyEngine(settings, team, robots, generators, time_limit=time_limit)

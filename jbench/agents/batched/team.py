@@ -77,18 +77,16 @@ class Team(Generic[_Learner]):
         tensors: Tensors,
         *,
         stacked: bool,
-        low_precision: bool = False,
     ) -> None:
         """Makes the learners; all parameters are zeros.
 
         Args:
             sizes: number of inputs of the policy of each seed.
             stacked: whether to compute all seeds in one stack or one after another.
-            low_precision: whether to multiply hidden layers in bfloat16.
         """
         self.tensors = tensors
         self._sizes, largest = sizes, max(sizes)
-        self._make = partial(learner, settings, low_precision=low_precision)
+        self._make = partial(learner, settings)
         # It comes first, because it decides how the tensors lie in memory.
         self._stack = self._make(largest, SeedView(tensors)) if stacked else None
         self.each = [self._make(largest, SeedView(tensors, seed)) for seed in range(len(sizes))]

@@ -22,7 +22,7 @@ from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
 from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
 from jbench.store import Record, Results
-from jbench.training.environment import load_encoder_of, make_env
+from jbench.training.environment import make_env
 from jbench.training.evaluation import EvaluationSchedule, seeds_of
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
@@ -32,6 +32,7 @@ _COMMIT_EVERY = 15.0  # s
 def run(
     settings: RunSettings,
     results: Results,
+    encoder: Encoder | None,
     progress: Callable[[int, float], None] = lambda steps, episode_return: None,
     until: int | None = None,
 ) -> Record:
@@ -40,7 +41,8 @@ def run(
     A finished run is returned unchanged; any other run starts over.
 
     Args:
-        results: where the run is written; contains its encoder.
+        results: where the run is written.
+        encoder: of the observations; None for the full observation.
         progress: called after each training episode with the control steps so far and its return.
         until: control step at the end of an episode, where training stops and the run remains
             unfinished; None to finish it.
@@ -55,7 +57,7 @@ def run(
         made_on = {"device": "cpu", **code_of(settings.algo)}
         record = results.create("run", settings.id, settings.values, made_on)
         try:
-            _train(settings, record, load_encoder_of(settings, results), progress, until)
+            _train(settings, record, encoder, progress, until)
         except DivergedError as error:
             record.fail(str(error), error.divergence.to_summary())
             raise

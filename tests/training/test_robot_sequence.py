@@ -79,7 +79,7 @@ class Watched:
             patch.setattr(running.SB3Evaluator, "__call__", watched_evaluation)
             shorten_episodes(patch.setattr)
             self.results = Results(path)
-            self.record = run(settings(*arguments, **changes), self.results)
+            self.record = run(settings(*arguments, **changes), self.results, None)
 
 
 @pytest.fixture(scope="module")

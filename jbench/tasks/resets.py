@@ -91,28 +91,20 @@ def option_target(
     """Returns the target that the options of `reset` choose, or None if they choose none.
 
     Args:
-        count: as in `chosen_target`.
+        options: {"target": numbers}, the inverse of `target_numbers`: (n,), or (count, n) for a
+            target for each of several robots.
+        count: number of robots, or None for a target without leading axes.
 
     Raises:
-        RequestError: if there is another option, or the target is wrong.
+        RequestError: if there is another option, the task has no random target, or the numbers are
+            not those of a target.
     """
     unknown = sorted(map(str, set(options or {}) - {"target"}))
     if unknown:
         raise RequestError(f"reset has no option {', '.join(unknown)}; it has target.")
-    return chosen_target(task, options["target"], count) if options else None
-
-
-def chosen_target(task: str, numbers: Any, count: int | None = None) -> Target:
-    """Returns the target with the given numbers, the inverse of `target_numbers`.
-
-    Args:
-        numbers: (n,), or (count, n) for a target for each of several robots.
-        count: number of robots, or None for a target without leading axes.
-
-    Raises:
-        RequestError: if the task has no random target, or the numbers are not those of a target.
-    """
-    names = TASK_SPECS[task].target_numbers
+    if not options:
+        return None
+    numbers, names = options["target"], TASK_SPECS[task].target_numbers
     if not names:
         raise RequestError(f"{task} has no target to choose: leave out the option target.")
     shapes = [(len(names),)] if count is None else [(len(names),), (count, len(names))]

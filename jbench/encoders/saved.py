@@ -160,10 +160,13 @@ def find_encoder(results: Results, name: str, task: str) -> str:
     kind = known("kind of encoder", kind, kind_names())
     latents = int(number) if number.isdecimal() else 0
     _check_size(kind, latents, task)
+    wanted = {"kind": kind, "task": task, "latents": latents}
     matches = [
         record
         for record in results.scan("encoder")[0]
-        if _fits(record, kind, task, latents) and _of_plain_robot(results, record)
+        if record.status == "finished"
+        and wanted.items() <= record.settings.items()
+        and _of_plain_robot(results, record)
     ]
     if not matches:
         raise RequestError(
@@ -250,11 +253,3 @@ def _of_plain_robot(results: Results, record: Record) -> bool:
     except (RequestError, WorkError):
         return True
     return dataset is None or dataset.settings.get("augment") is None
-
-
-def _fits(record: Record, kind: str, task: str, latents: int) -> bool:
-    settings = record.settings
-    return record.status == "finished" and (
-        (settings.get("kind"), settings.get("task"), settings.get("latents"))
-        == (kind, task, latents)
-    )

@@ -127,10 +127,9 @@ class Matrix(Settings):
         fields = {
             name: getattr(self, key) for name, key in names.items() if key in Matrix.model_fields
         }
-        evaluation = self.evaluation
         return fields | {
-            "evaluate_every": evaluation.every,
-            "evaluate_episodes": evaluation.episodes,
+            "evaluate_every": self.evaluation.every,
+            "evaluate_episodes": self.evaluation.episodes,
         }
 
     @property
@@ -200,11 +199,9 @@ def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
 
 def _choices(annotation: Any) -> list[str]:
     """Returns the texts of a type such as `Literal["a", "b"] | None`; empty for other types."""
-    if get_origin(annotation) is Literal:
-        return list(get_args(annotation))
     return [
         text
-        for part in get_args(annotation)
+        for part in (annotation, *get_args(annotation))
         if get_origin(part) is Literal
         for text in get_args(part)
     ]

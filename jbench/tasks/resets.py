@@ -53,13 +53,8 @@ def draw_quaternion(random: Random) -> NDArray[np.float64]:
     It is a rotation by U(0, 2 pi) about an axis (u, v, 1) with u, v ~ U(-0.025, 0.025).
     """
     angle = random.uniform(0, 2 * math.pi)
-    axis = np.array(
-        [
-            random.uniform(-_MAX_TILT, _MAX_TILT),
-            random.uniform(-_MAX_TILT, _MAX_TILT),
-            1.0,
-        ]
-    )
+    u, v = (random.uniform(-_MAX_TILT, _MAX_TILT) for _ in range(2))
+    axis = np.array([u, v, 1.0])
     axis /= np.linalg.norm(axis)
     return np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
 

@@ -77,7 +77,7 @@ def _train(
 ) -> None:
     log, clock = RunLog(record), ProcessorClock()
     agent_seed, evaluation_seed = seeds_of(settings.seed)
-    env = DummyVecEnv([lambda: make_training_env(settings, encoder)] * settings.environments)
+    env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)
     agent = _build(settings, env, agent_seed)
     evaluator = SB3Evaluator(settings, encoder, evaluation_seed)
     recorder = _Recorder(settings, log, clock, evaluator, progress, until)
@@ -113,15 +113,8 @@ def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> Policy | Network:
     return network_of_model(agent, size)
 
 
-def make_training_env(settings: RunSettings, encoder: Encoder | None) -> gymnasium.Env[Any, Any]:
-    """Returns a training environment, which switches through all robots of the run."""
-    if settings.robots == 1:
-        return make_env(settings, encoder)
-    return RobotSequence(settings, encoder)
-
-
 class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Switches through the robots of a run; each has the same number of episodes.
+    """Switches through the robots of a run, one or several; each has as many episodes.
 
     The paper's authors kept the policy from robot to robot. Here the agent does not notice the
     switch: it keeps its networks, optimizers, entropy coefficient, step count and replay buffer. In

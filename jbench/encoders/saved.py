@@ -183,7 +183,13 @@ def _kind_and_number(name: str, task: str) -> tuple[str | None, str]:
         RequestError: if the name is a kind of several sizes.
     """
     if name in kind_names():
-        return name, str(_size_of_kind(name, task))
+        if (size := only_size(name, task)) is not None:
+            return name, str(size)
+        sizes = find_kind(name).latent_sizes(task)
+        raise RequestError(
+            f"Encoders of the kind {name} have {sizes[0]} to {sizes[-1]} latents on {task}; type "
+            f"--encoder {name}:12, or another number."
+        )
     if name.isdecimal():
         return "dae", name
     kind, colon, number = name.rpartition(":")
@@ -207,22 +213,6 @@ def _find_id(results: Results, name: str, task: str) -> str:
             f"{with_results(_command(description['kind'], task), results.name)} to make one."
         )
     return id
-
-
-def _size_of_kind(kind: str, task: str) -> int:
-    """Returns the number of latents of a kind that has only one size for a task.
-
-    Raises:
-        RequestError: if it has several sizes.
-    """
-    size = only_size(kind, task)
-    if size is None:
-        sizes = find_kind(kind).latent_sizes(task)
-        raise RequestError(
-            f"Encoders of the kind {kind} have {sizes[0]} to {sizes[-1]} latents on {task}; type "
-            f"--encoder {kind}:12, or another number."
-        )
-    return size
 
 
 def _check_size(kind: str, latents: int, task: str) -> None:

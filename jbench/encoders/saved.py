@@ -160,10 +160,13 @@ def find_encoder(results: Results, name: str, task: str) -> str:
     kind = known("kind of encoder", kind, kind_names())
     latents = int(number) if number.isdecimal() else 0
     _check_size(kind, latents, task)
+    wanted = {"kind": kind, "task": task, "latents": latents}
     matches = [
         record
         for record in results.scan("encoder")[0]
-        if _fits(record, kind, task, latents) and _of_plain_robot(results, record)
+        if record.status == "finished"
+        and wanted.items() <= record.settings.items()
+        and _of_plain_robot(results, record)
     ]
     if not matches:
         raise RequestError(
@@ -180,7 +183,13 @@ def _kind_and_number(name: str, task: str) -> tuple[str | None, str]:
         RequestError: if the name is a kind of several sizes.
     """
     if name in kind_names():
-        return name, str(_size_of_kind(name, task))
+        if (size := only_size(name, task)) is not None:
+            return name, str(size)
+        sizes = find_kind(name).latent_sizes(task)
+        raise RequestError(
+            f"Encoders of the kind {name} have {sizes[0]} to {sizes[-1]} latents on {task}; type "
+            f"--encoder {name}:12, or another number."
+        )
     if name.isdecimal():
         return "dae", name
     kind, colon, number = name.rpartition(":")
@@ -204,22 +213,6 @@ def _find_id(results: Results, name: str, task: str) -> str:
             f"{with_results(_command(description['kind'], task), results.name)} to make one."
         )
     return id
-
-
-def _size_of_kind(kind: str, task: str) -> int:
-    """Returns the number of latents of a kind that has only one size for a task.
-
-    Raises:
-        RequestError: if it has several sizes.
-    """
-    size = only_size(kind, task)
-    if size is None:
-        sizes = find_kind(kind).latent_sizes(task)
-        raise RequestError(
-            f"Encoders of the kind {kind} have {sizes[0]} to {sizes[-1]} latents on {task}; type "
-            f"--encoder {kind}:12, or another number."
-        )
-    return size
 
 
 def _check_size(kind: str, latents: int, task: str) -> None:
@@ -250,11 +243,3 @@ def _of_plain_robot(results: Results, record: Record) -> bool:
     except (RequestError, WorkError):
         return True
     return dataset is None or dataset.settings.get("augment") is None
-
-
-def _fits(record: Record, kind: str, task: str, latents: int) -> bool:
-    settings = record.settings
-    return record.status == "finished" and (
-        (settings.get("kind"), settings.get("task"), settings.get("latents"))
-        == (kind, task, latents)
-    )

@@ -6,8 +6,8 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from jbench.encoders.registry import find_kind, make_kind
-from jbench.names import MAX_SEED, TASKS, known
-from jbench.settings.base import Settings, validated
+from jbench.names import TASKS, known
+from jbench.settings.base import Seed, Settings, validated
 from jbench.tasks.features import TASK_SPECS
 
 
@@ -18,7 +18,7 @@ class EncoderSettings(Settings):
     task: str = "face_direction"
     dataset: str = Field(description="id of the random-policy dataset")
     latents: int = Field(default=12, ge=1, description="paper, Figures 7 and 8")
-    seed: int = Field(default=0, ge=0, le=MAX_SEED)
+    seed: Seed = 0
     options: dict[str, Any] = Field(default_factory=dict, description="every option of the kind")
 
     @model_validator(mode="after")

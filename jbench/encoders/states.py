@@ -4,7 +4,7 @@ Whole episodes are held out, so that no held-out state is adjacent to a training
 that does not fit in memory is read in each epoch, file by file in random order.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -123,7 +123,9 @@ class States:
             )
         self.dataset, self.task, self.seed = dataset, task, seed
         self.size = TASK_SPECS[task].observation_size
-        self._learned, self._held_out = split_episodes(dataset.episodes, seed)
+        learned, held_out = split_episodes(dataset.episodes, seed)
+        # Training episodes first, then the held-out ones.
+        self._order, self._first_held_out = np.concatenate([learned, held_out]), len(learned)
         self._memory = memory
         self.device = torch.device("cpu")
         self._read = False
@@ -154,28 +156,15 @@ class States:
         Args:
             random: shuffles the files of a dataset that does not fit in memory.
         """
-        if self.in_memory:
-            yield Shard(*(part[: len(self._learned)] for part in self._whole))
-            return
-        parts = list(range(len(self.dataset.parts)))
-        if random is not None:
-            parts = torch.randperm(len(parts), generator=random).tolist()
-        yield from self._stream(parts, self._learned)
+        return self._episodes(slice(self._first_held_out), random)
 
     def test(self) -> Iterator[Shard]:
         """Yields the held-out episodes."""
-        if self.in_memory:
-            yield Shard(*(part[len(self._learned) :] for part in self._whole))
-            return
-        yield from self._stream(range(len(self.dataset.parts)), self._held_out)
+        return self._episodes(slice(self._first_held_out, None))
 
     def all(self) -> Iterator[Shard]:
         """Yields all episodes."""
-        if self.in_memory:
-            yield self._whole
-            return
-        parts = range(len(self.dataset.parts))
-        yield from self._stream(parts, np.arange(self.dataset.episodes))
+        return self._episodes(slice(None))
 
     def scale(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns observations (..., size) with the dataset's scaling."""
@@ -184,10 +173,9 @@ class States:
 
     def _read_all(self) -> None:
         """Reads extremes and moments of the dataset and, if they fit in memory, its states."""
-        # Position of each episode: training episodes first, then the held-out ones.
-        order = np.empty(self.dataset.episodes, np.intp)
-        order[np.concatenate([self._learned, self._held_out])] = np.arange(len(order))
-        first_held_out = len(self._learned)
+        # Position of each episode in `_order`.
+        order = np.argsort(self._order)
+        first_held_out = self._first_held_out
         # All states, or only the sample, which is the beginning of the held-out episodes.
         first = 0 if self.in_memory else first_held_out
         last = len(order) if self.in_memory else min(len(order), first + SAMPLE_EPISODES)
@@ -215,16 +203,21 @@ class States:
         at = first_held_out - first
         self.sample = Shard(*(part[at : at + SAMPLE_EPISODES] for part in self._whole))
 
-    def _stream(self, parts: Iterable[int], selected: NDArray[np.intp]) -> Iterator[Shard]:
-        """Yields the selected episodes of some files in shards that fit in memory."""
-        parts = list(parts)
+    def _episodes(self, chosen: slice, random: torch.Generator | None = None) -> Iterator[Shard]:
+        """Yields the chosen ones of the episodes in `_order`, in shards that fit in memory."""
+        if self.in_memory:
+            yield Shard(*(part[chosen] for part in self._whole))
+            return
+        parts = list(range(len(self.dataset.parts)))
+        if random is not None:
+            parts = torch.randperm(len(parts), generator=random).tolist()
         blocks = self.dataset.blocks(self.task, parts)
         # A third of the memory: a shard is joined while the previous one is still in use.
         max_episodes = max(1, self._memory // (3 * _STATES * self.size * 4))
         gathered: list[_Arrays] = []
         held = 0
         for part, block in zip(parts, blocks, strict=True):
-            mask = np.isin(self.dataset.parts[part], selected)
+            mask = np.isin(self.dataset.parts[part], self._order[chosen])
             if held and held + mask.sum() > max_episodes:
                 yield self._shard(gathered)
                 gathered, held = [], 0

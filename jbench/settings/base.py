@@ -3,12 +3,14 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from jbench.errors import RequestError
-from jbench.names import closest
+from jbench.names import MAX_SEED, closest
+
+Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 
 
 class Settings(BaseModel):

@@ -2,8 +2,8 @@
 
 from pydantic import Field, field_validator
 
-from jbench.names import EPISODE_STEPS, MAX_SEED
-from jbench.settings.base import Settings, omissible
+from jbench.names import EPISODE_STEPS
+from jbench.settings.base import Seed, Settings, omissible
 
 
 class DatasetSettings(Settings):
@@ -11,16 +11,11 @@ class DatasetSettings(Settings):
 
     policy: str = "random"
     robot: str = "jitterbug"
-    seed: int = Field(default=0, ge=0, le=MAX_SEED)
+    seed: Seed = 0
     steps: int = Field(
         default=5_000_000, gt=0, description="control steps (paper, section 5.2: 5 million)"
     )
-    augment: int | None = omissible(
-        None,
-        ge=0,
-        le=MAX_SEED,
-        description="seed of an augmented robot",
-    )
+    augment: Seed | None = omissible(None, description="seed of an augmented robot")
 
     @field_validator("steps")
     @classmethod

@@ -2,8 +2,7 @@
 
 from pydantic import Field
 
-from jbench.names import MAX_SEED
-from jbench.settings.base import Settings, omissible
+from jbench.settings.base import Seed, Settings, omissible
 
 
 class EvaluationSettings(Settings):
@@ -12,7 +11,7 @@ class EvaluationSettings(Settings):
     task: str
     policy: str = Field(description="as typed by the user, such as heuristic")
     episodes: int = Field(default=100, ge=1)
-    seed: int = Field(default=0, ge=0, le=MAX_SEED)
+    seed: Seed = 0
     states: bool = Field(default=False, description="whether to record every state")
     target_yaw: float | None = Field(default=None, description="rad; None: drawn by the task")
     augment: int | None = Field(default=None, ge=0, description="seed of an augmented robot")

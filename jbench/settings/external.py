@@ -4,8 +4,8 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from jbench.names import MAX_SEED, TimeLimit
-from jbench.settings.base import omissible
+from jbench.names import TimeLimit
+from jbench.settings.base import Seed, omissible
 from jbench.settings.labelled import LabelledSettings
 
 EXTERNAL: Literal["external"] = "external"
@@ -25,9 +25,7 @@ class ExternalSettings(LabelledSettings):
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
     evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
     hyperparameters: dict[str, Any] = Field(description="JSON values by name")
-    augment: int | None = omissible(
-        None, ge=0, le=MAX_SEED, description="seed of the augmented robot"
-    )
+    augment: Seed | None = omissible(None, description="seed of the augmented robot")
 
     @property
     def robots(self) -> int:

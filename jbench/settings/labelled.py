@@ -5,8 +5,8 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
-from jbench.names import FULL, MAX_SEED, TASKS
-from jbench.settings.base import Settings
+from jbench.names import FULL, TASKS
+from jbench.settings.base import Seed, Settings
 
 LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """Labels of algorithms and representations: part of an id, so valid as names of directories."""
@@ -20,7 +20,7 @@ class LabelledSettings(Settings):
     representation: str = Field(
         default=FULL, description="label of what the agent observes: full, or one such as dae12"
     )
-    seed: int = Field(ge=0, le=MAX_SEED)
+    seed: Seed
 
     @field_validator("task")
     @classmethod

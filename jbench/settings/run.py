@@ -19,7 +19,6 @@ from pydantic_core.core_schema import ValidationInfo
 from jbench.names import (
     EPISODE_STEPS,
     FULL,
-    MAX_SEED,
     OFE,
     Engine,
     Precision,
@@ -27,7 +26,7 @@ from jbench.names import (
     kind_of,
 )
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
-from jbench.settings.base import Settings, omissible, validated
+from jbench.settings.base import Seed, Settings, omissible, validated
 from jbench.settings.external import EXTERNAL, ExternalSettings
 from jbench.settings.labelled import LABEL
 from jbench.settings.ofe import OFESettings
@@ -46,7 +45,7 @@ class RunSettings(Settings):
         default=FULL, description="full, an encoder's kind and size such as dae12, or ofe12"
     )
     encoder: str | None = Field(default=None, description="id of the encoder")
-    seed: int = Field(ge=0, le=MAX_SEED)
+    seed: Seed
     steps: int = Field(gt=0, description="control steps over all environments; section 5.1: 5e6")
     engine: Engine = "batched"
     package: str | None = omissible(
@@ -56,11 +55,8 @@ class RunSettings(Settings):
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
     evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
     hyperparameters: dict[str, Any] = Field(description="settings of the algorithm")
-    augment: int | None = omissible(
-        None,
-        ge=0,
-        le=MAX_SEED,
-        description="seed of the augmented robot, or of the first of several",
+    augment: Seed | None = omissible(
+        None, description="seed of the augmented robot, or of the first of several"
     )
     robots: int = omissible(
         1,

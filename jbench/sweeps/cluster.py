@@ -182,6 +182,8 @@ def _reach(address: str | None) -> None:
     """
     if address is not None and address not in ("auto", "local"):
         host, _, port = address.removeprefix("ray://").rpartition(":")
+        if not port.isdecimal() or int(port) >= 2**16:
+            raise ValueError("it is not HOST:PORT")
         socket.create_connection((host, int(port)), _ANSWERS_WITHIN).close()
 
 

@@ -27,7 +27,6 @@ from jbench.names import (
     ALGORITHMS,
     FULL,
     MAX_COUNT,
-    MAX_SEED,
     OFE,
     TASKS,
     Base,
@@ -37,7 +36,7 @@ from jbench.names import (
     known,
 )
 from jbench.seeds import parse_seeds
-from jbench.settings.base import Settings, validated, whole
+from jbench.settings.base import Seed, Settings, validated, whole
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -55,7 +54,6 @@ _REPRESENTATION = re.compile(r"([a-z][a-z0-9-]*?):?([0-9]+)")
 
 # TOML parses 5e6 as a float.
 _Count = Annotated[int, Field(gt=0, le=MAX_COUNT), BeforeValidator(whole)]
-_Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 _EachOnce = AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds)))
 # TOML has lists; tuples are immutable.
 _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
@@ -77,13 +75,13 @@ class DatasetPart(Settings):
     """The table [dataset]: the dataset on which missing encoders are trained."""
 
     steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.2")
-    seed: _Seed = 0
+    seed: Seed = 0
 
 
 class EncoderPart(Settings):
     """The table [encoder]: how missing encoders are trained."""
 
-    seed: _Seed = 0
+    seed: Seed = 0
     options: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="options by kind that differ from the defaults"
     )
@@ -98,7 +96,7 @@ class Matrix(Settings):
     tasks: _Names
     algos: _Names
     representations: _Names = (FULL,)
-    seeds: Annotated[tuple[_Seed, ...], _EachOnce] = Field(
+    seeds: Annotated[tuple[Seed, ...], _EachOnce] = Field(
         default=tuple(range(10)), strict=False, min_length=1
     )
     steps: _Count = Field(default=5_000_000, description="control steps; paper, section 5.1")
@@ -108,7 +106,7 @@ class Matrix(Settings):
     precision: Precision = _like_run("precision")
     environments: int | None = _like_run("parallel")
     time_limit: TimeLimit = _like_run("time_limit")
-    augment: int | None = _like_run("augment")
+    augment: Seed | None = _like_run("augment")
     robots: int = _like_run("robots")
     settings: Base = Field(default="published", description="source of default hyperparameters")
     hyperparameters: dict[str, dict[str, Any]] = Field(
@@ -129,10 +127,9 @@ class Matrix(Settings):
         fields = {
             name: getattr(self, key) for name, key in names.items() if key in Matrix.model_fields
         }
-        evaluation = self.evaluation
         return fields | {
-            "evaluate_every": evaluation.every,
-            "evaluate_episodes": evaluation.episodes,
+            "evaluate_every": self.evaluation.every,
+            "evaluate_episodes": self.evaluation.episodes,
         }
 
     @property
@@ -202,11 +199,9 @@ def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
 
 def _choices(annotation: Any) -> list[str]:
     """Returns the texts of a type such as `Literal["a", "b"] | None`; empty for other types."""
-    if get_origin(annotation) is Literal:
-        return list(get_args(annotation))
     return [
         text
-        for part in get_args(annotation)
+        for part in (annotation, *get_args(annotation))
         if get_origin(part) is Literal
         for text in get_args(part)
     ]

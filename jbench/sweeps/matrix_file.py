@@ -7,9 +7,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jbench import names
 from jbench.errors import RequestError
-from jbench.names import SWEEPS
+from jbench.names import SWEEPS, known
 
 PART = "part"
 """Key of the parts, an array of tables."""
@@ -72,7 +71,7 @@ def _text(name: str) -> str:
     path = Path(name)
     if path.suffix != ".toml":
         try:
-            names.known("matrix", name, SWEEPS)
+            known("matrix", name, SWEEPS)
         except RequestError as error:
             raise RequestError(f"{str(error).rstrip('.')}; or type a FILE.toml.") from None
     try:

@@ -51,7 +51,8 @@ def sweep(
     """Trains the missing runs of cells until each is finished or failed.
 
     Missing datasets and encoders are made first. A failed run does not stop the others. A run
-    whose process dies is resumed, and counts as failed when its third process dies.
+    whose process dies is resumed, and counts as failed when its third process dies, which it shares
+    with no other run.
 
     Args:
         cells: cells of a matrix, or a single one.
@@ -231,8 +232,11 @@ class _Scheduler:
         if again:
             # A run that failed before may have died before it was started again.
             self._retry |= {run.id for run in again}
-            self._waiting.append(again)
-            self._watcher.note(f"The process of {_named(again)} died; they are tried again.")
+            # At last each is alone, so that a run that kills its process fails no other run.
+            alone = len(again) > 1 and max(self._deaths[run.id] for run in again) == _MAX_DEATHS - 1
+            self._waiting.extend([[run] for run in again] if alone else [again])
+            how = "each is tried again in a process of its own" if alone else "they are tried again"
+            self._watcher.note(f"The process of {_named(again)} died; {how}.")
 
     def _leave(self, runs: Sequence[RunSettings]) -> None:
         """Leaves runs to the process that is training them."""

@@ -17,7 +17,9 @@ def heuristic(task: str) -> Law:
     Raises:
         KeyError: if the task does not exist.
     """
-    return HEURISTICS[task]()
+    laws = (MoveFromOrigin, FaceDirection, MoveInDirection, MoveToPosition, MoveToPose)
+    policies: dict[str, type[Law]] = {law.task: law for law in laws}
+    return policies[task]()
 
 
 @dataclass
@@ -176,10 +178,3 @@ class MoveToPose(Turner, MoveToPosition):
     def _steering(self, motion: Motion, bearing: Array) -> Array:
         angle = np.clip(motion.angle, -self.max_steer_angle, self.max_steer_angle)
         return angle * (self.steer + self.steer_phase_gain * np.cos(motion.mass - bearing))
-
-
-HEURISTICS: dict[str, type[Law]] = {
-    law.task: law
-    for law in (MoveFromOrigin, FaceDirection, MoveInDirection, MoveToPosition, MoveToPose)
-}
-"""The policy of each task."""

@@ -53,13 +53,8 @@ def draw_quaternion(random: Random) -> NDArray[np.float64]:
     It is a rotation by U(0, 2 pi) about an axis (u, v, 1) with u, v ~ U(-0.025, 0.025).
     """
     angle = random.uniform(0, 2 * math.pi)
-    axis = np.array(
-        [
-            random.uniform(-_MAX_TILT, _MAX_TILT),
-            random.uniform(-_MAX_TILT, _MAX_TILT),
-            1.0,
-        ]
-    )
+    u, v = (random.uniform(-_MAX_TILT, _MAX_TILT) for _ in range(2))
+    axis = np.array([u, v, 1.0])
     axis /= np.linalg.norm(axis)
     return np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
 
@@ -91,28 +86,20 @@ def option_target(
     """Returns the target that the options of `reset` choose, or None if they choose none.
 
     Args:
-        count: as in `chosen_target`.
+        options: {"target": numbers}, the inverse of `target_numbers`: (n,), or (count, n) for a
+            target for each of several robots.
+        count: number of robots, or None for a target without leading axes.
 
     Raises:
-        RequestError: if there is another option, or the target is wrong.
+        RequestError: if there is another option, the task has no random target, or the numbers are
+            not those of a target.
     """
     unknown = sorted(map(str, set(options or {}) - {"target"}))
     if unknown:
         raise RequestError(f"reset has no option {', '.join(unknown)}; it has target.")
-    return chosen_target(task, options["target"], count) if options else None
-
-
-def chosen_target(task: str, numbers: Any, count: int | None = None) -> Target:
-    """Returns the target with the given numbers, the inverse of `target_numbers`.
-
-    Args:
-        numbers: (n,), or (count, n) for a target for each of several robots.
-        count: number of robots, or None for a target without leading axes.
-
-    Raises:
-        RequestError: if the task has no random target, or the numbers are not those of a target.
-    """
-    names = TASK_SPECS[task].target_numbers
+    if not options:
+        return None
+    numbers, names = options["target"], TASK_SPECS[task].target_numbers
     if not names:
         raise RequestError(f"{task} has no target to choose: leave out the option target.")
     shapes = [(len(names),)] if count is None else [(len(names),), (count, len(names))]

@@ -16,7 +16,6 @@ from jbench.simulation import Robots, rollout
 from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
 from jbench.simulation.rollout import Act
 from jbench.tasks import resets
-from jbench.tasks.resets import Starts
 from jbench.tasks.robots import load_model
 
 
@@ -67,25 +66,30 @@ def evaluate_policy(
         act: returns actions (n, 1) for observations (n, dim(O)) of the task.
         threads: number of simulation threads; the returns do not depend on it.
     """
-    episodes = settings.evaluate_episodes
-    generator = resets.episode_generator(seed, number)
-    starts = resets.draw_starts(settings.task, [generator] * episodes)
-    with Robots(robot_model(settings, 0), episodes, threads) as robots:
-        (evaluation,) = _evaluations(settings.task, robots, starts, act, episodes)
+    episodes, generator = settings.evaluate_episodes, resets.episode_generator(seed, number)
+    robot = robot_model(settings, 0)
+    (evaluation,) = _evaluations(settings.task, robot, [generator], episodes, act, threads)
     return evaluation
 
 
 def _evaluations(
-    task: str, robots: Robots, starts: Starts, act: Act, episodes: int
+    task: str,
+    robot: mujoco.MjModel,
+    generators: Sequence[np.random.Generator],
+    episodes: int,
+    act: Act,
+    threads: int,
 ) -> list[Evaluation]:
-    """Runs evaluations of some episodes each, one after another in `starts`, side by side."""
+    """Runs an evaluation of some episodes for each generator, all side by side."""
+    starts = resets.draw_starts(task, [one for one in generators for _ in range(episodes)])
     total, length = np.zeros(len(starts.quaternions)), 0
-    points = [path_point(robots.reset(starts.quaternions))]
-    for transition in rollout(task, robots, starts, act):
-        total += transition.rewards
-        length += 1
-        if length % PATH_EVERY == 0:
-            points.append(path_point(transition.state))
+    with Robots(robot, len(total), threads) as robots:
+        points = [path_point(robots.reset(starts.quaternions))]
+        for transition in rollout(task, robots, starts, act):
+            total += transition.rewards
+            length += 1
+            if length % PATH_EVERY == 0:
+                points.append(path_point(transition.state))
     targets = resets.target_numbers(task, starts.targets)
     return [
         Evaluation(
@@ -146,12 +150,10 @@ class Evaluator(EvaluationSchedule):
         shape = (len(cell.generators), episodes)
         seeds = self._seeds[first : first + shape[0]]
         generators = [resets.episode_generator(seed, self._done) for seed in seeds]
-        starts = resets.draw_starts(cell.task, [one for one in generators for _ in range(episodes)])
 
         def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
             return engine.act(observations.reshape(*shape, -1), first).reshape(-1, 1)
 
-        model = robot_model(self._settings, self._settings.robot_at(engine.control_steps))
+        robot = robot_model(self._settings, self._settings.robot_at(engine.control_steps))
         threads = engine.environments.threads
-        with Robots(model, len(starts.quaternions), threads) as robots:
-            return _evaluations(cell.task, robots, starts, act, episodes)
+        return _evaluations(cell.task, robot, generators, episodes, act, threads)

@@ -209,8 +209,8 @@ class RunLog:
             **{f"target_{name}": path.target.get(name) for name in ("x", "y", "yaw")},
         }
         x, y, heading = path.points.T
-        time = (np.arange(count) * (PATH_EVERY * CONTROL_TIMESTEP)).astype(np.float32)
-        columns = {"time": time, "x": x, "y": y, "heading": heading}
+        times = (np.arange(count) * (PATH_EVERY * CONTROL_TIMESTEP)).astype(np.float32)
+        columns = {"time": times, "x": x, "y": y, "heading": heading}
         repeated = {name: [value] * count for name, value in constant.items()}
         return pa.table({**columns, **repeated}, schema=schema.PATHS)
 

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 
 from jbench.cores import one_thread
-from jbench.encoders import load_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.policies.find import SHIPPED
@@ -218,21 +217,16 @@ def _train(
 ) -> Record:
     """Trains a run up to a control step in a temporary results directory; returns its record."""
     stop = until if until < settings.steps else None
-    if settings.encoder is not None:
-        load_encoder(results, settings.encoder)  # or an error that names what is missing
-        encoder = results.record("encoder", settings.encoder)
-        encoder.load()
-        with temporary.locked("encoder", settings.encoder):
-            temporary.record("encoder", settings.encoder).copy_from(encoder)
+    encoder = load_encoder_of(settings, results)
     if settings.engine == "sb3":
         from jbench.training import sb3_run  # stable-baselines3 takes a second to import
 
-        sb3_run.run(settings, temporary, lambda steps, _: progress(steps), until=stop)
+        sb3_run.run(settings, temporary, encoder, lambda steps, _: progress(steps), until=stop)
     else:
         failures = run_batch(
             [settings],
             temporary,
-            load_encoder_of(settings, temporary),
+            encoder,
             device=device_for(record.manifest.provenance),
             until=stop,
             progress=lambda run, steps, episode_return: progress(steps),

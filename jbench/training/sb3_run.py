@@ -22,7 +22,7 @@ from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
 from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
 from jbench.store import Record, Results
-from jbench.training.environment import load_encoder_of, make_env
+from jbench.training.environment import make_env
 from jbench.training.evaluation import EvaluationSchedule, seeds_of
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
@@ -32,6 +32,7 @@ _COMMIT_EVERY = 15.0  # s
 def run(
     settings: RunSettings,
     results: Results,
+    encoder: Encoder | None,
     progress: Callable[[int, float], None] = lambda steps, episode_return: None,
     until: int | None = None,
 ) -> Record:
@@ -40,7 +41,8 @@ def run(
     A finished run is returned unchanged; any other run starts over.
 
     Args:
-        results: where the run is written; contains its encoder.
+        results: where the run is written.
+        encoder: of the observations; None for the full observation.
         progress: called after each training episode with the control steps so far and its return.
         until: control step at the end of an episode, where training stops and the run remains
             unfinished; None to finish it.
@@ -55,7 +57,7 @@ def run(
         made_on = {"device": "cpu", **code_of(settings.algo)}
         record = results.create("run", settings.id, settings.values, made_on)
         try:
-            _train(settings, record, load_encoder_of(settings, results), progress, until)
+            _train(settings, record, encoder, progress, until)
         except DivergedError as error:
             record.fail(str(error), error.divergence.to_summary())
             raise
@@ -75,7 +77,7 @@ def _train(
 ) -> None:
     log, clock = RunLog(record), ProcessorClock()
     agent_seed, evaluation_seed = seeds_of(settings.seed)
-    env = DummyVecEnv([lambda: make_training_env(settings, encoder)] * settings.environments)
+    env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)
     agent = _build(settings, env, agent_seed)
     evaluator = SB3Evaluator(settings, encoder, evaluation_seed)
     recorder = _Recorder(settings, log, clock, evaluator, progress, until)
@@ -111,15 +113,8 @@ def policy_of(agent: BaseAlgorithm, settings: RunSettings) -> Policy | Network:
     return network_of_model(agent, size)
 
 
-def make_training_env(settings: RunSettings, encoder: Encoder | None) -> gymnasium.Env[Any, Any]:
-    """Returns a training environment, which switches through all robots of the run."""
-    if settings.robots == 1:
-        return make_env(settings, encoder)
-    return RobotSequence(settings, encoder)
-
-
 class RobotSequence(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Switches through the robots of a run; each has the same number of episodes.
+    """Switches through the robots of a run, one or several; each has as many episodes.
 
     The paper's authors kept the policy from robot to robot. Here the agent does not notice the
     switch: it keeps its networks, optimizers, entropy coefficient, step count and replay buffer. In

@@ -113,7 +113,7 @@ def _train(
     record = results.find("run", run.id)
     if record is not None and record.status != "finished":
         report_resumed(run, 0, "")
-    sb3_run.run(run, results, partial(report, run))
+    sb3_run.run(run, results, encoders[run.encoder], partial(report, run))
     return failures
 
 

@@ -12,14 +12,14 @@ SIZES = [(5, 1), (5, 20, 1), (17, 24, 20, 1), (16, 9, 33, 16, 2)]
 JOINED = [(sizes, joins) for sizes in SIZES for joins in range(len(sizes) - 1)]
 
 
-def network_of(sizes, dtype=torch.float64, seeds=None, joins=0, **options):
+def network_of(sizes, dtype=torch.float64, seeds=None, joins=0, low_precision=False):
     """A network with random parameters, of one seed or of a stack."""
-    tensors = Tensors(seeds or 1, dtype)
+    tensors = Tensors(seeds or 1, dtype, low_precision=low_precision)
     view = SeedView(tensors) if seeds else SeedView(tensors, 0)
     count = parameter_count(sizes, joins)
     values, gradient = view.saved("values", count), view.scratch("gradient", count)
     random = torch.Generator().manual_seed(0)
-    network = Network(view, sizes, values, gradient, workspace="workspace", joins=joins, **options)
+    network = Network(view, sizes, values, gradient, workspace="workspace", joins=joins)
     for weight, bias in network.layers:
         for parameters in (weight, bias):
             nn.init.normal_(parameters, 0, 0.3, generator=random)

@@ -93,18 +93,17 @@ def regions_of(
     else:
         settings = algo.Settings()
         rule = partial(AutogradLearner, rule=make_rule(algo, settings, SIZE))
-    tensors = Tensors(SEEDS, torch.float32, GPU)
-    low = precision == "bfloat16"
-    team = Team(rule, settings, sizes, tensors, stacked=True, low_precision=low)
+    tensors = Tensors(SEEDS, torch.float32, GPU, low_precision=precision == "bfloat16")
     generators = [Generators(seed, 1) for seed in range(SEEDS)]
+    team = Team(rule, settings, sizes, generators, tensors, stacked=True)
     (group,) = team.groups
     if algo == "ppo":
-        epochs = Epochs(settings, group, generators, Rollout(SEEDS, 8, 16, SIZE))
+        epochs = Epochs(settings, group, Rollout(SEEDS, 8, 16, SIZE))
         found = {"update": kernels_in(epochs._update_once, settings.batch_size, tensors)}
         methods = [(engine.act, 1), (PPO.explore, 2), (PPO.value, 1)]
     else:
         replay = ReplayBuffer(SEEDS, 1, 100, SIZE, flush_every=1, device=GPU)
-        updates = Updates(settings, group, generators, replay, limit or "bootstrap")
+        updates = Updates(settings, group, replay, limit or "bootstrap")
         found = {
             name: kernels_in(updates._update_some, (delayed,), tensors)
             for name, delayed in (("update", True), ("update without the actor", False))
@@ -181,11 +180,11 @@ class Transfers(TorchDispatchMode):
 
 def test_ppo_copies_nothing_to_device_between_updates():
     settings, seen = algorithm_settings("ppo"), []
-    team = Team(PPO, settings, [SIZE] * SEEDS, Tensors(SEEDS, device=GPU), stacked=True)
+    generators = [Generators(seed, 1) for seed in range(SEEDS)]
+    tensors = Tensors(SEEDS, device=GPU)
+    team = Team(PPO, settings, [SIZE] * SEEDS, generators, tensors, stacked=True)
     rollout = Rollout(SEEDS, 1, 2 * settings.batch_size, SIZE)
-    epochs = Epochs(
-        settings, team.groups[0], [Generators(seed, 1) for seed in range(SEEDS)], rollout
-    )
+    epochs = Epochs(settings, team.groups[0], rollout)
     epochs._update = lambda *_: seen.append("update")
     with Transfers(seen):
         epochs.run()

@@ -44,7 +44,7 @@ def finished(tmp_path_factory):
         evaluate_every=50_000,
         evaluate_episodes=1,
     )
-    return settings, run(settings, results)
+    return settings, run(settings, results, None)
 
 
 def test_run_of_class_is_recorded(finished):

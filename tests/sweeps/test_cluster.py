@@ -98,7 +98,7 @@ def test_sweep_with_killed_node_equals_local_sweep(cluster, tmp_path):
     assert head.any_processes_alive()
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1:1", "here"])
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "here", f"127.0.0.1:{10**20}"])
 def test_missing_cluster_is_reported(address, tmp_path, capsys):
     matrix = write_matrix(tmp_path)
     more = ("--executor", "ray", "--address", address)

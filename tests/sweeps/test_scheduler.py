@@ -124,6 +124,31 @@ def test_gpu_trains_all_cells_of_algorithm_in_one_process(tmp_path, monkeypatch)
     assert notes == ["The process of 4 runs of td3 in 2 cells died; they are tried again."]
 
 
+class Crashing(Gpu):
+    """An executor whose processes die if they train seed 0."""
+
+    device = "cpu"
+
+    def train(self, runs):
+        self.given.append([run.seed for run in runs])
+        dies = any(run.seed == 0 for run in runs)
+        yield from [] if dies else [{"run": r.id, "finished": True} for r in runs]
+
+
+def test_run_that_kills_its_process_fails_no_other_run(tmp_path, monkeypatch):
+    matrix, notes, executor = write_matrix(tmp_path, seeds="0-2"), [], Crashing()
+    cells = matrix_cells(read_matrix(matrix), Results(tmp_path))
+    monkeypatch.setattr(Watcher, "note", lambda _, sentence: notes.append(sentence))
+    failures = sweep(cells, Results(tmp_path), lambda: executor)
+    assert failures == {cells[0].runs[0].id: "its process died without a message, 3 times"}
+    assert executor.given == [[0, 1, 2], [0, 1, 2], [0], [1], [2]]
+    died = "The process of seeds 0, 1, 2 of td3 face_direction full died;"
+    assert notes == [
+        f"{died} they are tried again.",
+        f"{died} each is tried again in a process of its own.",
+    ]
+
+
 def test_damaged_dataset_or_encoder_is_missing_and_stops_no_other_cell(tmp_path, capsys):
     results = Results(tmp_path)
     matrix = write_matrix(tmp_path, representations='"pca3", "full"')

@@ -147,7 +147,7 @@ def test_only_given_generator_is_used(task, generator):
     ],
 )
 def test_chosen_target_by_hand(task, numbers, position, yaw):
-    target = resets.chosen_target(task, numbers)
+    target = resets.option_target(task, {"target": numbers})
     assert tuple(target.position) == position
     assert target.yaw == yaw
     assert resets.target_numbers(task, target).tolist() == np.atleast_1d(numbers).tolist()
@@ -155,10 +155,10 @@ def test_chosen_target_by_hand(task, numbers, position, yaw):
 
 def test_chosen_targets_of_several_robots():
     each = [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]
-    targets = resets.chosen_target("move_to_pose", each, 2)
+    targets = resets.option_target("move_to_pose", {"target": each}, 2)
     assert targets.position.tolist() == [[0.1, 0.2, 0.035], [0.4, 0.5, 0.035]]
     assert targets.yaw.tolist() == [0.3, 0.6]
-    same = resets.chosen_target("face_direction", 1.5, 3)
+    same = resets.option_target("face_direction", {"target": 1.5}, 3)
     assert same.position.shape == (3, 3)
     assert same.yaw.tolist() == [1.5] * 3
 
@@ -180,9 +180,9 @@ def test_chosen_targets_of_several_robots():
 )
 def test_wrong_target_is_refused(task, numbers, says):
     with pytest.raises(RequestError, match=says):
-        resets.chosen_target(task, numbers)
+        resets.option_target(task, {"target": numbers})
 
 
 def test_wrong_number_of_targets_is_refused():
     with pytest.raises(RequestError, match=r"of shape \(1,\) or \(3, 1\)"):
-        resets.chosen_target("face_direction", [[1], [2]], 3)
+        resets.option_target("face_direction", {"target": [[1], [2]]}, 3)

@@ -148,7 +148,7 @@ def test_diverging_stable_baselines3_agent_fails(algo, tmp_path):
     run = sb3_settings(algo, {**first[algo], **HUGE}, steps=450, evaluate_episodes=0)
     results = Results(tmp_path)
     with pytest.raises(DivergedError, match="after update"):
-        run_sb3(run, results)
+        run_sb3(run, results, None)
     record = results.find("run", run.id)
     assert record.status == "failed"
     diverged = record.manifest.summary["diverged"]

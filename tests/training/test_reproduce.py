@@ -85,7 +85,7 @@ def test_stable_baselines3_run_is_reproduced_bit_for_bit(tmp_path):
     task = "move_from_origin"  # its returns are not 0
     run = settings(engine="sb3", task=task, evaluate_every=75, evaluate_episodes=1)
     results = Results(tmp_path)
-    record = sb3_run.run(run, results)
+    record = sb3_run.run(run, results, None)
     assert record.manifest.summary[POLICY_EVALUATION] == 1
     done = reproduce(results, record, 1)
     assert done.evaluation.verdict == "equal"

@@ -22,7 +22,7 @@ from jbench.store import Results, query, schema
 from jbench.tasks.robots import load_model
 from jbench.training import sb3_run as running
 from jbench.training.environment import make_env
-from jbench.training.sb3_run import make_training_env, run
+from jbench.training.sb3_run import RobotSequence, run
 from tests.training.small_runs import EPISODE, shorten_episodes, small_run
 
 SHORT = pytest.mark.usefixtures("short_episodes")
@@ -79,7 +79,7 @@ class Watched:
             patch.setattr(running.SB3Evaluator, "__call__", watched_evaluation)
             shorten_episodes(patch.setattr)
             self.results = Results(path)
-            self.record = run(settings(*arguments, **changes), self.results)
+            self.record = run(settings(*arguments, **changes), self.results, None)
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +203,7 @@ def test_second_robot_keeps_replay_buffer_of_first(two):
 
 @SHORT
 def test_next_robot_continues_random_stream():
-    sequence, plain = make_training_env(settings(robots=4), None), make_env(settings(), None)
+    sequence, plain = RobotSequence(settings(robots=4), None), make_env(settings(), None)
     seen = {sequence: [], plain: []}
     for env, beginnings in seen.items():
         env.reset(seed=4)

@@ -36,7 +36,7 @@ def _short_episodes():
 def finished(tmp_path_factory):
     results = Results(tmp_path_factory.mktemp("results"))
     reported = []
-    record = run(settings(), results, lambda *now: reported.append(now))
+    record = run(settings(), results, None, lambda *now: reported.append(now))
     return results, record, reported
 
 
@@ -82,7 +82,7 @@ def test_progress_is_reported_after_each_episode(finished):
 def test_finished_run_is_not_repeated(finished):
     results, record, _ = finished
     before = (record.path / "manifest.json").read_bytes()
-    run(settings(), results, lambda *_: pytest.fail("it trained again"))
+    run(settings(), results, None, lambda *_: pytest.fail("it trained again"))
     assert (record.path / "manifest.json").read_bytes() == before
     planned = plan([settings(), settings(seed=1)], results)
     assert (planned.ids("finished"), planned.ids("missing")) == (
@@ -97,7 +97,7 @@ def test_same_settings_give_same_rows(finished, tmp_path):
     _, record, _ = finished
     # Measuring the speed before the run, as the command line does, does not change the run.
     assert seconds_per_step([settings()]) > 0
-    again = run(settings(), Results(tmp_path))
+    again = run(settings(), Results(tmp_path), None)
     for table in ("episodes", "evaluations"):
         first, second = (r.read(table).drop(TIMES) for r in (record, again))
         assert first.equals(second)
@@ -106,7 +106,7 @@ def test_same_settings_give_same_rows(finished, tmp_path):
 
 def test_other_seed_gives_other_episodes(finished, tmp_path):
     _, record, _ = finished
-    other = run(settings(seed=1, steps=EPISODE, evaluate_episodes=0), Results(tmp_path))
+    other = run(settings(seed=1, steps=EPISODE, evaluate_episodes=0), Results(tmp_path), None)
     first, second = (r.read("episodes")["episode_return"].to_pylist() for r in (record, other))
     assert not set(first) & set(second)
 
@@ -152,7 +152,7 @@ def test_ppo_counts_steps_of_all_environments(tmp_path):
         evaluate_episodes=0,
         overrides={"n_envs": 4, "n_steps": 10, "batch_size": 20, "n_epochs": 1},
     )
-    rows = run(ppo, Results(tmp_path)).read("episodes").to_pylist()
+    rows = run(ppo, Results(tmp_path), None).read("episodes").to_pylist()
     # Four environments end their first episodes together, at step 50 of each.
     assert [row["control_steps"] for row in rows] == 4 * [200]
     assert len({row["episode_return"] for row in rows}) == 4
@@ -181,20 +181,20 @@ def test_failure_is_recorded_and_can_be_retried(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("jbench.training.sb3_run.sb3.build", burn)
         with pytest.raises(FloatingPointError):
-            run(wanted, results)
+            run(wanted, results, None)
     failed = results.find("run", wanted.id)
     assert failed.status == "failed"
     assert failed.manifest.summary == {"error": "FloatingPointError: on fire"}
     assert plan([wanted], results).to_do(retry_failed=False) == []
     assert plan([wanted], results).to_do(retry_failed=True) == [wanted]
-    assert run(wanted, results).status == "finished"
+    assert run(wanted, results, None).status == "finished"
 
 
 def test_run_locked_by_another_process_is_refused(tmp_path):
     results = Results(tmp_path)
     record = results.create("run", settings().id, settings().model_dump(mode="json"))
     with record.lock(), pytest.raises(WorkError, match="Another process"):
-        run(settings(), results)
+        run(settings(), results, None)
 
 
 def test_id_depends_on_every_setting():

@@ -36,7 +36,6 @@ class AutogradLearner(OffPolicyLearner):
         settings: OffPolicySettings,
         observation_size: int,
         view: SeedView,
-        low_precision: bool = False,
         *,
         rule: Rule,
     ) -> None:
@@ -44,7 +43,7 @@ class AutogradLearner(OffPolicyLearner):
         self.losses = tuple(name for name in rule.losses if name in LOSSES)
         self.noise_per_transition = rule.noise_per_transition
         self.is_stochastic = type(rule).explore is not Rule.explore
-        super().__init__(settings, observation_size, view, low_precision)
+        super().__init__(settings, observation_size, view)
         self._settings = settings
         trained = set(rule.losses.values())
         self._groups = {

@@ -16,15 +16,9 @@ class DDPG(OffPolicyLearner):
     losses: tuple[str, ...] = ("actor_loss", "critic_loss")
     noise_per_transition = 0
 
-    def __init__(
-        self,
-        settings: DDPGSettings,
-        observation_size: int,
-        view: SeedView,
-        low_precision: bool = False,
-    ) -> None:
+    def __init__(self, settings: DDPGSettings, observation_size: int, view: SeedView) -> None:
         """See `Learner`."""
-        super().__init__(settings, observation_size, view, low_precision)
+        super().__init__(settings, observation_size, view)
         self._settings, joins = settings, settings.action_layer
         # Only the actor's activations must outlive a forward pass of another network.
         self.actor = self._network("actor", self.policy_sizes, workspace="actor")

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.agents.batched.environments import Environments, Step
-from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.learner import LOSS_SUMS, Learner
 from jbench.agents.batched.team import Team
 from jbench.agents.divergence import Divergence, divergent_loss
@@ -52,25 +51,18 @@ class Engine(Closing):
 
     is_resumable = keeps_policy_exactly = True
 
-    def __init__(
-        self,
-        team: Team[Any],
-        environments: Environments,
-        generators: Sequence[Generators],
-        rollout_steps: int,
-    ) -> None:
+    def __init__(self, team: Team[Any], environments: Environments, rollout_steps: int) -> None:
         """Starts with untrained agents.
 
         Args:
-            generators: one per seed.
             rollout_steps: steps of each environment between learning phases.
         """
         self.environments = environments
         self.control_steps = self.updates = 0
-        self._team, self._generators, self._rollout_steps = team, generators, rollout_steps
+        self._team, self._generators, self._rollout_steps = team, team.generators, rollout_steps
         self.diverged: dict[int, Divergence] = {}
         self._collected, self._unchecked = 0, False
-        team.initialize(generators)
+        team.initialize()
         # Tensors that must stay finite; the log temperature of SAC is -inf if ent_coef is 0.
         saved = team.tensors.saved
         self._finite = [n for n in saved if n != LOSS_SUMS and bool(saved[n].isfinite().all())]

@@ -34,20 +34,13 @@ class Learner:
     losses: tuple[str, ...]
     """Names of the recorded losses, as in the database."""
 
-    def __init__(
-        self,
-        settings: AlgorithmSettings,
-        observation_size: int,
-        view: SeedView,
-        low_precision: bool = False,
-    ) -> None:
+    def __init__(self, settings: AlgorithmSettings, observation_size: int, view: SeedView) -> None:
         """Makes the networks.
 
         Args:
             observation_size: number of inputs of the policy.
-            low_precision: whether to multiply hidden layers in bfloat16.
         """
-        self.view, self._low_precision = view, low_precision
+        self.view = view
         self._learning_rate = settings.learning_rate
         self.policy_sizes = (observation_size, *settings.hidden_layers, 1)
         self._loss_sums = view.saved(LOSS_SUMS, len(self.losses), 2)
@@ -163,7 +156,6 @@ class Learner:
             view.saved(name, count),
             view.scratch(f"{name}.gradient", count) if learned else None,
             workspace=workspace,
-            low_precision=self._low_precision,
             joins=joins,
         )
         return made

@@ -103,15 +103,15 @@ def make_engine(
         _learner(algo, settings, robots.sizes, ofe),
         settings,
         robots.sizes,
-        Tensors(len(seeds), dtype, torch_device),
+        generators,
+        Tensors(len(seeds), dtype, torch_device, low_precision=precision == "bfloat16"),
         stacked=gpu if stacked is None else stacked,
-        low_precision=precision == "bfloat16",
     )
     if isinstance(settings, PPOSettings):
-        return OnPolicyEngine(settings, team, robots, generators, time_limit=time_limit)
+        return OnPolicyEngine(settings, team, robots, time_limit=time_limit)
     assert isinstance(settings, OffPolicySettings)
     try:
-        return OffPolicyEngine(settings, team, robots, generators, time_limit=time_limit)
+        return OffPolicyEngine(settings, team, robots, time_limit=time_limit)
     except torch.OutOfMemoryError:
         raise WorkError(
             f"The GPU's memory is not enough for the replay buffers of {len(seeds)} seeds: type "

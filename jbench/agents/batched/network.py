@@ -66,7 +66,6 @@ class Network:
         gradient: Tensor | None = None,
         *,
         workspace: str,
-        low_precision: bool = False,
         joins: int = 0,
     ) -> None:
         """Makes the views of the parameters.
@@ -76,7 +75,6 @@ class Network:
             gradient: like `values`, written by `backward`; None for a network without gradient.
             workspace: name of the activation buffers. Of the networks that share them, only the
                 last one that was evaluated can go backward.
-            low_precision: whether to multiply hidden layers in bfloat16.
             joins: index of the layer that takes the last of the inputs.
         """
         self.sizes, self.values, self.gradient, self.joins = sizes, values, gradient, joins
@@ -90,7 +88,7 @@ class Network:
         self.first_units = self._exact[0].units  # of the first layer, with padding
         self._layers = [
             _LowPrecisionLayer(*pair, view, f"{workspace} {i}")
-            if low_precision and 0 < i < last
+            if view.low_precision and 0 < i < last
             else layer
             for i, (pair, layer) in enumerate(zip(pairs, self._exact, strict=True))
         ]
@@ -106,7 +104,7 @@ class Network:
         """Returns the outputs (..., batch, sizes[-1]) for inputs (..., batch, sizes[0]).
 
         Args:
-            exact: use full precision even if `low_precision` is set; `backward` can't follow.
+            exact: multiply every layer in full precision; `backward` can't follow.
         """
         layers = self._exact if exact else self._layers
         self._inputs = inputs[..., :-1] if self.joins else inputs

@@ -1,6 +1,5 @@
 """Training loop of DDPG, TD3 and SAC: act, store transitions, update from a replay buffer."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import Engine, act
 from jbench.agents.batched.environments import Environments, Step
-from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.padding import with_padding, without_padding
@@ -29,14 +27,12 @@ class OffPolicyEngine(Engine):
         settings: OffPolicySettings,
         team: Team[Any],
         environments: Environments,
-        generators: Sequence[Generators],
         *,
         time_limit: TimeLimit = "bootstrap",
     ) -> None:
         """Starts with untrained agents and empty replay buffers.
 
         Args:
-            generators: one per seed.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
 
         Raises:
@@ -44,7 +40,7 @@ class OffPolicyEngine(Engine):
         """
         seeds, count = environments.observations.shape[:2]
         rollout_steps, self._due = settings.schedule(count)
-        super().__init__(team, environments, generators, rollout_steps)
+        super().__init__(team, environments, rollout_steps)
         self._settings = settings
         self._noise = ActionNoise(settings, seeds, count)
         tensors = team.tensors
@@ -59,8 +55,7 @@ class OffPolicyEngine(Engine):
             episode_steps=environments.episode_steps,
         )
         self._groups = [
-            Updates(settings, group, group.select(generators), self.replay, time_limit, self._due)
-            for group in team.groups
+            Updates(settings, group, self.replay, time_limit, self._due) for group in team.groups
         ]
         self.replay.begin(environments.observations)
 

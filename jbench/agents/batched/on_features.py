@@ -34,19 +34,13 @@ class OnFeatures(OffPolicyLearner):
     joins_twins = False  # the second critic takes the features that the first one has computed
 
     def __init__(
-        self,
-        settings: Any,
-        observation_size: int,
-        view: SeedView,
-        low_precision: bool = False,
-        *,
-        ofe: OFESettings,
+        self, settings: Any, observation_size: int, view: SeedView, *, ofe: OFESettings
     ) -> None:
         """See `Learner`."""
         self.features = Features(ofe, observation_size, view)
         self._pretraining = ofe.pretraining
         self._batches: dict[Batch, Batch] = {}
-        super().__init__(settings, self.features.size, view, low_precision)
+        super().__init__(settings, self.features.size, view)
 
     def initialize(self, generator: Generator) -> None:
         """Draws the initial parameters of one seed."""

@@ -1,6 +1,6 @@
 """Training loop of PPO: collect a rollout, update on it, discard it."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,6 @@ from torch import Tensor
 
 from jbench.agents.batched.engine import Engine
 from jbench.agents.batched.environments import Environments, Step
-from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.ppo import PPO
@@ -28,26 +27,21 @@ class OnPolicyEngine(Engine):
         settings: PPOSettings,
         team: Team[Any],
         environments: Environments,
-        generators: Sequence[Generators],
         *,
         time_limit: TimeLimit = "bootstrap",
     ) -> None:
         """Starts with untrained agents.
 
         Args:
-            generators: one per seed.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         """
         seeds, count = environments.observations.shape[:2]
         # The number of transitions does not depend on the number of environments.
         steps = max(1, settings.n_steps * settings.n_envs // count)
-        super().__init__(team, environments, generators, steps)
+        super().__init__(team, environments, steps)
         self._settings, self._bootstrap = settings, time_limit == "bootstrap"
         self._rollout = Rollout(seeds, count, steps, environments.size, team.tensors.dtype)
-        self._epochs = [
-            Epochs(settings, group, group.select(generators), self._rollout)
-            for group in team.groups
-        ]
+        self._epochs = [Epochs(settings, group, self._rollout) for group in team.groups]
         self._outputs: Tensor  # of the last call of `PPO.explore`
 
     def _explore_actions(self, observations: Tensor) -> NDArray[np.floating]:
@@ -94,21 +88,10 @@ class OnPolicyEngine(Engine):
 class Epochs:
     """The updates of one group of seeds after each rollout: shuffled minibatches."""
 
-    def __init__(
-        self,
-        settings: PPOSettings,
-        group: Group[PPO],
-        generators: Sequence[Generators],
-        rollout: Rollout,
-    ) -> None:
-        """Makes the buffers.
-
-        Args:
-            generators: of the seeds of the group.
-            rollout: of all seeds.
-        """
+    def __init__(self, settings: PPOSettings, group: Group[PPO], rollout: Rollout) -> None:
+        """Makes the buffers; `rollout` is of all seeds."""
         self.seeds, self._group = group.seeds, group
-        self._settings, self._learner, self._generators = settings, group.learner, generators
+        self._settings, self._learner = settings, group.learner
         rows = rollout.rows[group.seeds.start : group.seeds.stop]
         # Transitions of each seed, environment by environment.
         self._source = rows.flatten(0, 2)
@@ -134,7 +117,8 @@ class Epochs:
         """
         epochs, count = range(self._settings.n_epochs), self._transitions
         orders = [
-            np.stack([each.updates.permutation(count) for _ in epochs]) for each in self._generators
+            np.stack([each.updates.permutation(count) for _ in epochs])
+            for each in self._group.generators
         ]
         return self._group.stack(orders, count)
 

@@ -42,15 +42,9 @@ class PPO(Learner):
 
     losses: tuple[str, ...] = ("policy_loss", "value_loss", "entropy_loss")
 
-    def __init__(
-        self,
-        settings: PPOSettings,
-        observation_size: int,
-        view: SeedView,
-        low_precision: bool = False,
-    ) -> None:
+    def __init__(self, settings: PPOSettings, observation_size: int, view: SeedView) -> None:
         """See `Learner`."""
-        super().__init__(settings, observation_size, view, low_precision)
+        super().__init__(settings, observation_size, view)
         self._settings = settings
         # One network with the outputs mu(s) and V(s), or two networks.
         sizes = (*self.policy_sizes[:-1], 2 if settings.shared_layers else 1)
@@ -64,7 +58,7 @@ class PPO(Learner):
         )
         self.log_sigma, self._log_sigma_gradient = (flat[..., :1] for flat in log_sigma)
         self._networks = [
-            Network(view, sizes, *flats, workspace=workspace, low_precision=low_precision)
+            Network(view, sizes, *flats, workspace=workspace)
             for flats, workspace in zip((actor, *critic), ("actor", "critic"), strict=False)
         ]
         self.actor, self.critic = self._networks[0], self._networks[-1]

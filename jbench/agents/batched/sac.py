@@ -47,15 +47,9 @@ class SAC(OffPolicyLearner):
     noise_per_transition = 2
     is_stochastic = True
 
-    def __init__(
-        self,
-        settings: SACSettings,
-        observation_size: int,
-        view: SeedView,
-        low_precision: bool = False,
-    ) -> None:
+    def __init__(self, settings: SACSettings, observation_size: int, view: SeedView) -> None:
         """See `Learner`."""
-        super().__init__(settings, observation_size, view, low_precision)
+        super().__init__(settings, observation_size, view)
         self._tau, self._interval = settings.tau, settings.target_update_interval
         self._target_entropy = -1.0
         if settings.target_entropy != "auto":

@@ -18,15 +18,9 @@ class TD3(OffPolicyLearner):
     losses: tuple[str, ...] = ("actor_loss", "critic_loss")
     noise_per_transition = 1
 
-    def __init__(
-        self,
-        settings: TD3Settings,
-        observation_size: int,
-        view: SeedView,
-        low_precision: bool = False,
-    ) -> None:
+    def __init__(self, settings: TD3Settings, observation_size: int, view: SeedView) -> None:
         """See `Learner`."""
-        super().__init__(settings, observation_size, view, low_precision)
+        super().__init__(settings, observation_size, view)
         self._initialization = settings.initialization
         self._tau, self._delay = settings.tau, settings.policy_delay
         self._sigma, self._clip = settings.target_policy_noise, settings.target_noise_clip

@@ -28,10 +28,7 @@ class Group(NamedTuple, Generic[_Learner]):
 
     learner: _Learner
     seeds: range
-
-    def select(self, generators: Sequence[Generators]) -> Sequence[Generators]:
-        """Returns the generators of the group's seeds."""
-        return generators[self.seeds.start : self.seeds.stop]
+    generators: Sequence[Generators]
 
     def stack(self, per_seed: Sequence[NDArray[Any]], offset: int = 0) -> Tensor:
         """Stacks the draws of each seed for the device, to which a GPU copies without waiting.
@@ -64,6 +61,7 @@ class Team(Generic[_Learner]):
     are 0 and stay 0, because those inputs are 0. States and policies are not padded.
 
     Attributes:
+        generators: one per seed.
         tensors: the state of the agents.
         each: a learner per seed.
         groups: one per seed, or one of all seeds.
@@ -74,21 +72,21 @@ class Team(Generic[_Learner]):
         learner: Callable[..., _Learner],
         settings: AlgorithmSettings,
         sizes: Sequence[int],
+        generators: Sequence[Generators],
         tensors: Tensors,
         *,
         stacked: bool,
-        low_precision: bool = False,
     ) -> None:
         """Makes the learners; all parameters are zeros.
 
         Args:
             sizes: number of inputs of the policy of each seed.
+            generators: one per seed.
             stacked: whether to compute all seeds in one stack or one after another.
-            low_precision: whether to multiply hidden layers in bfloat16.
         """
-        self.tensors = tensors
+        self.generators, self.tensors = generators, tensors
         self._sizes, largest = sizes, max(sizes)
-        self._make = partial(learner, settings, low_precision=low_precision)
+        self._make = partial(learner, settings)
         # It comes first, because it decides how the tensors lie in memory.
         self._stack = self._make(largest, SeedView(tensors)) if stacked else None
         self.each = [self._make(largest, SeedView(tensors, seed)) for seed in range(len(sizes))]
@@ -97,17 +95,20 @@ class Team(Generic[_Learner]):
             for size, learner in zip(sizes, self.each, strict=True)
         ]
         self.groups = (
-            [Group(learner, range(seed, seed + 1)) for seed, learner in enumerate(self.each)]
+            [
+                Group(learner, range(seed, seed + 1), [generators[seed]])
+                for seed, learner in enumerate(self.each)
+            ]
             if self._stack is None
-            else [Group(self._stack, range(tensors.seeds))]
+            else [Group(self._stack, range(tensors.seeds), generators)]
         )
         self._captured = Captured(tensors.device)
         self._inputs: dict[Hashable, list[tuple[Tensor, Tensor]]] = {}
         self._outputs: dict[Hashable, Tensor] = {}
 
-    def initialize(self, generators: Sequence[Generators]) -> None:
+    def initialize(self) -> None:
         """Draws the initial parameters of every seed."""
-        for seed, own in enumerate(generators):
+        for seed, own in enumerate(self.generators):
             with self._unpadded(seed) as learner:
                 learner.initialize(own.weights())
 

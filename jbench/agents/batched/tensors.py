@@ -39,6 +39,7 @@ class Tensors:
 
     Attributes:
         saved: (seeds, ...) tensors by name, the complete state of the agents.
+        low_precision: whether networks multiply their hidden layers in bfloat16.
     """
 
     def __init__(
@@ -46,10 +47,11 @@ class Tensors:
         seeds: int,
         dtype: torch.dtype = torch.float32,
         device: torch.device | str = "cpu",
+        *,
+        low_precision: bool = False,
     ) -> None:
         """Starts without tensors."""
-        self.seeds = seeds
-        self.dtype = dtype
+        self.seeds, self.dtype, self.low_precision = seeds, dtype, low_precision
         self.device = torch.device(device)
         self.saved: dict[str, Tensor] = {}
         self._scratch: dict[tuple[object, ...], Tensor] = {}
@@ -128,6 +130,11 @@ class SeedView:
     def device(self) -> torch.device:
         """Device of the tensors."""
         return self._tensors.device
+
+    @property
+    def low_precision(self) -> bool:
+        """Whether networks multiply their hidden layers in bfloat16."""
+        return self._tensors.low_precision
 
     def saved(self, name: str, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
         """Returns a tensor (*batch_shape, *shape) of the agent's state; zeros at first."""

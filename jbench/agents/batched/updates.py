@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.generators import Generators
 from jbench.agents.batched.graphs import Captured
 from jbench.agents.batched.learner import OffPolicyLearner
 from jbench.agents.batched.replay import ReplayBuffer
@@ -31,7 +30,6 @@ class Updates:
         self,
         settings: OffPolicySettings,
         group: Group[OffPolicyLearner],
-        generators: Sequence[Generators],
         replay: ReplayBuffer,
         time_limit: TimeLimit,
         updates: int = _RECORDED,
@@ -39,13 +37,12 @@ class Updates:
         """Makes the buffers.
 
         Args:
-            generators: of the seeds of the group.
             replay: buffers of all seeds.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
             updates: in a learning phase.
         """
         self.seeds, self._group = group.seeds, group
-        self._learner, self._generators, self._replay = group.learner, generators, replay
+        self._learner, self._generators, self._replay = group.learner, group.generators, replay
         self._size, self._gamma = settings.batch_size, settings.gamma
         self._terminal = time_limit == "terminal"
         self._rows = replay.rows_of(group.seeds)

@@ -25,6 +25,7 @@ world rotated by h. The latents, in the heading frame and in this order:
 takes the target's place: only rotations about the origin are symmetries of this task.
 """
 
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -74,12 +75,9 @@ class PlanarReduction(Fitted):
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
         """Returns the scalings of features and latents, and the torso's centre of mass."""
         gain, offset = physical_scaling(states.task, states.scaling)
-        extremes: Scaling | None = None
-        for shard in states.all():
-            physical = shard.states.cpu().double().numpy() * gain + offset
-            scaling = Scaling.of(to_planar(states.task, physical))
-            extremes = scaling if extremes is None else extremes.merged(scaling)
-        assert extremes is not None
+        shards = (shard.states.cpu().double().numpy() * gain + offset for shard in states.all())
+        scalings = (Scaling.of(to_planar(states.task, physical)) for physical in shards)
+        extremes = reduce(Scaling.merged, scalings)
         augment = states.dataset.record.settings.get("augment")
         return planar_weights(
             states.task, states.scaling, extremes, model.torso_offset(load_model(augment))

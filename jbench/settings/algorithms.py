@@ -8,11 +8,11 @@ differences.
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
+from pydantic import Field, NonNegativeInt, model_validator
 
 from jbench.errors import RequestError
 from jbench.names import Base
-from jbench.settings.base import Settings, omissible, settings_with
+from jbench.settings.base import Count, Settings, omissible, settings_with
 
 Initialization = Literal["fan-in", "glorot"]
 """Weight initialization of DDPG and TD3."""
@@ -22,9 +22,9 @@ class AlgorithmSettings(Settings):
     """Settings of all four algorithms. Only the batched engine supports omissible settings."""
 
     learning_rate: float = Field(default=1e-4, gt=0, description="of Adam; Table 1")
-    batch_size: PositiveInt = Field(default=256, description="transitions; Table 1")
+    batch_size: Count = Field(default=256, description="transitions; Table 1")
     gamma: float = Field(default=0.99, ge=0, le=1, description="discount; section 4.2")
-    hidden_layers: tuple[PositiveInt, ...] = Field(
+    hidden_layers: tuple[Count, ...] = Field(
         default=(350, 250),
         strict=False,  # JSON has lists
         description="ReLU units of each hidden layer, in actor and critic; Table 1",
@@ -37,17 +37,15 @@ class OffPolicySettings(AlgorithmSettings):
     Rules of other packages have these defaults, those of SAC in stable-baselines3.
     """
 
-    buffer_size: PositiveInt = Field(default=1_000_000, description="transitions; Table 1")
+    buffer_size: Count = Field(default=1_000_000, description="transitions; Table 1")
     learning_starts: NonNegativeInt = Field(
         default=100, description="control steps before the first update"
     )
     uniform_warmup: bool = Field(
         default=True, description="whether actions before learning_starts are uniform"
     )
-    train_freq: PositiveInt = Field(default=1, description="control steps between updates")
-    gradient_steps: PositiveInt = Field(
-        default=1, description="updates after every train_freq steps"
-    )
+    train_freq: Count = Field(default=1, description="control steps between updates")
+    gradient_steps: Count = Field(default=1, description="updates after every train_freq steps")
     tau: float = Field(
         default=0.005, gt=0, le=1, description="polyak coefficient of the target networks"
     )
@@ -100,8 +98,8 @@ class DDPGSettings(DeterministicSettings):
     # Updates begin as soon as a batch can be sampled; the policy acts from the first step.
     learning_starts: NonNegativeInt = Field(default=256, description="stable-baselines 2")
     uniform_warmup: bool = Field(default=False, description="stable-baselines 2")
-    train_freq: PositiveInt = Field(default=100, description="stable-baselines 2")
-    gradient_steps: PositiveInt = Field(default=50, description="stable-baselines 2")
+    train_freq: Count = Field(default=100, description="stable-baselines 2")
+    gradient_steps: Count = Field(default=50, description="stable-baselines 2")
     tau: float = Field(default=0.001, gt=0, le=1, description="stable-baselines 2")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "ornstein-uhlenbeck"
     noise_mean: float = 0.3
@@ -132,11 +130,11 @@ class TD3Settings(DeterministicSettings):
     """TD3 (Fujimoto et al., 2018)."""
 
     learning_starts: NonNegativeInt = Field(default=10_000, description="Table 1")
-    train_freq: PositiveInt = Field(default=1000, description="Table 1")
-    gradient_steps: PositiveInt = Field(default=1000, description="Table 1")
+    train_freq: Count = Field(default=1000, description="Table 1")
+    gradient_steps: Count = Field(default=1000, description="Table 1")
     tau: float = Field(default=0.005, gt=0, le=1, description="stable-baselines 2")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
-    policy_delay: PositiveInt = Field(default=2, description="stable-baselines 2")
+    policy_delay: Count = Field(default=2, description="stable-baselines 2")
     target_policy_noise: float = Field(default=0.2, ge=0, description="stable-baselines 2")
     target_noise_clip: float = Field(default=0.5, ge=0, description="stable-baselines 2")
 
@@ -145,8 +143,8 @@ class SACSettings(OffPolicySettings):
     """SAC with a learned entropy coefficient (Haarnoja et al., 2018)."""
 
     learning_starts: NonNegativeInt = Field(default=100, description="stable-baselines 2")
-    train_freq: PositiveInt = Field(default=1, description="stable-baselines 2")
-    gradient_steps: PositiveInt = Field(default=1, description="stable-baselines 2")
+    train_freq: Count = Field(default=1, description="stable-baselines 2")
+    gradient_steps: Count = Field(default=1, description="stable-baselines 2")
     tau: float = Field(default=0.005, gt=0, le=1, description="stable-baselines 2")
     action_noise: Literal["none", "normal", "ornstein-uhlenbeck"] = "normal"
     ent_coef: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
@@ -155,17 +153,17 @@ class SACSettings(OffPolicySettings):
     target_entropy: float | Literal["auto"] = Field(
         default=-1.0, description="minus the number of actions; stable-baselines 2"
     )
-    target_update_interval: PositiveInt = Field(default=1, description="stable-baselines 2")
+    target_update_interval: Count = Field(default=1, description="stable-baselines 2")
 
 
 class PPOSettings(AlgorithmSettings):
     """PPO with a clipped objective (Schulman et al., 2017)."""
 
-    n_envs: PositiveInt = Field(default=8, description="parallel environments; authors' script")
-    n_steps: PositiveInt = Field(default=256, description="per environment and update; Table 1")
+    n_envs: Count = Field(default=8, description="parallel environments; authors' script")
+    n_steps: Count = Field(default=256, description="per environment and update; Table 1")
     # stable-baselines 2 has no batch size for PPO but 4 minibatches: 8 * 256 / 4 transitions.
-    batch_size: PositiveInt = Field(default=512, description="stable-baselines 2")
-    n_epochs: PositiveInt = Field(default=4, description="stable-baselines 2")
+    batch_size: Count = Field(default=512, description="stable-baselines 2")
+    n_epochs: Count = Field(default=4, description="stable-baselines 2")
     gae_lambda: float = Field(default=0.95, ge=0, le=1, description="stable-baselines 2")
     clip_range: float = Field(default=0.2, gt=0, description="stable-baselines 2 (script: 0.1)")
     # stable-baselines 2 clips the value function like the policy by default.

@@ -8,9 +8,10 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from jbench.errors import RequestError
-from jbench.names import MAX_SEED, closest
+from jbench.names import MAX_COUNT, MAX_SEED, closest
 
 Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
+Count = Annotated[int, Field(ge=1, le=MAX_COUNT)]
 
 
 class Settings(BaseModel):

@@ -1,9 +1,9 @@
 """Settings of features that are learned with the agent (Ota et al., 2020, arXiv:2003.01629)."""
 
-from pydantic import Field, PositiveInt
+from pydantic import Field
 
 from jbench.names import OFE
-from jbench.settings.base import Settings
+from jbench.settings.base import Count, Settings
 
 
 class OFESettings(Settings):
@@ -15,7 +15,7 @@ class OFESettings(Settings):
         description="features of each network; if there are no more than observation dimensions, "
         "the agent observes only them, else the observation followed by them",
     )
-    layers: PositiveInt = Field(
+    layers: Count = Field(
         default=6, description="layers over which the units are spread; the authors' code"
     )
     learning_rate: float = Field(default=3e-4, gt=0, description="Adam; the authors' code")
@@ -25,7 +25,7 @@ class OFESettings(Settings):
         description="feature updates per control step before the agent's first update, all made "
         "just before it; the authors' code",
     )
-    standardize_updates: PositiveInt = Field(
+    standardize_updates: Count = Field(
         default=10_000,
         description="number of feature updates whose minibatches determine the observations' mean "
         "and standard deviation, which are fixed afterwards",

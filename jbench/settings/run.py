@@ -19,6 +19,7 @@ from pydantic_core.core_schema import ValidationInfo
 from jbench.names import (
     EPISODE_STEPS,
     FULL,
+    MAX_COUNT,
     OFE,
     Engine,
     Precision,
@@ -53,7 +54,7 @@ class RunSettings(Settings):
     )
     time_limit: TimeLimit = "bootstrap"
     evaluate_every: int = Field(gt=0, description="control steps between evaluations")
-    evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
+    evaluate_episodes: int = Field(ge=0, le=MAX_COUNT, description="episodes in an evaluation")
     hyperparameters: dict[str, Any] = Field(description="settings of the algorithm")
     augment: Seed | None = omissible(
         None, description="seed of the augmented robot, or of the first of several"

@@ -26,7 +26,6 @@ from jbench.errors import RequestError
 from jbench.names import (
     ALGORITHMS,
     FULL,
-    MAX_COUNT,
     OFE,
     TASKS,
     Base,
@@ -36,7 +35,7 @@ from jbench.names import (
     known,
 )
 from jbench.seeds import parse_seeds
-from jbench.settings.base import Seed, Settings, validated, whole
+from jbench.settings.base import Count, Seed, Settings, validated, whole
 from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
@@ -53,7 +52,7 @@ _REPRESENTATION = re.compile(r"([a-z][a-z0-9-]*?):?([0-9]+)")
 
 
 # TOML parses 5e6 as a float.
-_Count = Annotated[int, Field(gt=0, le=MAX_COUNT), BeforeValidator(whole)]
+_Count = Annotated[Count, BeforeValidator(whole)]
 _EachOnce = AfterValidator(lambda seeds: tuple(dict.fromkeys(seeds)))
 # TOML has lists; tuples are immutable.
 _Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]

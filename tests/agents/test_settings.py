@@ -232,6 +232,7 @@ def test_list_needs_no_brackets():
         ("tau=fast", "tau of ddpg can't be 'fast'"),
         ("tau=0", "tau of ddpg can't be 0"),
         ("batch_size=2.5", "batch_size of ddpg can't be 2.5"),
+        ("batch_size=1e20", "batch_size of ddpg can't be 100000000000000000000"),
         ("action_noise=pink", "action_noise of ddpg can't be 'pink'"),
         ("hidden_layers=64", "hidden_layers of ddpg can't be 64"),
         ("learning_rate=-1", "learning_rate of ddpg can't be -1"),

@@ -68,7 +68,9 @@ def test_watched_report_writes_only_page(fabric, growing, out):
 def test_renamed_line_draws_only_its_panel_again(monkeypatch):
     def figure(label):
         axes = Axis("x", (0, 1)), Axis("y", (0, 1))
-        one, other = (Series(np.arange(2.0), np.arange(2.0), Style("black"), s) for s in (label, "other"))
+        one, other = (
+            Series(np.arange(2.0), np.arange(2.0), Style("black"), s) for s in (label, "other")
+        )
         return Figure("two", [Panel("one", *axes, [one]), Panel("two", *axes, [other])])
 
     drawn = counted(monkeypatch, vector, "draw_alone", lambda panel, *_: panel.title)

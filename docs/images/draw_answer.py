@@ -21,25 +21,30 @@ from jbench.store import Results
 from jbench.store.shipped import shipped_results
 
 HERE = Path(__file__).parent
-TASK = "face_direction"
 COLORS = 128
 SMALLER = 0.7  # than in a paper
 
 
 class Drawing(NamedTuple):
-    """A file of docs/images: the figure of the report, its algorithm and its columns in a paper."""
+    """A file of docs/images, and the figure of the report in it.
+
+    Attributes:
+        columns: its width in columns of a paper.
+    """
 
     name: str
-    algo: str
     figure: str
-    columns: int
+    algo: str = "td3"
+    task: str = "face_direction"
+    columns: int = 1
 
 
 DRAWINGS = (
-    Drawing("answer", "ddpg", f"evaluations-{TASK}-ddpg", 1),
-    Drawing("answer-td3", "td3", f"evaluations-{TASK}-td3", 1),
-    Drawing("answer-reduction", "td3", "reduction", 1),
-    Drawing("answer-prediction", "td3", "prediction_returns", 2),
+    Drawing("answer", "evaluations-face_direction-ddpg", algo="ddpg"),
+    Drawing("answer-td3", "evaluations-face_direction-td3"),
+    Drawing("answer-reduction", "reduction"),
+    Drawing("answer-prediction", "prediction_returns", columns=2),
+    Drawing("answer-harder", "evaluations-move_in_direction-td3", task="move_in_direction"),
 )
 
 
@@ -55,7 +60,7 @@ def copy_compared(target: Path) -> Results:
 
 def draw(results: Results, drawing: Drawing) -> None:
     """Draws a figure with few colors and pixels, which makes its file small."""
-    report = contents.document(gather(results, Request(task=TASK, algo=drawing.algo)))
+    report = contents.document(gather(results, Request(task=drawing.task, algo=drawing.algo)))
     (item,) = (one for one in report.items if one.name == drawing.figure)
     assert isinstance(item, FigureItem)
     drawn = plotting.draw(item.figure, SHEETS[drawing.columns])

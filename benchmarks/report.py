@@ -4,8 +4,9 @@ Makes results of 200 and of 2,000 runs of 5,000 episodes (five tasks, four algor
 seeds, or with --variants also settings) and writes their report, each time in a process of its own.
 Prints seconds and peak memory of the whole command, its start included, the median of several
 rounds that alternate between the sizes; how many times as long a run takes in the larger results;
-and where the time goes. The limits: 200 runs in less than 4 s on two cores and 350 MB, without the
-bootstrap of the claims, which is measured separately. It writes and removes about 0.5 GB.
+how long `--watch` takes to write the page again; and where the time goes. The limits: 200 runs in
+less than 4 s on two cores and 350 MB, without the bootstrap of the claims, which is measured
+separately. It writes and removes about 0.5 GB.
 """
 
 import argparse
@@ -17,6 +18,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +26,7 @@ from database import rows_of
 
 from jbench.names import ALGORITHMS, TASKS
 from jbench.settings.base import settings_hash
-from jbench.store import Results
+from jbench.store import Record, Results
 
 MEASURED = """
 import resource, sys, time
@@ -59,14 +61,19 @@ def settings_of(number: int, episodes: int, variants: int) -> dict[str, object]:
     }
 
 
+def begin(results: Results, number: int, episodes: int, variants: int) -> Record:
+    """Makes a run without episodes."""
+    settings = settings_of(number, episodes, variants)
+    name = "/".join(str(settings[part]) for part in ("task", "algo", "representation"))
+    id = f"{name}/s{settings['seed']:02d}-{settings_hash(settings)}"
+    return results.create("run", id, settings)
+
+
 def generate(path: Path, runs: int, episodes: int, variants: int) -> None:
     """Makes finished runs."""
     results = Results(path)
     for number in range(runs):
-        settings = settings_of(number, episodes, variants)
-        name = "/".join(str(settings[part]) for part in ("task", "algo", "representation"))
-        id = f"{name}/s{settings['seed']:02d}-{settings_hash(settings)}"
-        record = results.create("run", id, settings)
+        record = begin(results, number, episodes, variants)
         record.append({"episodes": rows_of(record.id, number, episodes)})
         record.finish({"wall_time": 5.5 * episodes, "steps_done": 1000 * episodes})
 
@@ -80,6 +87,29 @@ def measure(path: Path, *options: str) -> Measure:
         raise SystemExit(done.stderr)
     seconds, processor, kilobytes = map(float, numbers)
     return Measure(seconds, processor, kilobytes / 1e3)
+
+
+def watch(path: Path, runs: int, episodes: int, variants: int, rounds: int) -> list[float]:
+    """Returns the seconds of the first page, and of each after one more run has grown.
+
+    The run grows by ten episodes each time.
+    """
+    from jbench.remembered import remembering
+    from jbench.report.report import write_report
+    from jbench.report.request import Request
+
+    results = Results(path)
+    record = begin(results, runs, episodes, variants)
+    rows, seconds = rows_of(record.id, runs, episodes), []
+    record.append({"episodes": rows.slice(0, episodes // 2)})
+    with remembering() as memory:
+        for round in range(rounds + 1):
+            memory.next_round()
+            began = time.perf_counter()
+            write_report(results, path / "report", Request(watched=True))
+            seconds.append(time.perf_counter() - began)
+            record.append({"episodes": rows.slice(episodes // 2 + 10 * round, 10)})
+    return seconds
 
 
 def profile(path: Path, lines: int) -> str:
@@ -130,6 +160,15 @@ def main() -> None:
                 ratio = middle[sizes[-1]].seconds / middle[sizes[0]].seconds
                 by_run = ratio / (sizes[-1] / sizes[0])
                 print(f"a run of the larger results takes {by_run:.2f} times as long", flush=True)
+        runs = sizes[0]
+        first, *again = watch(
+            paths[runs], runs, arguments.episodes, arguments.variants, arguments.rounds
+        )
+        print(
+            f"jbench report --watch, {runs:,} runs: {first:.2f} s for the first page, and "
+            f"{statistics.median(again):.2f} s after one run has grown",
+            flush=True,
+        )
         if arguments.profile:
             print(profile(paths[sizes[0]], arguments.profile))
     print(f"load {os.getloadavg()[0]:.1f}")

@@ -123,3 +123,54 @@ def test_answer_has_every_comparison_of_the_shipped_runs(reductions):
             assert row[2:] == [effects[0], effects[2], effects[1]]
         else:
             assert all(effects[i] in text for i in (0, 2))
+
+
+def of_episodes_alone(record, table):
+    """Returns the final return of a seed and the squared standard error of its episodes."""
+    rows = record.read(table).to_pandas()
+    if table == "evaluations":
+        rows = rows[rows["control_steps"] == rows["control_steps"].max()]
+    else:
+        rows = rows[-len(rows) // 4 :]
+    returns = rows["episode_return"]
+    return returns.mean(), returns.var() / len(returns)
+
+
+@pytest.mark.parametrize(
+    ("representation", "table", "alone", "observed"),
+    [
+        ("full", "evaluations", 63, 53),
+        ("full", "episodes", 26, 33),
+        ("planar12", "evaluations", 32, 28),
+        ("planar12", "episodes", 14, 14),
+    ],
+)
+def test_answer_says_how_much_of_the_spread_is_that_of_episodes(
+    runs, representation, table, alone, observed
+):
+    wanted = {"task": "face_direction", "algo": "td3", "representation": representation}
+    wanted |= {"engine": "batched", "precision": "float32"}
+    seeds = [
+        of_episodes_alone(record, table)
+        for record in runs
+        if wanted.items() <= RunSettings(**record.settings).__dict__.items()
+    ]
+    assert len(seeds) == 10
+    returns, errors = np.array(seeds).T
+    assert round(np.sqrt(errors.mean())) == alone
+    assert round(returns.std(ddof=1)) == observed
+    text = " ".join((Path(__file__).parents[2] / "docs/answer.md").read_text().split())
+    assert "of 63 and 26 with the full observation, where 53 and 33 are observed" in text
+    assert "of 32 and 14 with `planar`, where 28 and 14 are observed" in text
+
+
+def test_page_on_submissions_counts_the_runs_whose_evaluation_can_be_repeated(runs):
+    kept = [
+        record
+        for record in runs
+        if record.manifest.summary.get("policy_evaluation") is not None
+        and "policy.safetensors" in {file.name for file in record.manifest.files}
+    ]
+    assert len(kept) == 11
+    page = (Path(__file__).parents[2] / "docs/submit.md").read_text()
+    assert "most were saved without their policy and eleven are equal" in page

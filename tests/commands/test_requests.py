@@ -281,7 +281,8 @@ def test_train_with_defaults_prints_forecast_first(tmp_path):
     process.wait()
     assert re.match(
         r"10 runs with 50,000,000 control steps left at about \d+ steps/s, evaluations included, "
-        r"\d+ processes at a time: about [^.]+\. For less: fewer --steps .*--seeds",
+        r"\d+ processes at a time: about (\d+ d \d+ h|\d+ h \d+ min)\. "
+        r"For less: fewer --steps .*--seeds",
         line,
     )
     # By default, it trains the paper's experiment on one task.

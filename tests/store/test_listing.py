@@ -53,7 +53,17 @@ def test_steps_of_finished_run_are_read_from_summary(results):
     assert list_runs(results, {})[0][0].steps_done == 4096
 
 
-@pytest.mark.parametrize(("count", "mean"), [(0, None), (3, 2.0), (400, 349.5)])  # 300 to 399
+@pytest.mark.parametrize(
+    ("count", "mean"),
+    [
+        (0, None),
+        (1, 0.0),
+        (3, 2.0),
+        (8, 6.5),  # a quarter: 6 and 7
+        (400, 349.5),  # 300 to 399
+        (1000, 949.5),  # 100 at most: 900 to 999
+    ],
+)
 def test_last_return_averages_last_quarter_capped_at_100(results, count, mean):
     add_whole_run(results, [float(n) for n in range(count)], finish=False)
     (line,), _ = list_runs(results, {}, returns=True)

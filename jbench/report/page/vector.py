@@ -82,14 +82,14 @@ def element(
         max_points: lines and areas of a figure with more points are rasterized.
     """
     picture = figure.corners > max_points
-    entries = figure.entry_numbers
     if any(panel.heat_map is not None for panel in figure.panels):
         parts = [_heat_maps(figure, prefix, sheet, picture=picture)]
     else:
         laid = layout.lay_out(figure, sheet, text=False, legend=False)
+        panels = zip(figure.panels, figure.entry_numbers, strict=True)
         parts = [
-            _panel(panel, i, entries[i], laid, sheet, f"{prefix}{i}-", picture=picture)
-            for i, panel in enumerate(figure.panels)
+            _panel(panel, i, entries, laid, sheet, f"{prefix}{i}-", picture=picture)
+            for i, (panel, entries) in enumerate(panels)
         ]
     boxes = [box for part in parts for box in part.boxes]
     colors = set().union(*(part.colors for part in parts))
@@ -125,8 +125,10 @@ def _heat_maps(figure: Figure, prefix: str, sheet: Sheet, *, picture: bool) -> _
     """Returns a figure of heat maps."""
     drawn = draw(figure, sheet, text=False, picture=picture)
     root, size = _parsed(drawn)
-    for number, (axes, panel) in enumerate(zip(_axes(root), figure.panels, strict=False)):
-        _mark(axes, number, panel, figure.entry_numbers[number])
+    # The axes of the color bar have no panel.
+    marked = zip(_axes(root), figure.panels, figure.entry_numbers, strict=False)
+    for number, (axes, panel, entries) in enumerate(marked):
+        _mark(axes, number, panel, entries)
     colors: set[str] = set()
     # The hatch pattern of a heat map, whose id begins with "h", is among the definitions.
     svg.clean(root, prefix, colors, (KEPT, "h"))

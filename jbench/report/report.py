@@ -67,6 +67,7 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
         WorkError: if there are runs but none can be read, or the disk is full.
     """
     data = gather(results, request)
+    pa.default_memory_pool().release_unused()  # memory of the rows that were read
     make_directory(out)  # a wrong one is refused before the figures are drawn
     document = contents.document(data)
     drawn = [item for item in document.items if isinstance(item, FigureItem)]

@@ -47,7 +47,7 @@ class UnsupportedPolicyError(RequestError):
         )
 
 
-def network_of(module: nn.Module, inputs: int) -> Network:
+def network_of(module: object, inputs: int) -> Network:
     """Returns a copy of a module as a policy.
 
     The computation is traced (`torch.fx`), and the result is compared with the module on random
@@ -60,6 +60,8 @@ def network_of(module: nn.Module, inputs: int) -> Network:
     Raises:
         UnsupportedPolicyError: if it is not a sequence of supported layers.
     """
+    if not isinstance(module, nn.Module):
+        raise UnsupportedPolicyError(f"its type is {type(module).__name__}, no torch module")
     # The module that torch.compile wraps, and a Sequential since a root module is traced into.
     module = nn.Sequential(getattr(module, "_orig_mod", module))
     try:

@@ -228,6 +228,15 @@ def test_policy_that_cannot_be_saved_is_refused_before_training():
         engine_of(UnsavedPolicy)
 
 
+def test_policy_that_is_no_module_is_refused_with_a_sentence():
+    class Number(RandomAgent):
+        def policy(self):
+            return 3
+
+    with pytest.raises(UnsupportedPolicyError, match="its type is int, no torch module; pass"):
+        engine_of(Number)
+
+
 def test_agent_without_state_is_not_resumable():
     class WithoutState(RandomAgent):
         restore = jbench.Agent.restore

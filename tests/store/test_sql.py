@@ -108,6 +108,21 @@ def test_error_is_one_line_that_lists_tables():
     assert message.endswith("(tables: episodes, runs).")
 
 
+@pytest.mark.parametrize(
+    ("sql", "hint"),
+    [
+        ("select * from run", 'Did you mean "runs"?'),
+        ("select sed from runs", 'The nearest: "seed". DESCRIBE runs lists the columns'),
+        ("from runs where algo = td3", "Text takes single quotes, such as 'td3'."),
+    ],
+)
+def test_error_says_what_to_type_instead(sql, hint):
+    rows = pa.table({"run": ["a"], "seed": [0], "algo": ["td3"]})
+    with pytest.raises(RequestError) as refusal:
+        run_sql(sql, {"runs": rows})
+    assert hint in str(refusal.value)
+
+
 def test_queries_share_no_state():
     for _ in range(2):
         frame = run_sql("with mine as (from runs) select count(*) as n from mine;", TABLES)

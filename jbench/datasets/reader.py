@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS, TASKS, known
 from jbench.store import Record, Results, schema
 from jbench.store.manifest import FileEntry
+from jbench.store.shipped import results_to_read
 from jbench.tasks import features, rewards
 from jbench.wording import with_results
 
@@ -100,12 +102,13 @@ class Dataset:
         )
 
 
-def find_dataset(results: Results, id: str | None = None) -> Dataset:
+def find_dataset(results: Results | Path | str, id: str | None = None) -> Dataset:
     """Returns a dataset by its id, or the newest finished one of the plain robot.
 
     Raises:
         RequestError: if there is none, or it is not finished.
     """
+    results = results_to_read(results)
     collect = with_results("jbench collect", results.name)
     if id is not None:
         id = results.complete_id("dataset", id)

@@ -1,6 +1,7 @@
 """The encoder protocol, saved encoders, and finding them in the results."""
 
 import json
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
 from jbench.names import TASKS, known
 from jbench.store import Record, Results
+from jbench.store.shipped import results_to_read
 from jbench.tasks.features import Array
 from jbench.wording import with_results
 
@@ -114,13 +116,14 @@ class SavedEncoder:
         return self._tensors[dtype, device]
 
 
-def load_encoder(results: Results, id: str) -> tuple[Encoder, dict[str, Any]]:
+def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[str, Any]]:
     """Returns a finished encoder and its description.
 
     Raises:
         RequestError: if the encoder does not exist or is unfinished.
         WorkError: if its files are damaged or invalid.
     """
+    results = results_to_read(results)
     record = results.find("encoder", id)
     if record is None:
         ids = [record.id for record in results.scan("encoder")[0]]
@@ -141,7 +144,7 @@ def load_encoder(results: Results, id: str) -> tuple[Encoder, dict[str, Any]]:
         raise WorkError(f"The encoder {id} can't be read ({error}); train it again.") from None
 
 
-def find_encoder(results: Results, name: str, task: str) -> str:
+def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
     """Returns the id of an encoder for a task.
 
     Args:
@@ -153,6 +156,7 @@ def find_encoder(results: Results, name: str, task: str) -> str:
     Raises:
         RequestError: if there is none, or it encodes the observations of another task.
     """
+    results = results_to_read(results)
     known("task", task, TASKS)
     kind, number = _kind_and_number(name, task)
     if kind is None:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Network
 from jbench.store import Record, Results
+from jbench.store.shipped import results_to_read
 from jbench.wording import with_results
 
 WEIGHTS = "policy.safetensors"
@@ -116,13 +118,18 @@ def has_policy(record: Record) -> bool:
     return {WEIGHTS, DESCRIPTION} <= {entry.name for entry in record.manifest.files}
 
 
-def load_agent(results: Results, run: str) -> TrainedAgent:
+def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
     """Returns the trained agent of a finished run.
+
+    Args:
+        results: or their directory; "reference" names the shipped ones.
+        run: its id.
 
     Raises:
         RequestError: if the run does not exist, has not finished, or was saved without its policy.
         WorkError: if its files are damaged.
     """
+    results = results_to_read(results)
     record = results.find("run", run)
     if record is None:
         runs = with_results("jbench runs", results.name)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from jbench.errors import RequestError
-from jbench.names import RETURNS, Order, ReturnsName, is_reference, known
+from jbench.names import RETURNS, Order, ReturnsName, known
 from jbench.report import sources
 from jbench.report.data.cells import LearnedCurve, of_kind
 from jbench.report.data.curves import WINDOW
@@ -16,7 +15,7 @@ from jbench.report.data.summaries import aggregate_curves
 from jbench.report.request import Request
 from jbench.report.views import curve_of
 from jbench.store import Results, query
-from jbench.store.shipped import shipped_results
+from jbench.store.shipped import results_to_read
 
 
 def open_results(path: Path | str = "results") -> "OpenedResults":
@@ -29,12 +28,7 @@ def open_results(path: Path | str = "results") -> "OpenedResults":
     Raises:
         RequestError: if there is no such directory.
     """
-    place = Path(path)
-    if is_reference(place):
-        return OpenedResults(shipped_results())
-    if not place.exists():
-        raise RequestError(f"{path} does not exist; pass a results directory.")
-    return OpenedResults(Results(place))
+    return OpenedResults(results_to_read(path))
 
 
 class OpenedResults:

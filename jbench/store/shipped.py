@@ -18,6 +18,24 @@ def shipped_results() -> Results:
     return Results(shipped(), Path(REFERENCE))
 
 
+def results_to_read(place: Results | Path | str) -> Results:
+    """Returns the results in a directory that exists; "reference" names the shipped ones.
+
+    Raises:
+        RequestError: if there is no such directory.
+    """
+    if isinstance(place, Results):
+        return place
+    path = Path(place)
+    if is_reference(path):
+        return shipped_results()
+    if not path.exists():
+        raise RequestError(f"{place} does not exist; pass a results directory.")
+    if not path.is_dir():
+        raise RequestError(f"{place} is a file; pass a results directory.")
+    return Results(path)
+
+
 def results_to_write(path: Path) -> Results:
     """Returns results to write to, which need not exist yet.
 

@@ -1,0 +1,36 @@
+"""Tests of the results directories that the Python API takes."""
+
+import pytest
+
+from jbench.datasets import find_dataset
+from jbench.encoders import find_encoder, load_encoder
+from jbench.errors import RequestError
+from jbench.policies.saved import load_agent
+from jbench.store import Results
+from jbench.store.shipped import results_to_read, shipped
+
+RUN = "face_direction/ddpg/full/s03-b1e788f1"
+
+
+def test_results_are_given_as_object_path_or_text(tmp_path):
+    results = Results(tmp_path)
+    assert results_to_read(results) is results
+    assert results_to_read(tmp_path).path == results_to_read(str(tmp_path)).path == tmp_path
+    assert results_to_read("reference").path == shipped()
+
+
+def test_functions_of_the_api_take_a_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert load_agent("reference", RUN).task == "face_direction"
+    encoder = find_encoder("reference", "dae:12", "face_direction")
+    assert load_encoder(shipped(), encoder)[1]["kind"] == "dae"
+    with pytest.raises(RequestError, match="No finished dataset in reference"):
+        find_dataset("reference")
+
+
+def test_missing_directory_and_file_are_refused(tmp_path):
+    with pytest.raises(RequestError, match="none does not exist; pass a results directory"):
+        load_agent(tmp_path / "none", RUN)
+    (tmp_path / "file").touch()
+    with pytest.raises(RequestError, match="file is a file; pass a results directory"):
+        find_dataset(str(tmp_path / "file"))

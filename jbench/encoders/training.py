@@ -16,6 +16,7 @@ from jbench.cores import one_thread
 from jbench.encoders.batch import Batch
 from jbench.encoders.evaluation import Errors, evaluate_encoder
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
+from jbench.encoders.kind_check import check_kind
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.predictions import Probe, probe
 from jbench.encoders.registry import make_kind
@@ -23,6 +24,7 @@ from jbench.encoders.saved import DESCRIPTION, WEIGHTS, SavedEncoder
 from jbench.encoders.settings import EncoderSettings
 from jbench.encoders.states import States
 from jbench.errors import WorkError
+from jbench.names import ENCODER_KINDS
 from jbench.store import Record, Results, encoder_schema
 from jbench.store.provenance import device_provenance
 from jbench.tasks.labels import feature_labels
@@ -54,7 +56,8 @@ def train_encoder(
 
     Raises:
         ValueError: if the states are not those of the settings.
-        WorkError: if another process trains it, the dataset is damaged, or the training diverges.
+        WorkError: if another process trains it, the dataset is damaged, a method of its kind fails,
+            or the training diverges.
     """
     if (states.dataset.id, states.task, states.seed) != (
         *(settings.dataset, settings.task, settings.seed),
@@ -65,6 +68,8 @@ def train_encoder(
             return record
         kind = make_kind(settings.kind, settings.options)
         states.read(device)
+        if isinstance(kind, Learned) and settings.kind not in ENCODER_KINDS:
+            check_kind(kind, settings.kind, states, settings.latents, device)
         if record is None or CHECKPOINT not in record.roles():
             made_on = device_provenance(device)
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)

@@ -1,0 +1,78 @@
+"""Tests of the check of kinds of other packages before their training."""
+
+import pytest
+import torch
+
+from jbench.encoders.kind import Learned
+from jbench.encoders.kind_check import check_kind
+from jbench.encoders.training import train_encoder
+from jbench.errors import WorkError
+
+
+class Linear(Learned):
+    """A linear autoencoder with shared weights."""
+
+    def initial(self, size, latents, random):
+        return {"matrix": torch.ones(size, latents)}
+
+    def encode(self, weights, scaled):
+        return scaled @ weights["matrix"]
+
+    def decode(self, weights, latents):
+        return latents @ weights["matrix"].T
+
+    def loss(self, weights, batch):
+        return (self.decode(weights, self.encode(weights, batch.now)) - batch.later).square().mean()
+
+
+class WithoutLoss(Linear):
+    loss = Learned.loss
+
+
+class WithoutInitial(Linear):
+    initial = Learned.initial
+
+
+class OnlyTorch(Linear):
+    def encode(self, weights, scaled):
+        return torch.tanh(scaled @ weights["matrix"])
+
+
+class NoReduction(Linear):
+    def encode(self, weights, scaled):
+        return scaled
+
+    def loss(self, weights, batch):
+        return (batch.now @ weights["matrix"]).square().mean()
+
+
+class LossOfRows(Linear):
+    def loss(self, weights, batch):
+        return self.encode(weights, batch.now).square()
+
+
+REFUSED = [
+    (WithoutLoss, "it has no method loss"),
+    (WithoutInitial, "it has no method initial"),
+    (OnlyTorch, r"encode of numpy arrays fails \(TypeError: .*numpy.ndarray\)"),
+    (NoReduction, r"encode returns the shape \(8, 16\), not \(8, 5\)"),
+    (LossOfRows, r"loss fails \(RuntimeError: grad can be .* only for scalar"),
+]
+
+
+def test_kind_with_all_methods_is_accepted(trained):
+    check_kind(Linear(), "linear", trained.states, 5, torch.device("cpu"))
+
+
+@pytest.mark.parametrize(("kind", "reason"), REFUSED)
+def test_method_that_fails_is_named(trained, kind, reason):
+    with pytest.raises(WorkError, match=f"encoder mine can't be trained: {reason}.*describes"):
+        check_kind(kind(), "mine", trained.states, 5, torch.device("cpu"))
+
+
+def test_training_does_not_begin_if_a_method_fails(trained, results, monkeypatch):
+    monkeypatch.setattr("jbench.encoders.training.make_kind", lambda name, options: OnlyTorch())
+    monkeypatch.setattr("jbench.encoders.training.ENCODER_KINDS", {})
+    with pytest.raises(WorkError, match="encode of numpy arrays fails"):
+        train_encoder(trained.settings, trained.states, results)
+    assert results.scan("encoder")[0] == []

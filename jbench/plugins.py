@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from jbench.errors import RequestError, WorkError
+from jbench.names import closest
 
 _IMPORTED = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*")
 
@@ -82,6 +83,9 @@ def imported(what: str, name: str) -> Any:
         found = importlib.util.find_spec(module_name) is not None
     except ModuleNotFoundError:  # of a parent package
         found = False
+    if not found and module_name.endswith(".py"):
+        module_name = module_name.removesuffix(".py")
+        raise RequestError(f"{name} has the name of a file; type {module_name}:{attribute}.")
     if not found:
         raise RequestError(
             f"The {what} {name} can't be imported: there is no module {module_name}; install its "
@@ -89,7 +93,9 @@ def imported(what: str, name: str) -> Any:
         )
     module = _attempt(lambda: importlib.import_module(module_name), f"The {what} {name}", name)
     if not hasattr(module, attribute):
-        raise RequestError(f"The module {module_name} has no {attribute}.")
+        close = closest(attribute, [each for each in vars(module) if not each.startswith("_")])
+        hint = f"did you mean {module_name}:{close}?" if close else "type MODULE:NAME."
+        raise RequestError(f"The module {module_name} has no {attribute}; {hint}")
     return getattr(module, attribute)
 
 

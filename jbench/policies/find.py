@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.errors import RequestError
-from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE
-from jbench.policies.imported import ImportedPolicy, is_imported_policy
+from jbench.names import HEURISTIC, POLICIES, POLICY_NAMES, REFERENCE, closest
+from jbench.policies.imported import ImportedPolicy, installed_policies, is_imported_policy
 from jbench.policies.saved import TrainedAgent, has_policy, load_agent
 from jbench.settings.run import read_run
 from jbench.simulation import Act
@@ -186,4 +186,6 @@ def _shipped_run(name: str) -> str:
 
 
 def _unknown(name: str) -> RequestError:
-    return RequestError(f"Unknown policy {name!r}; choose {POLICY_NAMES}.")
+    close = closest(name, [*POLICIES, *installed_policies()])
+    hint = f"did you mean {close}? Choose" if close else "choose"
+    return RequestError(f"Unknown policy {name!r}; {hint} {POLICY_NAMES}.")

@@ -73,7 +73,8 @@ def _text(name: str) -> str:
         try:
             known("matrix", name, SWEEPS)
         except RequestError as error:
-            raise RequestError(f"{str(error).rstrip('.')}; or type a FILE.toml.") from None
+            file = f"{name}.toml" if Path(f"{name}.toml").exists() else "a FILE.toml"
+            raise RequestError(f"{str(error).rstrip('.')}; or type {file}.") from None
     try:
         return path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:

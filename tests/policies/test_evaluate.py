@@ -103,6 +103,7 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
     ("arguments", "message"),
     [
         (["--policy", "fly"], "Unknown policy 'fly'; choose heuristic, random, constant:U"),
+        (["--policy", "hueristic"], "Unknown policy 'hueristic'; did you mean heuristic? Choose"),
         (["--policy", ""], "Unknown policy ''; choose heuristic, random, constant:U"),
         (["--policy", "constant:2"], "lies in [-1, 1]"),
         (["--policy", "constant:+0.5"], "lies in [-1, 1]; type constant:0.5"),

@@ -355,3 +355,10 @@ def test_unknown_or_unreadable_matrix_is_refused(tmp_path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(RequestError, match=r"bytes\.toml can't be read \(it is not text"):
         read_matrix(str(tmp_path / "bytes.toml"))
+
+
+def test_file_without_its_ending_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text("")
+    with pytest.raises(RequestError, match=r"Unknown matrix 'mine'; .*; or type mine\.toml\."):
+        read_matrix("mine")

@@ -1,5 +1,6 @@
 """Terminal output of the commands: text, tables, progress, or one JSON document."""
 
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -44,25 +45,24 @@ class Output:
             print(f"Warning: {printable(text)}", file=sys.stderr, flush=True)
 
     def table(self, title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        """Prints a table for people; numbers are aligned to the right."""
-        from rich import box
+        """Prints a table for people; see `tables.drawn`."""
         from rich.console import Console
-        from rich.table import Table
         from rich.text import Text
 
+        from jbench.commands.tables import drawn
+
         stream = sys.stderr if self.as_json else sys.stdout
-        table = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-        numeric = [all(_is_number(row[i]) for row in rows) for i in range(len(header))]
-        for name, right in zip(header, numeric, strict=True):
-            table.add_column(Text(name), justify="right" if right else "left", overflow="fold")
-        for row in rows:
-            table.add_row(*(Text(printable(str(cell))) for cell in row))
+        cells = [[printable(str(cell)) for cell in row] for row in rows]
         # A pipe has no width: use one that holds most tables.
-        width = None if stream.isatty() else 200
+        width = shutil.get_terminal_size().columns if stream.isatty() else 200
+        table, width = drawn(header, cells, width)
         console = Console(file=stream, width=width)
         with _writing():
-            console.print(Text(title, style="bold"))
-            console.print(table)
+            with console.capture() as captured:
+                console.print(Text(title, style="bold"), soft_wrap=True)
+                console.print(table)
+            lines = (line.rstrip() for line in captured.get().splitlines())
+            print("\n".join(lines), file=stream, flush=True)
 
     def warn_of_damage(self, problems: Sequence[str], advice: str = "") -> None:
         """Prints a warning for each damaged record.
@@ -179,11 +179,3 @@ def short(cell: object) -> str:
     if not isinstance(cell, float):
         return str(cell)
     return f"{cell:.0f}" if cell.is_integer() and abs(cell) < 1e15 else f"{cell:.6g}"
-
-
-def _is_number(cell: object) -> bool:
-    try:
-        float(str(cell).replace(",", "") or "0")
-    except ValueError:
-        return False
-    return True

@@ -1,0 +1,48 @@
+"""Tests of tables on narrow and wide terminals."""
+
+import os
+
+import pytest
+
+from jbench.commands.output import Output
+
+RUN = "face_direction/td3/planar12/s00-3d410709"
+
+
+@pytest.fixture
+def printed(monkeypatch, capsys):
+    """Returns a function that prints a table on a terminal of a width and returns its lines."""
+
+    def lines(width, header, *rows):
+        size = os.terminal_size((width, 24))
+        monkeypatch.setattr("shutil.get_terminal_size", lambda: size)
+        monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+        monkeypatch.setenv("NO_COLOR", "1")
+        monkeypatch.setenv("TERM", "dumb")
+        Output().table("a title", header, rows)
+        return capsys.readouterr().out.splitlines()
+
+    return lines
+
+
+def test_cells_are_wrapped_between_words_if_words_fit(printed):
+    lines = printed(55, ["run", "error"], [RUN, "no room left"])
+    (first,) = [i for i, line in enumerate(lines) if RUN in line]
+    assert lines[first].split() == [RUN, "no", "room"]
+    assert lines[first + 1].split() == ["left"]
+    assert all(len(line) <= 55 for line in lines)
+
+
+def test_row_is_one_line_if_words_do_not_fit(printed):
+    lines = printed(60, ["run", "status", "created"], [RUN, "finished", "2026-11-24 10:44"])
+    (row,) = [line.split() for line in lines if RUN in line]
+    assert row == [RUN, "finished", "2026-11-24", "10:44"]
+    assert not any(line.endswith(" ") for line in lines)
+
+
+def test_row_much_wider_than_terminal_has_a_line_for_each_cell(printed):
+    names = [f"column{i}" for i in range(20)]
+    lines = printed(80, names, [RUN] * 20, ["other"] * 20)
+    assert [line.split() for line in lines if RUN in line] == [[name, RUN] for name in names]
+    assert sum("other" in line for line in lines) == 20
+    assert all(len(line) <= 80 for line in lines)

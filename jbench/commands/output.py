@@ -45,24 +45,21 @@ class Output:
             print(f"Warning: {printable(text)}", file=sys.stderr, flush=True)
 
     def table(self, title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        """Prints a table for people; see `tables.drawn`."""
+        """Prints a table for people; no word is broken, and numbers are aligned to the right."""
         from rich.console import Console
         from rich.text import Text
 
-        from jbench.commands.tables import drawn
+        from jbench.commands.tables import make_table
 
         stream = sys.stderr if self.as_json else sys.stdout
         cells = [[printable(str(cell)) for cell in row] for row in rows]
         # A pipe has no width: use one that holds most tables.
         width = shutil.get_terminal_size().columns if stream.isatty() else 200
-        table, width = drawn(header, cells, width)
+        table, width = make_table(header, cells, width)
         console = Console(file=stream, width=width)
         with _writing():
-            with console.capture() as captured:
-                console.print(Text(title, style="bold"), soft_wrap=True)
-                console.print(table)
-            lines = (line.rstrip() for line in captured.get().splitlines())
-            print("\n".join(lines), file=stream, flush=True)
+            console.print(Text(title, style="bold"), soft_wrap=True)
+            console.print(table)
 
     def warn_of_damage(self, problems: Sequence[str], advice: str = "") -> None:
         """Prints a warning for each damaged record.

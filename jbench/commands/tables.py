@@ -1,4 +1,4 @@
-"""Tables of text, in the width of a terminal if their words fit."""
+"""Tables of text that fit the width of a terminal without breaking words."""
 
 from collections.abc import Sequence
 
@@ -7,53 +7,59 @@ from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-_BETWEEN = 3  # characters between two columns
-_MOST = 3  # lines of the terminal that a row may take if its words do not fit into one
+_COLUMN_GAP = 3  # characters
+_MAX_TERMINAL_LINES = 3  # of a row whose words don't fit side by side
 
 
-def drawn(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> tuple[Table, int]:
+def make_table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], width: int
+) -> tuple[Table, int]:
     """Returns a table and its width. No word is broken, so that ids can be copied.
 
-    If the longest words of the columns fit side by side, cells are wrapped to the width. Otherwise
-    a row is one line that is wider, or, if that is much wider, one line for each of its cells.
+    If the longest words of the columns fit side by side, cells are wrapped to the given width.
+    Otherwise a row is one line that the terminal wraps, or, if it were wrapped more than twice,
+    one line for each of its cells.
     """
     columns = list(zip(header, *rows, strict=True))
-    words = [
-        max((cell_len(w) for cell in column for w in cell.split()), default=0) for column in columns
+    longest_words = [
+        max((cell_len(word) for cell in column for word in cell.split()), default=0)
+        for column in columns
     ]
-    lines = [
+    longest_lines = [
         max(cell_len(line) for cell in column for line in cell.split("\n")) for column in columns
     ]
-    around = _BETWEEN * len(columns)
-    if sum(words) + around <= width:
-        return _columns(header, rows, _narrowed(lines, words, width - around)), width
-    if sum(lines) + around <= _MOST * width or not rows:
-        return _columns(header, rows, lines), sum(lines) + around
-    return _records(header, rows), width
+    gaps = _COLUMN_GAP * len(columns)
+    if sum(longest_words) + gaps <= width:
+        widths = _narrow(longest_lines, longest_words, width - gaps)
+        return _table_of_columns(header, rows, widths), width
+    if sum(longest_lines) + gaps <= _MAX_TERMINAL_LINES * width or not rows:
+        return _table_of_columns(header, rows, longest_lines), sum(longest_lines) + gaps
+    return _table_of_cells(header, rows), width
 
 
-def _narrowed(widths: Sequence[int], least: Sequence[int], total: int) -> list[int]:
-    """Returns widths of columns of at most a total: the widest that can be is made narrower."""
-    found = list(widths)
-    while sum(found) > total:
-        _, widest = max((w, i) for i, w in enumerate(found) if w > least[i])
-        found[widest] -= 1
-    return found
+def _narrow(widths: Sequence[int], minima: Sequence[int], total: int) -> list[int]:
+    """Returns widths whose sum is at most `total`; the widest column is narrowed first."""
+    narrowed = list(widths)
+    while sum(narrowed) > total:
+        _, widest = max((width, i) for i, width in enumerate(narrowed) if width > minima[i])
+        narrowed[widest] -= 1
+    return narrowed
 
 
-def _columns(header: Sequence[str], rows: Sequence[Sequence[str]], widths: Sequence[int]) -> Table:
-    """Returns a row for each row; columns of numbers are aligned to the right."""
+def _table_of_columns(
+    header: Sequence[str], rows: Sequence[Sequence[str]], widths: Sequence[int]
+) -> Table:
     table = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for i, (name, width) in enumerate(zip(header, widths, strict=True)):
-        right = all(_is_number(row[i]) for row in rows)
-        table.add_column(Text(name), justify="right" if right else "left", width=width)
+        numeric = all(_is_number(row[i]) for row in rows)
+        table.add_column(Text(name), justify="right" if numeric else "left", width=width)
     for row in rows:
         table.add_row(*map(Text, row))
     return table
 
 
-def _records(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """Returns a line for each cell, with the name of its column, and a rule after each row."""
+def _table_of_cells(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Returns a table of column names and cells, with a rule after each row of `rows`."""
     table = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
     table.add_column(no_wrap=True, style="bold")
     table.add_column(overflow="fold")

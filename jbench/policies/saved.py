@@ -122,8 +122,8 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
     """Returns the trained agent of a finished run.
 
     Args:
-        results: or their directory; "reference" names the shipped ones.
-        run: its id.
+        results: the results or their directory; "reference" names the shipped ones.
+        run: the whole id of the run.
 
     Raises:
         RequestError: if the run does not exist, has not finished, or was saved without its policy.

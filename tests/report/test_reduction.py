@@ -36,6 +36,20 @@ def found_in(fabric):
     return reduction.reductions(fabric.cells()[0])
 
 
+def test_ratio_by_episodes_stands_beside_ratio_of_deviations(fabric):
+    # Half of the last 20 episodes are `swing` above a seed's mean, half below.
+    for representation, swing in {"full": 20.0, "planar12": 5.0}.items():
+        for seed, mean in enumerate(500 + CLOSE):
+            returns = mean + np.resize([swing, -swing], 80)
+            fabric.run(returns, seed, representation=representation)
+    (one,) = found_in(fabric)
+    assert one.finding("b").effect.value == pytest.approx(1)
+    assert one.finding("b").by_episodes == pytest.approx(0.25)
+    (answer,) = reduction_items.answers("b", [one])
+    assert "TD3 on planar12 (1.00 [" in answer
+    assert "]; by episodes alone 0.25)" in answer
+
+
 def test_each_representation_is_compared_with_both_baselines(fabric):
     learn(fabric)
     found = {(one.cell.representation, one.baseline): one for one in found_in(fabric)}

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from jbench.report.analysis.comparisons import best_of, within
-from jbench.report.analysis.scores import scores_of, statistics_frame, summaries
+from jbench.report.analysis.scores import BY_EPISODES, scores_of, statistics_frame, summaries
 from jbench.report.data.published import best_at_end
+from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.report.sources import OURS
 
 HALF_OF_THE_BEST = 963.4 / 2  # TD3 on face_direction, Figure 9
@@ -40,6 +41,22 @@ def test_location_and_spread_match_hand_computed_values(fabric, published):
     assert one.seeds == 11
     assert 0 < one.estimate.low < 400 < one.estimate.high < 800
     assert summary.baseline is None
+
+
+def test_deviation_by_episodes_is_that_of_means_of_episodes(fabric, published):
+    for seed in range(3):
+        # The last quarter of 40 episodes: five of 90 and five of 110, whose variance is 1000 / 9.
+        fabric.run(np.resize([90.0, 110.0], 40), seed, evaluated={20_000: 0, 40_000: 500})
+    by_kind = [summaries(fabric.learned(kind=kind), published) for kind in (TRAINING, EVALUATION)]
+    deviations = [value(one, "final_return", BY_EPISODES) for (one,) in by_kind]
+    # An evaluation has two episodes, 5 above and below its mean: a variance of 50, for a mean 25.
+    assert deviations == pytest.approx([math.sqrt(1000 / 9 / 10), 5])
+
+
+def test_deviation_by_episodes_is_unknown_for_single_episodes(fabric, published):
+    flat(fabric, [100, 200, 300], episodes=4)  # the last quarter is one episode
+    (summary,) = summarised(fabric, published)
+    assert summary.get("final_return", BY_EPISODES) is None
 
 
 def test_area_is_mean_over_whole_training(fabric, published):

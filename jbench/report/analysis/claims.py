@@ -5,6 +5,7 @@ value that would refute it and the margin are the same for our runs, for the pub
 for both kinds of return.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -29,7 +30,10 @@ ON_POLICY = "ppo"
 HARDER, EASIER = "move_in_direction", "face_direction"
 """The two tasks on which the paper compares the reduced order (Figures 8 and 7)."""
 
-_EPISODES_VARY = "It includes the variation of the episodes that a final return averages."
+_EPISODES_VARY = (
+    "The deviation includes the variation of the episodes that a final return averages; the "
+    "ratio that these alone would cause stands beside it."
+)
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,8 @@ class Finding:
         seeds_needed: seeds that would decide it; None if it is decided or no number is known.
         control_steps: at which cells are compared; None for (h).
         source: `ours`, or the figure of the paper.
+        by_episodes: for (b) and (f), the effect that episodes alone would cause if all seeds of a
+            cell had equal agents; NaN if unknown.
     """
 
     claim: str
@@ -119,23 +125,26 @@ class Finding:
     control_steps: int | None = None
     source: str = OURS
     remark: str = ""
+    by_episodes: float = math.nan
 
 
 def findings_frame(findings: Sequence[Finding]) -> pd.DataFrame:
     """Returns a row per finding with the exact numbers of the tables.
 
     Columns: claim (letter), source, returns (kind), compared, seeds, control_steps (at which cells
-    are compared), effect, low, high (ends of the interval: 90% for claim a, else 95%), verdict,
-    seeds_needed, seeds_needed_by (rule), remark.
+    are compared), effect, low, high (ends of the interval: 90% for claim a, else 95%),
+    effect_by_episodes (see `Finding`), verdict, seeds_needed, seeds_needed_by (rule), remark.
     """
     rows = [
         (
             *(one.claim, one.source, one.returns, one.compared, one.seeds, one.control_steps),
-            *(*one.effect[:3], one.verdict, *(one.seeds_needed or (None, None)), one.remark),
+            *(*one.effect[:3], one.by_episodes),
+            *(one.verdict, *(one.seeds_needed or (None, None)), one.remark),
         )
         for one in findings
     ]
     columns = ["claim", "source", "returns", "compared", "seeds", "control_steps"]
-    columns += ["effect", "low", "high", "verdict", "seeds_needed", "seeds_needed_by", "remark"]
+    columns += ["effect", "low", "high", "effect_by_episodes"]
+    columns += ["verdict", "seeds_needed", "seeds_needed_by", "remark"]
     frame = pd.DataFrame(rows, columns=columns)
     return frame.astype({"control_steps": "Int64", "seeds_needed": "Int64"})

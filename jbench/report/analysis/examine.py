@@ -1,5 +1,6 @@
 """Tests the paper's claims on every pair of cells to which they apply."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -20,7 +21,7 @@ from jbench.report.analysis.claims import (
     Verdict,
 )
 from jbench.report.analysis.comparisons import algorithm_pairs
-from jbench.report.analysis.scores import compared_scores
+from jbench.report.analysis.scores import Scores, compared_scores
 from jbench.report.data.cells import SOLVED, Cell
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.returns import EVALUATION
@@ -181,10 +182,13 @@ def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
     inner = st.estimate(iqm, *final, confidence=0.9)
     outer, spread = st.estimates([iqm, st.ratio(st.standard_deviation)], *final)
     smaller, needed = decide(spread, seeds, 1.0, logarithmic=True)
+    alone = _ratio_by_episodes(ours, theirs)
     faster = st.estimate(iqm, [ours.area], [theirs.area])
     return [
         Finding("a", compared, inner, seeds, *decide_similar(inner, outer, seeds), **more),
-        Finding("b", compared, spread, seeds, _opposite(smaller), needed, **more),
+        Finding(
+            "b", compared, spread, seeds, _opposite(smaller), needed, by_episodes=alone, **more
+        ),
         Finding("c", compared, faster, seeds, *decide(faster, seeds, 0), **more),
     ]
 
@@ -203,7 +207,14 @@ def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
         higher, wider = st.estimates(statistics, [ours.final], [theirs.final])
         yield Finding("e", compared, higher, seeds, *decide(higher, seeds, 0), **more)
         verdict = decide(wider, seeds, 1.0, logarithmic=True)
-        yield Finding("f", compared, wider, seeds, *verdict, **more)
+        alone = _ratio_by_episodes(ours, theirs)
+        yield Finding("f", compared, wider, seeds, *verdict, by_episodes=alone, **more)
+
+
+def _ratio_by_episodes(ours: Scores, theirs: Scores) -> float:
+    """Returns the ratio of the standard deviations that episodes alone would cause."""
+    theirs_alone = theirs.deviation_by_episodes
+    return ours.deviation_by_episodes / theirs_alone if theirs_alone > 0 else math.nan
 
 
 def _reduces(reduced: Cell, full: Cell) -> bool:

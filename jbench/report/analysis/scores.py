@@ -10,15 +10,17 @@ import pandas as pd
 
 from jbench.names import FULL
 from jbench.report.analysis import statistics as st
-from jbench.report.data.cells import SOLVED, Cell, LearnedCurve
+from jbench.report.data.cells import IMPORTED, SOLVED, Cell, LearnedCurve
 from jbench.report.data.curves import (
     FloatArray,
+    IntArray,
     final_returns,
     moving_average,
     steps_to_threshold,
 )
 from jbench.report.data.published import PublishedCurve, best_at_end
-from jbench.report.data.returns import TRAINING
+from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.returns import final_episodes
 
 UNCERTAINTY = "uncertainty (95% interval)"
 """Name of intervals in legends and data files."""
@@ -30,6 +32,9 @@ SPREADS = {
 }
 """Statistics of the spread between seeds."""
 
+BY_EPISODES = "standard_deviation_by_episodes"
+"""Standard deviation that the final returns of equal agents would have; see `Scores`."""
+
 _LOCATIONS = {"median": st.median, "interquartile_mean": st.interquartile_mean}
 
 
@@ -39,12 +44,20 @@ class Scores(NamedTuple):
     Attributes:
         final: (seeds,) final returns; see `returns.Returns.final`.
         area: (seeds,) mean return over the run.
+        variances: (seeds,) variance of each final return that its episodes cause, if they are
+            independent: theirs by their number; NaN if unknown.
         control_steps: maximum control steps of the scores.
     """
 
     final: FloatArray
     area: FloatArray
+    variances: FloatArray
     control_steps: int
+
+    @property
+    def deviation_by_episodes(self) -> float:
+        """Standard deviation that the final returns of equal agents would have; NaN if unknown."""
+        return float(np.sqrt(np.mean(self.variances))) if len(self.variances) else np.nan
 
 
 class Statistic(NamedTuple):
@@ -53,8 +66,8 @@ class Statistic(NamedTuple):
     Attributes:
         measure: number of each seed: `final_return`, `area`, `steps_to_solved` or
             `steps_to_half_best`.
-        statistic: `median`, `interquartile_mean`, one of `SPREADS`, or the ratio of one to that of
-            the full observation, such as `standard_deviation_ratio`.
+        statistic: `median`, `interquartile_mean`, one of `SPREADS`, the ratio of one to that of the
+            full observation, such as `standard_deviation_ratio`, or `BY_EPISODES`.
         estimate: value with its interval.
         seeds: number of seeds; for a ratio, the smaller number of the two cells.
         reached: number of seeds that reach the threshold; None without a threshold.
@@ -113,7 +126,23 @@ def _scores(cell: Cell, control_steps: int | None) -> Scores:
         np.nansum(returns, axis=1), counts, np.full(len(returns), np.nan), where=counts > 0
     )
     known = np.isfinite(final) & np.isfinite(area)
-    return Scores(final[known], area[known], control_steps)
+    variances = _variances(cell, returns, lengths)
+    return Scores(final[known], area[known], variances[known], control_steps)
+
+
+def _variances(cell: Cell, returns: FloatArray, lengths: IntArray) -> FloatArray:
+    """Returns the variances (seeds,) of the final returns; see `Scores`."""
+    if cell.kind is EVALUATION:
+        return cell.variances[np.arange(len(lengths)), lengths - 1]
+    if cell.source == IMPORTED:  # its points need not be episodes
+        return np.full(len(lengths), np.nan)
+    counts = final_episodes(lengths, cell.kind.final_points)
+    ends = [row[end - n : end] for row, end, n in zip(returns, lengths, counts, strict=True)]
+    return np.array([_variance_of_mean(values[np.isfinite(values)]) for values in ends])
+
+
+def _variance_of_mean(values: FloatArray) -> float:
+    return float(np.var(values, ddof=1)) / len(values) if len(values) > 1 else np.nan
 
 
 def compared_scores(*cells: Cell) -> list[Scores]:
@@ -220,6 +249,10 @@ def _of_runs(item: LearnedCurve, half_best: float | None) -> Iterator[Statistic]
             steps = steps_to_threshold(curve.each[known][:, curve.full], at, threshold)
             yield from _of_seeds(measure, steps, _LOCATIONS, whole.control_steps, threshold)
     yield from final[len(_LOCATIONS) :]
+    if np.isfinite(whole.deviation_by_episodes):
+        alone = st.Estimate(whole.deviation_by_episodes)
+        count = len(whole.final)
+        yield Statistic("final_return", BY_EPISODES, alone, count, None, None, whole.control_steps)
 
 
 def _ratios(cell: Cell, baseline: Cell | None) -> Iterator[Statistic]:

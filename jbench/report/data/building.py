@@ -17,7 +17,7 @@ from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import variant_labels, variant_words
 
 POINT = ("episode_return", "control_steps", "processor_time")
-"""Columns of the tables `episodes` and `evaluations` with the numbers of `Points`."""
+"""Columns of the tables `episodes` and `evaluations` of which `Points` are made."""
 
 _KEY = ["task", "algo", "representation", "variant"]
 _USED = [*_KEY, "run", "seed", "steps", "status"]
@@ -208,7 +208,7 @@ def _training_points(episodes: pa.Table) -> dict[str, Points]:
 def _in_order(episodes: pa.Table) -> Points:
     """Returns the training episodes of a run in order."""
     number = episodes["episode"].to_numpy()
-    columns = [numbers(episodes, name) for name in POINT]
+    columns = [numbers(episodes, name) for name in POINT] + [np.full(len(number), np.nan)]
     if (np.diff(number) < 0).any():  # most are in order
         order = np.argsort(number, kind="stable")
         columns = [column[order] for column in columns]
@@ -221,11 +221,11 @@ def _evaluation_points(evaluations: pa.Table) -> dict[str, Points]:
     frame = pd.DataFrame({name: numbers(evaluations, name) for name in POINT})
     keys = [codes, evaluations["evaluation"].to_numpy()]
     how = {"episode_return": "mean", "control_steps": "max", "processor_time": "max"}
-    means = frame.groupby(keys).agg(how)  # ignores NaN, and sorts by run and evaluation
-    counts = np.bincount(means.index.get_level_values(0), minlength=len(names))
-    columns = (np.split(means[name].to_numpy(np.float64), np.cumsum(counts)[:-1]) for name in POINT)
-    found = zip(names, zip(*columns, strict=True), strict=False)
-    return {run: Points(*parts) for run, parts in found if len(parts[0])}
+    grouped = frame.groupby(keys)  # ignores NaN, and sorts by run and evaluation
+    points = grouped.agg(how).assign(variance=grouped["episode_return"].sem() ** 2)
+    counts = np.bincount(points.index.get_level_values(0), minlength=len(names))
+    parts = np.split(points.to_numpy(np.float64).T, np.cumsum(counts)[:-1], axis=1)
+    return {run: Points(*part) for run, part in zip(names, parts, strict=False) if part.size}
 
 
 def coded(run: pa.ChunkedArray) -> tuple[list[str], IntArray]:

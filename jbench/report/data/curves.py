@@ -27,12 +27,14 @@ BAND_SEEDS = 3
 class Points(NamedTuple):
     """Points of a run in order, (points,) each, or of several runs, (runs, points) each.
 
-    A point is a training episode or an evaluation; see `cells.Cell` for the meaning of NaN.
+    A point is a training episode or an evaluation; see `cells.Cell` for the fields and for the
+    meaning of NaN.
     """
 
     returns: FloatArray
     control_steps: FloatArray
     processor_time: FloatArray
+    variances: FloatArray
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,7 @@ def findings_table(findings: Sequence[Finding]) -> TableItem | None:
             "compared": one.compared,
             "n": one.seeds,
             "effect": values.estimate(one.effect, formats.get(one.claim, formatting.signed)),
+            "by episodes alone": values.by_episodes(one),
             "verdict": one.verdict,
             "seeds that would decide": _seeds_needed(one),
             "remark": one.remark,

@@ -50,9 +50,13 @@ def _by_outcome(letter: str, found: Sequence[Reduction], *, each_count: bool) ->
     named: dict[str, list[str]] = {}
     for one in found:
         finding = one.finding(letter)
-        numbers = [effect_text(finding), _count(one.seeds)]
+        numbers = [effect_text(finding)]
+        if alone := values.by_episodes(finding):
+            numbers.append(f"by episodes alone {alone.text}")
+        if each_count:
+            numbers.append(_count(one.seeds))
         name = one.cell.short_name if one_task else f"{one.cell.short_name} on {one.cell.task}"
-        text = f"{name} ({'; '.join(numbers if each_count else numbers[:1])})"
+        text = f"{name} ({'; '.join(numbers)})"
         named.setdefault(outcome(finding), []).append(text)
     order = [*_OUTCOMES[letter].values(), "similar", "undecided"]
     for name in sorted(named, key=order.index):
@@ -99,6 +103,8 @@ def table(view: View) -> TableItem | None:
         row["at control step"] = values.at_step(one.findings[0].control_steps or 0)
         for finding, heading in zip(one.findings, _HEADINGS, strict=True):
             row[f"({finding.claim}) {heading}"] = _effect(finding)
+            if finding.claim == "b":
+                row["(b) ratio by episodes alone"] = values.by_episodes(finding)
             row[f"verdict on ({finding.claim})"] = outcome(finding)
         rows.append(row)
     return TableItem(

@@ -7,7 +7,7 @@ import pandas as pd
 from jbench.names import FULL, TASKS
 from jbench.report import formatting
 from jbench.report.analysis.comparisons import best_of
-from jbench.report.analysis.scores import SPREADS
+from jbench.report.analysis.scores import BY_EPISODES, SPREADS
 from jbench.report.analysis.statistics import DECIDING_SEEDS, MIN_SEEDS
 from jbench.report.data.cells import SOLVED, Cell, in_order, verified
 from jbench.report.data.published import PublishedCurve, name_of_figure
@@ -33,6 +33,8 @@ _SPREAD_NAMES = {
     "interquartile_range": "25th\N{EN DASH}75th",
     "standard_deviation": "standard deviation",
 }
+
+_BY_EPISODES = "standard deviation by episodes alone"
 
 
 def final_returns(view: View) -> TableItem:
@@ -138,6 +140,7 @@ def spreads(view: View) -> TableItem | None:
         row["control steps"] = values.trained(summary.cell)
         for name in SPREADS:
             row[_SPREAD_NAMES[name]] = values.of_statistic(summary, "final_return", name)
+        row[_BY_EPISODES] = values.of_statistic(summary, "final_return", BY_EPISODES)
         for name in SPREADS:
             row[f"{_SPREAD_NAMES[name]}, relative to {FULL}"] = values.of_statistic(
                 summary, "final_return", f"{name}_ratio", formatting.ratio
@@ -147,8 +150,9 @@ def spreads(view: View) -> TableItem | None:
         view.file("spread"),
         f"Spread of the final {view.kind.name} return between seeds",
         f"Spread of the final {view.kind.plural} of seeds: the width of the band from the 10th to "
-        "the 90th percentile, of that from the 25th to the 75th, and the standard deviation; then "
-        "the ratio of each to that of the same algorithm on the full "
+        "the 90th percentile, of that from the 25th to the 75th, and the standard deviation; the "
+        "standard deviation that the episodes of a final return would cause if all seeds had equal "
+        "agents; then the ratio of each spread to that of the same algorithm on the full "
         f"observation, {_AT_COMMON_STEP} ({view.kind.up_to}). {_INTERVAL}",
         pd.DataFrame(rows).dropna(axis="columns", how="all"),
         folded=True,

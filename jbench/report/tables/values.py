@@ -3,11 +3,12 @@
 import math
 from collections.abc import Iterable, Sequence
 
+from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.scores import Statistic, Summary, final_percentiles, scores_of
 from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import OURS, SOLVED, Cell
 from jbench.report.document import Value
-from jbench.report.formatting import Form, display_name, span, steps, whole
+from jbench.report.formatting import Form, display_name, ratio, span, steps, whole
 from jbench.wording import counted
 
 
@@ -37,6 +38,12 @@ def of_statistic(
     """Formats a statistic of a cell with its interval; see `scores.Statistic`."""
     one = summary.get(measure, statistic)
     return None if one is None else estimate(one.estimate, form)
+
+
+def by_episodes(finding: Finding) -> Value | None:
+    """Formats the effect that episodes alone would cause; see `Finding`."""
+    effect = finding.by_episodes
+    return None if math.isnan(effect) else Value(ratio(effect), effect)
 
 
 def reached(one: Statistic | None) -> Value | None:

@@ -25,42 +25,45 @@ def read_table(file: ImportedFile, skip: int = 0, *, ends_line: bool = True) -> 
         text = file.content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise RequestError(f"{file.path} is not a CSV file: it is not text (UTF-8).") from None
-    lines = io.StringIO(text, newline="")
-    for _ in range(skip):
-        next(lines)
-    reader = csv.reader(lines, strict=True)
-    rows: list[list[str]] = []
-    index: list[int] = []
-    try:
-        header = next(reader, [])
-        for row in reader:
-            line = skip + reader.line_num
-            if len(row) != len(header) and row:
-                end = line == text.count("\n") + (not text.endswith("\n"))
-                cut = "; the file is cut off" if end and len(row) < len(header) else ""
-                raise RequestError(
-                    f"{file.path}, line {line}: {len(row)} fields, but the header has "
-                    f"{len(header)}{cut}."
-                )
-            if row:
-                rows.append(row)
-                index.append(line)
-    except csv.Error as error:
-        cut = "the file is cut off" if "end of data" in str(error) else str(error)
-        raise RequestError(
-            f"{file.path}, line {skip + reader.line_num}: {cut}; it can't be read as CSV."
-        ) from None
+    header, rows = _split(text, file, skip)
     if ends_line and not text.endswith(("\n", "\r")):
         raise RequestError(
-            f"{file.path}, line {index[-1] if index else skip + 1}: the line has no end, so the "
-            "file is cut off; copy it again, or remove that line."
+            f"{file.path}, line {max(rows, default=skip + 1)}: the line has no end, so the file is "
+            "cut off; copy it again, or remove that line."
         )
     doubled = {name for name in header if header.count(name) > 1}
     if doubled:
         raise RequestError(f"{file.path} has two columns {min(doubled)!r}; rename one of them.")
     if not rows:
         raise RequestError(f"{file.path} has a header, but no rows; leave the file out.")
-    return pd.DataFrame(rows, index, header, dtype=object)
+    return pd.DataFrame(list(rows.values()), list(rows), header, dtype=object)
+
+
+def _split(text: str, file: ImportedFile, skip: int) -> tuple[list[str], dict[int, list[str]]]:
+    """Returns the header of a CSV file, and its rows by the line where they end."""
+    lines = io.StringIO(text, newline="")
+    for _ in range(skip):
+        next(lines)
+    reader = csv.reader(lines, strict=True)
+    rows: dict[int, list[str]] = {}
+    try:
+        header = next(reader, [])
+        for row in filter(None, reader):
+            line = skip + reader.line_num
+            if len(row) != len(header):
+                end = line == text.count("\n") + (not text.endswith("\n"))
+                cut = "; the file is cut off" if end and len(row) < len(header) else ""
+                raise RequestError(
+                    f"{file.path}, line {line}: {len(row)} fields, but the header has "
+                    f"{len(header)}{cut}."
+                )
+            rows[line] = row
+    except csv.Error as error:
+        cut = "the file is cut off" if "end of data" in str(error) else str(error)
+        raise RequestError(
+            f"{file.path}, line {skip + reader.line_num}: {cut}; it can't be read as CSV."
+        ) from None
+    return header, rows
 
 
 def check_columns(table: pd.DataFrame, file: ImportedFile, option: str, name: str) -> None:

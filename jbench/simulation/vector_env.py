@@ -73,12 +73,7 @@ class JitterbugVectorEnv(
             )
         limit = EPISODE_STEPS if max_episode_steps is None else max_episode_steps
         threads = cores() if threads is None else threads
-        whole = all(isinstance(number, int | np.integer) for number in (num_envs, limit, threads))
-        if not whole or num_envs < 1 or limit < -1 or limit == 0 or threads < 1:
-            raise RequestError(
-                "num_envs, max_episode_steps and threads must be whole numbers of at least 1, not "
-                f"{num_envs}, {limit} and {threads}."
-            )
+        _check_numbers(num_envs, limit, threads)
         # Never stepped: it has the model and the spaces, and draws.
         self._single = JitterbugEnv(task, **settings)
         self.num_envs = num_envs
@@ -242,6 +237,15 @@ class JitterbugVectorEnv(
                 f"actions must have shape ({self.num_envs}, 1), not {commands.shape}."
             )
         return commands[:, 0]
+
+
+def _check_numbers(num_envs: int, limit: int, threads: int) -> None:
+    whole = all(isinstance(number, int | np.integer) for number in (num_envs, limit, threads))
+    if not whole or num_envs < 1 or limit < -1 or limit == 0 or threads < 1:
+        raise RequestError(
+            "num_envs, max_episode_steps and threads must be whole numbers of at least 1, not "
+            f"{num_envs}, {limit} and {threads}."
+        )
 
 
 def _infos(info: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:

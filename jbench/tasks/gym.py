@@ -71,11 +71,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         ):
             if value not in known:
                 raise ValueError(f"{value!r} is not one of {', '.join(map(str, known))}")
-        if not all(isinstance(side, int | np.integer) and side > 0 for side in (width, height)):
-            raise RequestError(
-                "width and height must be whole numbers of pixels of at least 1, not "
-                f"{width!r} and {height!r}."
-            )
+        _check_size(width, height)
         self.task = task
         self.render_mode = render_mode
         size = features.TASK_SPECS[task].observation_size
@@ -86,10 +82,8 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.model = load_model(augment, vary_masses=vary_masses)
         # Pixels outside the offscreen buffer would be black.
         buffer = self.model.vis.global_
-        buffer.offwidth, buffer.offheight = (
-            max(buffer.offwidth, width),
-            max(buffer.offheight, height),
-        )
+        buffer.offwidth = max(buffer.offwidth, width)
+        buffer.offheight = max(buffer.offheight, height)
         self.data = mujoco.MjData(self.model)
         self._torso_offset = model.torso_offset(self.model)
         self._target = resets.draw_target(task, np.random.default_rng(0))
@@ -198,3 +192,11 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _render_human(self) -> None:
         if self.render_mode == "human":
             self.render()
+
+
+def _check_size(width: int, height: int) -> None:
+    if not all(isinstance(side, int | np.integer) and side > 0 for side in (width, height)):
+        raise RequestError(
+            "width and height must be whole numbers of pixels of at least 1, not "
+            f"{width!r} and {height!r}."
+        )

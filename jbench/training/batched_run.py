@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Generator, Iterator, Sequence
-from functools import partial
+from typing import NamedTuple
 
 import torch
 
@@ -61,25 +61,10 @@ def run_batch(
     found = find_device(device)
     with contextlib.ExitStack() as locks:
         members, failures = _begin_all(runs, results, encoder, found, notice, locks)
-        sharing = len(members)
+        trainer = _Trainer(device, checkpoint_every, groups, progress, sharing=len(members))
         while members := [member for member in members if member.is_behind(until)]:
-            # Seeds may have stopped at different steps: those behind catch up first.
-            behind = min(member.control_steps for member in members)
-            ahead = [m.control_steps for m in members if m.control_steps > behind]
-            together = [member for member in members if member.control_steps == behind]
-            parts = divided(together, groups or number_of_groups(len(together), found))
-            train = partial(
-                _train,
-                device,
-                checkpoint_every,
-                min(ahead, default=until),
-                progress,
-                in_turns=len(parts) > 1,
-                sharing=sharing,
-            )
             with _failed_on_error(members):
-                for failed in take_turns([train(part) for part in parts], found):
-                    failures |= failed
+                failures |= trainer.train(*_furthest_behind(members, until))
     return failures
 
 
@@ -124,16 +109,40 @@ def _failed_on_error(members: Sequence[Member]) -> Iterator[None]:
         raise
 
 
-def _train(
-    device: str,
-    checkpoint_every: float,
-    until: int | None,
-    progress: Progress,
-    members: Sequence[Member],
-    *,
-    in_turns: bool,
-    sharing: int,
-) -> Generator[None, None, dict[str, WorkError]]:
-    """Trains a group of runs; see `TrainingGroup`."""
-    group = TrainingGroup(members, device, checkpoint_every, sharing)  # on the group's stream
-    return (yield from group.train(until, progress, in_turns=in_turns))
+def _furthest_behind(
+    members: Sequence[Member], until: int | None
+) -> tuple[list[Member], int | None]:
+    """Returns the members to train first, and the control step at which they stop.
+
+    Seeds may have stopped at different steps: those furthest behind catch up with the next ones.
+    """
+    behind = min(member.control_steps for member in members)
+    ahead = [member.control_steps for member in members if member.control_steps > behind]
+    return [m for m in members if m.control_steps == behind], min(ahead, default=until)
+
+
+class _Trainer(NamedTuple):
+    """How the members of a batch are trained; see `run_batch` and `TrainingGroup`."""
+
+    device: str
+    checkpoint_every: float
+    groups: int | None
+    progress: Progress
+    sharing: int
+
+    def train(self, members: Sequence[Member], until: int | None) -> dict[str, WorkError]:
+        """Trains members at the same control step, and returns the error of each failed run."""
+        device = find_device(self.device)
+        parts = divided(members, self.groups or number_of_groups(len(members), device))
+        groups = [self._train_group(part, until, in_turns=len(parts) > 1) for part in parts]
+        failures: dict[str, WorkError] = {}
+        for failed in take_turns(groups, device):
+            failures |= failed
+        return failures
+
+    def _train_group(
+        self, members: Sequence[Member], until: int | None, *, in_turns: bool
+    ) -> Generator[None, None, dict[str, WorkError]]:
+        # Made at the first turn, on the group's stream.
+        group = TrainingGroup(members, self.device, self.checkpoint_every, self.sharing)
+        return (yield from group.train(until, self.progress, in_turns=in_turns))

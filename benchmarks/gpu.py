@@ -29,7 +29,7 @@ from clock import Clock
 from stacked_updates import Updates, peak
 
 from jbench.agents.batched.engine import Engine
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import Computation, make_engine
 from jbench.cores import cores
 from jbench.devices import find_device
 from jbench.errors import RequestError
@@ -129,6 +129,7 @@ def engine_of(
     seeds: int,
     device: torch.device,
     tasks: Sequence[str] = TASK,
+    precision: str = "float32",
     **options: Any,
 ) -> Engine:
     """Returns untrained agents in one stack, as many for each task."""
@@ -136,9 +137,10 @@ def engine_of(
     if algo != "ppo":
         overrides["buffer_size"] = size.transitions
     settings = algorithm_settings(algo, overrides=overrides)
-    more = {"device": str(device), "stacked": True, **options}
+    computation = Computation(str(device), precision, stacked=True)
     own = [(task, seed) for task in tasks for seed in range(seeds)]
-    return make_engine(algo, settings, [task for task, _ in own], [s for _, s in own], **more)
+    tasks_of, seeds_of = [task for task, _ in own], [seed for _, seed in own]
+    return make_engine(algo, settings, tasks_of, seeds_of, computation=computation, **options)
 
 
 def report_tests(size: Size, report: Report) -> bool:

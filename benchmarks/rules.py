@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from jbench.agents.batched.batch import Batch
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import Computation, make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.agents.batched.rule import Rule
 from jbench.agents.batched.updates import Updates
@@ -74,9 +74,8 @@ def mlp(*sizes: int) -> nn.Sequential:
 
 def updates_of(algo: str | type[Rule]) -> Updates:
     """Returns the updates of a seed whose replay buffer is full of random numbers."""
-    engine = make_engine(
-        algo, TD3Settings(buffer_size=TRANSITIONS), "face_direction", [0], device="cpu"
-    )
+    settings, on_cpu = TD3Settings(buffer_size=TRANSITIONS), Computation("cpu")
+    engine = make_engine(algo, settings, "face_direction", [0], computation=on_cpu)
     assert isinstance(engine, OffPolicyEngine)
     engine.restore_rows(0, torch.randn(1, TRANSITIONS, engine.environments.size + 2), TRANSITIONS)
     (updates,) = engine._groups

@@ -33,11 +33,10 @@ def settings_of(request: Request) -> Any:
 
 def batched(request: Request) -> Run:
     """Returns whole training on the batched engine."""
-    from jbench.agents.batched.make import make_engine
+    from jbench.agents.batched.make import Computation, make_engine
 
-    engine = make_engine(
-        request["algo"], settings_of(request), TASK, request["seeds"], **request.get("options", {})
-    )
+    settings, computation = settings_of(request), Computation(**request.get("options", {}))
+    engine = make_engine(request["algo"], settings, TASK, request["seeds"], computation=computation)
     steps = engine.learn(10**12)
     while engine.control_steps < WARM_UP:
         next(steps)

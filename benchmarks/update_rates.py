@@ -5,12 +5,11 @@ import sys
 import time
 from collections.abc import Callable
 from statistics import median
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import Computation, make_engine
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.settings.algorithms import algorithm_settings
 
@@ -20,10 +19,11 @@ BURST = 50  # updates at a time, as DDPG makes them
 BURSTS = 30
 
 
-def engine_with_transitions(seeds: int, algo: str = "ddpg", **options: Any) -> OffPolicyEngine:
-    """Returns agents whose replay buffers are full of random numbers."""
-    settings = algorithm_settings(algo, overrides={"buffer_size": TRANSITIONS})
-    engine = make_engine(algo, settings, "face_direction", range(seeds), **options)
+def engine_with_transitions(seeds: int, precision: str) -> OffPolicyEngine:
+    """Returns agents of DDPG whose replay buffers are full of random numbers."""
+    settings = algorithm_settings("ddpg", overrides={"buffer_size": TRANSITIONS})
+    computation = Computation("cpu", precision)
+    engine = make_engine("ddpg", settings, "face_direction", range(seeds), computation=computation)
     assert isinstance(engine, OffPolicyEngine)
     rows = torch.randn(1, TRANSITIONS, OBSERVATION + 2)
     for seed in range(seeds):
@@ -76,12 +76,12 @@ def products() -> Callable[[], None]:
     return run
 
 
-def fraction_of_products(seeds: int, **options: Any) -> tuple[float, float, float]:
+def fraction_of_products(seeds: int, precision: str = "float32") -> tuple[float, float, float]:
     """Returns the seconds of an update, those of its products alone, and their ratio.
 
     Both alternate, in processor time of this thread, which depends little on other processes.
     """
-    engine, alone = engine_with_transitions(seeds, device="cpu", **options), products()
+    engine, alone = engine_with_transitions(seeds, precision), products()
     times: list[tuple[float, float]] = []
     for burst in range(BURSTS // seeds + 2):
         for group in engine._groups:
@@ -105,11 +105,11 @@ def cpu_rows() -> None:
     """Prints the rows of one core while a second process keeps the other core busy."""
     torch.set_num_threads(1)
     with subprocess.Popen([sys.executable, __file__], stdout=subprocess.DEVNULL) as other:
-        for name, options in (("float32", {}), ("bfloat16", {"precision": "bfloat16"})):
-            update, alone, part = fraction_of_products(5, **options)
+        for precision in ("float32", "bfloat16"):
+            update, alone, part = fraction_of_products(5, precision)
             print(
-                f"DDPG's update in {name}: {update * 1e3:.2f} ms per core, its products alone in "
-                f"float32 {alone * 1e3:.2f} ms: {part:.2f} of the rate of products",
+                f"DDPG's update in {precision}: {update * 1e3:.2f} ms per core, its products alone "
+                f"in float32 {alone * 1e3:.2f} ms: {part:.2f} of the rate of products",
                 flush=True,
             )
         other.kill()

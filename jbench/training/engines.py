@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import mujoco
 
 from jbench.agents.algorithms import algorithm_of, find_agent, find_rule
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.environments import Models
+from jbench.agents.batched.make import Computation, make_engine
 from jbench.agents.plugin import is_resumable
 from jbench.agents.plugin_engine import PluginEngine, Trainer
 from jbench.devices import find_device
@@ -39,32 +40,38 @@ def make_trainer(
 
     if settings.engine == "plugin":
         (seed,), (encoder,) = seeds, encoders
-        agent = find_agent(settings.algo)
-        return PluginEngine(
-            settings.algo,
-            agent,
-            settings_with(agent.Settings, settings.algo, settings.hyperparameters),
-            settings.task,
-            seed,
-            environments=settings.environments,
-            time_limit=settings.time_limit,
-            encoder=encoder,
-            models=models,
-            device=find_device(device),
-            episode_steps=EPISODE_STEPS,
-        )
+        return _plugin_engine(settings, seed, encoder, models, device)
     return make_engine(
         settings.algo if settings.is_ours else find_rule(settings.algo),
         algorithm_of(settings),
         [run.task for run in runs],
         seeds,
+        computation=Computation(device, settings.precision),
         environments=settings.environments,
         time_limit=settings.time_limit,
         encoder=encoders,
         ofe=settings.ofe,
         models=models,
-        device=device,
-        precision=settings.precision,
+        episode_steps=EPISODE_STEPS,
+    )
+
+
+def _plugin_engine(
+    settings: RunSettings, seed: int, encoder: Encoder | None, models: Models, device: str
+) -> PluginEngine:
+    """Returns the loop around an untrained agent of another package."""
+    agent = find_agent(settings.algo)
+    return PluginEngine(
+        settings.algo,
+        agent,
+        settings_with(agent.Settings, settings.algo, settings.hyperparameters),
+        settings.task,
+        seed,
+        environments=settings.environments,
+        time_limit=settings.time_limit,
+        encoder=encoder,
+        models=models,
+        device=find_device(device),
         episode_steps=EPISODE_STEPS,
     )
 

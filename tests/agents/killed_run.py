@@ -20,8 +20,8 @@ from tests.training.small_runs import shorten_episodes
 
 def stack_seeds(set_attribute=setattr):
     """Makes engines compute their seeds in one stack on a CPU, too."""
-    stacked = functools.partial(engines.make_engine, stacked=True)
-    set_attribute(engines, "make_engine", stacked)
+    stacked = functools.partial(engines.Computation, stacked=True)
+    set_attribute(engines, "Computation", stacked)
 
 
 def main(path, run, device, after, stacked=True):

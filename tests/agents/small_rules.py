@@ -9,11 +9,10 @@ from torch import nn
 from benchmarks.rules import TD3, mlp
 from jbench.agents.batched.autograd import AutogradLearner
 from jbench.agents.batched.learner import LOSS_SUMS
-from jbench.agents.batched.make import make_engine
 from jbench.agents.batched.rule import make_rule
 from jbench.agents.batched.tensors import SeedView, Tensors
 from tests.agents.batched_oracle import SIZE
-from tests.agents.test_batched_engine import LENGTH
+from tests.agents.test_batched_engine import short_engine
 from tests.documentation import code_of
 
 SMALL = {"hidden_layers": (24, 20), "batch_size": 16, "learning_rate": 1e-3, "buffer_size": 50}
@@ -88,5 +87,4 @@ def mean_losses(learner, tensors):
 
 
 def engine_of(rule, settings, seeds, **options):
-    options = {"device": "cpu", "episode_steps": LENGTH} | options
-    return make_engine(rule, settings, "face_direction", seeds, **options)
+    return short_engine(rule, settings, "face_direction", seeds, **options)

@@ -15,7 +15,7 @@ from jbench.agents import sb3
 from jbench.agents.batched.engine import SeedState
 from jbench.agents.batched.environments import Cell, Environments
 from jbench.agents.batched.generators import Generators
-from jbench.agents.batched.make import make_engine
+from jbench.agents.batched.make import Computation, make_engine
 from jbench.agents.batched.noise import ActionNoise
 from jbench.agents.batched.off_policy import OffPolicyEngine
 from jbench.errors import RequestError, WorkError
@@ -48,8 +48,17 @@ def settings_of(algo, **changes):
 
 
 def engine_of(algo, seeds, *, task="face_direction", changes=None, **options):
-    settings = settings_of(algo, **(changes or {}))
-    options = {"device": "cpu", "episode_steps": LENGTH} | options
+    return short_engine(algo, settings_of(algo, **(changes or {})), task, seeds, **options)
+
+
+def short_engine(algo, settings, task, seeds, **options):
+    """An engine with short episodes; `options` may contain fields of `Computation`."""
+    fields = {"device": "cpu"} | {
+        field.name: options.pop(field.name)
+        for field in dataclasses.fields(Computation)
+        if field.name in options
+    }
+    options = {"computation": Computation(**fields), "episode_steps": LENGTH} | options
     return make_engine(algo, settings, task, seeds, **options)
 
 

@@ -2,6 +2,7 @@
 
 import gc
 import weakref
+from functools import partial
 
 import numpy as np
 import pytest
@@ -208,8 +209,8 @@ def test_ppo_in_bfloat16_is_refused():
 
 
 def test_evaluations_use_threads_of_training(tmp_path, monkeypatch):
-    given, make, robots = [], engines.make_engine, evaluation.Robots
-    monkeypatch.setattr(engines, "make_engine", lambda *a, **o: make(*a, **o, threads=3))
+    given, robots = [], evaluation.Robots
+    monkeypatch.setattr(engines, "Computation", partial(engines.Computation, threads=3))
     monkeypatch.setattr(evaluation, "Robots", lambda *args: given.append(args[2]) or robots(*args))
     run = settings("ddpg")
     assert run_batch([run], Results(tmp_path), None) == {}

@@ -1,7 +1,9 @@
 """Builds an engine from settings."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import torch
 
@@ -45,22 +47,61 @@ ON_FEATURES: dict[str, type[OnFeatures]] = {
 """Update rules on learned features."""
 
 
+@dataclass(frozen=True)
+class Computation:
+    """Where and how an engine computes.
+
+    Attributes:
+        device: see `jbench.devices.find_device`.
+        precision: one of `jbench.names.PRECISIONS`; parameters are float32 in any case.
+        threads: simulation threads; None for one on a CPU, where learning dominates and one
+            process per core is faster, and for one per core with a GPU.
+        stacked: whether to compute all seeds at once or one after another; None for the faster
+            way: stacked on a GPU.
+        dtype: of all tensors; tests use float64.
+    """
+
+    device: str = "auto"
+    precision: str = "float32"
+    threads: int | None = None
+    stacked: bool | None = None
+    dtype: torch.dtype = torch.float32
+
+    def tensors(self, seeds: int) -> Tensors:
+        """Returns the tensors of this many seeds, none yet.
+
+        On a GPU, sets the precision of its matrix products.
+
+        Raises:
+            RequestError: if the device or the precision does not exist.
+        """
+        device = find_device(self.device)
+        if self.precision not in PRECISIONS:
+            raise RequestError(
+                f"Unknown precision {self.precision!r}; choose {one_of(PRECISIONS)}."
+            )
+        if device.type == "cuda":
+            products = torch.backends.cuda.matmul
+            products.fp32_precision = "tf32" if self.precision == "tf32" else "ieee"
+            # Sums are float32, as on a CPU.
+            products.allow_bf16_reduced_precision_reduction = False
+        elif self.precision == "tf32":
+            raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
+        return Tensors(seeds, self.dtype, device, low_precision=self.precision == "bfloat16")
+
+
 def make_engine(
     algo: str | type[Rule],
     settings: AlgorithmSettings,
     task: str | Sequence[str],
     seeds: Sequence[int],
     *,
+    computation: Computation,
     environments: int | None = None,
     time_limit: TimeLimit = "bootstrap",
     encoder: Encoder | Sequence[Encoder | None] | None = None,
     ofe: OFESettings | None = None,
     models: Models | None = None,
-    device: str = "auto",
-    precision: str = "float32",
-    threads: int | None = None,
-    stacked: bool | None = None,
-    dtype: torch.dtype = torch.float32,
     episode_steps: int = EPISODE_STEPS,
 ) -> Engine:
     """Returns an engine with one untrained agent per seed.
@@ -74,13 +115,6 @@ def make_engine(
             of jbench with hidden layers and without `ofe`.
         ofe: settings of features learned with the agent (not with PPO); None for no features.
         models: the robot of each episode; None for the plain robot.
-        device: see `jbench.devices.find_device`.
-        precision: one of `jbench.names.PRECISIONS`; parameters are float32 in any case.
-        threads: simulation threads; None for one on a CPU, where learning dominates and one
-            process per core is faster, and for one per core with a GPU.
-        stacked: whether to compute all seeds at once or one after another; None for the faster
-            way: stacked on a GPU.
-        dtype: of all tensors; tests use float64.
         episode_steps: control steps in an episode; tests use short episodes.
 
     Raises:
@@ -89,24 +123,26 @@ def make_engine(
         WorkError: if the replay buffers exceed a GPU's memory, or the rule can't be trained.
         UnsupportedPolicyError: if the rule's policy can't be saved.
     """
-    torch_device = _device_with_precision(device, precision)
-    gpu = torch_device.type == "cuda"
+    tensors = computation.tensors(len(seeds))
+    gpu = tensors.device.type == "cuda"
     count = environments or (settings.n_envs if isinstance(settings, PPOSettings) else 1)
     generators = [Generators(seed, count) for seed in seeds]
     robots = Environments(
         _cells(task, encoder, generators),
-        threads=threads or (cores() if gpu else 1),
+        threads=computation.threads or (cores() if gpu else 1),
         models=models,
         episode_steps=episode_steps,
     )
-    team: Team[Learner] = Team(
-        _learner(algo, settings, robots.sizes, ofe),
-        settings,
-        robots.sizes,
-        generators,
-        Tensors(len(seeds), dtype, torch_device, low_precision=precision == "bfloat16"),
-        stacked=gpu if stacked is None else stacked,
-    )
+    learner = _learner(algo, settings, robots.sizes, ofe)
+    stacked = gpu if computation.stacked is None else computation.stacked
+    team = Team(learner, settings, robots.sizes, generators, tensors, stacked=stacked)
+    return _engine(settings, team, robots, time_limit)
+
+
+def _engine(
+    settings: AlgorithmSettings, team: Team[Any], robots: Environments, time_limit: TimeLimit
+) -> Engine:
+    """Returns the engine of a team, with its replay buffers or rollouts."""
     if isinstance(settings, PPOSettings):
         return OnPolicyEngine(settings, team, robots, time_limit=time_limit)
     assert isinstance(settings, OffPolicySettings)
@@ -114,8 +150,8 @@ def make_engine(
         return OffPolicyEngine(settings, team, robots, time_limit=time_limit)
     except torch.OutOfMemoryError:
         raise WorkError(
-            f"The GPU's memory is not enough for the replay buffers of {len(seeds)} seeds: type "
-            f"fewer --seeds at a time, or less than --set buffer_size={settings.buffer_size}."
+            f"The GPU's memory is not enough for the replay buffers of {len(team.each)} seeds: "
+            f"type fewer --seeds at a time, or less than --set buffer_size={settings.buffer_size}."
         ) from None
 
 
@@ -134,20 +170,6 @@ def _cells(
             cells.append(Cell(its_task, [], its_encoder))
         cells[-1].generators.append(own.environments)
     return cells
-
-
-def _device_with_precision(device: str, precision: str) -> torch.device:
-    """Returns a device; on a GPU, sets the precision of its matrix products."""
-    found = find_device(device)
-    if precision not in PRECISIONS:
-        raise RequestError(f"Unknown precision {precision!r}; choose {one_of(PRECISIONS)}.")
-    if found.type == "cuda":
-        products = torch.backends.cuda.matmul
-        products.fp32_precision = "tf32" if precision == "tf32" else "ieee"
-        products.allow_bf16_reduced_precision_reduction = False  # sums are float32, as on a CPU
-    elif precision == "tf32":
-        raise RequestError("Only a GPU has the precision tf32; type float32 or bfloat16.")
-    return found
 
 
 def _learner(

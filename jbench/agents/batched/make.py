@@ -68,7 +68,7 @@ class Computation:
     dtype: torch.dtype = torch.float32
 
     def tensors(self, seeds: int) -> Tensors:
-        """Returns the tensors of this many seeds, none yet.
+        """Returns the container of the tensors of this many seeds, still empty.
 
         On a GPU, sets the precision of its matrix products.
 

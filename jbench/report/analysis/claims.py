@@ -31,8 +31,8 @@ HARDER, EASIER = "move_in_direction", "face_direction"
 """The two tasks on which the paper compares the reduced order (Figures 8 and 7)."""
 
 _EPISODES_VARY = (
-    "The deviation includes the variation of the episodes that a final return averages; the "
-    "ratio that these alone would cause stands beside it."
+    "The deviation includes the variation of the episodes that a final return averages; beside "
+    "the ratio stands the one that episodes alone would cause if the agents of a cell were equal."
 )
 
 

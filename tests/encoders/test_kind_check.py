@@ -5,8 +5,10 @@ import torch
 
 from jbench.encoders.kind import Learned
 from jbench.encoders.kind_check import check_kind
+from jbench.encoders.registry import find_kind
 from jbench.encoders.training import train_encoder
 from jbench.errors import WorkError
+from jbench.names import ENCODER_KINDS
 
 
 class Linear(Learned):
@@ -62,6 +64,13 @@ REFUSED = [
 
 def test_kind_with_all_methods_is_accepted(trained):
     check_kind(Linear(), "linear", trained.states, 5, torch.device("cpu"))
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in ENCODER_KINDS if issubclass(find_kind(name), Learned)]
+)
+def test_shipped_kinds_pass_the_check(trained, name):
+    check_kind(find_kind(name)(), name, trained.states, 4, torch.device("cpu"))
 
 
 @pytest.mark.parametrize(("kind", "reason"), REFUSED)

@@ -160,8 +160,11 @@ def test_answer_says_how_much_of_the_spread_is_that_of_episodes(
     assert round(np.sqrt(errors.mean())) == alone
     assert round(returns.std(ddof=1)) == observed
     text = " ".join((Path(__file__).parents[2] / "docs/answer.md").read_text().split())
-    assert "of 63 and 26 with the full observation, where 53 and 33 are observed" in text
-    assert "of 32 and 14 with `planar`, where 28 and 14 are observed" in text
+    assert "of 63 by evaluations and 26 by training returns with the full observation" in text
+    assert (
+        "where 53 and 33 are observed, and of 32 and 14 with `planar`, where 28 and 14 are observed"
+        in text
+    )
 
 
 def test_page_on_submissions_counts_the_runs_whose_evaluation_can_be_repeated(runs):

@@ -6,6 +6,11 @@ from pathlib import Path
 from jbench.names import RESULTS
 
 
+def done_of(done: float, planned: float | None) -> str:
+    """Formats progress: `60,000 of 100,000`, or `100,000` if all is done or no end is planned."""
+    return f"{done:,}" if planned in (None, done) else f"{done:,} of {planned:,}"
+
+
 def counted(count: int, noun: str, plural: str = "") -> str:
     """Formats a number of things: `1 seed`, `1,200 seeds`; the plural ends in s by default."""
     return f"{count:,} {noun if count == 1 else plural or f'{noun}s'}"

@@ -16,7 +16,7 @@ from jbench.commands.options import (
 from jbench.commands.output import Output
 from jbench.errors import WorkError
 from jbench.names import is_reference
-from jbench.wording import are, counted, with_results
+from jbench.wording import are, counted, done_of, with_results
 
 if TYPE_CHECKING:
     from jbench.datasets.listing import Listed
@@ -66,7 +66,7 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
     output = Output(json)
     listed, problems = list_datasets(parsing.existing_results(results))
     if listed or problems:
-        header = ("dataset", "status", "control steps", "of", "robot", "MB", "last written (UTC)")
+        header = ("dataset", "status", "control steps", "robot", "MB", "last written (UTC)")
         output.table(
             f"{counted(len(listed), 'dataset')} in {results}",
             header,
@@ -95,8 +95,7 @@ def _row(listed: "Listed") -> tuple[str, ...]:
     return (
         listed.record.id,
         listed.record.status,
-        f"{listed.steps:,}",
-        f"{listed.settings.steps:,}",
+        done_of(listed.steps, listed.settings.steps),
         "plain" if augment is None else f"--augment {augment}",
         f"{listed.record.size / 1e6:.1f}",
         listed.record.manifest.updated[:16].replace("T", " "),

@@ -24,7 +24,7 @@ from jbench.commands.options import (
 )
 from jbench.commands.output import Output, duration, short
 from jbench.errors import RequestError, WorkError
-from jbench.wording import are, counted, with_results
+from jbench.wording import are, counted, done_of, with_results
 
 FilesOption = Annotated[
     int, typer.Option(min=0, help="Number of files read at a time (0: one per core).")
@@ -60,8 +60,7 @@ def runs(
         what: [line.run for line in lines],
         "status": [line.status for line in lines],
         "points" if imports else "episodes": [f"{line.episodes:,}" for line in lines],
-        "control steps": [f"{line.steps_done:,}" for line in lines],
-        "of": ["" if line.steps is None else f"{line.steps:,}" for line in lines],
+        "control steps": [done_of(line.steps_done, line.steps) for line in lines],
         "wall time": ["" if line.wall_time is None else duration(line.wall_time) for line in lines],
         "created": [line.created[:16].replace("T", " ") for line in lines],
     }

@@ -59,9 +59,9 @@ def test_datasets_lists_all_with_status_and_steps(results, capsys):
     ids = {seed: record.id for seed, record in records(results).items()}
     assert " ".join(lines[0]) == f"3 datasets in {results}"
     rows = {line[0]: line[1:] for line in lines if line and line[0] in ids.values()}
-    assert rows[ids[0]][:4] == ["finished", "2,000", "2,000", "plain"]
-    assert rows[ids[4]][:5] == ["finished", "1,000", "1,000", "--augment", "11"]
-    assert rows[ids[7]][:5] == ["unfinished", "0", "9,000", "plain", "0.0"]
+    assert rows[ids[0]][:3] == ["finished", "2,000", "plain"]
+    assert rows[ids[4]][:4] == ["finished", "1,000", "--augment", "11"]
+    assert rows[ids[7]][:6] == ["unfinished", "0", "of", "9,000", "plain", "0.0"]
 
 
 def test_json_of_datasets_has_settings_status_and_size(results, capsys):

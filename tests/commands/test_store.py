@@ -49,7 +49,8 @@ def test_runs_are_listed_and_filtered(results, run_command):
     assert "3 runs" in out
     lines = [line.split() for line in out.splitlines() if "/s0" in line]
     assert [line[1] for line in lines] == ["finished", "finished", "unfinished"]
-    assert lines[2][2:5] == ["1", "1,000", "3,000"]
+    assert lines[0][2:4] == ["3", "3,000"]
+    assert lines[2][2:6] == ["1", "1,000", "of", "3,000"]
     for options, seeds in (
         (("--algo", "sac"), [2]),
         (("--seed", "0-1"), [0, 1]),

@@ -25,10 +25,8 @@ from jbench.store import Results, query
 from jbench.wording import are, counted, repair_hint, with_results
 
 _RUNS = ("runs", "episodes", "evaluations", "paths")
-_MORE = (
-    *("encoders", "encoder_errors", "encoder_predictions"),
-    *("policy_evaluations", "policy_episodes"),
-)
+_ENCODERS = ("encoders", "encoder_errors", "encoder_predictions")
+_POLICIES = ("policy_evaluations", "policy_episodes")
 _COLUMNS = {
     "episodes": ("run", "episode", *POINT),
     "evaluations": ("run", "evaluation", "episode", *POINT),
@@ -67,19 +65,19 @@ def own(results: Results, request: Request, name: str = OURS, *, strict: bool = 
     """Returns the runs of the results that pass the filters of the request.
 
     Args:
-        request: its filters apply.
         name: of the source in its cells.
         strict: whether it is an error if no run passes the filters.
     """
-    tables, problems = _load(results, _MORE)
+    tables, problems = _load(results, (*_ENCODERS, *_POLICIES))
     return _source(tables, problems, request, name, strict=strict)
 
 
 def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
-    """Returns the imported curves, which form separate cells; they have no date of a beginning.
+    """Returns the imported curves of the requested task and algorithm, which form separate cells.
+
+    They have no date of a beginning.
 
     Args:
-        request: its filters apply.
         name: of the source in its cells.
     """
     tables, problems = query.load(results, ("imports", "import_points"))
@@ -270,14 +268,10 @@ def _choice(text: str, settings: Sequence[Run]) -> Callable[[Run], bool]:
 
 def _names_with_value(value: str, settings: Sequence[Run]) -> list[str]:
     """Returns the names of the settings that have a value in some run, in alphabetical order."""
-    return sorted(
-        {
-            path[-1]
-            for run in settings
-            for path, one in flatten(run).items()
-            if value_text(one) == value
-        }
-    )
+    paths = [
+        path for run in settings for path, one in flatten(run).items() if value_text(one) == value
+    ]
+    return sorted({path[-1] for path in paths})
 
 
 def _values(settings: Run, name: str) -> list[Any]:

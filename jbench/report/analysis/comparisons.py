@@ -67,15 +67,14 @@ def across(
     ours: Sequence[Cell], theirs: Sequence[Cell], names: Collection[str]
 ) -> list[Comparison]:
     """Compares the cells of two sides that differ only in the settings of these names."""
-    keys = [
-        [(comparable(cell.settings, *names), cell.settings) for cell in side]
-        for side in (ours, theirs)
-    ]
+    by_settings: dict[str, list[Cell]] = {}
+    for other in theirs:
+        by_settings.setdefault(comparable(other.settings, *names), []).append(other)
     return [
         compare(one, other)
-        for one, (key, settings) in zip(ours, keys[0], strict=True)
-        for other, (other_key, other_settings) in zip(theirs, keys[1], strict=True)
-        if key == other_key and (not names or settings != other_settings)
+        for one in ours
+        for other in by_settings.get(comparable(one.settings, *names), ())
+        if not names or one.settings != other.settings
     ]
 
 
@@ -97,11 +96,12 @@ def near_misses(
     others = _left(theirs, found)
     for cell in _left(ours, found):
         for other in (other for other in others if _named(other) == _named(cell)):
-            labels = variant_labels({"a": cell.settings, "b": other.settings})
-            labels = {key: label.removesuffix(f" ({key})") for key, label in labels.items()}
-            differs = f"{cell.source} has {labels['a']}; {other.source} has {labels['b']}"
-            same = f"{cell.source} and {other.source} have the same settings"
-            reason = same if cell.settings == other.settings else differs
+            if cell.settings == other.settings:
+                reason = f"{cell.source} and {other.source} have the same settings"
+            else:
+                labels = variant_labels({"a": cell.settings, "b": other.settings})
+                mine, their = (labels[key].removesuffix(f" ({key})") for key in "ab")
+                reason = f"{cell.source} has {mine}; {other.source} has {their}"
             notes.append(f"{' '.join(_named(cell))} is not compared: {reason}.")
     return notes
 

@@ -87,14 +87,15 @@ def decide(
         boundary: the claim holds above it.
         logarithmic: whether the effect is a ratio, for which distances are logarithmic.
     """
-    if seeds >= st.DECIDING_SEEDS and effect.low > boundary:
+    enough = seeds >= st.DECIDING_SEEDS
+    if enough and effect.low > boundary:
         return "supported", None
-    if seeds >= st.DECIDING_SEEDS and effect.high < boundary:
+    if enough and effect.high < boundary:
         return "contradicted", None
     distance, error = effect.value - boundary, effect.standard_error
     if logarithmic and effect.value > 0:
         distance, error = np.log(effect.value / boundary), error / effect.value
-    return "undecided", _needed(seeds_to_decide(distance, error, seeds), seeds)
+    return "undecided", _needed(distance, error, seeds)
 
 
 def decide_solved(median: st.Estimate, seeds: int) -> tuple[Verdict, SeedsNeeded | None]:
@@ -102,8 +103,9 @@ def decide_solved(median: st.Estimate, seeds: int) -> tuple[Verdict, SeedsNeeded
     return decide(median, seeds, SOLVED - 1e-9)  # a median of exactly 900 solves a task
 
 
-def _needed(by_power: int | None, seeds: int) -> SeedsNeeded | None:
-    """Returns the seeds needed according to a power calculation, but at least six."""
+def _needed(distance: float, standard_error: float, seeds: int) -> SeedsNeeded | None:
+    """Returns the seeds needed according to `seeds_to_decide`, but at least six."""
+    by_power = seeds_to_decide(distance, standard_error, seeds)
     if by_power is None:
         return None
     if seeds < st.DECIDING_SEEDS and by_power <= st.DECIDING_SEEDS:
@@ -143,12 +145,12 @@ def decide_similar(
         outer: the difference with its 95% interval.
         seeds: number of seeds per group.
     """
-    if seeds >= st.DECIDING_SEEDS and inner.low > -MARGIN and inner.high < MARGIN:
+    enough = seeds >= st.DECIDING_SEEDS
+    if enough and inner.low > -MARGIN and inner.high < MARGIN:
         return "supported", None
-    if seeds >= st.DECIDING_SEEDS and (outer.low > MARGIN or outer.high < -MARGIN):
+    if enough and (outer.low > MARGIN or outer.high < -MARGIN):
         return "contradicted", None
-    distance = MARGIN - abs(inner.value)
-    return "undecided", _needed(seeds_to_decide(distance, inner.standard_error, seeds), seeds)
+    return "undecided", _needed(MARGIN - abs(inner.value), inner.standard_error, seeds)
 
 
 def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
@@ -163,7 +165,10 @@ def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
         full = harder[1]
         compared = " ".join(filter(None, (full.algo, full.label)))
         yield Finding(
-            *("d", f"{compared}: {HARDER} against {EASIER}", effect, seeds),
+            "d",
+            f"{compared}: {HARDER} against {EASIER}",
+            effect,
+            seeds,
             *decide(effect, seeds, 0),
             returns=full.kind.name,
             control_steps=min(one.control_steps for one in scores),
@@ -195,8 +200,8 @@ def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
 
 def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
     """Yields findings on (e) and (f): off-policy algorithms against PPO."""
-    both = algorithm_pairs(cells)
-    for ppo, other in (pair if pair[0].algo == ON_POLICY else pair[::-1] for pair in both):
+    for one, two in algorithm_pairs(cells):
+        ppo, other = (one, two) if one.algo == ON_POLICY else (two, one)
         if ppo.algo != ON_POLICY or other.algo not in OFF_POLICY:
             continue
         ours, theirs = compared_scores(other, ppo)

@@ -51,9 +51,8 @@ def returns_by_task(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
     episodes = tables["policy_episodes"].to_pandas(use_threads=False)
     returns = {}
     for name, evaluation in chosen.items():
-        numbers = episodes.loc[episodes["evaluation"] == evaluation, "episode_return"].to_numpy(
-            np.float64
-        )
+        of_evaluation = episodes[episodes["evaluation"] == evaluation]
+        numbers = of_evaluation["episode_return"].to_numpy(np.float64)
         returns[name] = numbers[np.isfinite(numbers)]
     return returns
 

@@ -49,13 +49,7 @@ def examine_published(curves: Sequence[PublishedCurve]) -> list[Finding]:
         *_of_figure_9([curve for curve in curves if curve.figure == "fig9"]),
         *_of_figures_7_and_8([curve for curve in curves if curve.figure in ("fig7", "fig8")]),
     ]
-    ddpg = ("fig9", "ddpg", FULL)
-    ends = {
-        curve.task: float(curve.quantiles[50][-1])
-        for curve in curves
-        if (curve.figure, curve.algo, curve.representation) == ddpg
-    }
-    return sorted((_with_other_baseline(f, curves, ends) for f in findings), key=lambda f: f.claim)
+    return sorted((_with_other_baseline(f, curves) for f in findings), key=lambda f: f.claim)
 
 
 def _of_figure_9(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
@@ -101,17 +95,20 @@ def _of_figures_7_and_8(curves: Sequence[PublishedCurve]) -> Iterator[Finding]:
         yield _finding("d", compared, gain_of_gains, remark, seeds=1, source="Figures 7 and 8")
 
 
-def _with_other_baseline(
-    finding: Finding, curves: Sequence[PublishedCurve], ends: dict[str, float]
-) -> Finding:
+def _with_other_baseline(finding: Finding, curves: Sequence[PublishedCurve]) -> Finding:
     """Adds to findings from Figure 8 what Figure 9 shows for the same task and algorithm."""
-    if finding.claim not in "ac" or finding.source != "Figure 8" or HARDER not in ends:
+    baseline = (HARDER, "ddpg", FULL)
+    ends = {
+        curve.figure: curve.quantiles[50][-1]
+        for curve in curves
+        if (curve.task, curve.algo, curve.representation) == baseline
+    }
+    if finding.claim not in "ac" or finding.source != "Figure 8" or "fig9" not in ends:
         return finding
-    own = next(c for c in curves if c.figure == "fig8" and c.representation == FULL)
     return replace(
         finding,
-        remark=f"{finding.remark}; Figure 8's own baseline ends at {own.quantiles[50][-1]:.0f}, "
-        f"Figure 9's of the same task and algorithm at {ends[HARDER]:.0f}",
+        remark=f"{finding.remark}; Figure 8's own baseline ends at {ends['fig8']:.0f}, "
+        f"Figure 9's of the same task and algorithm at {ends['fig9']:.0f}",
     )
 
 
@@ -125,8 +122,9 @@ def _finding(
     seeds: int,
     source: str,
 ) -> Finding:
-    more: dict[str, Any] = {"returns": TRAINING.name, "source": source, "remark": remark}
-    return Finding(claim, compared, effect, seeds, verdict, None, **more)
+    return Finding(
+        claim, compared, effect, seeds, verdict, None, TRAINING.name, source=source, remark=remark
+    )
 
 
 def _median(curve: PublishedCurve) -> st.Estimate:

@@ -130,8 +130,8 @@ def groups(cells: Sequence[Cell]) -> list[Group]:
     for group in _by_settings(cells):
         ends = [int(cell.last_step) for cell in group]
         end = max(ends, key=lambda step: (ends.count(step), step))
-        long = [cell for cell, last in zip(group, ends, strict=True) if last >= end]
-        short = [cell for cell, last in zip(group, ends, strict=True) if last < end]
+        short = [cell for cell in group if cell.last_step < end]
+        long = [cell for cell in group if cell not in short]
         kinds = {kind_of(cell.representation) for cell in long}
         if kinds & {*BASELINES} and kinds - {*BASELINES}:
             found.append(Group([_point(cell, end) for cell in long], end, short))

@@ -22,9 +22,6 @@ from jbench.report.data.published import PublishedCurve, best_at_end
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.returns import final_episodes
 
-UNCERTAINTY = "uncertainty (95% interval)"
-"""Name of intervals in legends and data files."""
-
 SPREADS = {
     "interquartile_range": st.interquartile_range,
     "standard_deviation": st.standard_deviation,
@@ -181,16 +178,16 @@ def summaries(
 ) -> list[Summary]:
     """Returns the statistics of each cell, in the same order."""
     cells = [item.cell for item in learned]
-    summaries = []
+    found = []
     for item in learned:
         baseline = baseline_of(item.cell, cells)
         # The published curves are training returns.
         theirs = published if item.cell.kind is TRAINING else ()
         best = best_at_end(theirs, item.cell.task)
         half = None if best is None else best / 2
-        parts = (*_of_runs(item, half), *_ratios(item.cell, baseline))
-        summaries.append(Summary(item.cell, parts, baseline))
-    return summaries
+        statistics = (*_of_runs(item, half), *_ratios(item.cell, baseline))
+        found.append(Summary(item.cell, statistics, baseline))
+    return found
 
 
 def statistics_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
@@ -216,7 +213,7 @@ def statistics_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
             "value": one.estimate.value,
             "low": one.estimate.low,
             "high": one.estimate.high,
-            "interval": UNCERTAINTY,
+            "interval": "uncertainty (95% interval)",
             "seeds": one.seeds,
             "reached": one.reached,
             "threshold": one.threshold,
@@ -276,7 +273,6 @@ def _of_seeds(
     threshold: float | None = None,
 ) -> Iterator[Statistic]:
     reached = None if threshold is None else int(np.isfinite(scores).sum())
-    for name, estimate in zip(
-        statistics, st.estimates(list(statistics.values()), [scores]), strict=True
-    ):
+    estimates = st.estimates(list(statistics.values()), [scores])
+    for name, estimate in zip(statistics, estimates, strict=True):
         yield Statistic(measure, name, estimate, len(scores), reached, threshold, control_steps)

@@ -73,15 +73,15 @@ def build_cells(
     }
     cells = []
     for _, group in runs.groupby(_KEY[:3]):
-        settings = _settings(group)
-        for variant, label in variant_labels(settings).items():
+        for variant, label in variant_labels(_settings(group)).items():
             same = group[group["variant"] == variant].sort_values(_ORDER, ascending=_ASCENDING)
             chosen = same.drop_duplicates("seed")
+            names = {name: str(chosen[name].iloc[0]) for name in _KEY}
+            names |= {"label": label, "words": words[variant], "source": source}
             recorded = _recorded(chosen, trained, evaluated)
             for i, (kind, points) in enumerate(recorded.items()):
-                # Both cells are of the same runs, on which one of them has notes.
-                named = label, words[variant]
-                cells.append(_build_cell(same, chosen, *named, kind, points, source, noted=not i))
+                # Both cells are of the same runs, on which only the first one has notes.
+                cells.append(_build_cell(same, chosen, names, kind, points, noted=i == 0))
     return sorted(cells, key=paper_order), notes
 
 
@@ -110,11 +110,9 @@ def _recorded(
 def _build_cell(
     runs: pd.DataFrame,
     chosen: pd.DataFrame,
-    label: str,
-    words: str,
+    names: Mapping[str, Any],
     kind: Returns,
     recorded: Mapping[str, Points],
-    source: str,
     *,
     noted: bool,
 ) -> Cell:
@@ -122,6 +120,8 @@ def _build_cell(
 
     Args:
         runs: all runs of its settings.
+        names: fields of the cell that are texts, by name.
+        recorded: points by run.
         noted: whether the cell has notes on its runs.
     """
     notes = []
@@ -141,14 +141,11 @@ def _build_cell(
         notes += on_runs(runs, chosen, divergences, kind)
     notes += on_points(chosen, present, absent, kind)
     settings = chosen["typed"].iloc[0]
-    names: dict[str, Any] = {name: str(chosen[name].iloc[0]) for name in _KEY}
     robots = 0 if settings.augment is None else settings.robots
     episodes = max(planned // EPISODE_STEPS, present.shape[1])
     return Cell(
         kind=kind,
         **names,
-        label=label,
-        words=words,
         seeds=chosen["seed"].to_numpy(np.int64),
         lengths=lengths.astype(np.int64),
         steps=_steps(chosen, points.control_steps, lengths),
@@ -157,7 +154,6 @@ def _build_cell(
         robots=robots,
         robot_episodes=-(-episodes // robots) if robots else 0,
         settings=settings,
-        source=source,
         runs=tuple(chosen["run"]),
         **points._asdict(),
     )

@@ -9,10 +9,8 @@ import pyarrow.compute as pc
 from jbench.report.data.building import coded, numbers
 from jbench.report.data.curves import FloatArray
 
-COLUMNS = (
-    *("run", "evaluation", "control_steps", "x", "y", "heading"),
-    *("target_x", "target_y", "target_yaw"),
-)
+_POSES = ("x", "y", "heading", "target_x", "target_y", "target_yaw")
+COLUMNS = ("run", "evaluation", "control_steps", *_POSES)
 """Columns of the table `paths` that are read."""
 
 
@@ -45,7 +43,7 @@ def run_paths(paths: pa.Table, evaluations: pa.Table) -> dict[str, list[RunPath]
         return {}
     names, codes = coded(paths["run"])
     keys = np.column_stack([codes, numbers(paths, "evaluation"), numbers(paths, "control_steps")])
-    values = np.column_stack([numbers(paths, name) for name in COLUMNS[3:]])
+    values = np.column_stack([numbers(paths, name) for name in _POSES])
     known = np.isfinite(keys).all(axis=1) & np.isfinite(values[:, :3]).all(axis=1)
     keys, values = keys[known], values[known]
     ends = np.flatnonzero(np.diff(keys, axis=0).any(axis=1)) + 1

@@ -39,7 +39,7 @@ def aggregate_curves(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
     parts = [
         pd.DataFrame(
             {
-                **{name: getattr(cell, name) for name in _KEY},
+                **dict(zip(_KEY, cell.key, strict=True)),
                 "returns": cell.kind.name,
                 "order": curve.order,
                 "window": curve.widths,
@@ -50,9 +50,10 @@ def aggregate_curves(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
         )
         for cell, curve in ordered
     ]
-    columns = ["returns", "order", "window", "control_steps", "seeds"]
-    columns += [f"q{percent}" for percent in QUANTILES]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*_KEY, *columns])
+    if parts:
+        return pd.concat(parts, ignore_index=True)
+    columns = (*_KEY, "returns", "order", "window", "control_steps", "seeds")
+    return pd.DataFrame(columns=[*columns, *(f"q{percent}" for percent in QUANTILES)])
 
 
 def summary_table(
@@ -139,7 +140,7 @@ def _table_row(cell: Cell, published: Sequence[PublishedCurve]) -> dict[str, Any
     median, figure = published_beside(cell, published) or (math.nan, None)
     steps_min, steps_max = cell.trained
     return {
-        **{name: getattr(cell, name) for name in _KEY},
+        **dict(zip(_KEY, cell.key, strict=True)),
         "settings": cell.label,
         "seeds": len(cell.seeds),
         "diverged": cell.diverged_count,

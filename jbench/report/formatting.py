@@ -38,6 +38,11 @@ def steps(value: float) -> str:
     return f"{rounded:g}"
 
 
+def capitalized(text: str) -> str:
+    """Returns a text with its first character in upper case and the others as they are."""
+    return text[0].upper() + text[1:]
+
+
 def span(numbers: Sequence[float], form: Form) -> str:
     """Formats the smallest and the largest number: `300k–1M`, or `300k` if both read the same."""
     return "\N{EN DASH}".join(dict.fromkeys((form(min(numbers)), form(max(numbers)))))

@@ -58,7 +58,7 @@ def headline(view: View) -> str:
     parts = [*_on_reductions(with_full), *_on_tasks(_deciding(_without_encoded(answers)))]
     if not parts:
         return "There are no returns yet."
-    shown = [f"{part[0].upper()}{part[1:]}." for part in parts[:_MAX_PARTS]]
+    shown = [f"{formatting.capitalized(part)}." for part in parts[:_MAX_PARTS]]
     left = len(parts) - _MAX_PARTS
     more = [f"{left} more {are(left)} below."] if left > 0 else []
     return " ".join([*shown, *more, f"(These are {view.kind.plural}.)"])

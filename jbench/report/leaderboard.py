@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from jbench.errors import RequestError
-from jbench.names import HEURISTIC, TASKS
+from jbench.names import FULL, HEURISTIC, TASKS
 from jbench.report import sources
 from jbench.report.analysis import heuristics, scores
 from jbench.report.analysis import statistics as st
@@ -15,7 +15,7 @@ from jbench.report.data.cells import IMPORTED, OURS, LearnedCurve, in_order, of_
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.published import PUBLISHED, PublishedCurve, read_published
 from jbench.report.data.returns import KINDS, TRAINING, Returns
-from jbench.report.document import TableItem, Value
+from jbench.report.document import TableItem
 from jbench.report.formatting import display_name
 from jbench.report.request import Request
 from jbench.report.sources import Source
@@ -116,7 +116,9 @@ def entries(
     """
     agents = [entry for entry in map(_of_cell, summaries) if entry is not None]
     policies = [
-        _of_policy(task, returns) for task, returns in by_hand.items() if algo in (None, HEURISTIC)
+        Entry(HAND_WRITTEN, task, HEURISTIC, FULL, st.estimate(st.median, [returns]), len(returns))
+        for task, returns in by_hand.items()
+        if algo in (None, HEURISTIC)
     ]
     tasks = {entry.task for entry in (*agents, *policies)}
     curves = [one for one in published if one.task in tasks and algo in (None, one.algo)]
@@ -141,7 +143,7 @@ def table(ranked: Sequence[Entry], kind: Returns) -> TableItem:
             "observation": entry.observation,
             column: values.estimate(entry.median),
             "n": entry.count or None,
-            "control steps": _trained(entry),
+            "control steps": values.steps_between(*entry.trained) if entry.trained[1] else None,
         }
         for entry in ranked
     ]
@@ -202,11 +204,6 @@ def _of_cell(summary: Summary) -> Entry | None:
     return Entry(*names, median.estimate, median.seeds, cell.trained)
 
 
-def _of_policy(task: str, returns: FloatArray) -> Entry:
-    median = st.estimate(st.median, [returns])
-    return Entry(HAND_WRITTEN, task, HEURISTIC, "full", median, len(returns))
-
-
 def _of_paper(curves: Sequence[PublishedCurve]) -> list[Entry]:
     """Returns an entry for each published algorithm and representation on the plain robot.
 
@@ -222,10 +219,6 @@ def _of_paper(curves: Sequence[PublishedCurve]) -> list[Entry]:
         Entry(PUBLISHED, *key, st.Estimate(median), 0, (round(end), round(end)))
         for key, (end, median) in best.items()
     ]
-
-
-def _trained(entry: Entry) -> Value | None:
-    return values.steps_between(*entry.trained) if entry.trained[1] else None
 
 
 def _known(value: float) -> float | None:

@@ -162,8 +162,7 @@ def _verdict(letter: str, findings: Sequence[Finding]) -> str:
         counts = Counter(f.verdict for f in tested if (f.source, f.returns) == (source, returns))
         text = ", ".join(f"{count} {name}" for name, count in counts.most_common())
         parts.append(f"{source}, {returns} returns: {text}")
-    sentence = "; ".join(parts)
-    return f"{sentence[0].upper()}{sentence[1:]}."
+    return f"{formatting.capitalized('; '.join(parts))}."
 
 
 def _on_claims(findings: Sequence[Finding]) -> list[str]:

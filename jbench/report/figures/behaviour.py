@@ -158,7 +158,9 @@ def _position_panel(behaviour: Behaviour, reach: float) -> Panel:
     counts, _, _ = np.histogram2d(behaviour.x, behaviour.y, [edges, edges])
     share = counts.T / max(len(behaviour.x), 1)
     heat_map = HeatMap(
-        *(edges, edges, np.where(share > 0, share, np.nan)),
+        edges,
+        edges,
+        np.where(share > 0, share, np.nan),
         label="share of all states in a cell (log scale)",
         limits=(1e-6, 0.1),
         log=True,

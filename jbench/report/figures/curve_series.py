@@ -10,17 +10,7 @@ from jbench.report.analysis.statistics import Estimate
 from jbench.report.data.cells import IMPORTED, SOLVED, Cell, LearnedCurve, page_tags
 from jbench.report.data.curves import BAND_SEEDS, IntArray
 from jbench.report.data.published import PublishedCurve
-from jbench.report.figure import (
-    DOTS,
-    Axis,
-    Band,
-    Dash,
-    Panel,
-    ReferenceLine,
-    Series,
-    Shade,
-    Style,
-)
+from jbench.report.figure import DOTS, Axis, Band, Dash, Panel, ReferenceLine, Series, Shade, Style
 from jbench.report.tables import values
 from jbench.wording import counted
 

@@ -9,16 +9,7 @@ import pyarrow as pa
 from jbench.names import ENCODER_KINDS, FULL, TASKS
 from jbench.report.data.cells import in_order
 from jbench.report.data.curves import FloatArray
-from jbench.report.figure import (
-    Axis,
-    Dash,
-    Figure,
-    Panel,
-    ReferenceLine,
-    Series,
-    Style,
-    padded,
-)
+from jbench.report.figure import Axis, Dash, Figure, Panel, ReferenceLine, Series, Style, padded
 from jbench.report.figures.curve_series import KEY_COLOR
 from jbench.settings.alike import ENCODER_VARIANT
 from jbench.settings.base import settings_hash

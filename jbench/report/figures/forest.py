@@ -129,11 +129,15 @@ def _row(
     seeds = Series(final, below, _style(_SEED, color), entries=(_SEED,), tags=cell.tags)
     lines = [seeds, _mean(found.estimate, at, color, cell.tags, values.seeds(cell))]
     if cell.key in theirs:
-        value = theirs[cell.key]
-        tags = {**cell.tags, "source": PUBLISHED}
-        ends = np.array([at - _HALF, at + _HALF])
-        more: dict[str, Any] = {"entries": (_PUBLISHED,), "tags": tags, "detail": "published"}
-        lines.append(Series(np.full(2, value), ends, _style(_PUBLISHED, color), **more))
+        published = Series(
+            np.full(2, theirs[cell.key]),
+            np.array([at - _HALF, at + _HALF]),
+            _style(_PUBLISHED, color),
+            detail="published",
+            entries=(_PUBLISHED,),
+            tags={**cell.tags, "source": PUBLISHED},
+        )
+        lines.append(published)
     return lines
 
 

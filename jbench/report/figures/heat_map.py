@@ -51,14 +51,17 @@ def matrix_frame(cells: Sequence[Cell]) -> pd.DataFrame:
     """
     rows = []
     for cell in cells:
-        steps_min, steps_max = cell.trained
         low, median, high = final_percentiles(cell)
         rows.append(
             {
                 **cell.columns,
-                **{"steps_min": steps_min, "steps_max": steps_max},
-                **{"seeds": len(scores_of(cell).final), "diverged": cell.diverged_count},
-                **{"median": median, "q10": low, "q90": high},
+                "steps_min": cell.trained[0],
+                "steps_max": cell.trained[1],
+                "seeds": len(scores_of(cell).final),
+                "diverged": cell.diverged_count,
+                "median": median,
+                "q10": low,
+                "q90": high,
             }
         )
     return pd.DataFrame(rows)

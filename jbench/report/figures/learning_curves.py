@@ -9,7 +9,7 @@ from jbench.report.data.published import PPO_ENVIRONMENTS, PublishedCurve
 from jbench.report.data.returns import TRAINING, Returns
 from jbench.report.figure import Axis, Figure, Panel, Series
 from jbench.report.figures import curve_series
-from jbench.report.figures.curve_series import BAND, QUARTILES, SOLVED_LINE
+from jbench.report.figures.curve_series import BAND, KEY_COLOR, QUARTILES, SOLVED_LINE
 from jbench.report.figures.encoders import look_of
 from jbench.report.formatting import display_name
 from jbench.report.request import Request
@@ -140,9 +140,7 @@ def _task_panel(
         if (curve.source, curve.task) == (IMPORTED, task):
             label = f"{IMPORTED}: {display_name(curve.algo)} on {curve.representation}"
             series += curve_series.published_series(
-                *(curve, curve_series.KEY_COLOR, BAND, label),
-                labelled=True,
-                each_seed=request.each_seed,
+                curve, KEY_COLOR, BAND, label, labelled=True, each_seed=request.each_seed
             )
     return Panel(task, _steps_axis(learned), y, series, [SOLVED_LINE])
 
@@ -162,8 +160,12 @@ def _comparison_figure(
             same, color, numbers, bands[::-1], lambda cell: cell.representation, request
         )
     for curve in sorted(published, key=lambda curve: curve.representation != FULL):
+        color, _ = look_of(kind_of(curve.representation))
         series += curve_series.published_series(
-            *(curve, look_of(kind_of(curve.representation))[0], QUARTILES, curve.representation),
+            curve,
+            color,
+            QUARTILES,
+            curve.representation,
             labelled=curve.representation not in ours,
             each_seed=request.each_seed,
         )
@@ -191,15 +193,13 @@ def _variants(
     request: Request,
 ) -> list[Series]:
     """Returns curves of one color, with the line style of their number each."""
-    ordered = sorted(learned, key=lambda item: numbers[item.cell.short_name])
-    return [
-        one
-        for item in ordered
-        for one in curve_series.learned_series(
-            *(item, color, numbers[item.cell.short_name], bands, name(item.cell)),
-            each_seed=request.each_seed,
+    series = []
+    for item in sorted(learned, key=lambda item: numbers[item.cell.short_name]):
+        number = numbers[item.cell.short_name]
+        series += curve_series.learned_series(
+            item, color, number, bands, name(item.cell), each_seed=request.each_seed
         )
-    ]
+    return series
 
 
 def _note(

@@ -60,8 +60,8 @@ def draw_panel(
         start, end = panel.arrow
         axes.annotate("", end, start, arrowprops=_ARROW)
     if panel.text:
-        more: dict[str, Any] = {"ha": "center", "color": "0.4", "fontsize": SMALL}
-        axes.text(0.5, 0.5, panel.text, transform=axes.transAxes, **more)
+        middle = axes.transAxes
+        axes.text(0.5, 0.5, panel.text, transform=middle, ha="center", color="0.4", fontsize=SMALL)
 
 
 def _draw_series(axes: Axes, series: Series, *, picture: bool) -> list[Artist]:
@@ -92,7 +92,9 @@ def _draw_series(axes: Axes, series: Series, *, picture: bool) -> list[Artist]:
 def _draw_heat_map(axes: Axes, panel: Panel, heat_map: HeatMap, sheet: Sheet) -> None:
     low, high = heat_map.limits
     axes.pcolormesh(
-        *(heat_map.x, heat_map.y, np.ma.masked_invalid(heat_map.values)),
+        heat_map.x,
+        heat_map.y,
+        np.ma.masked_invalid(heat_map.values),
         norm=(LogNorm if heat_map.log else Normalize)(low, high),
         cmap="viridis",
         rasterized=heat_map.values.size > _PICTURE_CELLS,
@@ -119,13 +121,10 @@ def _style_panel(
     """Sets title, axes and grid of a panel."""
     if panel.title:
         if place is None:
-            title, size = (
-                texts.in_lines(panel.title, heat_map_layout.title_characters(sheet)),
-                SMALL,
-            )
+            title = texts.in_lines(panel.title, heat_map_layout.title_characters(sheet))
+            size, weight = SMALL, "normal"
         else:
-            title, size = place.title, place.title_size
-        weight = "normal" if place is None else "bold"
+            title, size, weight = place.title, place.title_size, "bold"
         # Only a second axis above moves a title; else matplotlib measures all labels for nothing.
         y = None if panel.x.opposite else 1.0
         axes.set_title(title, loc="left", y=y, parse_math=False, fontsize=size, fontweight=weight)
@@ -218,7 +217,12 @@ def tick_size(panel: Panel, sheet: Sheet) -> float:
 def look(style: Style) -> dict[str, Any]:
     """Returns a style as arguments for matplotlib's lines."""
     return {
-        **{"color": style.color, "ls": style.dash, "lw": style.width, "alpha": style.alpha},
-        **{"marker": style.marker, "ms": style.size, "markevery": style.every},
+        "color": style.color,
+        "ls": style.dash,
+        "lw": style.width,
+        "alpha": style.alpha,
+        "marker": style.marker,
+        "ms": style.size,
+        "markevery": style.every,
         "mfc": "white" if style.hollow else style.color,
     }

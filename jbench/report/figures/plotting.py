@@ -2,7 +2,6 @@
 
 import io
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import matplotlib
@@ -26,7 +25,12 @@ KEPT = "heat-map"
 _LARGE = 12.0  # points
 _PNG_DPI = {False: 150, True: 300}  # on a screen, and on paper
 _PICTURE_DPI = 200  # resolution of rasterized parts in SVG and PDF files
-_COMPACT = {"borderaxespad": 0, "borderpad": 0, "labelspacing": 0.35, "handletextpad": 0.6}
+_COMPACT: dict[str, Any] = {
+    "borderaxespad": 0,
+    "borderpad": 0,
+    "labelspacing": 0.35,
+    "handletextpad": 0.6,
+}
 """Spacing of a legend, in units of its font size."""
 
 
@@ -101,17 +105,15 @@ def _lines(figure: Figure, sheet: Sheet, *, text: bool, legend: bool, picture: b
     """Draws a figure whose size depends on its texts."""
     laid = layout.lay_out(figure, sheet, text=text, legend=legend)
     drawn = _empty(laid)
-    corner = partial(_corner, laid)
     for i, panel in enumerate(figure.panels):
         _add_panel(drawn, panel, i, laid, sheet, picture=picture)
     for (label, box), (_, style) in zip(laid.legend, figure.legend, strict=False):
-        _entry(drawn, _handle(style), label, corner(box))
+        _entry(drawn, _handle(style), label, _corner(laid, box))
     if text:
         room = (laid.width - 3 * layout.MARGIN) / max(texts.width_of(figure.title, "bold"), 1e-9)
-        size_of_title = min(_LARGE, SMALL * room)
-        corner_of_title = corner(Box(layout.MARGIN, layout.MARGIN))
-        _text(drawn, corner_of_title, figure.title, size_of_title, "bold")
-        _text(drawn, corner(laid.notes), "\n".join(laid.lines), SMALL, "normal")
+        corner = _corner(laid, Box(layout.MARGIN, layout.MARGIN))
+        _text(drawn, corner, figure.title, min(_LARGE, SMALL * room), "bold")
+        _text(drawn, _corner(laid, laid.notes), "\n".join(laid.lines), SMALL, "normal")
     return drawn
 
 
@@ -138,8 +140,8 @@ def _corner(laid: Layout, box: Box) -> tuple[float, float]:
 
 def _heat_maps(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Drawn:
     """Draws a figure that matplotlib lays out; its panels share a color bar."""
-    columns, *size = heat_map_layout.free_size(figure, sheet, text=text)
-    drawn = Drawn((size[0], size[1]), facecolor="white", layout="constrained")
+    columns, width, height = heat_map_layout.free_size(figure, sheet, text=text)
+    drawn = Drawn((width, height), facecolor="white", layout="constrained")
     FigureCanvasAgg(drawn)
     rows = -(-len(figure.panels) // columns)
     all_axes = list(drawn.subplots(rows, columns, squeeze=False).flat)
@@ -171,13 +173,27 @@ def _handle(style: Style | Shade) -> Artist:
 
 def _entry(drawn: Drawn, handle: Artist, label: str, corner: tuple[float, float]) -> None:
     """Draws an entry of the legend."""
-    more: dict[str, Any] = {**_COMPACT, "handlelength": layout.HANDLE * 72 / SMALL}
-    more |= {"bbox_to_anchor": corner, "fontsize": SMALL, "frameon": False}
-    legend = drawn.legend([handle], [label], loc="upper left", **more)
+    legend = drawn.legend(
+        [handle],
+        [label],
+        loc="upper left",
+        bbox_to_anchor=corner,
+        fontsize=SMALL,
+        frameon=False,
+        handlelength=layout.HANDLE * 72 / SMALL,
+        **_COMPACT,
+    )
     for text in legend.get_texts():
         text.set_parse_math(False)
 
 
 def _text(drawn: Drawn, corner: tuple[float, float], text: str, size: float, weight: str) -> None:
-    more: dict[str, Any] = {"fontsize": size, "fontweight": weight, "linespacing": 1.3}
-    drawn.text(*corner, text, va="top", parse_math=False, **more)
+    drawn.text(
+        *corner,
+        text,
+        va="top",
+        parse_math=False,
+        fontsize=size,
+        fontweight=weight,
+        linespacing=1.3,
+    )

@@ -82,7 +82,10 @@ def _panel(
         )
         series.append(
             Series(
-                *(times[shown] / size, median[shown], style, item.cell.short_name),
+                times[shown] / size,
+                median[shown],
+                style,
+                item.cell.short_name,
                 detail=values.seeds(item.cell),
                 entries=(item.cell.short_name,),
                 tags=item.cell.tags,

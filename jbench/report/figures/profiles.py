@@ -11,16 +11,7 @@ from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import scores_of
 from jbench.report.data.cells import SOLVED, Cell, in_order, page_tags
 from jbench.report.data.curves import FloatArray
-from jbench.report.figure import (
-    Axis,
-    Band,
-    Figure,
-    Panel,
-    ReferenceLine,
-    Series,
-    Shade,
-    Style,
-)
+from jbench.report.figure import Axis, Band, Figure, Panel, ReferenceLine, Series, Shade, Style
 from jbench.report.figures.curve_series import (
     KEY_COLOR,
     SOLVED_KEY,

@@ -8,15 +8,7 @@ from jbench.names import FULL, kind_of
 from jbench.report import formatting
 from jbench.report.analysis.reduction import BASELINES, SCALED, Group, Point
 from jbench.report.analysis.statistics import MIN_SEEDS
-from jbench.report.figure import (
-    Axis,
-    Figure,
-    Panel,
-    ReferenceLine,
-    Series,
-    Shade,
-    Style,
-)
+from jbench.report.figure import Axis, Figure, Panel, ReferenceLine, Series, Shade, Style
 from jbench.report.figures import curve_series
 from jbench.report.figures.encoders import look_of
 
@@ -33,10 +25,7 @@ def reduction_figure(groups: Sequence[Group]) -> Figure:
     """
     kind = groups[0].points[0].cell.kind
     key: list[tuple[str, Style | Shade]] = [
-        (
-            "interquartile mean, 95% interval",
-            Style(curve_series.KEY_COLOR, marker="o", size=5),
-        ),
+        ("interquartile mean, 95% interval", Style(curve_series.KEY_COLOR, marker="o", size=5)),
         ("one seed", Style(curve_series.KEY_COLOR, "", marker="o", size=2.5, alpha=0.5)),
         curve_series.SOLVED_KEY,
     ]

@@ -10,13 +10,22 @@ import pandas as pd
 from jbench.report.document import TableItem, Value, data_frame
 from jbench.store import query
 
-_LATEX = {
-    **{"&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}"},
-    **{"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"},
-    **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': "''"},
-    **{"\N{EN DASH}": "--", "\N{HORIZONTAL ELLIPSIS}": r"\dots{}"},
-    **{"\N{CHECK MARK}": r"$\surd$", "\N{BALLOT X}": r"$\times$"},
-}
+_LATEX = str.maketrans(
+    {
+        **{character: f"\\{character}" for character in "&%$#_{}"},
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "\\": r"\textbackslash{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        '"': "''",
+        "\N{EN DASH}": "--",
+        "\N{HORIZONTAL ELLIPSIS}": r"\dots{}",
+        "\N{CHECK MARK}": r"$\surd$",
+        "\N{BALLOT X}": r"$\times$",
+    }
+)
 _MARKDOWN = re.compile(r"([\\|*`<]|(?<=\])\()")
 
 
@@ -74,11 +83,6 @@ def text_of(cell: Any) -> str:
     return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
 
 
-def is_best(cell: Any) -> bool:
-    """Returns whether a cell is highlighted as the best of its kind."""
-    return isinstance(cell, Value) and cell.best
-
-
 def _is_numeric(column: "pd.Series[Any]") -> bool:
     """Returns whether a column is right-aligned: numbers, and values sorted by numbers."""
     cells = [cell for cell in column if text_of(cell)]
@@ -88,10 +92,12 @@ def _is_numeric(column: "pd.Series[Any]") -> bool:
 
 def _texts(frame: pd.DataFrame, escape: Callable[[str], str], bold: str) -> list[list[str]]:
     """Returns the escaped texts of each row; `bold` formats the best ones."""
-    return [
-        [(bold if is_best(cell) else "{}").format(escape(text_of(cell))) for cell in row]
-        for row in frame.itertuples(index=False)
-    ]
+
+    def text(cell: Any) -> str:
+        form = bold if isinstance(cell, Value) and cell.best else "{}"
+        return form.format(escape(text_of(cell)))
+
+    return [[text(cell) for cell in row] for row in frame.itertuples(index=False)]
 
 
 def _markdown(text: str) -> str:
@@ -99,7 +105,7 @@ def _markdown(text: str) -> str:
 
 
 def _latex(text: str) -> str:
-    return "".join(_LATEX.get(character, character) for character in " ".join(text.split()))
+    return " ".join(text.split()).translate(_LATEX)
 
 
 def _latex_row(texts: list[str]) -> str:

@@ -60,7 +60,7 @@ def _by_outcome(letter: str, found: Sequence[Reduction], *, each_count: bool) ->
         named.setdefault(outcome(finding), []).append(text)
     order = [*_OUTCOMES[letter].values(), "similar", "undecided"]
     for name in sorted(named, key=order.index):
-        yield f"{name[0].upper()}{name[1:]}: {', '.join(named[name])}."
+        yield f"{formatting.capitalized(name)}: {', '.join(named[name])}."
 
 
 def _count(seeds: tuple[int, int]) -> str:
@@ -82,7 +82,7 @@ def outcome(finding: Finding) -> str:
 def effect_text(finding: Finding) -> str:
     """Formats an effect with its interval."""
     effect = _effect(finding)
-    return effect.text if effect else "no return"
+    return "no return" if effect is None else effect.text
 
 
 def _effect(finding: Finding) -> Value | None:

@@ -1,13 +1,13 @@
 """Tables of a report with formatted numbers; the exact numbers are in data files."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
 from jbench.names import FULL, TASKS
 from jbench.report import formatting
 from jbench.report.analysis.comparisons import best_of
-from jbench.report.analysis.scores import BY_EPISODES, SPREADS
+from jbench.report.analysis.scores import BY_EPISODES, SPREADS, Summary
 from jbench.report.analysis.statistics import DECIDING_SEEDS, MIN_SEEDS
 from jbench.report.data.cells import SOLVED, Cell, in_order, verified
 from jbench.report.data.published import PublishedCurve, name_of_figure
@@ -95,9 +95,14 @@ def returns_of_cells(view: View, published: Sequence[PublishedCurve]) -> TableIt
         f"{view.kind.over_run}. {_STEPS} The interquartile mean (IQM) is the mean without the "
         f"lowest and highest quarter of seeds. {_INTERVAL}"
         f"{published_note if view.kind is TRAINING else ''}{_divergence(view.cells)}",
-        pd.DataFrame(rows).dropna(axis="columns", how="all"),
+        _table(rows),
         folded=not view.leads,
     )
+
+
+def _table(rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
+    """Returns rows as a table without the columns that have no values."""
+    return pd.DataFrame(rows).dropna(axis="columns", how="all")
 
 
 def _unranked(cells: Sequence[Cell]) -> str:
@@ -154,7 +159,7 @@ def spreads(view: View) -> TableItem | None:
         "standard deviation that the episodes of a final return would cause if all seeds had equal "
         "agents; then the ratio of each spread to that of the same algorithm on the full "
         f"observation, {_AT_COMMON_STEP} ({view.kind.up_to}). {_INTERVAL}",
-        pd.DataFrame(rows).dropna(axis="columns", how="all"),
+        _table(rows),
         folded=True,
     )
 
@@ -166,22 +171,16 @@ def learning_speed(view: View) -> TableItem | None:
         return None
     rows = []
     for named, summary in zip(values.names([s.cell for s in timed]), timed, strict=True):
-        row: dict[str, object] = {**named, "trained for": values.trained(summary.cell)}
         half = summary.get("steps_to_half_best", "median")
-        goals = {"steps_to_solved": str(SOLVED), "steps_to_half_best": _HALF}
-        for measure, goal in goals.items():
-            if goal == _HALF:
-                row[_HALF] = half and round(half.threshold or 0)
-            row |= {
-                f"seeds that reach {goal}": values.reached(summary.get(measure, "median")),
-                f"control steps to {goal}: median": values.of_statistic(
-                    summary, measure, "median", formatting.steps
-                ),
-                f"control steps to {goal}: IQM": values.of_statistic(
-                    summary, measure, "interquartile_mean", formatting.steps
-                ),
+        rows.append(
+            {
+                **named,
+                "trained for": values.trained(summary.cell),
+                **_steps_to(str(SOLVED), summary, "steps_to_solved"),
+                _HALF: half and round(half.threshold or 0),
+                **_steps_to(_HALF, summary, "steps_to_half_best"),
             }
-        rows.append(row)
+        )
     what = (
         "the moving average of a seed's training returns first reaches a value (center of the "
         "first whole window)"
@@ -195,31 +194,41 @@ def learning_speed(view: View) -> TableItem | None:
         f'later than all others; "{formatting.NOT_REACHED}" means that the number or an end of its '
         "interval is one of these. An unfinished run may still reach it. "
         f"{_INTERVAL}{_divergence(view.cells)}",
-        pd.DataFrame(rows).dropna(axis="columns", how="all"),
+        _table(rows),
         folded=not view.leads,
     )
+
+
+def _steps_to(goal: str, summary: Summary, measure: str) -> dict[str, Value | None]:
+    """Returns the columns on the control steps to a return."""
+    form = formatting.steps
+    return {
+        f"seeds that reach {goal}": values.reached(summary.get(measure, "median")),
+        f"control steps to {goal}: median": values.of_statistic(summary, measure, "median", form),
+        f"control steps to {goal}: IQM": values.of_statistic(
+            summary, measure, "interquartile_mean", form
+        ),
+    }
 
 
 def comparisons(view: View) -> TableItem | None:
     """Returns the table of comparisons; None if there are none."""
     if not view.comparisons:
         return None
-    rows = []
-    for one in view.comparisons:
-        rows.append(
-            {
-                "task": one.ours.task,
-                "this": values.algorithm_name(one.ours),
-                "against": values.algorithm_name(one.theirs),
-                "n": values.counts(one.seeds, "other"),
-                "at control step": values.at_step(one.control_steps),
-                "probability of improvement": values.estimate(one.improvement, formatting.ratio),
-                f"difference of IQMs of the final {view.kind.name} return": values.estimate(
-                    one.difference, formatting.signed
-                ),
-                "control steps not compared": values.at_step(one.cut) if one.cut else None,
-            }
-        )
+    difference = f"difference of IQMs of the final {view.kind.name} return"
+    rows = [
+        {
+            "task": one.ours.task,
+            "this": values.algorithm_name(one.ours),
+            "against": values.algorithm_name(one.theirs),
+            "n": values.counts(one.seeds, "other"),
+            "at control step": values.at_step(one.control_steps),
+            "probability of improvement": values.estimate(one.improvement, formatting.ratio),
+            difference: values.estimate(one.difference, formatting.signed),
+            "control steps not compared": values.at_step(one.cut) if one.cut else None,
+        }
+        for one in view.comparisons
+    ]
     return TableItem(
         view.file("comparisons"),
         f"Comparisons of final {view.kind.plural}",
@@ -228,7 +237,7 @@ def comparisons(view: View) -> TableItem | None:
         f"{_AT_COMMON_STEP} ({view.kind.up_to}). {_INTERVAL} Intervals are not corrected for "
         "multiple comparisons: of 20 comparisons of equals, one is expected to look like a "
         "difference.",
-        pd.DataFrame(rows).dropna(axis="columns", how="all"),
+        _table(rows),
         folded=True,
     )
 

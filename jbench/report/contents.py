@@ -65,7 +65,7 @@ class ReportData:
         views: one per kind of return, the leading one first; at least one.
         aggregate: points of our curves; see `summaries.aggregate_curves`.
         table: a row per cell; see `summaries.summary_table`.
-        findings: findings on the claims; None if they were not requested.
+        findings: on the claims; None if they were not requested.
         by_hand: (episodes,) returns of the hand-written policy of each task.
         runs: rows of the table `runs`.
         paths: of robots in evaluations, by source and run.

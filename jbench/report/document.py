@@ -82,9 +82,7 @@ class Section:
     """A part of the report under a heading.
 
     Attributes:
-        title: heading.
         text: paragraphs of plain text.
-        items: figures and tables in order.
         answers: sentences that are always shown, before the text.
     """
 
@@ -132,7 +130,7 @@ class Document:
         notes: sentences for the reader of the figures.
         provenance: a row per run: id, versions, processor, time, command.
         command: command line that made the report.
-        headline: the answer, in a sentence.
+        headline: main results, in a few sentences.
         overview: figures that are shown first.
         inventory: numbers on what was run, each with its name.
         runs: the run of each row of `provenance`; or none.

@@ -1,4 +1,4 @@
-"""Numbers and names as sentences, tables and figures of a report show them."""
+"""Formats numbers and names for the sentences, tables and figures of a report."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,7 +8,7 @@ from jbench.names import ALGORITHMS
 NOT_REACHED = "not reached"
 
 Form = Callable[[float], str]
-"""Makes a text of a number."""
+"""Formats a number."""
 
 
 def whole(value: float) -> str:

@@ -1,4 +1,4 @@
-"""The answer of a report in sentences: what reduction costs, and who solves what, by when."""
+"""Headline of a report: the effects of reduction, and which agents solve which tasks, and when."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -37,7 +37,6 @@ class _Answer(NamedTuple):
     """Whether a cell solves its task.
 
     Attributes:
-        cell: the cell.
         verdict: whether the median final return is `SOLVED` or more.
         median: median final return.
         seeds: number of seeds with a final return.
@@ -52,7 +51,7 @@ class _Answer(NamedTuple):
 
 
 def headline(view: View) -> str:
-    """Returns the answer according to one kind of return, in sentences."""
+    """Returns the headline according to one kind of return, in sentences."""
     answers = [one for one in map(_answer, view.statistics) if one is not None]
     with_full = [one for one in view.reductions if one.baseline == FULL]
     parts = [*_on_reductions(with_full), *_on_tasks(_deciding(_without_encoded(answers)))]

@@ -35,10 +35,10 @@ def write(out: Path, contents: Mapping[str, bytes]) -> tuple[list[Path], list[st
     """
     before = _listed(out)
     new = {name: sha256(content) for name, content in contents.items()}
-    # Until all is written, the list names the files of both reports, in case of a kill.
+    # The list has the files of both reports until all are written, in case the process is killed.
     write_atomic(out / LISTING, _listing({**before, **new}))
     with ThreadPoolExecutor(_WRITERS) as pool:
-        # One by one, each would wait for the disk.
+        # Several at a time, because each one waits for the disk.
         list(pool.map(write_atomic, [out / name for name in contents], contents.values()))
     old = {name: digest for name, digest in before.items() if name not in new}
     changed = [name for name, digest in old.items() if not _remove(out / name, digest)]

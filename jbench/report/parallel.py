@@ -1,8 +1,8 @@
 """Makes files on several cores, in forked processes.
 
-Forked processes have the data of a report already, so that only the files' contents are copied. The
-tasks are distributed one by one, and this process works as well. A task that another process did
-not finish, for any reason, is repeated here: its error then occurs here.
+Forked processes already have the data of a report, so that only the contents of files are copied
+between processes. Each process, including this one, takes a task at a time. This process repeats
+tasks that another process did not finish, so that their errors are raised here.
 """
 
 import contextlib
@@ -49,7 +49,7 @@ def _forked(tasks: Sequence[Task], processes: int) -> dict[int, dict[str, bytes]
     sinks: dict[int, IO[bytes]] = {}
     with contextlib.ExitStack() as stack:
         stack.callback(os.close, queue)
-        # What exists is not searched for garbage, which would also copy it to each process.
+        # Collecting garbage would write to the existing objects, and so copy them to each process.
         gc.freeze()
         stack.callback(gc.unfreeze)
         for _ in range(processes - 1):
@@ -67,7 +67,7 @@ def _forked(tasks: Sequence[Task], processes: int) -> dict[int, dict[str, bytes]
 def _fork(tasks: Sequence[Task], queue: int, sink: IO[bytes]) -> int:
     """Starts a process that takes tasks from the queue and writes their files."""
     with warnings.catch_warnings():
-        # Python warns of other threads: those of numerical libraries, which wait.
+        # Python warns of other threads; these are idle threads of numerical libraries.
         warnings.simplefilter("ignore", DeprecationWarning)
         pid = os.fork()
     if pid:
@@ -82,7 +82,7 @@ def _fork(tasks: Sequence[Task], queue: int, sink: IO[bytes]) -> int:
 
 
 def _end(pid: int) -> None:
-    """Ends a process: at once if this one has failed, else it has ended already."""
+    """Kills a process, which is still running only if this one has failed."""
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
 

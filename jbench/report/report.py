@@ -1,4 +1,4 @@
-"""Turns a results directory into the files of a report."""
+"""Writes the report of a results directory."""
 
 import csv
 import io
@@ -47,8 +47,7 @@ class Report:
     """A written report.
 
     Attributes:
-        data: data of the report; its notes also name files that were kept.
-        files: all files written.
+        data: its notes also name files that were kept.
     """
 
     data: ReportData
@@ -68,7 +67,7 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
     """
     data = gather(results, request)
     pa.default_memory_pool().release_unused()  # memory of the rows that were read
-    make_directory(out)  # a wrong one is refused before the figures are drawn
+    make_directory(out)  # before the figures are drawn, since it may raise an error
     document = contents.document(data)
     drawn = [item for item in document.items if isinstance(item, FigureItem)]
     tasks = [
@@ -78,7 +77,8 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
         partial(_page, document, request),
     ]
     if request.watched:
-        # Whoever watches looks at the page. What is drawn is remembered in this process only.
+        # The user only looks at the page. A single task runs in this process, which remembers the
+        # drawn panels.
         tasks = tasks[-1:]
     paths, kept = output_directory.write(out, parallel.files_of(tasks, cores()))
     return Report(

@@ -22,7 +22,7 @@ class Request:
         returns: kind of return that figures and statistics show first.
         claims: whether to give verdicts on the paper's claims.
         each_seed: whether to draw every seed as a thin line as well.
-        formats: formats of the figures, from `names.FIGURE_FORMATS`.
+        formats: of the figures, from `names.FIGURE_FORMATS`.
         columns: width of the figures in columns of a paper, 1 or 2; None for a screen.
         reference: whether to add the runs shipped with jbench.
         baseline: algorithm whose imported curves are drawn as published ones, or None.

@@ -25,17 +25,7 @@ def details(
         runs: rows of the table `runs`, with a column `source` if there are several.
         paths: by source and run.
     """
-    curves: dict[tuple[str, str], list[RunCurve]] = {}
-    for view in views:
-        for cell, curve in view.learned:
-            for run, returns in zip(cell.runs, curve.each, strict=True):
-                shown = np.isfinite(returns)
-                if shown.any():
-                    mean = f", mean over {curve.window} episodes" if view.kind.smoothed else ""
-                    label = f"{view.kind.name} return{mean}"
-                    points = slice(None) if shown.all() else shown  # a slice copies nothing
-                    one = RunCurve(label, curve.control_steps[points], returns[points])
-                    curves.setdefault((cell.source, run), []).append(one)
+    curves = _curves(views)
     found = []
     for row in runs.to_dict("records"):
         source, id = row.get("source", OURS), str(row["run"])
@@ -53,6 +43,21 @@ def details(
             )
         )
     return found
+
+
+def _curves(views: Sequence[View]) -> dict[tuple[str, str], list[RunCurve]]:
+    """Returns the learning curves of single runs, by source and run."""
+    curves: dict[tuple[str, str], list[RunCurve]] = {}
+    for cell, curve in (item for view in views for item in view.learned):
+        mean = f", mean over {curve.window} episodes" if cell.kind.smoothed else ""
+        label = f"{cell.kind.name} return{mean}"
+        for run, returns in zip(cell.runs, curve.each, strict=True):
+            shown = np.isfinite(returns)
+            if shown.any():
+                points = slice(None) if shown.all() else shown  # a slice copies nothing
+                one = RunCurve(label, curve.control_steps[points], returns[points])
+                curves.setdefault((cell.source, run), []).append(one)
+    return curves
 
 
 @remembered

@@ -43,7 +43,7 @@ class Source:
     """Runs of one results directory, or a selection of them.
 
     Attributes:
-        cells: cells of the runs, for both kinds of return.
+        cells: for both kinds of return.
         runs: rows of the table `runs`.
         notes: sentences on runs that are in no cell.
         problems: a sentence for each unreadable record.
@@ -136,7 +136,6 @@ def side(text: str, results: Results, request: Request) -> Source:
     Args:
         text: a results directory, or settings that select runs of the results, such as
             `engine=batched` or `algo=td3,representation=dae12`.
-        results: results from which settings select.
         request: its filters apply as well.
 
     Raises:

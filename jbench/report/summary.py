@@ -37,7 +37,7 @@ def sentences(
 
     Args:
         views: one per kind of return, the leading one first.
-        findings: findings on the claims; None if they were not requested.
+        findings: on the claims; None if they were not requested.
         runs: rows of the table `runs`.
     """
     if not views[0].learned:

@@ -30,10 +30,10 @@ class View:
     Attributes:
         leads: whether figures and statistics show this kind first.
         learned: curves in the order of the paper.
-        statistics: statistics of each cell, in the same order.
+        statistics: of each cell, in the same order.
         reductions: comparisons of each representation with the full and the scaled observation.
-        groups: groups of cells that differ only in their representation.
-        findings: findings on the claims (a) to (g); empty unless they were requested.
+        groups: cells that differ only in their representation.
+        findings: on the claims (a) to (g); empty unless they were requested.
         baseline: algorithm whose imported curves are drawn as published ones, or None.
     """
 

@@ -55,11 +55,11 @@ def watch(
 ) -> Iterator[None]:
     """Yields at once, and again whenever a record has been committed.
 
-    The caller's work takes at most half of the time: after it, this waits as long as it took.
+    Between two results it waits at least as long as the caller worked on the first one, so that the
+    caller works at most half of the time.
 
     Args:
         request: if it compares results directories, these are watched as well.
-        interrupt: ends the watching.
         look_every: minimum seconds between two looks.
     """
     directories = [

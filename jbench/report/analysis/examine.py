@@ -120,8 +120,8 @@ def seeds_to_decide(distance: float, standard_error: float, seeds: int) -> int |
     equal the observed one (Cohen, 1988, chapter 2, by the normal approximation).
 
     Args:
-        distance: distance of the effect from the deciding value.
-        standard_error: standard error of the effect at the present number of seeds.
+        distance: of the effect from the deciding value.
+        standard_error: of the effect at the present number of seeds.
         seeds: present number of seeds per group.
 
     Returns:

@@ -32,7 +32,7 @@ class Reduction(NamedTuple):
 
     Attributes:
         baseline: `full` or `scaled`.
-        findings: findings on the claims (a), (b) and (c).
+        findings: on the claims (a), (b) and (c).
         seeds: numbers of seeds of representation and baseline with a final return.
     """
 

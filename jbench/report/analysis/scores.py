@@ -65,7 +65,6 @@ class Statistic(NamedTuple):
             `steps_to_half_best`.
         statistic: `median`, `interquartile_mean`, one of `SPREADS`, the ratio of one to that of the
             full observation, such as `standard_deviation_ratio`, or `BY_EPISODES`.
-        estimate: value with its interval.
         seeds: number of seeds; for a ratio, the smaller number of the two cells.
         reached: number of seeds that reach the threshold; None without a threshold.
         threshold: episode return to reach, or None.

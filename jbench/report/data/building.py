@@ -47,12 +47,11 @@ def build_cells(
 
     Args:
         runs: see `usable_runs`.
-        episodes: the table `episodes`; may contain other runs.
-        evaluations: the table `evaluations`; may contain other runs.
-        source: source of the cells.
+        episodes: the table of that name; may contain other runs.
+        evaluations: the table of that name; may contain other runs.
     """
     trained, evaluated = _training_points(episodes), _evaluation_points(evaluations)
-    # The other columns have long texts.
+    # Other columns are left out, since their texts are long.
     runs = runs[_USED].assign(
         recorded=[
             len(trained.get(run, evaluated.get(run, _NOTHING)).returns) for run in runs["run"]
@@ -191,7 +190,7 @@ def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -
 
 def _training_points(episodes: pa.Table) -> dict[str, Points]:
     """Returns the training episodes of each run in order; runs without episodes are left out."""
-    # Most batches are those of a run, which are not copied.
+    # Most batches contain a single run; these are not copied.
     of_runs: dict[str, list[pa.RecordBatch]] = {}
     for batch in episodes.to_batches():
         names, codes = coded(pa.chunked_array([batch["run"]]))

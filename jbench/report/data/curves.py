@@ -254,7 +254,7 @@ def steps_to_threshold(
 ) -> FloatArray:
     """Returns the control steps (seeds,) after which each seed first reaches a return.
 
-    A seed that never does counts as infinity: its true value is later than its end.
+    It is infinite for a seed that never reaches it, since the true value is after the run's end.
 
     Args:
         returns: (seeds, points) smoothed episode returns; NaN after a run's end.

@@ -1,4 +1,4 @@
-"""Treatment of diverged runs: they count with return 0, the minimum, from their divergence on.
+"""Diverged runs, which count with return 0, the minimum, from their divergence on.
 
 If diverged seeds were left out, an algorithm that diverges half of the time would look as good as
 one that never does.

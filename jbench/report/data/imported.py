@@ -21,7 +21,7 @@ _LABELS = ["task", "algo", "representation"]
 _SEED = [*_LABELS, "seed"]
 _RETURNS = {"episodes": "training", "evaluations": "evaluation"}
 _EPISODES = ("sb3-monitor", "sb3-evaluations")
-"""Formats whose points are episodes, and not what somebody has logged."""
+"""Formats whose points are episodes or evaluations; points of other formats are logged values."""
 
 
 class ImportedRuns(NamedTuple):
@@ -45,7 +45,7 @@ def as_runs(imports: pa.Table, points: pa.Table) -> ImportedRuns:
     kind, the longest is used.
 
     Args:
-        imports: the table `imports`.
+        imports: the table of that name.
         points: the table `import_points`.
     """
     frame: pd.DataFrame = imports.to_pandas(use_threads=False)

@@ -163,9 +163,9 @@ def published_series(
     The edges are dashed if single seeds are drawn, which are thin lines as well.
 
     Args:
-        band: percentiles of the band.
+        band: percentiles.
         entry: entry of the legend for the curve's color.
-        labelled: whether the curve makes that entry, as none of ours does.
+        labelled: whether the legend has that entry only because of this curve.
     """
     x = curve.control_steps
     edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.4)
@@ -183,11 +183,6 @@ def published_series(
     of["entries"] = (entry, key, _EDGES_KEY.format(percentiles(band)))
     edges = [Series(x, curve.quantiles[p], edge, **of) for p in band if p in curve.quantiles]
     return [median, *edges]
-
-
-def is_published(panel: Panel) -> bool:
-    """Returns whether a panel shows a median of the paper."""
-    return any(PUBLISHED_KEY in one.entries for one in panel.series)
 
 
 def curve_key(
@@ -252,7 +247,7 @@ def drawn_points(points: int, enough: int, max_step: int | None = None) -> IntAr
 
     Args:
         points: number of points of a curve.
-        enough: number of points of a smooth line; at least so many are drawn, if there are.
+        enough: minimum number of points to draw, if the curve has so many.
         max_step: maximum of k; None for any.
     """
     step = max(1, min(points // enough, points if max_step is None else max_step))

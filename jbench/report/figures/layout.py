@@ -37,11 +37,11 @@ class Sheet(NamedTuple):
     """Format of a figure for a medium; sizes in inches.
 
     Attributes:
-        width: width of a figure with several panels.
+        width: of a figure with several panels.
         single: width of a figure with one panel.
         columns: maximum number of panels in a row.
-        height: height of each of several panels.
-        single_height: height of a single panel.
+        height: of each of several panels.
+        single_height: of a single panel.
         row: height of a row of a panel with named rows.
         paper: whether it is for a paper, where title and notes belong in the caption, and panels
             side by side share their vertical axis.
@@ -103,9 +103,6 @@ class Layout(NamedTuple):
     """Positions in a figure, in inches.
 
     Attributes:
-        width: width of the figure.
-        height: height of the figure.
-        panels: places of the panels.
         legend: label in lines, and upper left corner, of each entry of the legend.
         notes: upper left corner of the notes.
         lines: lines of the notes.
@@ -126,7 +123,7 @@ class _Grid(NamedTuple):
 
     Attributes:
         columns: panels in a row.
-        width: width of the figure.
+        width: of the figure.
         left: space to the left of the first panel.
         gap: space between two panels.
         panel: width and height of a panel.
@@ -150,7 +147,6 @@ def lay_out(figure: Figure, sheet: Sheet, *, text: bool, legend: bool = True) ->
 
     Args:
         figure: a figure without heat maps.
-        sheet: its format.
         text: whether it has title and notes.
         legend: whether it has a legend.
     """

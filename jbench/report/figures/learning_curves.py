@@ -9,7 +9,13 @@ from jbench.report.data.published import PPO_ENVIRONMENTS, PublishedCurve
 from jbench.report.data.returns import TRAINING, Returns
 from jbench.report.figure import Axis, Figure, Panel, Series
 from jbench.report.figures import curve_series
-from jbench.report.figures.curve_series import BAND, KEY_COLOR, QUARTILES, SOLVED_LINE
+from jbench.report.figures.curve_series import (
+    BAND,
+    KEY_COLOR,
+    PUBLISHED_KEY,
+    QUARTILES,
+    SOLVED_LINE,
+)
 from jbench.report.figures.encoders import look_of
 from jbench.report.formatting import display_name
 from jbench.report.request import Request
@@ -52,7 +58,7 @@ def grid_figure(
         _task_panel(task, shown[task], published, colors, numbers, kind, request) for task in tasks
     ]
     notes = [_note(learned, [BAND], panels, request)]
-    if any(curve_series.is_published(panel) for panel in panels):
+    if any(PUBLISHED_KEY in one.entries for panel in panels for one in panel.series):
         notes.append(
             "Published: Figure 9, training returns, full observation, 10 seeds, quantile-first, "
             f"100 episodes. {_CUT_NOTE}"
@@ -222,7 +228,7 @@ def _note(
 
 
 def _comparable(published: Sequence[PublishedCurve], kind: Returns) -> Sequence[PublishedCurve]:
-    """Returns the baselines, and the paper's curves with our training returns, which they are."""
+    """Returns the imported baselines and, for training returns, the paper's curves."""
     return [curve for curve in published if kind is TRAINING or curve.source == IMPORTED]
 
 
@@ -261,9 +267,9 @@ def _published_text(published: Sequence[PublishedCurve]) -> list[str]:
 def _steps_axis(learned: Sequence[LearnedCurve]) -> Axis:
     """Returns the axis of control steps up to the end of the longest run.
 
-    It is logarithmic for evaluations of runs whose lengths differ much: otherwise the short ones
-    fill only its left end. Training returns are on a linear axis, like the paper's, and so are
-    evaluations before the training, at control step 0.
+    It is logarithmic for evaluations of runs with very different lengths, because short runs would
+    fill only the left end of a linear axis. It is linear for training returns, as in the paper, and
+    if there is an evaluation at control step 0.
     """
     ends = [cell.longest for cell, _ in learned]
     first = min(float(curve.control_steps[0]) for _, curve in learned)

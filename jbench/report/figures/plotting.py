@@ -64,7 +64,7 @@ def draw_alone(panel: Panel, number: int, laid: Layout, sheet: Sheet, *, picture
 
     Args:
         number: its index in the figure.
-        laid: positions in the figure.
+        laid: layout of the figure.
         picture: see `draw`.
     """
     drawn = _empty(laid)

@@ -37,8 +37,8 @@ class Drawing(NamedTuple):
     Attributes:
         svg: its elements, one after the other, with a `viewBox` in points (1/72 inch) each.
         colors: its colors, "#rrggbb", that differ on a dark page.
-        widths: widths of the elements in points.
-        height: height in points.
+        widths: of the elements, in points.
+        height: of each element, in points.
         boxes: edges of each panel.
     """
 

@@ -151,6 +151,9 @@ def provenance(runs: pd.DataFrame) -> pd.DataFrame:
         recorded = json.loads(row["provenance"])
         recorded = recorded if isinstance(recorded, dict) else {}
         packages, command = recorded.get("packages"), recorded.get("command")
+        versions = packages.items() if isinstance(packages, dict) else ()
+        if isinstance(command, list):
+            command = " ".join(map(str, command))
         rows.append(
             {
                 "run": row["run"],
@@ -159,21 +162,18 @@ def provenance(runs: pd.DataFrame) -> pd.DataFrame:
                 "begun": row["created"],
                 "wall time (s)": row["wall_time"],
                 **{name: _text(recorded.get(name)) for name in _RECORDED},
-                **{
-                    str(name): _text(version)
-                    for name, version in (packages if isinstance(packages, dict) else {}).items()
-                },
+                **{str(name): _text(version) for name, version in versions},
                 "git revision": _text(recorded.get("git_revision")),
-                "command": " ".join(map(str, command))
-                if isinstance(command, list)
-                else _text(command),
+                "command": _text(command),
             }
         )
     return pd.DataFrame(rows)
 
 
 def _text(value: Any) -> str:
-    return "" if value is None else value if isinstance(value, str) else json.dumps(value)
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _returns(view: View, data: ReportData) -> list[Item | None]:

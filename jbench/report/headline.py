@@ -54,7 +54,7 @@ def headline(view: View) -> str:
     """Returns the headline according to one kind of return, in sentences."""
     answers = [one for one in map(_answer, view.statistics) if one is not None]
     with_full = [one for one in view.reductions if one.baseline == FULL]
-    parts = [*_on_reductions(with_full), *_on_tasks(_deciding(_without_encoded(answers)))]
+    parts = [*_on_reductions(with_full), *_on_tasks(_shown(answers))]
     if not parts:
         return "There are no returns yet."
     shown = [f"{formatting.capitalized(part)}." for part in parts[:_MAX_PARTS]]
@@ -89,16 +89,15 @@ def _answer(summary: Summary) -> _Answer | None:
     return _Answer(summary.cell, verdict, median.estimate.value, median.seeds, steps)
 
 
-def _without_encoded(answers: Sequence[_Answer]) -> list[_Answer]:
-    """Returns the answers with the full observation, or all if there are none."""
+def _shown(answers: Sequence[_Answer]) -> Sequence[_Answer]:
+    """Returns the answers on the full observation, and of these the ones with enough seeds.
+
+    A condition that no answer fulfils is left out.
+    """
     plain = [one for one in answers if not one.cell.robots]
     full = [one for one in plain if one.cell.representation == FULL]
-    return full or plain or list(answers)
-
-
-def _deciding(answers: Sequence[_Answer]) -> list[_Answer]:
-    """Returns the answers with enough seeds for a verdict, or all if there are none."""
-    return [one for one in answers if one.seeds >= DECIDING_SEEDS] or list(answers)
+    shown = full or plain or answers
+    return [one for one in shown if one.seeds >= DECIDING_SEEDS] or shown
 
 
 def _on_tasks(answers: Sequence[_Answer]) -> Iterator[str]:
@@ -139,8 +138,8 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     )
     if reached and len(reached) < len(group):
         when += f" in {len(reached)} of {len(group)} cells"
-    seeds = _seeds([answer.seeds for answer in group]) + " each" * several
-    parts = [f"median return{'s' * several} {medians}", when, seeds]
+    seeds = _seeds([answer.seeds for answer in group]) + (" each" if several else "")
+    parts = [f"median return{'s' if several else ''} {medians}", when, seeds]
     details = f"({'; '.join(filter(None, parts))})"
     solves, do = ("solves", "does") if one else ("solve", "do")
     if verdict == "undecided":
@@ -177,7 +176,7 @@ def _basis(group: Sequence[Reduction], claim: str) -> Iterator[str]:
     intervals = sum(math.isfinite(one.finding(claim).effect.low) for one in group)
     if intervals:
         kind = "means over the run, 95%" if claim == "c" else "90%"
-        yield f"{kind} interval{'s' * (intervals > 1)}"
+        yield f"{kind} interval{'s' if intervals > 1 else ''}"
     yield _seeds([number for one in group for number in one.seeds])
 
 

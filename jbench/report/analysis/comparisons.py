@@ -60,7 +60,16 @@ def within(cells: Sequence[Cell]) -> list[Comparison]:
     Each representation is compared with the full observation, each algorithm with those after it in
     the paper's order, and each variant with the first variant.
     """
-    return [compare(*pair) for pair in _pairs(cells)]
+    pairs = [
+        (cell, baseline) for cell in cells if (baseline := baseline_of(cell, cells)) is not None
+    ]
+    pairs += algorithm_pairs(cells)
+    firsts: dict[tuple[str, ...], Cell] = {}
+    for cell in cells:
+        first = firsts.setdefault((cell.source, cell.task, cell.algo, cell.representation), cell)
+        if first is not cell:
+            pairs.append((cell, first))
+    return [compare(*pair) for pair in pairs]
 
 
 def across(
@@ -141,19 +150,6 @@ def _row(one: Comparison) -> dict[str, object]:
     for name, estimate in estimates.items():
         row |= {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
     return row
-
-
-def _pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
-    for cell in cells:
-        baseline = baseline_of(cell, cells)
-        if baseline is not None:
-            yield cell, baseline
-    yield from algorithm_pairs(cells)
-    firsts: dict[tuple[str, ...], Cell] = {}
-    for cell in cells:
-        first = firsts.setdefault((cell.source, cell.task, cell.algo, cell.representation), cell)
-        if first is not cell:
-            yield cell, first
 
 
 def algorithm_pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:

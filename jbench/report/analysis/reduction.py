@@ -6,6 +6,7 @@ is due to reduction alone.
 """
 
 from collections.abc import Sequence
+from statistics import multimode
 from typing import NamedTuple
 
 import numpy as np
@@ -128,8 +129,7 @@ def groups(cells: Sequence[Cell]) -> list[Group]:
     """
     found = []
     for group in _by_settings(cells):
-        ends = [int(cell.last_step) for cell in group]
-        end = max(ends, key=lambda step: (ends.count(step), step))
+        end = max(multimode(int(cell.last_step) for cell in group))
         short = [cell for cell in group if cell.last_step < end]
         long = [cell for cell in group if cell not in short]
         kinds = {kind_of(cell.representation) for cell in long}

@@ -120,8 +120,7 @@ def fitting_window(lengths: IntArray, window: int) -> int:
     The shortest run does not count: a seed that has just begun would make the curve of the others
     noisy.
     """
-    longest = int(lengths.max())
-    return window if longest >= 4 * window else max(1, longest // 4)
+    return min(window, max(1, int(lengths.max()) // 4))
 
 
 def moving_average(values: FloatArray, window: int) -> FloatArray:

@@ -1,7 +1,6 @@
 """Series of learning curves, ours and the paper's, and their key."""
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -113,7 +112,6 @@ def learned_series(
         nth: index of the line's style and marker.
         bands: percentiles of the bands, the widest first.
         name: beginning of the label.
-        each_seed: whether every seed is drawn as well.
     """
     curve = item.curve
     shown = drawn_points(len(curve.control_steps), _MAX_POINTS, curve.window // 4)
@@ -131,22 +129,24 @@ def learned_series(
         size=3 if few else 4,
         every=1 if few else max(1, len(x) // 10),
     )
-    thin = Style(color, width=0.5, alpha=0.45)
     label = ", ".join(filter(None, (item.cell.prefix + name, item.cell.words)))
-    of: dict[str, Any] = {"entries": (label, MEDIAN_KEY), "tags": item.cell.tags}
-    return [
-        *(Series(x, row, thin, **of) for row in (curve.each[:, shown] if each_seed else ())),
-        Series(
-            x,
-            curve.quantile(50)[shown],
-            style,
-            label,
-            [Band(low, high, _BAND_ALPHA) for low, high in ends] if enough.any() else [],
-            detail=_detail(item),
-            partial=seeds < len(item.cell.seeds),
-            **of,
-        ),
-    ]
+    entries, tags = (label, MEDIAN_KEY), item.cell.tags
+    median = Series(
+        x,
+        curve.quantile(50)[shown],
+        style,
+        label,
+        [Band(low, high, _BAND_ALPHA) for low, high in ends] if enough.any() else [],
+        detail=_detail(item),
+        entries=entries,
+        tags=tags,
+        partial=seeds < len(item.cell.seeds),
+    )
+    if not each_seed:
+        return [median]
+    thin = Style(color, width=0.5, alpha=0.45)
+    returns = curve.each[:, shown]
+    return [*(Series(x, row, thin, entries=entries, tags=tags) for row in returns), median]
 
 
 def published_series(
@@ -168,21 +168,25 @@ def published_series(
         labelled: whether the legend has that entry only because of this curve.
     """
     x = curve.control_steps
-    edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.4)
     tags = page_tags(curve.algo, curve.representation, curve.source, curve.task)
     if curve.source == IMPORTED:
         key, detail = entry, IMPORTED
     else:
         key = _ONE_SEED_KEY if curve.seeds == 1 else PUBLISHED_KEY
         detail = f"{curve.figure_name}, {counted(curve.seeds, 'seed')}"
-    of: dict[str, Any] = {"entries": (entry, key), "tags": tags}
-    if not labelled:
-        detail = f"published {entry} ({detail})"
-    line = Style(color, "--", 1.0)
-    median = Series(x, curve.quantiles[50], line, entry * labelled, detail=detail, **of)
-    of["entries"] = (entry, key, _EDGES_KEY.format(percentiles(band)))
-    edges = [Series(x, curve.quantiles[p], edge, **of) for p in band if p in curve.quantiles]
-    return [median, *edges]
+    median = Series(
+        x,
+        curve.quantiles[50],
+        Style(color, "--", 1.0),
+        entry if labelled else "",
+        detail=detail if labelled else f"published {entry} ({detail})",
+        entries=(entry, key),
+        tags=tags,
+    )
+    edge = Style(color, _EDGES[each_seed], 0.6, alpha=0.4)
+    entries = (entry, key, _EDGES_KEY.format(percentiles(band)))
+    ends = [curve.quantiles[percent] for percent in band if percent in curve.quantiles]
+    return [median, *(Series(x, end, edge, entries=entries, tags=tags) for end in ends)]
 
 
 def curve_key(

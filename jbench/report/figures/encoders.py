@@ -1,6 +1,7 @@
 """Measurements of encoders, and the figure of errors against the number of latents."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -168,10 +169,8 @@ def _labels(rows: pd.DataFrame) -> list[str]:
     kept = [{n: v for n, v in one.items() if n not in ENCODER_VARIANT} for one in recorded]
     hashes = [settings_hash(variant) for variant in kept]
     keys = list(zip(rows["task"], rows["kind"], strict=True))
-    labels = {
-        key: variant_labels(
-            {name: one for own, name, one in zip(keys, hashes, kept, strict=True) if own == key}
-        )
-        for key in set(keys)
-    }
+    variants: dict[tuple[str, str], dict[str, dict[str, Any]]] = {}
+    for key, name, variant in zip(keys, hashes, kept, strict=True):
+        variants.setdefault(key, {})[name] = variant
+    labels = {key: variant_labels(found) for key, found in variants.items()}
     return [labels[key][name] for key, name in zip(keys, hashes, strict=True)]

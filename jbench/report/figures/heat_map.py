@@ -1,7 +1,7 @@
 """The matrix of cells: an overview of final returns."""
 
-from collections import Counter
 from collections.abc import Sequence
+from statistics import multimode
 
 import numpy as np
 import pandas as pd
@@ -39,8 +39,8 @@ def compared_steps(cells: Sequence[Cell]) -> int | None:
 
     None if every cell has seeds with different numbers of control steps.
     """
-    counts = Counter(steps for cell in cells if (steps := _steps(cell)) is not None)
-    return max(counts, key=lambda steps: (counts[steps], steps), default=None)
+    steps = (_steps(cell) for cell in cells)
+    return max(multimode(one for one in steps if one is not None), default=None)
 
 
 def matrix_frame(cells: Sequence[Cell]) -> pd.DataFrame:

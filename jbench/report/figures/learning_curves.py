@@ -95,8 +95,8 @@ def comparison_figures(
             for curve in _comparable(published, ours[0].cell.kind)
             if (curve.task, curve.algo) == (task, algo) and curve.figure in ("fig7", "fig8")
         ]
-        kinds = {(item.cell.representation, item.cell.source) for item in ours}
-        if theirs or len(kinds) > 1:
+        compared = {(item.cell.representation, item.cell.source) for item in ours}
+        if theirs or len(compared) > 1:
             figures[task, algo] = _comparison_figure(ours, theirs, request)
     return figures
 

@@ -108,7 +108,7 @@ def _lines(figure: Figure, sheet: Sheet, *, text: bool, legend: bool, picture: b
     for i, panel in enumerate(figure.panels):
         _add_panel(drawn, panel, i, laid, sheet, picture=picture)
     for (label, box), (_, style) in zip(laid.legend, figure.legend, strict=False):
-        _entry(drawn, _handle(style), label, _corner(laid, box))
+        _entry(drawn, label, style, _corner(laid, box))
     if text:
         room = (laid.width - 3 * layout.MARGIN) / max(texts.width_of(figure.title, "bold"), 1e-9)
         corner = _corner(laid, Box(layout.MARGIN, layout.MARGIN))
@@ -165,14 +165,12 @@ def _heat_maps(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Dr
     return drawn
 
 
-def _handle(style: Style | Shade) -> Artist:
-    if isinstance(style, Shade):
-        return Patch(color=style.color, alpha=style.alpha, lw=0)
-    return Line2D([], [], **look(style))
-
-
-def _entry(drawn: Drawn, handle: Artist, label: str, corner: tuple[float, float]) -> None:
+def _entry(drawn: Drawn, label: str, style: Style | Shade, corner: tuple[float, float]) -> None:
     """Draws an entry of the legend."""
+    if isinstance(style, Shade):
+        handle: Artist = Patch(color=style.color, alpha=style.alpha, lw=0)
+    else:
+        handle = Line2D([], [], **look(style))
     legend = drawn.legend(
         [handle],
         [label],

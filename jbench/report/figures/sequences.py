@@ -42,10 +42,10 @@ def _figure(
     end = max(cell.longest for cell in cells)
     color = ALGORITHM_COLORS.get(algo, "#000000")
     series: list[Series] = []
-    for style, item in enumerate(learned):
+    for nth, item in enumerate(learned):
         name = f"{item.cell.representation}, {item.cell.robots} robots"
         series += curve_series.learned_series(
-            item, color, style, [BAND], name, each_seed=request.each_seed
+            item, color, nth, [BAND], name, each_seed=request.each_seed
         )
     for curve in published:
         name = f"{curve.representation}, {SEQUENCE_ROBOTS} robots"

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.colors import to_hex
@@ -24,8 +24,14 @@ MAX_CELLS = 10_000
 
 _DIGITS = 7  # significant digits
 
-Edges = tuple[float, float, float, float]
-"""Left, top, right and lower edge of a panel, in points of the SVG."""
+
+class Edges(NamedTuple):
+    """Edges of a rectangle, in points from the upper left corner of the SVG."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
 
 
 def points_each(figures: Iterable[Figure]) -> int:

@@ -59,7 +59,7 @@ class _Part(NamedTuple):
 
     Attributes:
         size: width and height of the figure in points.
-        around: box of all that is drawn.
+        around: edges of all that is drawn.
     """
 
     content: str
@@ -107,14 +107,14 @@ def element(
 def _rectangles(parts: Sequence[_Part]) -> list[Box]:
     """Returns what to show of each panel: as wide as its texts, and as high as those of all."""
     pairs = [(part.around, box) for part in parts for box in part.boxes]
-    above = max(box[1] - around[1] for around, box in pairs) + _AROUND
-    below = max(around[3] - box[3] for around, box in pairs) + _AROUND
+    above = max(box.top - around.top for around, box in pairs) + _AROUND
+    below = max(around.bottom - box.bottom for around, box in pairs) + _AROUND
     return [
         Box(
-            around[0] - _AROUND,
-            box[1] - above,
-            around[2] - around[0] + 2 * _AROUND,
-            above + box[3] - box[1] + below,
+            around.left - _AROUND,
+            box.top - above,
+            around.right - around.left + 2 * _AROUND,
+            above + box.bottom - box.top + below,
         )
         for around, box in pairs
     ]
@@ -133,7 +133,7 @@ def _heat_maps(figure: Figure, prefix: str, sheet: Sheet, *, picture: bool) -> _
     # The hatch pattern of a heat map, whose id begins with "h", is among the definitions.
     svg.clean(root, prefix, colors, (KEPT, "h"))
     boxes = _boxes(drawn, size)[: len(figure.panels)]
-    return _Part(_content(root), colors, size, boxes, (0.0, 0.0, *size))
+    return _Part(_content(root), colors, size, boxes, Edges(0.0, 0.0, *size))
 
 
 @remembered
@@ -159,8 +159,12 @@ def _panel(
     svg.clean(inner, prefix, colors)
     tight: Any = drawn.axes[0].get_tightbbox()
     scale, height = 72 / drawn.dpi, size[1]
-    left, right = tight.x0 * scale, tight.x1 * scale
-    around = (left, height - tight.y1 * scale, right, height - tight.y0 * scale)
+    around = Edges(
+        left=tight.x0 * scale,
+        top=height - tight.y1 * scale,
+        right=tight.x1 * scale,
+        bottom=height - tight.y0 * scale,
+    )
     return _Part(_content(inner), colors, size, _boxes(drawn, size), around)
 
 
@@ -176,7 +180,8 @@ def _boxes(drawn: Drawn, size: tuple[float, float]) -> list[Edges]:
     width, height = size
     places = (axes.get_position() for axes in drawn.axes)
     return [
-        (at.x0 * width, (1 - at.y1) * height, at.x1 * width, (1 - at.y0) * height) for at in places
+        Edges(at.x0 * width, (1 - at.y1) * height, at.x1 * width, (1 - at.y0) * height)
+        for at in places
     ]
 
 

@@ -1,5 +1,6 @@
 """Tables of a report with formatted numbers; the exact numbers are in data files."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
@@ -15,6 +16,7 @@ from jbench.report.data.returns import TRAINING
 from jbench.report.data.summaries import published_beside
 from jbench.report.document import TableItem, Value
 from jbench.report.tables import values
+from jbench.report.tables.values import of_statistic
 from jbench.report.views import View
 
 _INTERVAL = (
@@ -63,6 +65,8 @@ def final_returns(view: View) -> TableItem:
 
 def returns_of_cells(view: View, published: Sequence[PublishedCurve]) -> TableItem:
     """Returns the table of final returns with their uncertainty."""
+    kind = view.kind
+    final, over_run = f"final {kind.name} return", f"{kind.name} return over the run"
     rows = []
     for named, summary in zip(values.names(view.cells), view.statistics, strict=True):
         cell, location = summary.cell, summary.get("final_return", "interquartile_mean")
@@ -72,15 +76,9 @@ def returns_of_cells(view: View, published: Sequence[PublishedCurve]) -> TableIt
                 "n": location.seeds if location else 0,
                 "diverged": _diverged(cell),
                 "control steps": values.trained(cell),
-                f"final {view.kind.name} return: median": values.of_statistic(
-                    summary, "final_return", "median"
-                ),
-                f"final {view.kind.name} return: IQM": values.of_statistic(
-                    summary, "final_return", "interquartile_mean"
-                ),
-                f"{view.kind.name} return over the run: IQM": values.of_statistic(
-                    summary, "area", "interquartile_mean"
-                ),
+                f"{final}: median": of_statistic(summary, "final_return", "median"),
+                f"{final}: IQM": of_statistic(summary, "final_return", "interquartile_mean"),
+                f"{over_run}: IQM": of_statistic(summary, "area", "interquartile_mean"),
                 "published median (training return)": _published(cell, published),
             }
         )
@@ -90,11 +88,11 @@ def returns_of_cells(view: View, published: Sequence[PublishedCurve]) -> TableIt
     )
     return TableItem(
         view.file("statistics"),
-        f"Final {view.kind.name} return, and {view.kind.name} return over the run",
-        f"{view.kind.final} The return over the run, the area under the learning curve, is "
-        f"{view.kind.over_run}. {_STEPS} The interquartile mean (IQM) is the mean without the "
+        f"Final {kind.name} return, and {over_run}",
+        f"{kind.final} The return over the run, the area under the learning curve, is "
+        f"{kind.over_run}. {_STEPS} The interquartile mean (IQM) is the mean without the "
         f"lowest and highest quarter of seeds. {_INTERVAL}"
-        f"{published_note if view.kind is TRAINING else ''}{_divergence(view.cells)}",
+        f"{published_note if kind is TRAINING else ''}{_divergence(view.cells)}",
         _table(rows),
         folded=not view.leads,
     )
@@ -144,10 +142,10 @@ def spreads(view: View) -> TableItem | None:
         row: dict[str, object] = {**named, "n": one.seeds if one else 0}
         row["control steps"] = values.trained(summary.cell)
         for name in SPREADS:
-            row[_SPREAD_NAMES[name]] = values.of_statistic(summary, "final_return", name)
-        row[_BY_EPISODES] = values.of_statistic(summary, "final_return", BY_EPISODES)
+            row[_SPREAD_NAMES[name]] = of_statistic(summary, "final_return", name)
+        row[_BY_EPISODES] = of_statistic(summary, "final_return", BY_EPISODES)
         for name in SPREADS:
-            row[f"{_SPREAD_NAMES[name]}, relative to {FULL}"] = values.of_statistic(
+            row[f"{_SPREAD_NAMES[name]}, relative to {FULL}"] = of_statistic(
                 summary, "final_return", f"{name}_ratio", formatting.ratio
             )
         rows.append(row)
@@ -204,10 +202,8 @@ def _steps_to(goal: str, summary: Summary, measure: str) -> dict[str, Value | No
     form = formatting.steps
     return {
         f"seeds that reach {goal}": values.reached(summary.get(measure, "median")),
-        f"control steps to {goal}: median": values.of_statistic(summary, measure, "median", form),
-        f"control steps to {goal}: IQM": values.of_statistic(
-            summary, measure, "interquartile_mean", form
-        ),
+        f"control steps to {goal}: median": of_statistic(summary, measure, "median", form),
+        f"control steps to {goal}: IQM": of_statistic(summary, measure, "interquartile_mean", form),
     }
 
 
@@ -242,9 +238,9 @@ def comparisons(view: View) -> TableItem | None:
     )
 
 
-def _number(value: float) -> str:
+def _number(value: float) -> Value:
     """Formats a number in the table of encoders; NaN is an empty text."""
-    return "" if value != value else f"{value:.4f}"
+    return Value("" if math.isnan(value) else f"{value:.4f}", float(value))
 
 
 def encoder_errors(table: pd.DataFrame) -> TableItem:
@@ -264,8 +260,7 @@ def encoder_errors(table: pd.DataFrame) -> TableItem:
     shown = table[["task", "kind", "settings", "latents", "seeds", *numbers]]
     shown = shown.rename(columns={"seeds": "n", **numbers})
     for name in numbers.values():
-        cells = [Value(_number(value), float(value)) for value in shown[name]]
-        shown[name] = pd.Series(cells, shown.index, dtype=object)
+        shown[name] = shown[name].map(_number)
     if not any(shown["settings"]):
         shown = shown.drop(columns="settings")
     return TableItem(

@@ -43,6 +43,12 @@ def capitalized(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
+def listed(texts: Sequence[str], most: int) -> str:
+    """Joins the first texts, and counts the others if there are any: `a; b; and 3 more`."""
+    more = [f"and {len(texts) - most} more"] if len(texts) > most else []
+    return "; ".join([*texts[:most], *more])
+
+
 def span(numbers: Sequence[float], form: Form) -> str:
     """Formats the smallest and the largest number: `300k–1M`, or `300k` if both read the same."""
     return "\N{EN DASH}".join(dict.fromkeys((form(min(numbers)), form(max(numbers)))))

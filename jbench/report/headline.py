@@ -131,12 +131,10 @@ def _clause(verdict: Verdict, names: Sequence[str], group: Sequence[_Answer]) ->
     one, several = len(names) == 1, len(group) > 1
     medians = formatting.span([answer.median for answer in group], values.against_solved)
     reached = [answer.reached for answer in group if answer.reached != math.inf]
-    when = (
-        f"return {SOLVED} after {formatting.span(reached, formatting.steps)} control steps"
-        if reached
-        else ""
-    )
-    if reached and len(reached) < len(group):
+    when = ""
+    if reached:
+        when = f"return {SOLVED} after {formatting.span(reached, formatting.steps)} control steps"
+    if 0 < len(reached) < len(group):
         when += f" in {len(reached)} of {len(group)} cells"
     seeds = _seeds([answer.seeds for answer in group]) + (" each" if several else "")
     parts = [f"median return{'s' if several else ''} {medians}", when, seeds]

@@ -243,22 +243,22 @@ def _choice(text: str, settings: Sequence[Run]) -> Callable[[Run], bool]:
         RequestError: if the text contains no settings, or no run has them.
     """
     typed = []
-    for part in text.split(","):
+    for part in map(str.strip, text.split(",")):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not (name and equals):
-            named = _names_with_value(part.strip(), settings)
-            example = f"{named[0]}={part.strip()}" if named else "engine=sb3 engine=batched"
+            named = _names_with_value(part, settings)
+            example = f"{named[0]}={part}" if named else "engine=sb3 engine=batched"
             raise RequestError(
                 f"--compare {text}: there is no such directory; type two results directories, or "
                 f"settings such as {example}."
             )
-        existing = {value_text(value) for run in settings for value in _values(run, name)}
+        existing = {value_text(one) for run in settings for one in _values(run, name)}
         if not existing:
             names = sorted({".".join(path) for run in settings for path in flatten(run)})
             raise RequestError(f"No run has a setting {name!r}; there are {', '.join(names)}.")
         if not any(_equal(value, one) for one in existing):
             known = ", ".join(sorted(existing))
-            raise RequestError(f"No run has {part.strip()}; there are {known}.")
+            raise RequestError(f"No run has {part}; there are {known}.")
         typed.append((name, value))
     return lambda run: all(
         any(_equal(value, value_text(one)) for one in _values(run, name)) for name, value in typed

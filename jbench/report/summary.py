@@ -66,11 +66,10 @@ def _what_was_run(views: Sequence[View], runs: pd.DataFrame) -> str:
     names = ("unfinished", "failed", "diverged")
     other = [f"{statuses[name]} {name}" for name in names if statuses[name]]
     tasks = len({cell.task for cell in cells})
-    named = sorted(cells, key=lambda cell: cell.source != OURS)[:_MAX_NAMED]
+    named = [_described(cell) for cell in sorted(cells, key=lambda cell: cell.source != OURS)]
     return (
         f"{counted(count, 'run')} in {counted(len(cells), 'cell')} on {counted(tasks, 'task')}: "
-        + "; ".join(_described(cell) for cell in named)
-        + (f"; and {len(cells) - _MAX_NAMED} more" if len(cells) > _MAX_NAMED else "")
+        + formatting.listed(named, _MAX_NAMED)
         + (f". Of all runs, {' and '.join(other)}." if other else ".")
     )
 

@@ -115,7 +115,7 @@ def test_figure_compares_at_common_step_and_lists_shorter_cells(fabric):
     assert [cell.representation for cell in group.short] == ["random12"]
     points = {point.cell.representation: point for point in group.points}
     assert {*points} == {*FINALS}
-    assert (points["planar12"].numbers, points["full"].numbers) == (12, None)
+    assert (points["planar12"].input_size, points["full"].input_size) == (12, None)
     # The interquartile mean of final returns that are symmetric about 800.
     assert points["planar12"].estimate.value == pytest.approx(800)
     figure = reduction_figure([group])
@@ -190,13 +190,13 @@ def test_report_answers_by_evaluation_returns_first(fabric, out):
 
 
 def test_number_of_inputs_of_agent():
-    assert reduction.numbers_seen("ofe12", "a task of another package") == 12
+    assert reduction.input_size("ofe12", "a task of another package") == 12
     # The representation of a recorded run is a label that can end with any digits.
-    assert reduction.numbers_seen("dae" + 30 * "9", "face_direction") is None
+    assert reduction.input_size("dae" + 30 * "9", "face_direction") is None
     assert kind_of("lld-vae12") == "lld-vae"
-    assert reduction.numbers_seen("lld-vae12", "face_direction") == 12
-    assert reduction.numbers_seen("full", "face_direction") is None
+    assert reduction.input_size("lld-vae12", "face_direction") == 12
+    assert reduction.input_size("full", "face_direction") is None
     # The observation of face_direction has 16 numbers, that of move_to_pose 19.
-    assert reduction.numbers_seen("ofe12", "face_direction") == 12
-    assert reduction.numbers_seen("ofe240", "face_direction") == 256
-    assert reduction.numbers_seen("ofe240", "move_to_pose") == 259
+    assert reduction.input_size("ofe12", "face_direction") == 12
+    assert reduction.input_size("ofe240", "face_direction") == 256
+    assert reduction.input_size("ofe240", "move_to_pose") == 259

@@ -9,6 +9,7 @@ import pandas as pd
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.scores import baseline_of, compared_scores, scores_of
 from jbench.report.data.cells import Cell, groups_same_but
+from jbench.report.formatting import listed
 from jbench.settings.alike import comparable
 from jbench.settings.variants import variant_labels
 
@@ -92,9 +93,8 @@ def alone(cells: Sequence[Cell], found: Sequence[Comparison]) -> list[str]:
     left = _left(cells, found)
     if not left:
         return []
-    names = "; ".join(cell.name_in_source for cell in left[:_MAX_NAMED])
-    more = f"; and {len(left) - _MAX_NAMED} more" if len(left) > _MAX_NAMED else ""
-    return [f"Only in {left[0].source}: {names}{more}."]
+    names = [cell.name_in_source for cell in left]
+    return [f"Only in {left[0].source}: {listed(names, _MAX_NAMED)}."]
 
 
 def near_misses(

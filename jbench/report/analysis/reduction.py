@@ -51,13 +51,13 @@ class Point(NamedTuple):
     """Final returns of a representation.
 
     Attributes:
-        numbers: size of the agents' input; None for the full observation.
+        input_size: see the function of that name.
         final: (seeds,) final returns.
         estimate: their interquartile mean with its 95% interval.
     """
 
     cell: Cell
-    numbers: int | None
+    input_size: int | None
     final: FloatArray
     estimate: st.Estimate
 
@@ -82,7 +82,7 @@ class Group(NamedTuple):
         return f"{first.prefix}{first.task}, {display_name(first.algo)}"
 
 
-def numbers_seen(representation: str, task: str) -> int | None:
+def input_size(representation: str, task: str) -> int | None:
     """Returns the size of an agent's input; None for the full observation, or if it is unknown.
 
     Features learned with the agent that outnumber the observation are appended to it.
@@ -91,14 +91,14 @@ def numbers_seen(representation: str, task: str) -> int | None:
     digits = representation.removeprefix(kind)
     if not 0 < len(digits) <= _MAX_DIGITS:
         return None
-    numbers = int(digits)
+    latents = int(digits)
     if kind != OFE or task not in TASKS:
-        return numbers
+        return latents
     # Imported here because the package imports dm_control.
     from jbench.tasks.labels import feature_labels
 
     observed = len(feature_labels(task))
-    return numbers + observed if numbers > observed else numbers
+    return latents + observed if latents > observed else latents
 
 
 def reductions(cells: Sequence[Cell]) -> list[Reduction]:
@@ -141,7 +141,7 @@ def groups(cells: Sequence[Cell]) -> list[Group]:
 def _point(cell: Cell, control_steps: int) -> Point:
     final = scores_of(cell, control_steps).final
     estimate = st.estimate(st.interquartile_mean, [final])
-    return Point(cell, numbers_seen(cell.representation, cell.task), final, estimate)
+    return Point(cell, input_size(cell.representation, cell.task), final, estimate)
 
 
 def _by_settings(cells: Sequence[Cell]) -> list[list[Cell]]:
@@ -164,7 +164,7 @@ def frame(found: Sequence[Group]) -> pd.DataFrame:
                 "representation": point.cell.representation,
                 "settings": point.cell.label,
                 "returns": point.cell.kind.name,
-                "latents": point.numbers,
+                "latents": point.input_size,
                 "control_steps": group.control_steps,
                 "seeds": len(point.final),
                 "iqm": point.estimate.value,

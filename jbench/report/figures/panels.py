@@ -73,29 +73,28 @@ def _draw_series(axes: Axes, series: Series, *, picture: bool) -> list[Artist]:
             at = series.y if band.along_x else x
             drawn.append(lines(at, band.low, band.high, colors=style.color, lw=style.width))
         else:
-            more: dict[str, Any] = {"color": style.color, "alpha": band.alpha, "lw": 0}
-            drawn.append(axes.fill_between(x, band.low, band.high, rasterized=picture, **more))
-    more = {"zorder": series.zorder, "rasterized": picture}
+            area: dict[str, Any] = {"color": style.color, "alpha": band.alpha, "lw": 0}
+            drawn.append(axes.fill_between(x, band.low, band.high, rasterized=picture, **area))
+    more: dict[str, Any] = {"zorder": series.zorder, "rasterized": picture}
     if series.edges is not None:
         stairs = axes.stairs(series.y, series.edges, color=style.color, lw=style.width, **more)
         return [*drawn, stairs]
-    partial_ = np.zeros(len(x), bool) if series.partial is None else series.partial
-    drawn += axes.plot(x, np.where(partial_, np.nan, series.y), **look(style), **more)
-    if partial_.any():
+    incomplete = np.zeros(len(x), bool) if series.partial is None else series.partial
+    drawn += axes.plot(x, np.where(incomplete, np.nan, series.y), **look(style), **more)
+    if incomplete.any():
         # Dotted parts include the neighbouring solid points, so that there are no gaps.
-        dotted = partial_ | np.r_[partial_[1:], False] | np.r_[False, partial_[:-1]]
+        dotted = incomplete | np.r_[incomplete[1:], False] | np.r_[False, incomplete[:-1]]
         y = np.where(dotted, series.y, np.nan)
         drawn += axes.plot(x, y, color=style.color, ls=DOTS, lw=style.width, **more)
     return drawn
 
 
 def _draw_heat_map(axes: Axes, panel: Panel, heat_map: HeatMap, sheet: Sheet) -> None:
-    low, high = heat_map.limits
     axes.pcolormesh(
         heat_map.x,
         heat_map.y,
         np.ma.masked_invalid(heat_map.values),
-        norm=(LogNorm if heat_map.log else Normalize)(low, high),
+        norm=norm_of(heat_map),
         cmap="viridis",
         rasterized=heat_map.values.size > _PICTURE_CELLS,
     )
@@ -212,6 +211,11 @@ def tick_size(panel: Panel, sheet: Sheet) -> float:
     if panel.heat_map is None or panel.heat_map.is_map:
         return SMALL
     return heat_map_layout.table_texts(panel, sheet)[0]
+
+
+def norm_of(heat_map: HeatMap) -> Normalize:
+    """Returns the scale of a heat map's colors."""
+    return (LogNorm if heat_map.log else Normalize)(*heat_map.limits)
 
 
 def look(style: Style) -> dict[str, Any]:

@@ -8,7 +8,6 @@ import matplotlib
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure as Drawn
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -16,7 +15,7 @@ from matplotlib.patches import Patch
 from jbench.report.figure import Figure, Panel, Shade, Style
 from jbench.report.figures import heat_map_layout, layout, texts
 from jbench.report.figures.layout import SCREEN, Box, Layout, Sheet
-from jbench.report.figures.panels import draw_panel, look, tick_size
+from jbench.report.figures.panels import draw_panel, look, norm_of, tick_size
 from jbench.report.figures.texts import SMALL
 
 KEPT = "heat-map"
@@ -151,9 +150,8 @@ def _heat_maps(figure: Figure, sheet: Sheet, *, text: bool, picture: bool) -> Dr
         draw_panel(axes, panel, i, sheet, picture=picture)
     heat_map = figure.panels[0].heat_map
     if heat_map is not None:
-        norm = (LogNorm if heat_map.log else Normalize)(*heat_map.limits)
         bar = drawn.colorbar(
-            ScalarMappable(norm, "viridis"),
+            ScalarMappable(norm_of(heat_map), "viridis"),
             ax=all_axes,
             shrink=0.8 if heat_map.is_map else 0.9,
             location="bottom" if heat_map_layout.bar_is_below(heat_map, sheet) else "right",

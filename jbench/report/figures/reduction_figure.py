@@ -55,7 +55,7 @@ def _panel(group: Group) -> Panel:
     by_kind = {kind_of(point.cell.representation): point for point in group.points}
     baselines = [_baseline(name, by_kind[name]) for name in BASELINES if name in by_kind]
     reduced = [p for p in group.points if kind_of(p.cell.representation) not in BASELINES]
-    reduced.sort(key=lambda point: (point.numbers or 0, point.cell.representation_words))
+    reduced.sort(key=lambda point: (point.input_size or 0, point.cell.representation_words))
     return Panel(
         group.name,
         Axis(

@@ -7,7 +7,7 @@ import pandas as pd
 from jbench.names import FULL
 from jbench.report import formatting
 from jbench.report.analysis.claims import CLAIMS, MARGIN, Finding
-from jbench.report.analysis.reduction import BASELINES, SCALED, Reduction, numbers_seen
+from jbench.report.analysis.reduction import BASELINES, SCALED, Reduction, input_size
 from jbench.report.document import TableItem, Value
 from jbench.report.tables import values
 from jbench.report.views import View
@@ -97,8 +97,8 @@ def table(view: View) -> TableItem | None:
         return None
     rows = []
     for one, named in zip(found, values.names([one.cell for one in found]), strict=True):
-        numbers = numbers_seen(one.cell.representation, one.cell.task)
-        row = {**named, "input size": numbers, "against": one.baseline}
+        size = input_size(one.cell.representation, one.cell.task)
+        row = {**named, "input size": size, "against": one.baseline}
         row["n"] = values.counts(one.seeds, "baseline")
         row["at control step"] = values.at_step(one.findings[0].control_steps or 0)
         for finding, heading in zip(one.findings, _HEADINGS, strict=True):

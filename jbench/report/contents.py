@@ -118,7 +118,7 @@ def document(data: ReportData) -> Document:
         summary=summary.sentences(data.request, data.views, data.findings, data.runs),
         problems=data.problems,
         notes=data.notes,
-        # The text on smoothing is about the curves of the overview too.
+        # The text on smoothing also describes the curves of the overview.
         sections=[one for one in sections if one.items or (overview and _SMOOTHING in one.text)],
         provenance=recorded,
         command=data.request.command,

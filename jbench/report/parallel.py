@@ -34,7 +34,7 @@ def files_of(tasks: Sequence[Task], processes: int) -> dict[str, bytes]:
     """
     made: dict[int, dict[str, bytes]] = {}
     if sys.platform == "linux" and threading.active_count() == 1:
-        # There may be no space for temporary files, or no memory for a process.
+        # Raised without space for temporary files, or without memory for a process.
         with contextlib.suppress(OSError):
             made = _forked(tasks, min(processes, len(tasks)))
     parts = (made[i] if i in made else task() for i, task in enumerate(tasks))

@@ -1,4 +1,4 @@
-"""Runs of a report one by one: their settings, learning curves and paths."""
+"""Settings, learning curves and paths of the single runs of a report."""
 
 from collections.abc import Mapping, Sequence
 

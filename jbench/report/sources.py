@@ -107,7 +107,7 @@ def check_baseline(baseline: str, reported: Sequence[Source]) -> None:
     """Checks that curves of the baseline were imported, and that there are others.
 
     Raises:
-        NothingYetError: if not.
+        NothingYetError: if none was imported, or there are no others.
     """
     cells = [cell for source in reported for cell in source.cells]
     labels = sorted({cell.algo for cell in cells if cell.source == IMPORTED})
@@ -124,7 +124,7 @@ def check_baseline(baseline: str, reported: Sequence[Source]) -> None:
 
 def reference(request: Request, results: Results) -> Source:
     """Returns the runs shipped with jbench, which form separate cells."""
-    filters = replace(request, since=None)  # the date is about runs of the user
+    filters = replace(request, since=None)  # the date selects runs of the user only
     source = _source(*_load(results), filters, REFERENCE, strict=False)
     note = "This version of jbench ships no reference runs for this report."
     return source if source.cells else replace(source, notes=[*source.notes, note])

@@ -1,4 +1,4 @@
-"""A view: the part of a report on one kind of return."""
+"""Views: the parts of a report, each on one kind of return."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -106,7 +106,10 @@ def views_of(
 
 
 def cells_of(views: Sequence[View]) -> list[Cell]:
-    """Returns one cell for the runs of each setting: that of most seeds, or training returns."""
+    """Returns one cell for the runs of each setting: the one with most seeds.
+
+    Of cells with equally many seeds, it is that of training returns.
+    """
     found: dict[tuple[str, ...], Cell] = {}
     for view in sorted(views, key=lambda view: view.kind is TRAINING):
         for cell in view.cells:
@@ -120,8 +123,7 @@ def curve_of(cell: Cell, request: Request) -> Curve:
     if cell.kind.smoothed and cell.robots > 1:
         return _sequence_curve(cell, request.order)
     window = request.window if cell.kind.smoothed else 1
-    arrays = cell.returns, cell.control_steps, cell.lengths
-    return learning_curve(*arrays, request.order, window)
+    return learning_curve(cell.returns, cell.control_steps, cell.lengths, request.order, window)
 
 
 def _sequence_curve(cell: Cell, order: Order) -> Curve:

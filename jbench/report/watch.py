@@ -40,7 +40,7 @@ def remembered_interrupt() -> Iterator[Interrupt]:
         raise KeyboardInterrupt
 
     before = signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler:  # the parent process has chosen another handler
+    if before is not signal.default_int_handler:  # the parent process has set another handler
         yield interrupt
         return
     signal.signal(signal.SIGINT, remember)

@@ -100,7 +100,10 @@ def alone(cells: Sequence[Cell], found: Sequence[Comparison]) -> list[str]:
 def near_misses(
     ours: Sequence[Cell], theirs: Sequence[Cell], found: Sequence[Comparison]
 ) -> list[str]:
-    """Returns a sentence for each two cells of the same name that can't be compared: why not."""
+    """Returns a sentence for each pair of cells with the same name that says why it isn't compared.
+
+    Only cells without a comparison count.
+    """
     notes = []
     others = _left(theirs, found)
     for cell in _left(ours, found):

@@ -11,7 +11,7 @@ from jbench.report.data.curves import FloatArray
 Sizes = tuple[tuple[int, ...], ...]
 """Numbers of seeds of the strata of each group."""
 
-_NUMBERS_AT_A_TIME = 1 << 21  # resampled scores that fit into a processor's cache, about
+_NUMBERS_AT_A_TIME = 1 << 21  # about the resampled scores that fit into a processor's cache
 
 
 class Draws:
@@ -43,7 +43,7 @@ def draws(sizes: Sizes, resamples: int) -> Iterable[Draws]:
     return (_drawn_once if few else _drawn)(sizes, resamples)
 
 
-# A report estimates statistics of all cells, and then of all pairs.
+# Statistics of cells and of pairs of cells have different sizes.
 @lru_cache(maxsize=2)
 def _drawn_once(sizes: Sizes, resamples: int) -> list[Draws]:
     return list(_drawn(sizes, resamples))

@@ -236,8 +236,8 @@ def final_returns(
         of the averaged points (seeds,).
     """
     last = final_episodes(lengths, max_points)
-    # Columns before these are in no mean. Their number is a power of 2: the sums are then rounded
-    # as those of all columns.
+    # Earlier columns are in no mean. The number of columns is a power of 2, so that the sums are
+    # rounded like those of all columns.
     width = returns.shape[1]
     averaged = width - int((lengths - last).min())
     width = min(width, 1 << (averaged - 1).bit_length())

@@ -39,7 +39,7 @@ def run_paths(paths: pa.Table, evaluations: pa.Table) -> dict[str, list[RunPath]
         paths: rows of the table of that name, with `COLUMNS`.
         evaluations: rows of the table of that name.
     """
-    if not paths.num_rows:  # as of runs of older versions
+    if not paths.num_rows:  # older versions recorded none
         return {}
     names, codes = coded(paths["run"])
     keys = np.column_stack([codes, numbers(paths, "evaluation"), numbers(paths, "control_steps")])

@@ -120,7 +120,7 @@ def _curves(frame: pd.DataFrame) -> list[PublishedCurve]:
     for (figure, task, algo, representation), rows in frame.groupby(
         ["figure", "task", "algo", "representation"]
     ):
-        # The same with pandas' pivot takes four times as long.
+        # pandas' pivot takes four times as long.
         steps, column = np.unique(rows["training_steps"].to_numpy(np.float64), return_inverse=True)
         percents, row = np.unique(rows["quantile"].to_numpy(), return_inverse=True)
         returns = np.full((len(percents), len(steps)), np.nan)

@@ -97,8 +97,9 @@ def published_beside(cell: Cell, published: Sequence[PublishedCurve]) -> tuple[f
 
 def _final(cell: Cell) -> dict[str, float]:
     """Returns the columns of the final returns of a cell."""
-    arrays = cell.returns, cell.control_steps, cell.lengths
-    returns, centres = final_returns(*arrays, cell.kind.final_points)
+    returns, centres = final_returns(
+        cell.returns, cell.control_steps, cell.lengths, cell.kind.final_points
+    )
     q10, _, median, _, q90 = quantiles_across_seeds(returns[:, None])[:, 0]
     values = median, q10, q90, float(np.median(centres))
     return {f"{cell.kind.name}_{name}": x for name, x in zip(_RETURN, values, strict=True)}

@@ -124,7 +124,7 @@ def _style_panel(
             size, weight = SMALL, "normal"
         else:
             title, size, weight = place.title, place.title_size, "bold"
-        # Only a second axis above moves a title; else matplotlib measures all labels for nothing.
+        # Only a second axis above moves a title. Without y, matplotlib would measure all labels.
         y = None if panel.x.opposite else 1.0
         axes.set_title(title, loc="left", y=y, parse_math=False, fontsize=size, fontweight=weight)
     axes.tick_params(labelsize=tick_size(panel, sheet))

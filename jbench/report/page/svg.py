@@ -47,8 +47,8 @@ def _clean(
     for child in element:
         _clean(child, prefix, colors, keep, kept)
         if element.tag == "defs" and child.tag == "path":
-            # Its `<use>` has the same color, and the page's rules match only that: the copy of the
-            # path in it has no `<figure>` above it.
+            # The `<use>` of the path has the same color. The page's rules match only the `<use>`,
+            # since the copy of the path in it has no `<figure>` above it.
             child.attrib.pop("stroke", None)
 
 

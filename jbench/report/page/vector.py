@@ -105,7 +105,7 @@ def element(
 
 
 def _rectangles(parts: Sequence[_Part]) -> list[Box]:
-    """Returns what to show of each panel: as wide as its texts, and as high as those of all."""
+    """Returns the rectangle to show of each panel; all are as high as the highest texts need."""
     pairs = [(part.around, box) for part in parts for box in part.boxes]
     above = max(box.top - around.top for around, box in pairs) + _AROUND
     below = max(around.bottom - box.bottom for around, box in pairs) + _AROUND
@@ -186,13 +186,13 @@ def _boxes(drawn: Drawn, size: tuple[float, float]) -> list[Edges]:
 
 
 def _content(root: ElementTree.Element) -> str:
-    """Returns what is inside of an element `svg`."""
+    """Returns the content of an element `svg`."""
     text = ElementTree.tostring(root, encoding="unicode")
     return text.partition(">")[2].removesuffix("</svg>")
 
 
 def _svg(content: str, shown: Box, title: str) -> str:
-    """Returns an element with this content, of which it shows a box in points."""
+    """Returns an element that shows a box (in points) of this content."""
     view = " ".join(f"{number:.6g}" for number in shown)
     return (
         f'<svg role="img" aria-label="{html(title)}" width="{shown.width:g}pt" '

@@ -110,7 +110,7 @@ def _body(document: Document, state: PageState) -> Iterator[str]:
 
 
 def _overview(document: Document, state: PageState) -> Iterator[str]:
-    """Yields the first screen: the answer, its figures, and numbers on what was run."""
+    """Yields the first screen: headline, figures, and numbers on what was run."""
     yield '<section id="to-summary" class="summary">\n<h2 class="unseen">Summary</h2>'
     if document.headline:
         yield f'<p class="headline">{with_asides(document.headline)}</p>'

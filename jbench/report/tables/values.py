@@ -128,5 +128,5 @@ def names(cells: Sequence[Cell], *, task: bool = True) -> list[dict[str, object]
 
 
 def _bounded(value: float, form: Form, infinite: str) -> str:
-    """Formats a number that may be infinite; `steps` has its own word for that."""
+    """Formats a number that may be infinite; `steps` formats infinity itself."""
     return form(value) if math.isfinite(value) or form is steps else infinite

@@ -1,12 +1,12 @@
 """Random numbers of the bootstrap: which seeds are in each resample."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jbench.report.data.curves import FloatArray
+from jbench.report.data.curves import FloatArray, IntArray
 
 Sizes = tuple[tuple[int, ...], ...]
 """Numbers of seeds of the strata of each group."""
@@ -14,6 +14,7 @@ Sizes = tuple[tuple[int, ...], ...]
 _NUMBERS_AT_A_TIME = 1 << 21  # about the resampled scores that fit into a processor's cache
 
 
+@dataclass(eq=False)
 class Draws:
     """Resampled seeds of each stratum of each group.
 
@@ -21,8 +22,7 @@ class Draws:
         chosen: (resamples, seeds) indices of the seeds, for each stratum of each group.
     """
 
-    def __init__(self, chosen: list[list[NDArray[np.int64]]]) -> None:
-        self.chosen = chosen
+    chosen: list[list[IntArray]]
 
     @cached_property
     def counts(self) -> list[list[FloatArray]]:
@@ -30,7 +30,7 @@ class Draws:
         return [[_counts(index) for index in strata] for strata in self.chosen]
 
 
-def _counts(index: NDArray[np.int64]) -> FloatArray:
+def _counts(index: IntArray) -> FloatArray:
     """Returns how often each seed occurs in each resample, (resamples, seeds)."""
     rows = np.arange(len(index))[:, None] * index.shape[1]
     counts = np.bincount((rows + index).ravel(), minlength=index.size)

@@ -22,9 +22,8 @@ from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jbench.report.data.curves import FloatArray, IntArray
+from jbench.report.data.curves import BoolArray, FloatArray, IntArray
 
 BLOCK = 5
 """Seeds of each cell between two looks."""
@@ -101,12 +100,11 @@ def first_looks(
     """Returns the look (...) at which each verdict is reached; 0 if at none.
 
     Args:
-        ours: (..., seeds) numbers of the seeds in complete blocks.
-        theirs: (..., seeds) the same for the other cell.
+        ours: (..., seeds) numbers of the seeds in complete blocks; `theirs` likewise.
         margin: two cells that differ by less are equal.
         error_rate: two-sided error rate over all looks.
         looks: number of planned looks.
-        relabellings: maximum number of relabellings, sampled if there are more.
+        relabellings: see `first_above`.
     """
 
     def above(one: FloatArray, other: FloatArray) -> IntArray:
@@ -173,7 +171,7 @@ def first_above(
     return first
 
 
-def _boundary(sums: FloatArray, crossed: NDArray[np.bool_], allowed: int) -> FloatArray:
+def _boundary(sums: FloatArray, crossed: BoolArray, allowed: int) -> FloatArray:
     """Returns the value (..., 1) that at most `allowed` relabellings exceed or have exceeded."""
     ordered = np.sort(np.where(crossed, -np.inf, sums), axis=-1)
     left = np.maximum(allowed - crossed.sum(axis=-1, keepdims=True), 0)
@@ -188,8 +186,7 @@ def interval(
     It contains the shifts that no look up to this one rejects.
 
     Args:
-        ours: (seeds,) numbers of the seeds in complete blocks.
-        theirs: (seeds,) the same for the other cell.
+        ours: (seeds,) numbers of the seeds in complete blocks; `theirs` likewise.
         error_rate: two-sided error rate over all looks.
         looks: number of planned looks.
     """
@@ -228,7 +225,7 @@ def _weights(block: int) -> FloatArray:
 
 
 @lru_cache
-def _tables(count: int, blocks: int, max_size: int) -> list[NDArray[np.int64]]:
+def _tables(count: int, blocks: int, max_size: int) -> list[IntArray]:
     """Returns tables (blocks, relabellings) with the index of each block's relabelling.
 
     There is a table of all relabellings for one block, for two, and so on, while their number is at

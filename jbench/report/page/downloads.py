@@ -2,12 +2,12 @@
 
 import base64
 import gzip
-from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
 
+from jbench.report.data.curves import FloatArray
 from jbench.report.document import data_frame
 from jbench.report.page.text import html
 from jbench.store import query
@@ -60,7 +60,7 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
     return data
 
 
-def _rounded(values: "np.ndarray[Any, np.dtype[np.float64]]") -> Any:
+def _rounded(values: FloatArray) -> FloatArray:
     """Rounds numbers to `_DIGITS`, which take half the space of all 17."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         digits = _DIGITS - 1 - np.floor(np.log10(np.abs(values)))

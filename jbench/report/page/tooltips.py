@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from jbench.report.data.curves import FloatArray
+from jbench.report.data.curves import BoolArray, FloatArray
 from jbench.report.figure import Axis, Figure, HeatMap, Panel, Series
 from jbench.report.page.colors import both
 from jbench.report.page.text import plain
@@ -125,9 +125,9 @@ def _line(series: Series, shown: NDArray[np.intp]) -> dict[str, Any]:
     }
 
 
-def _on_axis(values: FloatArray, axis: Axis) -> NDArray[np.bool_]:
+def _on_axis(values: FloatArray, axis: Axis) -> BoolArray:
     """Returns whether values are finite, and on a logarithmic axis positive."""
-    shown: NDArray[np.bool_] = np.isfinite(values) & ((values > 0) | (not axis.log))
+    shown: BoolArray = np.isfinite(values) & ((values > 0) | (not axis.log))
     return shown
 
 

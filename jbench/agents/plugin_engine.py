@@ -2,7 +2,7 @@
 
 import contextlib
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from jbench.agents.packing import pack, unpack
 from jbench.agents.plugin import Agent, EnvironmentSpec, Transition, is_resumable
 from jbench.closing import Closing
 from jbench.encoders import Encoder
-from jbench.errors import WorkError
+from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.names import EPISODE_STEPS, TimeLimit
 from jbench.policies.copied import network_of
 from jbench.policies.network import Network
@@ -64,6 +64,7 @@ class PluginEngine(Closing):
 
         Raises:
             UnsupportedPolicyError: if its policy can't be saved.
+            WorkError: if its own code raises an error, here and below.
         """
         self._name, self._time_limit = name, time_limit
         self._generators = Generators(seed, environments)
@@ -81,7 +82,7 @@ class PluginEngine(Closing):
         np.random.seed(seed)  # noqa: NPY002 - agents of others may use it
         random.seed(seed)
         self._device = device or torch.device("cpu")
-        self._agent = kind(settings, spec, seed, self._device)
+        self._agent: Agent = self._call(kind, settings, spec, seed, self._device)
         # A policy that can't be saved is refused now, not after the training.
         self.policy(0)
 
@@ -99,7 +100,7 @@ class PluginEngine(Closing):
         while self.control_steps < steps and not self.diverged:
             # Copies: an agent may change its arrays, and these are also saved in checkpoints.
             observations = self.environments.observations[0].numpy().copy()
-            actions = self._checked("explore", self._agent.explore(observations), observations)
+            actions = self._checked("explore", observations)
             if self.diverged:
                 yield None
                 return
@@ -113,7 +114,7 @@ class PluginEngine(Closing):
             transition = Transition(
                 observations, actions, rewards, next_observations, terminated, truncated
             )
-            self._note_losses(self._agent.learn(transition))
+            self._note_losses(self._call(self._agent.learn, transition))
             yield step.episode_returns
 
     def begin_updates(self) -> bool:
@@ -124,7 +125,7 @@ class PluginEngine(Closing):
         """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
         inputs = self.environments.encode(torch.from_numpy(observations))[0].numpy()
         with torch.no_grad(), _kept_generators(self._device):
-            return self._checked("act", self._agent.act(inputs), inputs)[None]
+            return self._checked("act", inputs)[None]
 
     def policy(self, seed: int) -> Network | None:
         """Returns a copy of the policy, or None if the agent does not offer it.
@@ -160,7 +161,7 @@ class PluginEngine(Closing):
             "streams": self._generators.state(),
             "losses": pack(self._losses, tensors),
             "generators": pack(_generators(self._device), tensors),
-            "agent": pack(self._agent.state(), tensors),
+            "agent": pack(self._call(self._agent.state), tensors),
         }
         world = self.environments.state(0)
         tensors |= {WORLD + name: torch.from_numpy(value) for name, value in world.items()}
@@ -174,19 +175,31 @@ class PluginEngine(Closing):
         self._generators.restore(scalars["streams"])
         self.control_steps = scalars["control_steps"]
         self._losses = unpack(scalars["losses"], tensors)
-        self._agent.restore(unpack(scalars["agent"], tensors))
+        self._call(self._agent.restore, unpack(scalars["agent"], tensors))
         _restore_generators(unpack(scalars["generators"], tensors), self._device)
 
     def _module(self) -> nn.Module | None:
         """Returns the agent's policy; a new module draws its initial weights."""
         with _kept_generators(self._device):
-            return self._agent.policy()
+            module: nn.Module | None = self._call(self._agent.policy)
+            return module
 
-    def _checked(
-        self, method: str, actions: Any, observations: NDArray[np.float32]
-    ) -> NDArray[np.float64]:
+    def _call(self, method: Callable[..., Any], *arguments: object) -> Any:
+        """Returns what the agent's own code returns; its errors are a WorkError with a cause."""
+        try:
+            return method(*arguments)
+        except (RequestError, WorkError):
+            raise
+        except Exception as error:
+            raise WorkError(
+                f"{method.__name__} of the agent {self._name} failed "
+                f"({sentence_of_failure(error)})."
+            ) from error
+
+    def _checked(self, method: str, observations: NDArray[np.float32]) -> NDArray[np.float64]:
         """Returns actions (n, 1); records a divergence and returns 0 if one is not finite."""
         wanted = (len(observations), 1)
+        actions = self._call(getattr(self._agent, method), observations)
         if isinstance(actions, torch.Tensor):
             actions = actions.detach().cpu().numpy()
         if np.shape(actions) != wanted:

@@ -165,7 +165,7 @@ def train(
     # Other processes are training them.
     left = [id for id, status in statuses.items() if not status.is_ended]
     display.show_runs(runs, database, output)
-    if len(left) < len(runs):
+    if len(left) + len(failures) < len(runs):
         output.say(f"Next: {with_results('jbench report', results)}")
     output.document({"runs": [run.id for run in runs], "left": left, "failures": failures})
     if failures:

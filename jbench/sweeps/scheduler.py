@@ -137,6 +137,7 @@ class _Scheduler:
         self._looked = time.monotonic()
         self._deaths: Counter[str] = Counter()
         self._failures: dict[str, str] = {}
+        self._tracebacks = {""}  # those that were shown
 
     def train(self, runs: Sequence[RunSettings]) -> dict[str, str]:
         """Trains runs; returns a sentence for each that failed, by run id."""
@@ -209,7 +210,7 @@ class _Scheduler:
         if message.get("held"):
             self._leave([run])
         elif "failed" in message:
-            self._fail(run, message["failed"])
+            self._fail(run, message["failed"], message.get("traceback", ""))
         else:
             self._watcher.message(run, message)
         if "resumed_at" in message:
@@ -259,10 +260,13 @@ class _Scheduler:
     def _is_free(self, run: RunSettings) -> bool:
         return run_status(run, self._results).is_ended or not is_being_trained(run, self._results)
 
-    def _fail(self, run: RunSettings, reason: str) -> None:
+    def _fail(self, run: RunSettings, reason: str, traceback: str = "") -> None:
         self._failures[run.id] = reason
         self._watcher.message(run, {"run": run.id, "failed": reason})
-        self._watcher.warn(f"the run {run.id} failed: {reason}")
+        # Runs often fail for the same reason, whose traceback is shown once.
+        details = "" if traceback in self._tracebacks else f"\n{traceback}"
+        self._tracebacks.add(traceback)
+        self._watcher.warn(f"the run {run.id} failed: {reason}{details}")
 
 
 def _resume_sentence(run: RunSettings, message: Message) -> str:

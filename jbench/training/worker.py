@@ -7,7 +7,8 @@ batched engine are those that `run_batch` takes; with the other engines there is
 
 Messages: for a resumed run, {"run": id, "resumed_at": control steps, "reason": sentence or ""};
 then for each run {"run": id} with {"control_steps": n, "episode_return": r}, and finally
-{"finished": true} or {"failed": reason}, with {"held": true} if another process is training it.
+{"finished": true} or {"failed": reason, "traceback": text}, the text empty if the reason says all,
+or {"failed": reason, "held": true} if another process is training it.
 """
 
 import json
@@ -15,6 +16,7 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -38,7 +40,6 @@ def main() -> int:
     send = _sender()
     import torch
 
-    from jbench.errors import RequestError, WorkError, sentence_of_failure
     from jbench.settings.run import RunSettings
     from jbench.store import Results
 
@@ -51,14 +52,8 @@ def main() -> int:
     failures: dict[str, Exception]
     try:
         failures = _train(runs, results, request, send)
-    except (RequestError, WorkError) as error:
-        failures = dict.fromkeys((run.id for run in runs), error)
     except Exception as error:
-        import traceback
-
-        traceback.print_exc()
-        failure = WorkError(sentence_of_failure(error))
-        failures = dict.fromkeys((run.id for run in runs), failure)
+        failures = dict.fromkeys((run.id for run in runs), error)
     for run in runs:
         send({"run": run.id, **_ended(run, results, failures.get(run.id))})
     return 1 if failures else 0
@@ -66,6 +61,7 @@ def main() -> int:
 
 def _ended(run: "RunSettings", results: "Results", failure: Exception | None) -> dict[str, Any]:
     """Returns the last message of a run; records a failure that is not recorded yet."""
+    from jbench.errors import sentence_of_failure
     from jbench.store.locks import HeldError
     from jbench.training.status import record_failure, run_status
 
@@ -74,8 +70,18 @@ def _ended(run: "RunSettings", results: "Results", failure: Exception | None) ->
         return {"finished": True}
     if isinstance(failure, HeldError):
         return {"failed": str(failure), "held": True}
-    record_failure(run, results, str(failure))
-    return {"failed": str(failure)}
+    reason = sentence_of_failure(failure)
+    record_failure(run, results, reason)
+    return {"failed": reason, "traceback": _traceback(failure)}
+
+
+def _traceback(failure: Exception) -> str:
+    """Returns the traceback of an error that is not jbench's sentence; else an empty text."""
+    from jbench.errors import RequestError, WorkError
+
+    ours = isinstance(failure, RequestError | WorkError)
+    error = failure.__cause__ if ours else failure
+    return "" if error is None else "".join(traceback.format_exception(error)).rstrip()
 
 
 def _train(

@@ -12,7 +12,7 @@ from jbench.store import Results
 from jbench.store.query import load
 from jbench.training.batched_run import run_batch
 from jbench.training.reproduce import reproduce
-from tests.command_line import SHORT, Process, succeed
+from tests.command_line import SHORT, Process, jbench, succeed
 from tests.commands.distributions import (
     assert_fails,
     assert_listed_reported_and_verified,
@@ -134,6 +134,20 @@ def test_entry_point_that_is_not_an_agent_is_refused(installed, algo, sentence, 
 def test_faulty_agent_fails_its_run(installed, algo, sentence, episodes, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     assert_fails(settings(algo), tmp_path, sentence, episodes)
+
+
+def test_error_of_agent_is_a_sentence_before_the_traceback(installed, tmp_path):
+    typed = ("train", "--algo", "raises", "--seeds", "0-1", "--steps", SHORT)
+    done = jbench(*typed, results=tmp_path, short=True)
+    assert done.returncode == 1
+    lines = [line for line in done.stderr.splitlines() if not line.startswith(" ")]
+    error = "AttributeError: 'Raises' object has no attribute 'missing'"
+    sentence = f"failed: learn of the agent raises failed ({error})."
+    assert [line.endswith(sentence) for line in lines[:2]] == [True, False]
+    # The same traceback of the second run is not shown again.
+    assert done.stderr.count("Traceback (most recent call last):\n") == 1
+    assert lines.index("Traceback (most recent call last):") < lines.index(error)
+    assert "Next:" not in done.stdout
 
 
 def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, tmp_path):

@@ -69,3 +69,10 @@ class UnsavedPolicy(RandomSearch):
 
     def policy(self):
         return nn.Sequential(super().policy(), nn.Softsign())
+
+
+class Raises(RandomSearch):
+    """Has a mistake in its code."""
+
+    def learn(self, transition):
+        return {"critic_loss": self.missing}

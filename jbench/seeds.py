@@ -7,13 +7,13 @@ from jbench.errors import RequestError
 _MAX_NUMBERS = 10_000  # in one range; more is a typing error
 
 
-def parse_seeds(text: str) -> list[int]:
+def parse_seeds(text: str, option: str = "--seeds") -> list[int]:
     """Returns the seeds of a text like 0-9 or 0,2,5-7, each once, in order.
 
     Raises:
-        RequestError: if it is not such a text.
+        RequestError: if it is not such a text; it names the option.
     """
-    return parse_numbers("--seeds", text, "seeds like 0-9, or 0,2,5-7")
+    return parse_numbers(option, text, "seeds like 0-9, or 0,2,5-7")
 
 
 def parse_numbers(option: str, text: str, example: str) -> list[int]:

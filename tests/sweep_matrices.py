@@ -25,20 +25,25 @@ episodes = 1
 
 [dataset]
 steps = {dataset}
+"""
 
+HYPERPARAMETERS = {
+    "td3": """
 [hyperparameters.td3]
 hidden_layers = [8]
 batch_size = 16
 learning_starts = 50
 train_freq = 50
 gradient_steps = {gradient_steps}
-
+""",
+    "ppo": """
 [hyperparameters.ppo]
 hidden_layers = [8]
 batch_size = 64
 n_envs = 2
 n_steps = 128
-"""
+""",
+}
 
 
 DEFAULTS = {
@@ -58,8 +63,9 @@ def write_matrix(path, **changes):
         path: directory of the file.
         changes: of `DEFAULTS`.
     """
-    file = path / "small.toml"
-    file.write_text(SMALL.format(**{**DEFAULTS, **changes}))
+    file, values = path / "small.toml", {**DEFAULTS, **changes}
+    tables = [text for algo, text in HYPERPARAMETERS.items() if f'"{algo}"' in values["algos"]]
+    file.write_text("".join([SMALL, *tables]).format(**values))
     return str(file)
 
 

@@ -154,6 +154,12 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
         for key in content:
             known("key", key, (*Matrix.model_fields, PART))
     parts = [_matrix({**part, **changes}, where) for where, part in parts_of(content, name).items()]
+    trained = {algo for part in parts for algo in part.algos}
+    for algo in (algo for part in parts for algo in part.hyperparameters if algo not in trained):
+        raise RequestError(
+            f"{name}: [hyperparameters.{algo}] is for {algo}, which is not among the algos; leave "
+            "the table out, or add it to them."
+        )
     engines = sorted({part.engine or "batched" for part in parts})
     if len(engines) > 1:
         raise RequestError(f"{name}: all parts need the same engine, not {' and '.join(engines)}.")
@@ -189,7 +195,7 @@ def _matrix(content: Mapping[str, Any], name: str) -> Matrix:
             if choices and isinstance(content.get(key), str):
                 known(key, content[key], choices)
         seeds = content.get("seeds")
-        given = {"seeds": parse_seeds(seeds)} if isinstance(seeds, str) else {}
+        given = {"seeds": parse_seeds(seeds, "seeds")} if isinstance(seeds, str) else {}
         matrix = validated(Matrix, "the matrix", **{**content, **given})
         _check_names(matrix)
     matrix._name = name

@@ -77,9 +77,10 @@ class ImportRequest:
         """
         match = re.search(self.seed_from or "", text)
         if match is None:
+            column = ", or type --seed-column NAME instead" if self.format == "csv" else ""
             raise RequestError(
                 f"--seed-from {self.seed_from} finds nothing in {what} {text}; type an expression "
-                r"that matches its seed, such as 'seed(\d+)'."
+                rf"that matches its seed, such as 'seed(\d+)', or add the seed to the name{column}."
             )
         found = match[1] if match.re.groups else match[0]
         return seed_of(found or "", f"--seed-from {self.seed_from} finds in {what} {text}")
@@ -95,9 +96,12 @@ def seed_of(text: str, where: str) -> int:
     Raises:
         RequestError: if it is not a whole number.
     """
-    if not (text.isascii() and text.isdigit() and int(text[:20]) <= MAX_SEED):
-        raise RequestError(f"{where} {text[:40]!r}, which is not the whole number of a seed.")
-    return int(text)
+    digits = text.lstrip("0") or text[:1]
+    if not (digits.isascii() and digits.isdigit() and int(digits[:20]) <= MAX_SEED):
+        raise RequestError(
+            f"{where} {text[:40]!r}; a seed is a whole number from 0 up to {MAX_SEED}."
+        )
+    return int(digits)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from tensorboard.summary.writer.event_file_writer import EventFileWriter
 from tensorboard.util.tensor_util import make_tensor_proto
 
 from jbench.cli import main
+from jbench.errors import RequestError
+from jbench.importing.request import seed_of
 from jbench.store import Results
 from jbench.store.verify import verify
 
@@ -338,8 +340,8 @@ def test_invalid_csv_file_is_refused(text, message, import_error, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"seed_from": "run([0-9]+)"}, "finds nothing in the path"),
-        ({"seed_from": "seed"}, "finds in the path"),
+        ({"seed_from": "run([0-9]+)"}, ", or add the seed to the name."),
+        ({"seed_from": "seed"}, "a seed is a whole number from 0"),
         ({"seed_from": "("}, "type a regular expression"),
         ({"seed_from": None}, "type --seed-from REGEX"),
         ({"more": ("--tag", "a")}, "--tag is for tensorboard"),
@@ -349,6 +351,12 @@ def test_invalid_csv_file_is_refused(text, message, import_error, tmp_path):
 )
 def test_invalid_request_is_refused(arguments, message, monitor_file, import_error):
     assert message in import_error("sb3-monitor", monitor_file(1, EPISODES[1]), **arguments)
+
+
+def test_zeros_before_seed_are_not_counted_as_digits():
+    assert seed_of("0" * 5000 + "7", "") == 7
+    with pytest.raises(RequestError, match="whole number"):
+        seed_of("0" * 20 + "9" * 20, "")
 
 
 def test_second_file_of_seed_is_refused(tmp_path, import_error):

@@ -113,8 +113,8 @@ def render_to_file(
 
 
 def video_steps(steps: int, speed: float) -> Collection[int]:
-    """Returns the control steps of a video's images; see `render_to_file`."""
-    return range(0, steps + 1, round(speed * _INTERVAL / CONTROL_TIMESTEP))
+    """Returns the control steps of a video's images, the last one included."""
+    return [*range(0, steps, round(speed * _INTERVAL / CONTROL_TIMESTEP)), steps]
 
 
 def strip_steps(steps: int) -> Collection[int]:

@@ -17,6 +17,7 @@ from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Network
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read
+from jbench.tasks.features import TASK_SPECS
 from jbench.wording import with_results
 
 WEIGHTS = "policy.safetensors"
@@ -108,7 +109,18 @@ class TrainedAgent:
     encoder: Encoder | None
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns actions (..., 1) for observations (..., dim(O)) of the task."""
+        """Returns actions (..., 1) for observations (..., dim(O)) of the task.
+
+        Raises:
+            RequestError: if the observations have another size.
+        """
+        size = TASK_SPECS[self.task].observation_size
+        # ONNX models are made from a traced array, which has no shape.
+        if isinstance(observations, np.ndarray) and observations.shape[-1:] != (size,):
+            raise RequestError(
+                f"The agent was trained on {self.task}: pass observations of the shape "
+                f"(..., {size}), not {observations.shape}."
+            )
         inputs = observations if self.encoder is None else self.encoder.encode(observations)
         return self.policy.act(inputs)
 
@@ -146,7 +158,7 @@ def load_agent(results: Results | Path | str, run: str) -> TrainedAgent:
     except ValueError as error:
         raise WorkError(f"The policy of {run} can't be read ({error}).") from None
     task, encoder = (record.settings.get(name, 0) for name in ("task", "encoder"))
-    if not isinstance(task, str) or not isinstance(encoder, str | None):
+    if not isinstance(task, str) or task not in TASK_SPECS or not isinstance(encoder, str | None):
         raise WorkError(f"The settings of the run {run} lack a task or an encoder.")
     return TrainedAgent(
         task, policy, None if encoder is None else load_encoder(results, encoder)[0]

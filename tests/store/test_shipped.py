@@ -1,5 +1,6 @@
 """Tests of the results directories that the Python API takes."""
 
+import numpy as np
 import pytest
 
 from jbench.datasets import find_dataset
@@ -26,6 +27,13 @@ def test_functions_of_the_api_take_a_path(tmp_path, monkeypatch):
     assert load_encoder(shipped(), encoder)[1]["kind"] == "dae"
     with pytest.raises(RequestError, match="No finished dataset in reference"):
         find_dataset("reference")
+
+
+def test_observations_of_wrong_size_are_refused():
+    agent = load_agent("reference", RUN)
+    assert agent.act(np.zeros((2, 16), np.float32)).shape == (2, 1)
+    with pytest.raises(RequestError, match=r"face_direction: .* \(\.\.\., 16\), not \(2, 15\)\."):
+        agent.act(np.zeros((2, 15), np.float32))
 
 
 def test_missing_directory_and_file_are_refused(tmp_path):

@@ -21,7 +21,7 @@ def find_device(name: str) -> "torch.device":
     """
     import torch
 
-    number = re.fullmatch(r"cuda:(\d+)", name)
+    number = re.fullmatch(r"cuda:(\d{1,9})", name)
     if number is None and name not in DEVICES:
         raise RequestError(f"Unknown device {name!r}; choose {one_of((*DEVICES, 'cuda:1'))}.")
     if name == "cpu" or (name == "auto" and not torch.cuda.is_available()):

@@ -130,6 +130,14 @@ def kind_of(representation: str) -> str:
     return representation.rstrip("0123456789")
 
 
+def number_in_name(digits: str) -> int:
+    """Returns the number of the digits in a name such as dae12; at most 10^9.
+
+    Python itself refuses to read thousands of digits.
+    """
+    return int(digits) if len(digits) < 10 else 10**9
+
+
 MAX_SEED = 2**63 - 1
 """The database stores seeds as signed 64-bit integers."""
 

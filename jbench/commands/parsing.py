@@ -176,7 +176,7 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
 def _setting(text: str) -> Any:
     """Returns a value that is typed as JSON, as a list without brackets, or as plain text."""
     for written in (text, f"[{text}]") if "," in text else (text,):
-        with contextlib.suppress(json.JSONDecodeError):
+        with contextlib.suppress(ValueError):  # also of thousands of digits
             return json.loads(written)
     return text
 

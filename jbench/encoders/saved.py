@@ -15,7 +15,7 @@ from jbench.encoders.kind import Kind
 from jbench.encoders.registry import find_kind, kind_names, make_kind, only_size
 from jbench.encoders.scaling import Scaling
 from jbench.errors import RequestError, WorkError
-from jbench.names import TASKS, known
+from jbench.names import TASKS, known, number_in_name
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read
 from jbench.tasks.features import Array
@@ -162,7 +162,7 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
     if kind is None:
         return _find_id(results, name, task)
     kind = known("kind of encoder", kind, kind_names())
-    latents = int(number) if number.isdecimal() else 0
+    latents = number_in_name(number) if number.isdecimal() else 0
     _check_size(kind, latents, task)
     wanted = {"kind": kind, "task": task, "latents": latents}
     matches = [

@@ -33,6 +33,7 @@ from jbench.names import (
     Precision,
     TimeLimit,
     known,
+    number_in_name,
 )
 from jbench.seeds import parse_seeds
 from jbench.settings.base import Count, Seed, Settings, validated, whole
@@ -260,7 +261,7 @@ def _kind_and_latents(name: str, task: str) -> tuple[str, int]:
     assert match is not None
     kind, latents = match.groups()
     find_kind(kind)
-    return kind, int(latents)
+    return kind, number_in_name(latents)
 
 
 def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:

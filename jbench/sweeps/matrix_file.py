@@ -23,9 +23,10 @@ def read_content(name: str) -> dict[str, Any]:
     Raises:
         RequestError: if there is no such matrix, or it is not TOML.
     """
+    text = _text(name)
     try:
-        return tomllib.loads(_text(name))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError: also of thousands of digits
         raise RequestError(f"{name} is not TOML ({error}); docs/sweeps.md shows a file.") from None
 
 

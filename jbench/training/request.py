@@ -8,7 +8,16 @@ from jbench.agents.algorithms import algorithm_fields, algorithm_of
 from jbench.devices import find_device
 from jbench.encoders import find_encoder, load_encoder
 from jbench.errors import RequestError
-from jbench.names import EPISODE_STEPS, NO_ENCODER, OFE, Base, Engine, Precision, known
+from jbench.names import (
+    EPISODE_STEPS,
+    NO_ENCODER,
+    OFE,
+    Base,
+    Engine,
+    Precision,
+    known,
+    number_in_name,
+)
 from jbench.settings.algorithms import OffPolicySettings
 from jbench.settings.base import settings_with, validated
 from jbench.settings.ofe import OFESettings
@@ -124,7 +133,7 @@ def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:
     if not match[1]:
         raise RequestError(f"{name} needs a number of features: type {OFE}12 or {OFE}240.")
     check_options(options)
-    return settings_with(OFESettings, name, {**options, "units": int(match[1])})
+    return settings_with(OFESettings, name, {**options, "units": number_in_name(match[1])})
 
 
 def check_options(options: Mapping[str, Any]) -> None:

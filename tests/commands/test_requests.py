@@ -24,6 +24,7 @@ from tests.command_line import jbench, succeed, wait_until
         (("train", "--algo", "dqn"), "Unknown algorithm 'dqn'.*ddpg"),
         (("train", "--encoder", "12"), "jbench train-dae --task face_direction --latent 12"),
         (("train", "--encoder", "17"), "1 to 16 latents"),
+        (("train", "--encoder", f"dae{'9' * 5000}"), "1 to 16 latents"),
         (("train", "--encoder", "face_direction/dae12/s00-00000000"), "No encoder face_dir"),
         (("train", "--encoder", "../../etc/passwd"), "is not an id"),
         (("train", "--encoder", "ofe"), "ofe needs a number of features: type ofe12 or ofe240"),
@@ -45,6 +46,7 @@ from tests.command_line import jbench, succeed, wait_until
             ("train", "--set", "lr=3e-4"),
             r"no setting lr; did you mean learning_rate\? It has",
         ),
+        (("train", "--set", f"batch_size={'9' * 5000}"), "batch_size of ddpg can't be"),
         (("train", "--set", "tau=2"), "tau of ddpg can't be 2"),
         (("train", "--settings", "mine"), "Unknown value of --settings 'mine'"),
         (

@@ -286,6 +286,9 @@ def test_documented_file_lists_all_keys_with_defaults(tmp_path):
     assert [f"`{name}`" in documented for name in SWEEPS] == [True] * len(SWEEPS)
 
 
+DIGITS = "9" * 5000  # more than Python reads as a number
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [
@@ -301,6 +304,9 @@ def test_documented_file_lists_all_keys_with_defaults(tmp_path):
         ('representations = ["dae"]', "Unknown representation 'dae'; did you mean dae12?"),
         ('representations = ["dea12"]', "Unknown kind of encoder 'dea'; did you mean dae?"),
         ('representations = ["planar8"]', "planar of face_direction has 12 latents"),
+        (f'representations = ["dae{DIGITS}"]', "has 16 features: latents must be 1 to 16"),
+        (f'representations = ["ofe{DIGITS}"]', "it should be less than or equal to 1000"),
+        (f"steps = {DIGITS}", "is not TOML"),
         ('representations = ["dae17"]', "face_direction has 16 features: latents must be 1 to 16"),
         ('representations = ["move_to_pose/dae12/s00-12345678"]', "is of move_to_pose, which is"),
         ('representations = ["face_direction/dae12/s00-12345678"]', "No encoder face_direction/"),

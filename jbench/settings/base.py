@@ -2,10 +2,11 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from jbench.errors import RequestError
 from jbench.names import MAX_COUNT, MAX_SEED, closest
@@ -19,6 +20,14 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
+    @field_validator("*")
+    @classmethod
+    def _has_finite_numbers(cls, value: Any) -> Any:
+        """Checks fields typed `Any`, too, which pydantic leaves out of `allow_inf_nan`."""
+        if not _is_finite(value):
+            raise ValueError("numbers must be finite")
+        return value
+
     @property
     def hash(self) -> str:
         """The hash that is part of an id."""
@@ -29,6 +38,12 @@ class Settings(BaseModel):
         """Returns the defaults of the `omissible` fields by name."""
         fields = cls.model_fields.items()
         return {name: field.default for name, field in fields if field.exclude_if is not None}
+
+
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, Mapping | list | tuple):
+        return all(map(_is_finite, value.values() if isinstance(value, Mapping) else value))
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def omissible(default: Any, **more: Any) -> Any:

@@ -3,8 +3,10 @@
 import enum
 import inspect
 import json
+import math
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -304,3 +306,12 @@ def test_recorded_settings_of_every_json_type_are_read_again():
         settings_with(Own, "own", {"speed": 1, "units": 8})
     with pytest.raises(RequestError, match="speed of own has no default: give it a value"):
         settings_with(Own, "own", {})
+
+
+@pytest.mark.parametrize("value", [math.nan, [1, math.inf], {"a": {"b": -math.inf}}])
+def test_numbers_of_untyped_settings_must_be_finite(value):
+    class Own(jbench.AgentSettings):
+        more: Any = None
+
+    with pytest.raises(RequestError, match=r"more of own can't be .*: numbers must be finite\."):
+        settings_with(Own, "own", {"more": value})

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from jbench.settings.base import Seed, Settings, omissible
+from jbench.settings.base import Count, Seed, Settings, omissible
 
 
 class EvaluationSettings(Settings):
@@ -10,11 +10,11 @@ class EvaluationSettings(Settings):
 
     task: str
     policy: str = Field(description="as typed by the user, such as heuristic")
-    episodes: int = Field(default=100, ge=1)
+    episodes: Count = 100
     seed: Seed = 0
     states: bool = Field(default=False, description="whether to record every state")
     target_yaw: float | None = Field(default=None, description="rad; None: drawn by the task")
-    augment: int | None = Field(default=None, ge=0, description="seed of an augmented robot")
+    augment: Seed | None = Field(default=None, description="seed of an augmented robot")
     code: str | None = omissible(
         None, description="package and version of an imported policy, or its file's SHA-256"
     )

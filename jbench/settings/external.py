@@ -4,8 +4,8 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from jbench.names import TimeLimit
-from jbench.settings.base import Seed, omissible
+from jbench.names import MAX_COUNT, TimeLimit
+from jbench.settings.base import Count, Seed, omissible
 from jbench.settings.labelled import LabelledSettings
 
 EXTERNAL: Literal["external"] = "external"
@@ -19,11 +19,11 @@ class ExternalSettings(LabelledSettings):
     """
 
     encoder: str | None = Field(default=None, description="id of the encoder")
-    steps: int = Field(gt=0, description="control steps over all environments")
+    steps: Count = Field(description="control steps over all environments")
     engine: Literal["external"] = EXTERNAL
     time_limit: TimeLimit = "bootstrap"
-    evaluate_every: int = Field(gt=0, description="control steps between evaluations")
-    evaluate_episodes: int = Field(ge=0, description="episodes in an evaluation")
+    evaluate_every: Count = Field(description="control steps between evaluations")
+    evaluate_episodes: int = Field(ge=0, le=MAX_COUNT, description="episodes in an evaluation")
     hyperparameters: dict[str, Any] = Field(description="JSON values by name")
     augment: Seed | None = omissible(None, description="seed of the augmented robot")
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from jbench.cli import main
 from jbench.policies.evaluate import evaluate
@@ -82,6 +83,12 @@ def test_evaluation_is_skipped_if_finished_and_thread_independent(tmp_path):
     before = (first.path / "manifest.json").read_bytes()
     evaluate(settings, Results(tmp_path / "a"), threads=1)
     assert (first.path / "manifest.json").read_bytes() == before
+
+
+@pytest.mark.parametrize("setting", [{"augment": 2**63}, {"episodes": 10**15 + 1}])
+def test_numbers_above_the_limits_are_refused(setting):
+    with pytest.raises(ValidationError, match="less than or equal to"):
+        EvaluationSettings(task="face_direction", policy="random", **setting)
 
 
 def test_command_records_evaluation_in_database(tmp_path, capsys):

@@ -364,6 +364,7 @@ def test_saved_layers_equal_torch():
     ("changes", "message"),
     [
         ({"algo": "a/b"}, "algo of the run can't be 'a/b'"),
+        ({"evaluate_episodes": 10**15 + 1}, "it should be less than or equal to 1000000000000000"),
         ({"steps": 40}, "No episode would end in 40 control steps"),
         ({"encoder": "ofe12"}, "learned together with jbench's own agents"),
         ({"hyperparameters": None}, "hyperparameters is None: type a dictionary"),

@@ -25,6 +25,8 @@ from jbench.settings.run import RunSettings
 GROUPS: dict[str, Engine] = {"jbench.agents": "plugin", "jbench.rules": "batched"}
 """Groups of entry points, agents and update rules, and the engine that trains each."""
 
+_BASES: dict[type, Engine] = {Agent: "plugin", Rule: "batched"}
+
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
 
 
@@ -35,7 +37,7 @@ def installed() -> dict[str, EntryPoint]:
 
 
 def find_agent(name: str) -> type[Agent]:
-    """Returns the class of an installed agent.
+    """Returns the class of an agent, installed or MODULE:CLASS.
 
     Raises:
         RequestError: if there is no such agent.
@@ -46,7 +48,7 @@ def find_agent(name: str) -> type[Agent]:
 
 
 def find_rule(name: str) -> type[Rule]:
-    """Returns the class of an installed update rule.
+    """Returns the class of an update rule, installed or MODULE:CLASS.
 
     Raises:
         RequestError: if there is no such rule.
@@ -76,7 +78,7 @@ def settings_of(algo: str) -> dict[str, tuple[Any, str]]:
         RequestError: if there is no such algorithm.
         WorkError: if its package can't be imported.
     """
-    if plugins.is_imported(algo):
+    if engine_of(algo) == "sb3":
         from jbench.agents import sb3_classes  # stable-baselines3 takes a second to import
 
         defaults = sb3_classes.settings_of(algo, {})
@@ -115,7 +117,7 @@ def engine_of(algo: str, wanted: Engine | None = None) -> Engine:
         if wanted == "plugin":
             raise RequestError(f"{algo} is not an agent of another package: type batched or sb3.")
         return wanted or "batched"
-    engine: Engine = "sb3" if plugins.is_imported(algo) else GROUPS[_entry_point(algo).group]
+    engine = _engine_of_other(algo)
     if wanted not in (None, engine):
         raise RequestError(f"{algo} has the engine {engine}, not {wanted}; leave the engine out.")
     return engine
@@ -155,7 +157,7 @@ def algorithm_fields(
     settings = settings_with(_settings_class(algo), algo, changes)
     return fields | {
         "hyperparameters": settings.model_dump(mode="json"),
-        "package": plugins.package_of(_entry_point(algo)),
+        "package": None if plugins.is_imported(algo) else plugins.package_of(_entry_point(algo)),
     }
 
 
@@ -197,7 +199,8 @@ def _entry_point(name: str) -> EntryPoint:
     except RequestError as error:
         raise RequestError(
             f"{str(error).rstrip('.')}; an agent of another package must be installed here, and "
-            "MODULE:CLASS names a class with the interface of stable-baselines3."
+            "MODULE:CLASS names a jbench.Agent, a jbench.Rule, or a class with the interface of "
+            "stable-baselines3."
         ) from None
     if name in agents and name in rules:
         packages = [plugins.package_of(points[name]) for points in (agents, rules)]
@@ -207,14 +210,23 @@ def _entry_point(name: str) -> EntryPoint:
     return {**agents, **rules}[name]
 
 
+def _engine_of_other(name: str) -> Engine:
+    """Returns the engine of an algorithm that is not jbench's; MODULE:CLASS is imported."""
+    if not plugins.is_imported(name):
+        return GROUPS[_entry_point(name).group]
+    kind = plugins.imported("algorithm", name)
+    engines = [_BASES[each] for each in getattr(kind, "__mro__", ()) if each in _BASES]
+    return engines[0] if engines else "sb3"
+
+
 def _settings_class(name: str) -> type[AgentSettings | OffPolicySettings]:
-    """Returns the class of the settings of an installed agent or update rule."""
-    is_rule = GROUPS[_entry_point(name).group] == "batched"
+    """Returns the class of the settings of an agent or update rule."""
+    is_rule = _engine_of_other(name) == "batched"
     return find_rule(name).Settings if is_rule else find_agent(name).Settings
 
 
 def _load(what: str, name: str, base: type, settings: type[Settings], methods: str = "") -> Any:
-    """Returns the class that the entry point of an agent or an update rule names.
+    """Returns the class that MODULE:CLASS or the entry point of an agent or a rule names.
 
     Args:
         what: "agent" or "rule".
@@ -222,12 +234,13 @@ def _load(what: str, name: str, base: type, settings: type[Settings], methods: s
         settings: class that its settings must be a subclass of.
         methods: that it must have, for the error message.
     """
-    kind = plugins.load(what, _entry_point(name))
+    is_imported = plugins.is_imported(name)
+    kind = plugins.imported(what, name) if is_imported else plugins.load(what, _entry_point(name))
     is_subclass = isinstance(kind, type) and issubclass(kind, base)
     if not is_subclass or inspect.isabstract(kind):
+        fix = "fix it" if is_imported else "fix or uninstall the package that offers it"
         raise WorkError(
-            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; fix or "
-            "uninstall the package that offers it."
+            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; {fix}."
         )
     if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, settings)):
         raise WorkError(

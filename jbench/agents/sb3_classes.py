@@ -14,8 +14,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import nn
 
 from jbench import plugins
-from jbench.agents.batched.rule import Rule
-from jbench.agents.plugin import Agent
 from jbench.agents.sb3_policy import network_of_model
 from jbench.errors import RequestError
 from jbench.policies.copied import UnsupportedPolicyError
@@ -36,17 +34,10 @@ def find_class(name: str) -> type[BaseAlgorithm]:
         WorkError: if its module raises an error.
     """
     kind = plugins.imported("algorithm", name)
-    for base, group in ((Agent, "agents"), (Rule, "rules")):
-        if isinstance(kind, type) and issubclass(kind, base):
-            raise RequestError(
-                f"{name} is a jbench.{base.__name__}: declare it in the pyproject.toml of a "
-                f'package as an entry point of the group "jbench.{group}", pip install that, and '
-                "type the name of the entry point."
-            )
     if not (isinstance(kind, type) and issubclass(kind, BaseAlgorithm)):
         raise RequestError(
-            f"{name} is no subclass of stable-baselines3's BaseAlgorithm; record its training loop "
-            "with jbench.record (docs/recording.md)."
+            f"{name} is no subclass of jbench.Agent, jbench.Rule or stable-baselines3's "
+            "BaseAlgorithm; record its training loop with jbench.record (docs/recording.md)."
         )
     return kind
 

@@ -28,7 +28,8 @@ def train(
         str,
         typer.Option(
             help=f"Algorithm: {', '.join(names.ALGORITHMS)}, one of another package "
-            "(jbench algorithms), or MODULE:CLASS with the interface of stable-baselines3.",
+            "(jbench algorithms), or MODULE:CLASS: a jbench.Agent, a jbench.Rule, or a class with "
+            "the interface of stable-baselines3.",
             autocompletion=complete(*names.ALGORITHMS),
         ),
     ] = "ddpg",

@@ -97,7 +97,7 @@ class RunSettings(Settings):
             if self.engine == "plugin":
                 raise ValueError(f"{self.algo} has the engine batched or sb3, not plugin")
             _ = self.algorithm
-        elif (self.engine == "sb3") != (":" in self.algo):
+        elif self.engine == "sb3" and ":" not in self.algo:
             raise ValueError(f"the engine {self.engine} has no {self.algo}")
         return self
 

@@ -137,12 +137,3 @@ def test_number_of_environments_is_separate_setting():
 
 def _env():
     return sb3_classes.DummyVecEnv([lambda: sb3_classes.Spaces(16)])
-
-
-@pytest.mark.parametrize(("base", "group"), [("Agent", "agents"), ("Rule", "rules")])
-def test_agent_of_jbench_is_named_by_its_entry_point(base, group, tmp_path, monkeypatch):
-    source = f"import jbench\n\n\nclass Mine(jbench.{base}):\n    pass\n"
-    (tmp_path / f"my_{group}.py").write_text(source)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.raises(RequestError, match=f'entry point of the group "jbench.{group}", pip'):
-        sb3_classes.find_class(f"my_{group}:Mine")

@@ -1,7 +1,9 @@
 """Tests of agents and policies of an installed third-party package."""
 
+import hashlib
 import json
 import re
+import shutil
 
 import pytest
 
@@ -23,6 +25,8 @@ from tests.commands.distributions import (
 from tests.training.small_runs import rows, shorten_episodes
 
 PACKAGE = "random-search-agent"
+NAME = "random_search:RandomSearch"
+"""The same agent without its entry point."""
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +105,7 @@ def test_training_uninstalled_agent_is_refused(swept, refused):
         (("random-serch",), "did you mean random-search"),
         (("sb3_contrib:TQC", "--engine", "plugin"), "has the engine sb3, not plugin"),
         (("nowhere:TQC",), "there is no module nowhere"),
-        (("math:cos",), "no subclass of stable-baselines3's BaseAlgorithm"),
+        (("math:cos",), r"no subclass of jbench\.Agent, jbench\.Rule or stable-b"),
     ],
 )
 def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, refused):
@@ -114,6 +118,7 @@ def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, refuse
     [
         ("broken", "The agent broken can't be loaded from other_agents:Missing"),
         ("no-agent", "The agent no-agent is no subclass of jbench.Agent"),
+        ("jbench:Agent", "is no subclass of jbench.Agent with explore, act and learn; fix it."),
         ("no-settings", "Settings of the agent no-settings is no subclass of jbench.AgentSettings"),
     ],
 )
@@ -150,18 +155,20 @@ def test_error_of_agent_is_a_sentence_before_the_traceback(installed, tmp_path):
     assert "Next:" not in done.stdout
 
 
-def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, tmp_path):
-    request = {"path": str(tmp_path), "runs": [settings().model_dump(mode="json")]}
-    request |= {"at": "random", "kills": 5}
+@pytest.mark.parametrize(("name", "kills"), [("random-search", 5), (NAME, 2)])
+def test_run_killed_at_random_moments_resumes_bit_for_bit(installed, name, kills, tmp_path):
+    run = settings(name, package=None if name == NAME else PACKAGE)
+    request = {"path": str(tmp_path), "runs": [run.model_dump(mode="json")]}
+    request |= {"at": "random", "kills": kills}
     done = Process("tests.training.kills:main", request, short=True).finished()
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
-    assert (answer["kills"], answer["problems"]) == (5, [])
+    assert (answer["kills"], answer["problems"]) == (kills, [])
     # Some kills were in the middle of the run.
     assert {steps for folder in answer["steps"] for (steps,) in folder} & set(range(50, 400, 50))
-    whole = Results(tmp_path / "whole").find("run", settings().id)
+    whole = Results(tmp_path / "whole").find("run", run.id)
     for folder in range(answer["folders"]):
-        record = Results(tmp_path / str(folder)).find("run", settings().id)
+        record = Results(tmp_path / str(folder)).find("run", run.id)
         assert rows(record) == rows(whole)
         assert record.read_file(WEIGHTS) == whole.read_file(WEIGHTS)
 
@@ -191,6 +198,35 @@ def test_run_of_agent_without_state_is_reproduced(installed, tmp_path, monkeypat
     assert run_batch([run], results, None) == {}
     done = reproduce(results, results.find("run", run.id), 2)
     assert done.retraining == (2, 0, 100, False, None)
+
+
+def test_classes_are_named_without_entry_points(site, tmp_path):
+    for module in ("random_search.py", "other_agents.py"):
+        shutil.copy(site / module, tmp_path)
+    matrix = MATRIX.replace('"random-search"', f'"{NAME}", "other_agents:WithoutState"')
+    matrix = matrix.replace("ers.random-search]", f'ers."{NAME}"]')
+    (tmp_path / "two.toml").write_text(matrix)
+    results = tmp_path / "results"
+    done = jbench("sweep", "two.toml", results=results, cwd=tmp_path, short=True)
+    assert done.returncode == 0, done.stderr
+    typed = ("train", "--algo", NAME, "--set", "noise=0.2", "--evaluate-episodes", "0")
+    typed += ("--seeds", "0-1", "--steps", SHORT)
+    again = jbench(*typed, results=results, cwd=tmp_path, short=True)
+    assert "2 of 2 runs are already finished" in again.stdout
+    runs, _ = Results(results).scan("run")
+    assert {(run.settings["algo"], run.settings["hyperparameters"]["noise"]) for run in runs} == {
+        *((NAME, 0.2), ("other_agents:WithoutState", 0.5))
+    }
+    checksum = hashlib.sha256((tmp_path / "random_search.py").read_bytes()).hexdigest()
+    (run, _) = (run for run in runs if run.settings["algo"] == NAME)
+    assert run.id.startswith("face_direction/random_search.RandomSearch/full/s0")
+    assert run.manifest.provenance["source_sha256"] == checksum
+    assert (run.settings["engine"], run.settings.get("package")) == ("plugin", None)
+    report = ("report", "--json", "--format", "png")
+    table = json.loads(succeed(*report, results=results, short=True).stdout)["table"]
+    assert {(cell["algo"], cell["seeds"]) for cell in table} == {
+        *((NAME, 2), ("other_agents:WithoutState", 2))
+    }
 
 
 def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):

@@ -106,6 +106,19 @@ def test_runs_of_uninstalled_rule_are_listed_reported_and_verified(swept, capsys
     assert "Unknown algorithm 'tqc'" in refused("train", "--algo", "tqc", results=swept.path)
 
 
+def test_class_is_named_without_entry_point(installed, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    run, results = run_of("tqc:TQC"), Results(tmp_path)
+    assert (run.engine, run.package) == ("batched", None)
+    assert run_batch([run], results, None) == {}
+    record = results.find("run", run.id)
+    assert record.manifest.provenance["package"] == "tqc-rule 2.1"
+    same = Results(tmp_path / "installed")
+    assert run_batch([run_of()], same, None) == {}
+    other = same.find("run", run_of().id)
+    assert record.read_file(WEIGHTS) == other.read_file(WEIGHTS)
+
+
 @pytest.mark.parametrize(
     ("typed", "sentence"),
     [

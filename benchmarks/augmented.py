@@ -58,7 +58,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=1000, help="number of seeds, from 0")
     parser.add_argument(
-        "--vary-masses", action="store_true", help="randomise densities and gear too"
+        "--vary-masses", action="store_true", help="randomize densities and gear too"
     )
     arguments = parser.parse_args()
     with ThreadPoolExecutor(THREADS) as threads:

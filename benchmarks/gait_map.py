@@ -1,7 +1,7 @@
 """Draws how pulses of the motor move the robot: `python benchmarks/gait_map.py`.
 
-Swings, torque = amplitude sin(2 pi t / period) - 0.5 sin(mass - centre), are mapped by amplitude,
-period and centre; whirls, a constant torque, by that torque. Drift and yaw rate are means over
+Swings, torque = amplitude sin(2 pi t / period) - 0.5 sin(mass - center), are mapped by amplitude,
+period and center; whirls, a constant torque, by that torque. Drift and yaw rate are means over
 the last 2.5 of 3 s. Writes docs/images/gait_map.png.
 """
 
@@ -19,31 +19,31 @@ from jbench.tasks import features
 
 Array = NDArray[np.float64]
 
-SPRING = 0.5  # share of the full torque that pulls the mass to the centre of its swing
+SPRING = 0.5  # share of the full torque that pulls the mass to the center of its swing
 STEPS = 300  # control steps of a robot
 SETTLING = 50  # first control steps, which are not counted
 EPISODES = 6  # robots for each point of the map
 AMPLITUDES = (0.4, 0.6, 0.8, 1.0)  # share of the full torque
 PERIODS = np.arange(0.06, 0.221, 0.02)  # s
-CENTRES = np.radians(np.arange(0, 181, 15))  # 0 forward, 90 degrees to the left
+CENTERS = np.radians(np.arange(0, 181, 15))  # 0 forward, 90 degrees to the left
 WHIRLS = np.arange(0.2, 1.001, 0.05)  # share of the full torque
-BEST = (0.8, 0.12)  # amplitude and period of the swings that are mapped by their centre
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")  # Okabe and Ito's, for colour-blind eyes
+BEST = (0.8, 0.12)  # amplitude and period of the swings that are mapped by their center
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")  # Okabe and Ito's, for color-blind eyes
 MARKERS = "os^D"
 BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15), "frameon": False}
 
 
-def simulate(amplitude: Array, period: Array, centre: Array) -> tuple[NDArray[Any], Array]:
+def simulate(amplitude: Array, period: Array, center: Array) -> tuple[NDArray[Any], Array]:
     """Returns drift (m/s; forward + 1j left) and yaw rate (rad/s), each (points, EPISODES).
 
     Args:
         amplitude: (points,) of the swings, or the whirls' torque where the period is infinite.
         period: (points,) s.
-        centre: (points,) rad.
+        center: (points,) rad.
     """
-    swings, period, centre = (
+    swings, period, center = (
         np.repeat(values, EPISODES)
-        for values in (np.isfinite(period), np.where(np.isfinite(period), period, 1.0), centre)
+        for values in (np.isfinite(period), np.where(np.isfinite(period), period, 1.0), center)
     )
     torque = np.repeat(amplitude, EPISODES)
     seeds = np.tile(np.arange(EPISODES), len(amplitude))
@@ -52,7 +52,7 @@ def simulate(amplitude: Array, period: Array, centre: Array) -> tuple[NDArray[An
     for step in range(STEPS):
         state = robots.state()
         phase = 2 * np.pi * step * CONTROL_TIMESTEP / period
-        swing = torque * np.sin(phase) - SPRING * np.sin(state.motor_position - centre)
+        swing = torque * np.sin(phase) - SPRING * np.sin(state.motor_position - center)
         robots.step(np.clip(np.where(swings, swing, torque), -1, 1))
         if step >= SETTLING:
             velocity = state.torso_velocity[:, 0] + 1j * state.torso_velocity[:, 1]
@@ -66,30 +66,30 @@ def draw_periods(axes: Any) -> None:
     grid = np.array([(a, p) for a in AMPLITUDES for p in PERIODS])
     drift, _ = simulate(grid[:, 0], grid[:, 1], np.zeros(len(grid)))
     rows = np.median(drift.real, 1).reshape(len(AMPLITUDES), -1)
-    for amplitude, row, colour, marker in zip(AMPLITUDES, rows, COLOURS, MARKERS, strict=True):
-        axes.plot(PERIODS * 1000, 100 * row, color=colour, marker=marker, label=f"{amplitude:.1f}")
+    for amplitude, row, color, marker in zip(AMPLITUDES, rows, COLORS, MARKERS, strict=True):
+        axes.plot(PERIODS * 1000, 100 * row, color=color, marker=marker, label=f"{amplitude:.1f}")
     axes.set(title="Swings about the front", xlabel="period (ms)", ylabel="drift forwards (cm/s)")
     axes.legend(title="amplitude (of full torque)", ncols=4, **BELOW)
 
 
-def draw_centres(axes: Any) -> None:
-    """Draws drift and yaw rate against the centre of the best swings."""
-    points = np.ones(len(CENTRES))
-    drift, yaw = simulate(BEST[0] * points, BEST[1] * points, CENTRES)
-    drift *= np.exp(-1j * CENTRES)[:, None]
+def draw_centers(axes: Any) -> None:
+    """Draws drift and yaw rate against the center of the best swings."""
+    points = np.ones(len(CENTERS))
+    drift, yaw = simulate(BEST[0] * points, BEST[1] * points, CENTERS)
+    drift *= np.exp(-1j * CENTERS)[:, None]
     curves = (
-        (100 * drift.real, "towards the centre (cm/s)"),
+        (100 * drift.real, "towards the center (cm/s)"),
         (100 * drift.imag, "to its left (cm/s)"),
         (yaw, "yaw rate (rad/s)"),
     )
-    for (values, label), colour, marker in zip(curves, COLOURS, MARKERS, strict=False):
+    for (values, label), color, marker in zip(curves, COLORS, MARKERS, strict=False):
         low, median, high = np.percentile(values, [10, 50, 90], axis=1)
-        axes.plot(np.degrees(CENTRES), median, color=colour, marker=marker, label=label)
-        axes.fill_between(np.degrees(CENTRES), low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(np.degrees(CENTERS), median, color=color, marker=marker, label=label)
+        axes.fill_between(np.degrees(CENTERS), low, high, color=color, alpha=0.15, linewidth=0)
     axes.axhline(0, color="0.6", linewidth=0.8)
     axes.set(
         title=f"Swings of amplitude {BEST[0]:.1f}, period {1000 * BEST[1]:.0f} ms",
-        xlabel="centre of the swing (degrees; 0 forward, 90 left)",
+        xlabel="center of the swing (degrees; 0 forward, 90 left)",
         ylabel="drift (cm/s), yaw rate (rad/s)",
     )
     axes.set_xticks(np.arange(0, 181, 45))
@@ -101,10 +101,10 @@ def draw_whirls(axes: Any) -> None:
     points = np.ones(len(WHIRLS))
     drift, yaw = simulate(WHIRLS, np.inf * points, 0 * points)
     curves = ((yaw, "yaw rate (rad/s)"), (10 * np.abs(drift), "drift (0.1 m/s)"))
-    for (values, label), colour, marker in zip(curves, COLOURS, MARKERS, strict=False):
+    for (values, label), color, marker in zip(curves, COLORS, MARKERS, strict=False):
         low, median, high = np.percentile(values, [10, 50, 90], axis=1)
-        axes.plot(WHIRLS, median, color=colour, marker=marker, label=label)
-        axes.fill_between(WHIRLS, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(WHIRLS, median, color=color, marker=marker, label=label)
+        axes.fill_between(WHIRLS, low, high, color=color, alpha=0.15, linewidth=0)
     axes.axhline(0, color="0.6", linewidth=0.8)
     axes.set(
         title="Whirls",
@@ -123,7 +123,7 @@ def main() -> None:
     figure = Figure(figsize=(13, 4.6), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     draw_periods(left)
-    draw_centres(middle)
+    draw_centers(middle)
     draw_whirls(right)
     for axes in (left, middle, right):
         axes.spines[["top", "right"]].set_visible(False)

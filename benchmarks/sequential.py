@@ -37,7 +37,7 @@ def simulate(
     decided = []
     for _ in range(0, arguments.repetitions, AT_A_TIME):
         ours, theirs = random.normal(0, spread, (2, AT_A_TIME, arguments.max_seeds))
-        pair, more = (ours + shift, theirs), {"relabellings": arguments.relabellings}
+        pair, more = (ours + shift, theirs), {"relabelings": arguments.relabelings}
         if np.isinf(margin):
             sides = (pair, pair[::-1])
             larger, smaller = (
@@ -60,7 +60,7 @@ def main() -> None:
     parser.add_argument("--repetitions", type=int, default=1000, help="of each simulation")
     parser.add_argument("--max-seeds", type=int, default=30)
     parser.add_argument("--comparisons", type=int, nargs="+", default=[1, 16])
-    parser.add_argument("--relabellings", type=int, default=20_000)
+    parser.add_argument("--relabelings", type=int, default=20_000)
     arguments = parser.parse_args()
     began = time.monotonic()
     for comparisons in arguments.comparisons:

@@ -23,7 +23,7 @@ _GLFW_ALIASES = ("enable", "enabled", "on", "true", "1")
 # Generous, for a busy machine or a driver that is loaded for the first time.
 _PROBE_SECONDS = 120
 
-# Prints the brightness at the centre of a white ball, in a child process, because a broken driver
+# Prints the brightness at the center of a white ball, in a child process, because a broken driver
 # ends the process.
 _PROBE = """
 import mujoco

@@ -88,7 +88,7 @@ def _commit(
 
 @contextmanager
 def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
-    """Yields a thread pool; pending work is cancelled at the end of the block."""
+    """Yields a thread pool; pending work is canceled at the end of the block."""
     pool = ThreadPoolExecutor(threads)
     try:
         yield pool

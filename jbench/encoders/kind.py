@@ -126,7 +126,7 @@ class Learned(Kind):
 
 
 def glorot(outputs: int, inputs: int, random: torch.Generator) -> Tensor:
-    """Returns an (outputs, inputs) matrix with Glorot initialisation (Glorot and Bengio, 2010)."""
+    """Returns an (outputs, inputs) matrix with Glorot initialization (Glorot and Bengio, 2010)."""
     limit = (6 / (outputs + inputs)) ** 0.5
     return torch.empty(outputs, inputs).uniform_(-limit, limit, generator=random)
 

@@ -29,7 +29,7 @@ _Item = TypeVar("_Item")
 
 
 class EncoderLearner:
-    """The complete state of a training: weights, optimiser and random generator.
+    """The complete state of a training: weights, optimizer and random generator.
 
     Attributes:
         weights: by name, as views of one flat tensor that Adam updates.

@@ -75,7 +75,7 @@ def probe(kind: Kind, weights: Weights, states: States) -> Probe:
 
 
 def effective_rank(rows: NDArray[np.floating]) -> float:
-    """Returns the effective rank of centred rows (rows, columns); 0 if they are constant."""
+    """Returns the effective rank of centered rows (rows, columns); 0 if they are constant."""
     centered = rows.astype(np.float64) - rows.mean(0, dtype=np.float64)
     singular = np.sqrt(np.maximum(np.linalg.eigvalsh(centered.T @ centered), 0))
     if not singular.sum():

@@ -77,7 +77,7 @@ def _function_of_model(model: Any) -> Callable[[NDArray[np.float32]], Any]:
 
 
 def normalization(model: Any) -> "VecNormalize | None":
-    """Returns the normalisation of observations around the model's environment, if there is one."""
+    """Returns the normalization of observations around the model's environment, if there is one."""
     from stable_baselines3.common.vec_env import VecNormalize
 
     found = getattr(model, "get_vec_normalize_env", lambda: None)()

@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_INPUT = 10.0
-"""Bound of the absolute value of standardised observations."""
+"""Bound of the absolute value of standardized observations."""
 
 MIN_DEVIATION = 1e-3
-"""Its square is added to a variance, so that constant observations can be standardised."""
+"""Its square is added to a variance, so that constant observations can be standardized."""
 
 
 @dataclass(frozen=True)
 class FeatureMap:
-    """Densely connected layers of SiLU units on standardised observations.
+    """Densely connected layers of SiLU units on standardized observations.
 
     Attributes:
         mean: (size,) mean of the observations.

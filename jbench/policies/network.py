@@ -24,9 +24,9 @@ class Layer:
 
 
 def _layer_norm(x: Float, weight: Float, bias: Float, epsilon: float) -> Float:
-    centred = x - x.mean(axis=-1, keepdims=True)
-    variance = np.square(centred).mean(axis=-1, keepdims=True)
-    normalized: Float = centred / np.sqrt(variance + epsilon) * weight + bias
+    centered = x - x.mean(axis=-1, keepdims=True)
+    variance = np.square(centered).mean(axis=-1, keepdims=True)
+    normalized: Float = centered / np.sqrt(variance + epsilon) * weight + bias
     return normalized
 
 

@@ -121,7 +121,7 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
 
 
 def _centimetres(vector: NDArray[np.float64]) -> str:
-    """Returns the horizontal length of a vector (3 or more,) in metres."""
+    """Returns the horizontal length of a vector (3 or more,) in meters."""
     return f"{padded(f'{100 * math.hypot(vector[0], vector[1]):.1f}', 4)} cm"
 
 

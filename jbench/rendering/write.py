@@ -181,7 +181,7 @@ def mp4(pictures: Iterator[Picture], size: tuple[int, int]) -> bytes:
             fps=1 / _INTERVAL,
             codec="libx264",
             quality=_VIDEO_QUALITY,
-            macro_block_size=2,  # colours are stored per 2 x 2 pixels
+            macro_block_size=2,  # colors are stored per 2 x 2 pixels
             ffmpeg_log_level="error",
             # The index comes first, so that the video plays while it loads.
             output_params=["-movflags", "+faststart"],

@@ -16,7 +16,7 @@ from jbench.report.data.published import PublishedCurve
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import Document, FigureItem, Item, Section, TableItem
 from jbench.report.figures import figure_items
-from jbench.report.figures.behaviour import Behaviour
+from jbench.report.figures.behavior import Behavior
 from jbench.report.request import Request
 from jbench.report.tables import claim_items, reduction_items, table_items
 from jbench.report.views import View
@@ -86,7 +86,7 @@ class ReportData:
     notes: Sequence[str]
     problems: Sequence[str]
     encoders: pd.DataFrame = field(default_factory=pd.DataFrame)
-    behaviours: Sequence[Behaviour] = ()
+    behaviors: Sequence[Behavior] = ()
 
     @property
     def comparisons(self) -> list[Comparison]:
@@ -110,7 +110,7 @@ def document(data: ReportData) -> Document:
         _section("Comparisons", [], map(table_items.comparisons, data.views)),
         _section("Leaderboard", [], _leaderboard(data)),
         _section("Encoders", [], _encoders(data)),
-        _section("What policies do", [], list(figure_items.of_behaviour(data.behaviours))),
+        _section("What policies do", [], list(figure_items.of_behavior(data.behaviors))),
     )
     sides, overview = data.request.compare, _overview(data)
     return Document(

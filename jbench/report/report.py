@@ -29,7 +29,7 @@ from jbench.report.data.cells import of_kind, verified
 from jbench.report.data.published import PublishedCurve, read_published, read_sequences
 from jbench.report.data.returns import TRAINING
 from jbench.report.document import Document, FigureItem
-from jbench.report.figures import behaviour, encoders, plotting, processor
+from jbench.report.figures import behavior, encoders, plotting, processor
 from jbench.report.figures.layout import SHEETS
 from jbench.report.request import Request
 from jbench.report.sources import Source
@@ -95,14 +95,14 @@ def gather(results: Results, request: Request) -> ReportData:
         notes = _check_comparable(one, other, request.names_compared)
         return _report_data([one, other], notes, request)
     own, *imported = sources.own_and_imported(results, request)
-    behaviours, unread = behaviour.behaviours(results, request.task)
+    behaviors, unread = behavior.behaviors(results, request.task)
     encoder_table = encoders.encoder_table(own.tables, request.task)
     reported = [own, *imported]
     reported += [sources.reference(request, shipped_results())] if request.reference else []
     if request.baseline is not None:
         sources.check_baseline(request.baseline, reported)
     # Evaluated policies and encoders can be drawn without any run.
-    drawable = bool(behaviours) or not encoder_table.empty or any(s.cells for s in reported[1:])
+    drawable = bool(behaviors) or not encoder_table.empty or any(s.cells for s in reported[1:])
     selected = request.algo is None or any(source.cells for source in imported)
     if own.runs.empty and not (selected and drawable):
         unreadable = [problem for source in (own, *imported) for problem in source.problems]
@@ -113,7 +113,7 @@ def gather(results: Results, request: Request) -> ReportData:
         )
     data = _report_data(reported, [], request)
     problems = [*data.problems, *unread]
-    return replace(data, encoders=encoder_table, behaviours=behaviours, problems=problems)
+    return replace(data, encoders=encoder_table, behaviors=behaviors, problems=problems)
 
 
 def _check_comparable(one: Source, other: Source, names: Collection[str]) -> list[str]:
@@ -139,7 +139,7 @@ def _report_data(
     more_notes: Sequence[str],
     request: Request,
 ) -> ReportData:
-    """Returns the data of a report without encoders and behaviours."""
+    """Returns the data of a report without encoders and behaviors."""
     table = query.published()
     # Figures select from these by the number of the paper's figure.
     published = [*read_published(table), *read_sequences(table)]

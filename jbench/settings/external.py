@@ -6,13 +6,13 @@ from pydantic import Field
 
 from jbench.names import MAX_COUNT, TimeLimit
 from jbench.settings.base import Count, Seed, omissible
-from jbench.settings.labelled import LabelledSettings
+from jbench.settings.labeled import LabeledSettings
 
 EXTERNAL: Literal["external"] = "external"
 """The engine of these runs."""
 
 
-class ExternalSettings(LabelledSettings):
+class ExternalSettings(LabeledSettings):
     """Settings that identify a run that `jbench.record` writes.
 
     jbench knows neither the algorithm nor its hyperparameters: both are recorded as given.

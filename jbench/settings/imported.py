@@ -4,10 +4,10 @@ from pydantic import Field
 
 from jbench.names import ImportFormat, ReturnsName
 from jbench.settings.base import omissible
-from jbench.settings.labelled import LabelledSettings
+from jbench.settings.labeled import LabeledSettings
 
 
-class ImportSettings(LabelledSettings):
+class ImportSettings(LabeledSettings):
     """Settings that identify an import: the content of its files and how they were read."""
 
     format: ImportFormat

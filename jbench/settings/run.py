@@ -29,7 +29,7 @@ from jbench.names import (
 from jbench.settings.algorithms import SETTINGS, AlgorithmSettings
 from jbench.settings.base import Seed, Settings, omissible, validated
 from jbench.settings.external import EXTERNAL, ExternalSettings
-from jbench.settings.labelled import LABEL
+from jbench.settings.labeled import LABEL
 from jbench.settings.ofe import OFESettings
 
 

@@ -52,7 +52,7 @@ class JitterbugVectorEnv(
         threads: int | None = None,
         **settings: Any,
     ) -> None:
-        """Initialises the environments.
+        """Initializes the environments.
 
         Args:
             max_episode_steps: control steps after which an episode is truncated, 1000 by default;

@@ -12,7 +12,7 @@ ENCODER_EPOCHS = pa.schema(
     [
         field("encoder", pa.string()),
         field("epoch", pa.int32()),
-        field("train_loss", pa.float64(), "what its kind minimises; dae: as test_denoising_mse"),
+        field("train_loss", pa.float64(), "what its kind minimizes; dae: as test_denoising_mse"),
         field("test_mse", pa.float64(), "scaled features squared; clean input"),
         field("test_denoising_mse", pa.float64(), "scaled features squared; corrupted input"),
         field("wall_time", pa.float64(), "s of training"),

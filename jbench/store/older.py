@@ -1,7 +1,7 @@
 """Upgrades rows written with an older schema version.
 
 Version 2 (of version 1): `train_mse` of `encoder_epochs` becomes `train_loss`, since not every kind
-of encoder minimises a squared error; encoders are compared with PCA and a random projection.
+of encoder minimizes a squared error; encoders are compared with PCA and a random projection.
 
 Version 3 (of version 2): `episodes` and `evaluations` have `processor_time`.
 

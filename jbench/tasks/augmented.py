@@ -1,4 +1,4 @@
-"""Robots of randomised morphology.
+"""Robots of randomized morphology.
 
 A seed determines a robot: normally distributed shifts move the ends of its legs and its motor's
 mass, and the model's specification is edited in memory. The standard deviations are those of the
@@ -32,7 +32,7 @@ _TORSO_LOWER_SD = 80.0  # kg/m^3
 _STEEL_SD = 200.0  # kg/m^3
 _GEAR_SD = 0.001  # N m
 
-# Shifts of the mass forward (-y) and down are limited to a millimetre (m).
+# Shifts of the mass forward (-y) and down are limited to a millimeter (m).
 _MIN_MASS_SHIFT = (-math.inf, -0.001, -0.001)
 
 # Point where the legs leave the torso, seen from above: a rear corner of its upper box (m).
@@ -143,11 +143,11 @@ def build(morphology: Morphology) -> mujoco.MjModel:
 
 
 def hinge_axis(leg: int, knee: NDArray[np.float64]) -> Vector:
-    """Returns the axis (not normalised) of a leg's shoulder and elbow.
+    """Returns the axis (not normalized) of a leg's shoulder and elbow.
 
     Let (x, y) be the vector from the corner of the torso's upper box, (.0055, .006) on the left and
     (-.0055, .006) on the right, to the knee, seen from above. The plain robot's axes are (x, -y)
-    for the back legs and (-x, y) for the front ones, (2.32, -2.68) for leg 1 in centimetres. They
+    for the back legs and (-x, y) for the front ones, (2.32, -2.68) for leg 1 in centimeters. They
     are horizontal, but not perpendicular to the legs; augmented robots follow the same rule.
 
     Args:

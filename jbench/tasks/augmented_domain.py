@@ -1,4 +1,4 @@
-"""The domain `augmented_jitterbug` of the dm_control suite: robots of randomised morphology."""
+"""The domain `augmented_jitterbug` of the dm_control suite: robots of randomized morphology."""
 
 from collections.abc import Callable
 from typing import Unpack

@@ -25,7 +25,7 @@ Plane = NDArray[np.complex128]
 """Vectors in the plane of the floor as complex numbers: forward + 1j left, or x + 1j y."""
 
 _TORSO_OFFSET = (0.0, 0.006008, -0.011055)
-"""Centre of mass of the torso in its own frame (m): `model.torso_offset`."""
+"""Center of mass of the torso in its own frame (m): `model.torso_offset`."""
 
 
 class Motion(NamedTuple):
@@ -33,7 +33,7 @@ class Motion(NamedTuple):
 
     mass: Array  # direction of the eccentric mass; 0 forward, pi / 2 left (rad)
     mass_rate: Array  # rad/s
-    speed: Plane  # of the torso's centre of mass (m/s)
+    speed: Plane  # of the torso's center of mass (m/s)
     tilt: Plane  # sines of the angles of the forward and left axes above horizontal (1)
     tilt_rate: Plane  # its rate (1/s)
     yaw_rate: Array  # rad/s
@@ -99,7 +99,7 @@ class Driver(Law):
 
     A memoryless oscillator similar to van der Pol's: a spring pulls the mass to the desired side,
     and a damping term adds energy while the mass is on that side and removes it on the other. Its
-    period is not fixed, so it synchronises with the rocking of the torso through the gain on the
+    period is not fixed, so it synchronizes with the rocking of the torso through the gain on the
     tilt. It drives at 0.12 m/s; a relay controller reaches 0.083 m/s.
     """
 

@@ -57,7 +57,7 @@ class State(NamedTuple):
             velocity in the torso's frame (rad/s); like MuJoCo's qvel of a free joint.
         motor_position: (...) motor angle in (-pi, pi]; 0 if the mass points forward (rad).
         motor_velocity: (...) rad/s.
-        torso_velocity: (..., 3) velocity of the torso's centre of mass in the world (m/s).
+        torso_velocity: (..., 3) velocity of the torso's center of mass in the world (m/s).
     """
 
     position: Array
@@ -167,7 +167,7 @@ def center_of_mass_velocity(position: Array, velocity: Array, offset: Array) -> 
     Args:
         position: (..., 7) as in `State`.
         velocity: (..., 6) as in `State`.
-        offset: (..., 3) point in the torso's frame, its centre of mass (m).
+        offset: (..., 3) point in the torso's frame, its center of mass (m).
     """
     x, y, z = (offset[..., i] for i in range(3))
     wx, wy, wz = (velocity[..., 3 + i] for i in range(3))
@@ -203,7 +203,7 @@ def target_in_jitterbug_frame(state: State, target: Target) -> Array:
 
 
 def speed_in_target_frame(state: State, target: Target) -> Array:
-    """Returns the (..., 3) velocity of the torso's centre of mass in the target's frame (m/s)."""
+    """Returns the (..., 3) velocity of the torso's center of mass in the target's frame (m/s)."""
     xp = array_namespace(state.torso_velocity)
     x, y, z = (state.torso_velocity[..., i] for i in range(3))
     cosine, sine = xp.cos(target.yaw), xp.sin(target.yaw)

@@ -49,7 +49,7 @@ class JitterbugEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         augment: int | None = None,
         vary_masses: bool = False,
     ) -> None:
-        """Initialises the environment.
+        """Initializes the environment.
 
         Args:
             task: one of `jbench.names.TASKS`.

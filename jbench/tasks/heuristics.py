@@ -69,7 +69,7 @@ class FaceDirection(Turner):
 class MoveInDirection(Driver):
     """Drives in the target's direction regardless of the robot's heading.
 
-    More terms synchronise the oscillation with the rocking rate, the tilt and the speed. This
+    More terms synchronize the oscillation with the rocking rate, the tilt and the speed. This
     increases the reward, but the robot falls more often and is too inaccurate for the tasks with a
     target position.
     """
@@ -111,7 +111,7 @@ class MoveToPosition(Driver):
     task: ClassVar[str] = "move_to_position"
     ahead: float = 0.061  # prediction horizon (s), the time that it coasts
     min_drive_scale: float = 0.3  # factor of the energy term at the target
-    drive_scale_gain: float = 15.5  # factor per metre of distance (1/m)
+    drive_scale_gain: float = 15.5  # factor per meter of distance (1/m)
     arrive: float = 0.0025  # rests below this distance (m)
     depart: float = 0.0032  # drives again above this distance (m)
 

@@ -140,7 +140,7 @@ class Jitterbug(base.Task):
         random_pose: bool = True,
         random: np.random.RandomState | int | None = None,
     ) -> None:
-        """Initialises the task; see `TaskSettings`."""
+        """Initializes the task; see `TaskSettings`."""
         self._task = task
         self._random_pose = random_pose
         super().__init__(random=random)
@@ -150,7 +150,7 @@ class Jitterbug(base.Task):
         quaternion = resets.draw_quaternion(self.random) if self._random_pose else model.UPRIGHT
         physics.named.data.qpos["root"] = [0, 0, model.REST_HEIGHT, *quaternion]
         physics.set_target(resets.draw_target(self._task, self.random))
-        # The reward, by which the robot may be coloured, needs the new positions.
+        # The reward, by which the robot may be colored, needs the new positions.
         physics.forward()
         super().initialize_episode(physics)
 

@@ -26,7 +26,7 @@ def xml() -> str:
 
 
 def torso_offset(model: mujoco.MjModel) -> NDArray[np.float64]:
-    """Returns the (3,) centre of mass of the torso in its own frame (m)."""
+    """Returns the (3,) center of mass of the torso in its own frame (m)."""
     return np.array(model.body("jitterbug").ipos)
 
 
@@ -38,7 +38,7 @@ def state_of(
     Args:
         qpos: (..., 16) joint positions.
         qvel: (..., 15) joint velocities.
-        offset: (3,) the torso's centre of mass, from `torso_offset`.
+        offset: (3,) the torso's center of mass, from `torso_offset`.
 
     Returns:
         Copies, which share no memory with the simulator.

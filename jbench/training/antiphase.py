@@ -50,7 +50,7 @@ def take_turns(
             opened.callback(training.close)
         while turns:
             index = turns.popleft()
-            # torch.cuda.stream(None) would initialise CUDA, which takes memory of a GPU.
+            # torch.cuda.stream(None) would initialize CUDA, which takes memory of a GPU.
             with torch.cuda.stream(streams[index]) if streams else contextlib.nullcontext():
                 try:
                     next(trainings[index])

@@ -64,7 +64,7 @@ def test_published_median_at_same_step_follows_last_returns(tmp_path):
 
 
 def test_published_median_of_td3_at_million_steps(runs):
-    # Figure 9 of the paper, digitised in published_curves.csv.
+    # Figure 9 of the paper, digitized in published_curves.csv.
     assert published_median(runs[0], 1e6) == 953.47
     encoded = runs[0].model_copy(update={"representation": "planar12"})
     assert published_median(encoded, 1e6) is None

@@ -18,7 +18,7 @@ from jbench.tasks.labels import feature_labels
 from jbench.tasks.robots import load_model
 
 KIND = PlanarReduction()
-OFFSET = np.array([0.001, -0.002, 0.004])  # centre of mass of the torso (m)
+OFFSET = np.array([0.001, -0.002, 0.004])  # center of mass of the torso (m)
 SIZES = {
     "move_from_origin": 13,
     "face_direction": 12,

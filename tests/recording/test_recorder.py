@@ -256,7 +256,7 @@ def test_callback_records_model_of_stable_baselines3(tmp_path):
     rows = record.read("episodes").to_pylist()
     # Two environments alternate: the first episode ends one control step before the second.
     assert [row["control_steps"] for row in rows] == [99, 100]
-    assert all(0 < row["episode_return"] < EPISODE for row in rows)  # not the normalised rewards
+    assert all(0 < row["episode_return"] < EPISODE for row in rows)  # not the normalized rewards
     # The second rollout ends after the first update.
     assert all(np.isfinite(row["value_loss"]) for row in rows)
     evaluations = record.read("evaluations").to_pylist()

@@ -57,7 +57,7 @@ def test_overhead_camera_shows_target_at_its_position(monkeypatch):
     scene = Scene("move_to_position", camera="overhead", width=320, height=240)
     red, green, blue = next(render_episode(Constant(), scene, [0])).picture.astype(int).T
     columns, rows = np.nonzero((green > red + 30) & (green > blue + 10))
-    # The camera at 0.75 m sees 2 tan 20° * 0.715 m = 0.5205 m in 240 rows: 461.1 per metre. The
+    # The camera at 0.75 m sees 2 tan 20° * 0.715 m = 0.5205 m in 240 rows: 461.1 per meter. The
     # target, 4.6 pixels in radius, is 46.1 pixels right of the middle and 23.1 below it.
     assert np.hypot(np.median(columns) - (160 + 46.1), np.median(rows) - (120 + 23.1)) < 4.6
     assert 20 < len(rows) < 140  # a disc of 66 pixels, a pointer, and its edges

@@ -48,7 +48,7 @@ def test_gif_loops_episode_in_real_time(tmp_path):
         animation.seek(index)
         assert animation.info["duration"] == 40  # ms
         shown = np.asarray(animation.convert("RGB")).astype(int)
-        assert np.abs(shown - expected).mean() < 6  # of 255: 256 colours are enough
+        assert np.abs(shown - expected).mean() < 6  # of 255: 256 colors are enough
 
 
 @rendering
@@ -75,14 +75,14 @@ def test_video_ends_at_last_control_step():
 
 def test_odd_video_size_is_padded_to_even(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    grey = np.full((65, 97, 3), 128, np.uint8)
-    (tmp_path / "odd.mp4").write_bytes(mp4(iter([grey] * 3), (97, 65)))
+    gray = np.full((65, 97, 3), 128, np.uint8)
+    (tmp_path / "odd.mp4").write_bytes(mp4(iter([gray] * 3), (97, 65)))
     about, *shown = ffmpeg.read_frames(str(tmp_path / "odd.mp4"))
     assert (about["size"], about["fps"], len(shown)) == ((98, 66), 25, 3)
     assert np.abs(np.frombuffer(shown[1], np.uint8).astype(int) - 128).max() < 4
 
 
-def test_animation_keeps_colours_of_late_frames():
+def test_animation_keeps_colors_of_late_frames():
     blue, green = np.zeros((2, 40, 60, 3), np.uint8)
     blue[...], green[...] = (60, 100, 160), (40, 160, 80)
     animation = Image.open(io.BytesIO(write.gif([blue, blue + 1, green])))

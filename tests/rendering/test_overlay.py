@@ -12,8 +12,8 @@ LINE = 26  # 1.3 times the letters' 480 / 24 = 20 pixels
 MARGIN = 10
 
 
-def plain(grey=128, height=HEIGHT, width=WIDTH):
-    return np.full((height, width, 3), grey, np.uint8)
+def plain(gray=128, height=HEIGHT, width=WIDTH):
+    return np.full((height, width, 3), gray, np.uint8)
 
 
 def frame(step=250, episode_return=12.34, goal="target", picture=None):
@@ -40,10 +40,10 @@ def test_text_changes_only_its_lines():
         assert np.all(line == (16, 24, 40), axis=2).sum() > 100  # their outline
 
 
-@pytest.mark.parametrize("grey", [0, 255])
-def test_text_is_legible_on_black_and_on_white(grey):
-    written = write(plain(grey), ["return 914"], [], lines_in_height=24).astype(int)
-    assert np.mean(np.abs(written - grey).max(axis=2) > 200) > 0.001
+@pytest.mark.parametrize("gray", [0, 255])
+def test_text_is_legible_on_black_and_on_white(gray):
+    written = write(plain(gray), ["return 914"], [], lines_in_height=24).astype(int)
+    assert np.mean(np.abs(written - gray).max(axis=2) > 200) > 0.001
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ class BrowserPage:
         return self.page.locator(".tip p, .tip li span:not(.swatch)").all_inner_texts()
 
     def color(self, selector, name):
-        """Returns a colour of an element, as red, green and blue."""
+        """Returns a color of an element, as red, green and blue."""
         element = self.page.locator(selector).first
         text = element.evaluate(f"(element) => getComputedStyle(element)['{name}']")
         return tuple(int(part) for part in re.findall(r"\d+", text)[:3])

@@ -192,7 +192,7 @@ class TestSettings:
 
 
 class TestVariants:
-    def test_each_variant_is_cell_labelled_by_its_differences(self, fabric):
+    def test_each_variant_is_cell_labeled_by_its_differences(self, fabric):
         for rate in (1e-3, 1e-4, 1e-5):
             fabric.run([1], hyperparameters={"learning_rate": rate, "batch_size": 256})
         cells, _ = fabric.cells()
@@ -237,22 +237,22 @@ class TestVariants:
             "TD3",
         ]
 
-    def test_setting_missing_in_one_variant_is_labelled_not_set(self):
+    def test_setting_missing_in_one_variant_is_labeled_not_set(self):
         labels = variant_labels({"a": {"noise": {"sigma": 0.1}}, "b": {}})
         assert labels == {"a": "sigma=0.1", "b": "sigma=(not set)"}
 
-    def test_default_of_omitted_run_setting_is_labelled(self):
+    def test_default_of_omitted_run_setting_is_labeled(self):
         labels = variant_labels({"a": read_run({}), "b": read_run({"precision": "bfloat16"})})
         assert labels == {"a": "precision=float32", "b": "precision=bfloat16"}
 
-    def test_default_of_omitted_hyperparameter_is_labelled(self):
+    def test_default_of_omitted_hyperparameter_is_labeled(self):
         runs = {
             name: read_run({"algo": "ppo", "hyperparameters": {"gamma": 0.9, **more}})
             for name, more in {"a": {}, "b": {"shared_layers": True}}.items()
         }
         assert variant_labels(runs) == {"a": "shared_layers=false", "b": "shared_layers=true"}
 
-    def test_hyperparameter_sets_are_labelled_by_their_option(self):
+    def test_hyperparameter_sets_are_labeled_by_their_option(self):
         runs = {}
         for base in ("published", "script", "sb3"):
             chosen = algorithm_settings("ppo", base)
@@ -266,7 +266,7 @@ class TestVariants:
             "sb3": "settings=sb3",
         }
 
-    def test_changed_hyperparameter_is_labelled_by_name(self):
+    def test_changed_hyperparameter_is_labeled_by_name(self):
         changes = [algorithm_settings("td3", "script", {"tau": tau}) for tau in (0.1, 0.2)]
         runs = {
             str(i): read_run({"algo": "td3", "hyperparameters": values.model_dump(mode="json")})
@@ -288,7 +288,7 @@ class TestVariants:
         labels = variant_labels(settings)
         assert labels == {"a": "actor.lr=1, critic.lr=1", "b": "actor.lr=2, critic.lr=3"}
 
-    def test_seed_and_steps_are_not_labelled(self):
+    def test_seed_and_steps_are_not_labeled(self):
         assert variant_labels({"a": {"seed": 1, "steps": 2}, "b": {"seed": 3, "x": 1}}) == {
             "a": "x=(not set)",
             "b": "x=1",

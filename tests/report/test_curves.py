@@ -46,7 +46,7 @@ def test_smooth_first_averages_out_spread_of_single_episodes():
 
 
 @pytest.mark.parametrize("order", ["quantile-first", "smooth-first"])
-def test_points_are_at_window_centres_between_first_and_last_episode(order):
+def test_points_are_at_window_centers_between_first_and_last_episode(order):
     curve = learning_curve(*TURNS, order, 2)
     assert curve.control_steps.tolist() == [*(1000, 1500, 2500, 3500, 4500, 5500, 6500, 7500, 8000)]
     assert curve.seeds.tolist() == [3] * 9
@@ -183,10 +183,10 @@ def test_final_return_averages_last_quarter_capped_at_100():
 def test_final_returns_equal_means_over_whole_rows_exactly(lengths):
     rng = np.random.default_rng(0)
     arrays = cell(*(rng.normal(500, 99, size=length) for length in lengths))
-    returns, centres = final_returns(*arrays)
+    returns, centers = final_returns(*arrays)
     for row, length in enumerate(lengths):
         last = np.arange(arrays[0].shape[1]) >= length - min(100, max(1, length // 4))
-        for found, values in ((returns, arrays[0]), (centres, arrays[1])):
+        for found, values in ((returns, arrays[0]), (centers, arrays[1])):
             whole = np.where(last, values[row], NAN)
             assert found[row] == moving_average(whole, len(whole))[0]
 

@@ -99,7 +99,7 @@ class TestProcessorTime:
         fabric.run(RETURNS, 0, seconds=1.0)
         fabric.run(RETURNS[:20], 1, seconds=1.0)
         (item,) = fabric.learned(window=4)
-        # The last window within 20 episodes is centred between the 18th and the 19th.
+        # The last window within 20 episodes is centered between the 18th and the 19th.
         assert processor.timed_curve(item)[0][-1] == 18.5
 
     def test_representations_of_one_algorithm_have_different_looks(self, fabric):

@@ -143,7 +143,7 @@ def test_figure_has_panel_per_task_and_line_per_kind(results):
     assert len(figure.key) == 2
 
 
-def test_every_encoder_kind_has_unique_colour_and_marker():
+def test_every_encoder_kind_has_unique_color_and_marker():
     looks = list(encoders._LOOKS.values())
     assert set(encoders._LOOKS) == {*encoders.ENCODER_KINDS, OFE}
     for part in zip(*[*looks, encoders._OTHER], strict=True):

@@ -140,7 +140,7 @@ class TestGrid:
         assert x[there][-1] == 18_500
         assert np.isnan(band.high[~there]).all()
 
-    def test_colour_of_algorithm_is_independent_of_other_algorithms(self, fabric, grid):
+    def test_color_of_algorithm_is_independent_of_other_algorithms(self, fabric, grid):
         seeds(fabric, 1, algo="sac")
         alone = series(panel(grid(), "face_direction"), "SAC").style.color
         for algo in ("ddpg", "ppo", "td3", "another"):
@@ -149,7 +149,7 @@ class TestGrid:
         assert series(drawn, "SAC").style.color == alone
         assert len({series(drawn, label).style.color for label in labels(drawn)}) == 5
 
-    def test_published_curve_is_dashed_in_colour_of_algorithm(self, fabric, grid, published):
+    def test_published_curve_is_dashed_in_color_of_algorithm(self, fabric, grid, published):
         seeds(fabric, 3)
         drawn = panel(grid(), "face_direction")
         (dashed,) = [series for series in drawn.series if series.style.dash == "--"]
@@ -173,7 +173,7 @@ class TestGrid:
         drawn = panel(grid(), "face_direction")
         curve = drawn.series[0]
         assert (curve.label, curve.detail) == ("TD3", "3 seeds, 2 at the end, window 4")
-        # The last window of the shortest run is centred at 18.5 episodes; the lines meet there.
+        # The last window of the shortest run is centered at 18.5 episodes; the lines meet there.
         assert curve.x[~curve.partial][-1] == 18_500
         axes = plotting.draw(grid()).axes[0]
         solid, dotted = (
@@ -248,7 +248,7 @@ class TestComparison:
         seeds(fabric, 1, task="move_in_direction", algo="ddpg")
         assert list(comparisons()) == [("move_in_direction", "ddpg"), ("move_to_pose", "sac")]
 
-    def test_colours_of_representations_differ_from_those_of_algorithms(self, fabric, comparisons):
+    def test_colors_of_representations_differ_from_those_of_algorithms(self, fabric, comparisons):
         for representation in ("full", "ae3", "dae12", "vae6"):
             seeds(fabric, 1, representation=representation)
         (drawn,) = comparisons()["face_direction", "td3"].panels
@@ -300,7 +300,7 @@ class TestComparison:
         assert "published: one seed" in key(figure)
 
 
-def test_other_algorithms_take_unused_colours():
+def test_other_algorithms_take_unused_colors():
     colors = algorithm_colors(["zeta", "ppo", "alpha"])
     assert {name: colors[name] for name in ALGORITHMS} == ALGORITHM_COLORS
     assert len(set(colors.values())) == 6

@@ -213,7 +213,7 @@ class TestDrawing:
         for figure in (made.curves_figure(), made.matrix_figure()):
             assert vector.element(figure, "a-", "") == vector.element(figure, "a-", "")
 
-    def test_colours_in_heat_map_are_not_themed(self):
+    def test_colors_in_heat_map_are_not_themed(self):
         drawing = vector.element(made.matrix_figure(), "a-", "")
         assert drawing.svg.count('"rgb(26,26,26)"') == 5
         assert "#1a1a1a" not in drawing.svg
@@ -238,7 +238,7 @@ class TestDrawing:
         heat_map = HeatMap(edges, edges, values, "", (0, 1), is_map=True)
         figure = Figure("", [Panel("", axis, axis, heat_map=heat_map)])
         svg = vector.element(figure, "a-", "").svg
-        # The second image is matplotlib's colour bar.
+        # The second image is matplotlib's color bar.
         assert svg.count("<image") == 2
         assert 'href="data:image/png;base64,' in svg
         assert len(svg) < 200_000
@@ -256,7 +256,7 @@ class TestColors:
         assert colors.on_dark("#ffffff") == "#181b21"
         assert colors.on_dark("#000000") == "#e6e9ed"
 
-    def test_dark_theme_lightens_colours_with_low_contrast(self):
+    def test_dark_theme_lightens_colors_with_low_contrast(self):
         # Contrast with #181b21 (luminance 0.0108), by hand: #e69f00 has a luminance of 0.436, so
         # 0.486 / 0.0608 = 8.0; #0000ff one of 0.0722, so 2.0.
         assert colors.on_dark("#e69f00") == "#e69f00"
@@ -264,7 +264,7 @@ class TestColors:
         assert lighter.endswith("ff")
         assert lighter > "#4"
 
-    def test_style_sheet_has_same_theme_colours(self, rendered):
+    def test_style_sheet_has_same_theme_colors(self, rendered):
         for color in (colors.PAPER, colors.INK):
             name = "#" + "".join(f"{part:02x}" for part in color)
             assert re.search(rf"--(paper|ink): light-dark\(#\w+, {name}\)", rendered)
@@ -340,7 +340,7 @@ class TestTooltipValues:
         assert (line["x"], line["y"]) == ([0.5, 1.5, 6], [2, 1, 3])
 
     def test_many_lines_share_point_budget_of_page(self):
-        # Each figure has two labelled series.
+        # Each figure has two labeled series.
         figures = [made.curves_figure()] * 100
         assert tooltips.points_each(figures[:1]) == 400
         assert tooltips.points_each(figures) == 300
@@ -383,7 +383,7 @@ class TestDownloads:
         ]
         assert read.iloc[1, 1:3].tolist() == [1000, 9]
 
-    def test_large_table_is_thinned_and_labelled(self):
+    def test_large_table_is_thinned_and_labeled(self):
         frame = pd.DataFrame({"a": range(1000), "b": 1.5})
         link = downloads.link("t", frame, 500)
         assert "one of every 4 of 1,000 rows, to keep the page small" in link

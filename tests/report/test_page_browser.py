@@ -290,7 +290,7 @@ class TestAppearance:
                     shown = line.evaluate("(element) => getComputedStyle(element).stroke")
                     rgb = tuple(int(part) for part in re.findall(r"\d+", shown)[:3])
                     assert _contrast(rgb, ground) >= 3
-            # Numbers in a heat map are not themed, because its colours are not.
+            # Numbers in a heat map are not themed, because its colors are not.
             assert page.color("#matrix [fill='rgb(26,26,26)']", "fill") == (26, 26, 26)
         assert papers == [(255, 255, 255), colors.PAPER]
 

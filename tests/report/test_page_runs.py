@@ -232,7 +232,7 @@ def test_paths_of_first_and_last_evaluation_are_drawn(opened, moved):
         "The robot seen from above, in the first episode of the evaluations after 20,000 control "
         "steps (thin line, return 12) and 60,000 control steps (return 612.3). A circle is the "
         "start; an arrowhead is the end and the robot's heading. A dashed circle is the target of "
-        "the line with its colour. A dashed line is the target's direction."
+        "the line with its color. A dashed line is the target's direction."
     )
 
 

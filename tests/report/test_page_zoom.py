@@ -154,7 +154,7 @@ def test_keyboard_zooms_and_resets(opened, written):
     for _ in range(15):
         page.page.keyboard.press("ArrowLeft")
     page.page.keyboard.press("+")
-    # Half of the axis, centred at 15,000 steps.
+    # Half of the axis, centered at 15,000 steps.
     assert limits(page) == [7500, 22500]
     assert page.tip()[1] == "control steps (thousands): 15"
     for _ in range(9):
@@ -185,7 +185,7 @@ def test_address_with_invalid_limits_shows_whole_panel(opened, written, typed):
 
 
 def test_limits_too_close_or_outside_are_adjusted(opened, written):
-    # A twentieth of the axis, 1500 steps, centred at 15,000.
+    # A twentieth of the axis, 1500 steps, centered at 15,000.
     page = zoomed(opened, written, "zoom+curves+0=15000+15001")
     assert ticks(page) == ["14.5", "15", "15.5"]
     # The last 12,000 steps, from 18,000.

@@ -51,7 +51,7 @@ def test_no_median_beyond_ends_of_curve(published):
     args = (published, "face_direction", "td3", "full")
     assert best_median(*args, 40_000) is None
     assert best_median(*args, 6e6) is None
-    # The last window of 5000 episodes is centred at step 4,950,500; the paper writes 4,950,000.
+    # The last window of 5000 episodes is centered at step 4,950,500; the paper writes 4,950,000.
     assert round(best_median(*args, 4_950_500)[0]) == 963
     assert best_median(published, "move_to_pose", "sac", "dae12", 1e6) is None
 

@@ -185,7 +185,7 @@ class TestReport:
 
 
 class TestLengths:
-    def test_only_cells_of_equal_steps_are_coloured(self, fabric):
+    def test_only_cells_of_equal_steps_are_colored(self, fabric):
         for algo, episodes in (("ddpg", 120), ("sac", 40), ("td3", 40)):
             fabric.run(np.full(episodes, 500.0), algo=algo)
         cells = fabric.cells()[0]
@@ -193,7 +193,7 @@ class TestLengths:
         assert np.isnan(drawn.values[:, 0]).tolist() == [True, False, False]
         assert [cell.framed for cell in drawn.texts] == [True, False, False]
         assert drawn.texts[0].text == "500\n120k steps\nn = 1"
-        assert "Only cells of 40k control steps are coloured" in heat_map.caption(cells)
+        assert "Only cells of 40k control steps are colored" in heat_map.caption(cells)
 
     def test_tables_have_control_steps(self, fabric):
         fabric.run(FLAT, algo="sac")

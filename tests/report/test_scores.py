@@ -20,7 +20,7 @@ def flat(fabric, finals, episodes=40, **settings):
         fabric.run(np.full(episodes, float(final)), seed, **settings)
 
 
-def summarised(fabric, published, window=4):
+def summarized(fabric, published, window=4):
     return summaries(fabric.learned(window=window), published)
 
 
@@ -30,7 +30,7 @@ def value(summary, measure, statistic):
 
 def test_location_and_spread_match_hand_computed_values(fabric, published):
     flat(fabric, range(0, 880, 80))  # 0, 80, … 800: eleven seeds
-    (summary,) = summarised(fabric, published)
+    (summary,) = summarized(fabric, published)
     assert value(summary, "final_return", "median") == 400
     # Two of eleven seeds are trimmed at each end: 160 … 640 remain.
     assert value(summary, "final_return", "interquartile_mean") == 400
@@ -55,14 +55,14 @@ def test_deviation_by_episodes_is_that_of_means_of_episodes(fabric, published):
 
 def test_deviation_by_episodes_is_unknown_for_single_episodes(fabric, published):
     flat(fabric, [100, 200, 300], episodes=4)  # the last quarter is one episode
-    (summary,) = summarised(fabric, published)
+    (summary,) = summarized(fabric, published)
     assert summary.get("final_return", BY_EPISODES) is None
 
 
 def test_area_is_mean_over_whole_training(fabric, published):
     for seed in range(3):
         fabric.run(np.repeat([100.0, 300.0], 40), seed)
-    (summary,) = summarised(fabric, published)
+    (summary,) = summarized(fabric, published)
     assert value(summary, "area", "median") == 200
     assert value(summary, "final_return", "median") == 300
 
@@ -70,10 +70,10 @@ def test_area_is_mean_over_whole_training(fabric, published):
 def test_seeds_that_never_reach_threshold_count_as_infinite(fabric, published):
     for seed, top in enumerate((950.0, 950.0, 600.0)):
         fabric.run(np.repeat([0.0, top], 20), seed)
-    (summary,) = summarised(fabric, published)
+    (summary,) = summarized(fabric, published)
     solved = summary.get("steps_to_solved", "median")
     assert (solved.reached, solved.seeds, solved.threshold) == (2, 3, 900)
-    # The first window of 4 episodes with only returns of 950 is centred at episode 22.5.
+    # The first window of 4 episodes with only returns of 950 is centered at episode 22.5.
     assert solved.estimate.value == 22_500
     assert solved.estimate.high == math.inf
     half = summary.get("steps_to_half_best", "median")
@@ -88,7 +88,7 @@ def test_ratios_are_relative_to_matching_full_cell(fabric, published):
     flat(fabric, [500 + 10 * i for i in range(10)])
     flat(fabric, [500 + 20 * i for i in range(10)], representation="dae12", encoder="e/1")
     flat(fabric, [500, 600, 700], representation="pca12", hyperparameters={"batch_size": 1})
-    by_name = {s.cell.representation: s for s in summarised(fabric, published)}
+    by_name = {s.cell.representation: s for s in summarized(fabric, published)}
     assert by_name["dae12"].baseline is by_name["full"].cell
     for spread in ("interquartile_range", "standard_deviation", "ten_to_ninety"):
         assert value(by_name["dae12"], "final_return", f"{spread}_ratio") == pytest.approx(2)
@@ -101,7 +101,7 @@ def test_ratio_uses_episodes_common_to_all_seeds(fabric, published):
     flat(fabric, [100, 300], episodes=40)
     for seed, start in enumerate((100.0, 500.0)):
         fabric.run(np.r_[np.full(40, start), np.full(40, 999.0)], seed, representation="dae12")
-    (_, reduced) = summarised(fabric, published)
+    (_, reduced) = summarized(fabric, published)
     one = reduced.get("final_return", "standard_deviation_ratio")
     assert (one.estimate.value, one.control_steps) == (pytest.approx(2), 40_000)
 
@@ -109,7 +109,7 @@ def test_ratio_uses_episodes_common_to_all_seeds(fabric, published):
 def test_one_or_two_seeds_have_no_interval(fabric, published):
     flat(fabric, [500])
     flat(fabric, [500, 700], algo="sac")
-    two, one = summarised(fabric, published)
+    two, one = summarized(fabric, published)
     assert (one.cell.algo, two.cell.algo) == ("td3", "sac")
     for summary, median in ((one, 500), (two, 600)):
         found = summary.get("final_return", "median").estimate
@@ -126,7 +126,7 @@ def test_nan_returns_are_ignored_in_means_and_counts(fabric, published):
     # The last quarter of seed 1 is NaN; the area of seed 0 is the mean of three numbers.
     found = scores_of(cell, 4000)
     assert (found.final.tolist(), found.area.tolist()) == ([600.0], [400.0])
-    (summary,) = summarised(fabric, published)
+    (summary,) = summarized(fabric, published)
     assert summary.get("final_return", "median").seeds == 1
 
 
@@ -141,7 +141,7 @@ def test_seed_without_returns_is_not_counted_in_steps_to_threshold(fabric, publi
 
 def test_robot_sequence_has_no_steps_to_threshold(fabric, published):
     flat(fabric, [950, 960, 970], augment=0, robots=2)
-    (summary,) = summarised(fabric, published)
+    (summary,) = summarized(fabric, published)
     assert summary.get("steps_to_solved", "median") is None
     assert value(summary, "final_return", "median") == 960
 
@@ -149,14 +149,14 @@ def test_robot_sequence_has_no_steps_to_threshold(fabric, published):
 def test_steps_of_eight_environments_are_summed(fabric, published):
     for seed in range(3):
         fabric.run(np.repeat([0.0, 950.0], 40), seed, algo="ppo", environments=8)
-    (summary,) = summarised(fabric, published, window=8)
+    (summary,) = summarized(fabric, published, window=8)
     # Episodes 41 to 48 end together after the steps of 48 episodes.
     assert value(summary, "steps_to_solved", "median") == 48_000
 
 
 def test_frame_has_every_statistic_with_seeds(fabric, published):
     flat(fabric, [500, 600, 950])
-    frame = statistics_frame(summarised(fabric, published))
+    frame = statistics_frame(summarized(fabric, published))
     assert set(frame["measure"]) == {
         *("final_return", "area", "steps_to_solved", "steps_to_half_best")
     }

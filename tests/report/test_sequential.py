@@ -41,7 +41,7 @@ def test_rejection_agrees_with_hand_computed_p_value(ours, theirs, p):
     blocks = len(ours) // 2
 
     def last_look_rejects(rate):
-        # If earlier looks reject no relabelling, the last one has the whole rate.
+        # If earlier looks reject no relabeling, the last one has the whole rate.
         return first_above(ours, theirs, rate, blocks, block=2) == blocks
 
     if blocks == 1:
@@ -53,7 +53,7 @@ def test_rejection_agrees_with_hand_computed_p_value(ours, theirs, p):
 
 
 def test_error_rate_spent_by_earlier_look_is_not_available():
-    # 2 looks, rate 2/6: the first may reject one of six relabellings, which is 6 of the 36 of both
+    # 2 looks, rate 2/6: the first may reject one of six relabelings, which is 6 of the 36 of both
     # blocks; 12 are allowed up to the second, so 6 are left for it, of the 30 others. Their largest
     # sums are 8 (1 + 7), 7, 7 (0 + 7), 6 (-1 + 7), 2 (1 + 1), and then 1, four times.
     first, second = np.array([9.0, 2.0]), np.array([9.0, 8.0])
@@ -93,7 +93,7 @@ def test_false_positives_do_not_exceed_error_rate(distribution):
     ours, theirs = (distribution(random, (repetitions, 5 * LOOKS)) for _ in range(2))
     rate = 0.05
     above = [
-        first_above(*pair, rate / 2, LOOKS, relabellings=1000) > 0
+        first_above(*pair, rate / 2, LOOKS, relabelings=1000) > 0
         for pair in ((ours, theirs), (theirs, ours))
     ]
     found = np.mean(above[0] | above[1])
@@ -119,7 +119,7 @@ def test_larger_shift_is_detected_with_fewer_seeds():
     needed = []
     for shift in (150, 300):  # 1.5 and 3 standard deviations
         ours = normal(random, (200, 30)) + shift
-        looks = first_above(ours, theirs, 0.025, LOOKS, relabellings=2000)
+        looks = first_above(ours, theirs, 0.025, LOOKS, relabelings=2000)
         assert np.mean(looks > 0) > 0.97
         needed.append(5 * looks.mean())
     assert needed[0] < 14
@@ -131,9 +131,9 @@ def test_cells_that_differ_by_margin_are_rarely_equal(difference):
     random, repetitions = np.random.default_rng(3), 500
     # The spread is small enough compared with the margin that equality can be found.
     ours, theirs = (random.normal(500, 25, (repetitions, 30)) for _ in range(2))
-    looks = first_looks(ours + difference, theirs, 50, 0.05, LOOKS, relabellings=1000)
+    looks = first_looks(ours + difference, theirs, 50, 0.05, LOOKS, relabelings=1000)
     assert np.mean(looks["equal"] > 0) < 0.025 + 3 * np.sqrt(0.025 / repetitions)
-    same = first_looks(ours, theirs, 50, 0.05, LOOKS, relabellings=1000)
+    same = first_looks(ours, theirs, 50, 0.05, LOOKS, relabelings=1000)
     assert np.mean(same["equal"] > 0) > 0.9
 
 

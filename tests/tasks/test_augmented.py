@@ -16,7 +16,7 @@ from jbench.tasks.robots import load_model
 NONE = (0.0, 0.0, 0.0)
 EVERY_LEG = pytest.mark.parametrize("leg", LEGS)
 
-# Knees of the plain robot in the torso's frame, and reference hinge axes, in centimetres.
+# Knees of the plain robot in the torso's frame, and reference hinge axes, in centimeters.
 KNEES = {
     1: (2.87, 3.28, 3.3),
     2: (2.87, -3.08, 3.5),

@@ -127,7 +127,7 @@ def test_same_actions_move_every_robot_differently():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_both_libraries_observe_centre_of_mass_of_augmented_robot(plain, seed):
+def test_both_libraries_observe_center_of_mass_of_augmented_robot(plain, seed):
     settings = {"augment": seed, "vary_masses": True}
     theirs = suite.load(
         "augmented_jitterbug",
@@ -136,7 +136,7 @@ def test_both_libraries_observe_centre_of_mass_of_augmented_robot(plain, seed):
     )
     ours = JitterbugEnv("move_in_direction", **settings)
     ours.np_random = np.random.RandomState(seed)
-    # Other densities move the torso's centre of mass.
+    # Other densities move the torso's center of mass.
     assert np.abs(ours._torso_offset - model.torso_offset(plain)).max() > 1e-5
     # MuJoCo's own sensor measures the velocity on dm_control's side.
     seen = [(np.concatenate(list(theirs.reset().observation.values())), ours.reset()[0])]

@@ -225,31 +225,31 @@ def test_set_target_is_returned(yaw):
 
 
 @pytest.mark.parametrize(("yaw", "blend"), [(-math.pi / 2, 1), (math.pi / 2, 0)])
-def test_visualize_reward_colours_robot(yaw, blend):
+def test_visualize_reward_colors_robot(yaw, blend):
     env = load("face_direction", visualize_reward=True, random_pose=False)
     env.reset()
     env.physics.set_target(Target(np.array([0, 0, 0.035]), yaw))
     env.physics.forward()
     env.step([0.0])  # it faces -y: the reward is 1 with that target, 0 with the other
-    colours = env.physics.named.model.mat_rgba
+    colors = env.physics.named.model.mat_rgba
     for material in ("self", "effector", "target"):
-        plain, lit = colours[f"{material}_default"], colours[f"{material}_highlight"]
+        plain, lit = colors[f"{material}_default"], colors[f"{material}_highlight"]
         assert np.abs(lit - plain).max() > 0.1
-        np.testing.assert_allclose(colours[material], plain + blend * (lit - plain), atol=0.01)
+        np.testing.assert_allclose(colors[material], plain + blend * (lit - plain), atol=0.01)
 
 
-def test_visualize_reward_colours_first_state_of_episode():
+def test_visualize_reward_colors_first_state_of_episode():
     env = load("face_direction", visualize_reward=True)
-    colours = env.physics.named.model.mat_rgba
-    plain, lit = colours["self_default"].copy(), colours["self_highlight"].copy()
+    colors = env.physics.named.model.mat_rgba
+    plain, lit = colors["self_default"].copy(), colors["self_highlight"].copy()
     for _ in range(10):
         env.reset()
         blend = env.task.get_reward(env.physics) ** 4
-        np.testing.assert_allclose(colours["self"], plain + blend * (lit - plain), atol=1e-9)
+        np.testing.assert_allclose(colors["self"], plain + blend * (lit - plain), atol=1e-9)
 
 
 @EVERY_TASK
-def test_colours_are_constant_by_default(task):
+def test_colors_are_constant_by_default(task):
     env = load(task)
     before = env.physics.model.mat_rgba.copy()
     roll_out(env, 5)

@@ -158,7 +158,7 @@ def test_speed_in_target_frame_by_hand(yaw, speed):
         (PI / 2, (0.9, 2, 3)),  # offset and spin turn with the robot
     ],
 )
-def test_velocity_of_centre_of_mass_by_hand(yaw, velocity):
+def test_velocity_of_center_of_mass_by_hand(yaw, velocity):
     moving = np.array([1, 2, 3, 0, 0, 10.0])
     offset = np.array([0.01, 0, 0])
     found = features.center_of_mass_velocity(turned(yaw).position, moving, offset)
@@ -166,7 +166,7 @@ def test_velocity_of_centre_of_mass_by_hand(yaw, velocity):
 
 
 @given(quaternions(), vectors(6, 35.0))
-def test_velocity_of_centre_of_mass_equals_mujoco_sensor(quaternion, velocity):
+def test_velocity_of_center_of_mass_equals_mujoco_sensor(quaternion, velocity):
     robot = load_model()
     data = mujoco.MjData(robot)
     model.place(data, quaternion)

@@ -279,7 +279,7 @@ def test_render_without_render_mode_returns_none():
 
 @pytest.mark.usefixtures("rendering")
 @FIRST_TASK
-def test_image_has_expected_shape_and_colours(task):
+def test_image_has_expected_shape_and_colors(task):
     env = gymnasium.make(IDS[task], render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()
@@ -306,7 +306,7 @@ def test_cameras_render_different_images():
 @pytest.mark.usefixtures("coarse_pictures")
 @pytest.mark.parametrize(
     ("share", "column", "row"),
-    # The camera at 0.75 m sees 2 tan 20° * 0.715 m = 0.5205 m in 480 rows: 922.2 a metre.
+    # The camera at 0.75 m sees 2 tan 20° * 0.715 m = 0.5205 m in 480 rows: 922.2 a meter.
     [
         (0.25, 320, 240 - 81),  # the target at (0, 0.0875)
         (0.5, 320 - 115, 240),  # at (-0.125, 0)
@@ -320,7 +320,7 @@ def test_overhead_image_shows_target_at_its_position(share, column, row):
     red, green, blue = env.render().astype(int).transpose(2, 0, 1)
     env.close()
     rows, columns = np.nonzero((green > red + 30) & (green > blue + 10))
-    # The centre of the green pixels, within the target's radius of 0.01 m: 9 pixels.
+    # The center of the green pixels, within the target's radius of 0.01 m: 9 pixels.
     assert np.hypot(np.median(columns) - column, np.median(rows) - row) < 9
 
 

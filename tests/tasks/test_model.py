@@ -48,7 +48,7 @@ CYLINDERS = {
     "motor_thread": (0.001, (0, -0.004, 0.050), (0, -0.004, 0.0625)),
 }
 
-# Kind, sizes, and centre in the world at rest.
+# Kind, sizes, and center in the world at rest.
 SOLIDS = {
     "torso_upper": ("box", (0.0055, 0.006, 0.011), (0, 0, 0.040)),
     "torso_lower": ("box", (0.008, 0.006, 0.008), (0, 0, 0.021)),
@@ -109,10 +109,10 @@ def test_cylinder_has_its_radius_and_ends(robot, at_rest, geom, expected):
 
 @pytest.mark.parametrize(("geom", "expected"), SOLIDS.items())
 def test_solid_has_its_shape_and_position(robot, at_rest, geom, expected):
-    kind, size, centre = expected
+    kind, size, center = expected
     assert robot.geom(geom).type[0] == getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")
     np.testing.assert_array_equal(robot.geom(geom).size[: len(size)], size)
-    np.testing.assert_allclose(at_rest.geom(geom).xpos, centre, atol=1e-12)
+    np.testing.assert_allclose(at_rest.geom(geom).xpos, center, atol=1e-12)
 
 
 def test_sizes_of_state_and_order_of_joints(robot):

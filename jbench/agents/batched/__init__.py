@@ -2,7 +2,7 @@
 
     tensors.py       tensors of all seeds, stacked, and scratch memory
     network.py       networks with hand-written gradients; twins.py: two critics as one;
-                     adam.py: their optimiser
+                     adam.py: their optimizer
     learner.py       base of the update rules; ddpg.py, td3.py, sac.py, ppo.py: one rule each
     features.py      features learned with an agent; dense.py: their layers; on_features.py: the
                      update rules on them

@@ -49,7 +49,7 @@ class Adam:
     def step(self) -> None:
         """Makes one step in place."""
         self.steps += 1
-        # The kernel of torch.optim.Adam(fused=True) without the optimiser's bookkeeping, which
+        # The kernel of torch.optim.Adam(fused=True) without the optimizer's bookkeeping, which
         # takes as long as the kernel.
         torch._fused_adam_(
             self._values,

@@ -62,13 +62,13 @@ class DDPG(OffPolicyLearner):
         next_values = self.critic_target.forward(batch.next_state_actions)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
-        # Minimise L_Q over the critic.
+        # Minimize L_Q over the critic.
         errors = self.critic.forward(batch.state_actions) - targets
         self.critic.backward(2 * errors * batch.mean_weight)
         if not settings.gradients_first:
             self._critic_adam.step()
 
-        # Minimise L_mu over the actor.
+        # Minimize L_mu over the actor.
         torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
         losses = -self.critic.forward(batch.state_actions)
         by_action = self.critic.action_gradient(-batch.mean_weight)

@@ -152,7 +152,7 @@ class Engine(Closing):
         return {name: mean for name, count, mean in means if count}
 
     def check_weights(self) -> None:
-        """Records in `diverged` the seeds whose weights or optimiser moments are not finite."""
+        """Records in `diverged` the seeds whose weights or optimizer moments are not finite."""
         for name in self._finite:
             for seed in self._not_finite(name):
                 self._record_divergence(seed, "weights")

@@ -25,8 +25,8 @@ class Features:
     """Features z_o = phi_o(o) and z_oa = phi_oa(z_o, a), and their training.
 
     A linear layer predicts the next observation from z_oa. The inputs of phi_o and phi_oa are
-    standardised by mean and variance over the minibatches of the first updates. Observations that
-    are appended to the features for the agent are not standardised.
+    standardized by mean and variance over the minibatches of the first updates. Observations that
+    are appended to the features for the agent are not standardized.
 
     Attributes:
         size: of z_o.
@@ -62,7 +62,7 @@ class Features:
         return affine_views(flat, self._shapes)
 
     def initialize(self, generator: Generator) -> None:
-        """Draws the initial parameters of one seed; mean 0 and variance 1 standardise nothing."""
+        """Draws the initial parameters of one seed; mean 0 and variance 1 standardize nothing."""
         initialize_uniform(self.layers, generator, "glorot")
         self._variance.fill_(1)
 
@@ -96,7 +96,7 @@ class Features:
     def learn(self, batch: Batch) -> Tensor:
         """Makes one update; returns the squared errors (..., N, dim(O)) before it.
 
-        With the prediction p = W z_oa + b of the standardised next observation o', d = dim(O):
+        With the prediction p = W z_oa + b of the standardized next observation o', d = dim(O):
 
             L = 1 / (N d) sum |p - o'|^2      dL / dp = 2 (p - o') / (N d)
 
@@ -134,7 +134,7 @@ class Features:
         )
 
     def load_map(self, feature_map: FeatureMap) -> None:
-        """Sets phi_o and the standardisation; inverts `to_map`, bit for bit.
+        """Sets phi_o and the standardization; inverts `to_map`, bit for bit.
 
         Raises:
             ValueError: if the map has other layers.
@@ -168,14 +168,14 @@ class Features:
             self._variance.copy_(torch.where(missed, nearest + step * unit, self._variance))
 
     def _forward(self, observations: Tensor) -> Tensor:
-        """Returns rows of the standardised observations and the units of phi_o."""
+        """Returns rows of the standardized observations and the units of phi_o."""
         rows = self._phi_o.rows(observations.shape[-2])
         rows[..., : self._observation_size].copy_(self._standardized(observations))
         self._phi_o.forward(rows)
         return rows
 
     def _forward_state_actions(self, state_actions: Tensor) -> Tensor:
-        """Returns z_oa, in which an appended observation is standardised."""
+        """Returns z_oa, in which an appended observation is standardized."""
         rows = self._phi_oa.rows(state_actions.shape[-2])
         rows[..., : self.size + 1].copy_(state_actions)
         if self._appended:
@@ -185,8 +185,8 @@ class Features:
         return rows
 
     def _standardized(self, observations: Tensor) -> Tensor:
-        centred = observations - self._mean.unsqueeze(-2)
-        return centred.div_(self._deviation().unsqueeze(-2)).clamp_(-MAX_INPUT, MAX_INPUT)
+        centered = observations - self._mean.unsqueeze(-2)
+        return centered.div_(self._deviation().unsqueeze(-2)).clamp_(-MAX_INPUT, MAX_INPUT)
 
     def _deviation(self) -> Tensor:
         return (self._variance + MIN_DEVIATION**2).sqrt_()

@@ -57,7 +57,7 @@ class Captured:
         """Records a call without running it."""
         graph = torch.cuda.CUDAGraph()
         pool = next((other.pool() for other in self._graphs.values()), None)
-        # Entering `graph` synchronises the current device, which may be another one.
+        # Entering `graph` synchronizes the current device, which may be another one.
         with (
             torch.cuda.device(self._device),
             torch.cuda.graph(

@@ -1,4 +1,4 @@
-"""Base classes of the update rules: networks, optimisers and recorded losses."""
+"""Base classes of the update rules: networks, optimizers and recorded losses."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -161,7 +161,7 @@ class Learner:
         return made
 
     def _adam(self, name: str, network: Network) -> Adam:
-        """Returns the optimiser of a network; its moments are saved under `name`."""
+        """Returns the optimizer of a network; its moments are saved under `name`."""
         assert network.gradient is not None
         return Adam(network.view, name, network.values, network.gradient, self._learning_rate)
 

@@ -1,4 +1,4 @@
-"""Proximal policy optimisation with a clipped objective (Schulman et al., 2017, Algorithm 1)."""
+"""Proximal policy optimization with a clipped objective (Schulman et al., 2017, Algorithm 1)."""
 
 import math
 from typing import NamedTuple
@@ -112,7 +112,7 @@ class PPO(Learner):
     def update(self, batch: Minibatch) -> None:
         """Makes one update from a minibatch of N transitions.
 
-        Minimises L = -L^CLIP + vf_coef L^VF - ent_coef H over mu, V and log sigma. With
+        Minimizes L = -L^CLIP + vf_coef L^VF - ent_coef H over mu, V and log sigma. With
         l = log pi(a | s), r = exp(l - l_old) and sigma^2 the variance of pi:
 
             L^CLIP = 1/N sum min(r A, clip(r) A)      dL^CLIP / dl = r A / N if r A <= clip(r) A

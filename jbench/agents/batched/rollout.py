@@ -49,7 +49,7 @@ class Rollout:
         self.steps += 1
 
     def estimate(self, last_values: Tensor, gamma: float, lam: float) -> None:
-        """Computes advantages and returns by generalised advantage estimation.
+        """Computes advantages and returns by generalized advantage estimation.
 
         Source: Schulman et al., 2016, equation 16; a return is the advantage plus the value.
 

@@ -18,7 +18,7 @@ class Rule(nn.Module):
     """An off-policy update rule, written for one seed; autograd differentiates its losses.
 
     Its networks and learned numbers are attributes, as in any module of torch. The engine collects
-    the transitions, samples the minibatches and steps the optimisers, for any number of seeds.
+    the transitions, samples the minibatches and steps the optimizers, for any number of seeds.
 
     A loss is a method of a `Batch` that returns one number. It may use all networks; only those
     that it trains are differentiated, so the others need not be detached. It depends on nothing but

@@ -103,7 +103,7 @@ class SAC(OffPolicyLearner):
         """Makes one update from a minibatch of N transitions (s, a, r, s').
 
         With a' ~ pi(. | s') and y = r + gamma (min Q'_i(s', a') - alpha log pi(a' | s')) constant,
-        and a ~ pi(. | s) reparametrised (see `_policy_gradient`):
+        and a ~ pi(. | s) reparametrized (see `_policy_gradient`):
 
             L_Q  = sum_i 1/2N sum (Q_i(s, a) - y)^2            dL_Q / dQ_i = (Q_i(s, a) - y) / N
             L_pi = 1/N sum (alpha log pi(a | s) - min Q_i(s, a))
@@ -117,11 +117,11 @@ class SAC(OffPolicyLearner):
         next_values.addcmul_(temperature, next_sample.log_likelihoods, value=-1)
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
-        # Minimise L_Q over the critics.
+        # Minimize L_Q over the critics.
         squared_errors = self.critics.fit(batch.state_actions, targets, scale=1)
         self._record_loss("critic_loss", squared_errors.mul_(0.5))
 
-        # Minimise L_pi over the actor.
+        # Minimize L_pi over the actor.
         sample = self._sample(batch.observations, batch.noise[..., :1])
         batch.actions.copy_(sample.actions)
         first, second = self.critics.forward(batch.state_actions)
@@ -134,7 +134,7 @@ class SAC(OffPolicyLearner):
         )
         self._actor_adam.step()
 
-        # Minimise L_alpha over log alpha.
+        # Minimize L_alpha over log alpha.
         self._record_loss("entropy_coefficient", temperature)
         if self._learns_temperature:
             torch.mean(sample.log_likelihoods, dim=-2, out=self._temperature_gradient)

@@ -73,12 +73,12 @@ class TD3(OffPolicyLearner):
         next_values = torch.minimum(*self.critic_targets.forward(batch.next_state_actions))
         targets = torch.addcmul(batch.rewards, batch.discounts, next_values)
 
-        # Minimise L_Q over the critics.
+        # Minimize L_Q over the critics.
         squared_errors = self.critics.fit(batch.state_actions, targets, scale=2)
         self._record_loss("critic_loss", squared_errors)
 
         if delayed:
-            # Minimise L_pi over the actor.
+            # Minimize L_pi over the actor.
             torch.tanh(self.actor.forward(batch.observations), out=batch.actions)
             values = self.critics.first.forward(batch.state_actions)
             by_action = self.critics.first.action_gradient(-batch.mean_weight)

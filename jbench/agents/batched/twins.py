@@ -27,7 +27,7 @@ class Twins:
 
         Args:
             networks: two, or a joint one.
-            adams: their optimisers; none for target networks.
+            adams: their optimizers; none for target networks.
             first: a view of the first of joint networks.
         """
         self.networks, self._adams = networks, adams

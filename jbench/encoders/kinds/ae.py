@@ -15,7 +15,7 @@ from jbench.tasks.features import Array
 
 
 class Autoencoder(Learned):
-    """Minimises the mean squared reconstruction error."""
+    """Minimizes the mean squared reconstruction error."""
 
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
         """Returns Glorot weights and zero biases."""

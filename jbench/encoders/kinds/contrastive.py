@@ -17,7 +17,7 @@ from jbench.names import EPISODE_STEPS
 
 
 class Contrastive(Predictive):
-    """Minimises InfoNCE over pairs of states."""
+    """Minimizes InfoNCE over pairs of states."""
 
     epochs: int = Field(default=50, ge=1, description="ours: a row is compared with 512 others")
     batch: int = Field(default=512, ge=2, description="rows in a step; ours")

@@ -37,7 +37,7 @@ class Transition(NamedTuple):
 
 
 class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
-    """Maximises the evidence lower bound of pairs of states with the action in between."""
+    """Maximizes the evidence lower bound of pairs of states with the action in between."""
 
     uses_actions: ClassVar[bool] = True
 
@@ -56,7 +56,7 @@ class LocallyLinearVariationalAutoencoder(VariationalAutoencoder):
         return super().initial(size, latents, random) | layers(dynamics, random)
 
     def transition(self, weights: Weights, latents: Tensor) -> Transition:
-        """Returns the dynamics linearised at latents (rows, latents)."""
+        """Returns the dynamics linearized at latents (rows, latents)."""
         hidden = tanh(affine(weights, "dynamics", latents))
         return Transition(*affine(weights, "transition", hidden).chunk(4, dim=1))
 

@@ -73,7 +73,7 @@ class PlanarReduction(Fitted):
         return range(size, size + 1)
 
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
-        """Returns the scalings of features and latents, and the torso's centre of mass."""
+        """Returns the scalings of features and latents, and the torso's center of mass."""
         gain, offset = physical_scaling(states.task, states.scaling)
         shards = (shard.states.cpu().double().numpy() * gain + offset for shard in states.all())
         scalings = (Scaling.of(to_planar(states.task, physical)) for physical in shards)

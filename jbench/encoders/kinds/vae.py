@@ -14,7 +14,7 @@ from jbench.tasks.features import Array
 
 
 class VariationalAutoencoder(Learned):
-    """Maximises the evidence lower bound of the states."""
+    """Maximizes the evidence lower bound of the states."""
 
     hidden: int = Field(default=64, ge=1, description="units in each hidden layer; ours")
     observation_sd: float = Field(

@@ -31,8 +31,8 @@ BLOCK = 5
 ERROR_RATE = 0.05
 """Probability of any wrong decision, over all looks and all requested comparisons."""
 
-RELABELLINGS = 63_504
-"""Relabellings of a test: all of two blocks of 5 + 5 seeds; with more blocks, a random sample."""
+RELABELINGS = 63_504
+"""Relabelings of a test: all of two blocks of 5 + 5 seeds; with more blocks, a random sample."""
 
 _BISECTIONS = 16  # per end of an interval: precision of 1e-4 of the range of the seeds
 
@@ -95,7 +95,7 @@ def first_looks(
     error_rate: float,
     looks: int,
     *,
-    relabellings: int = RELABELLINGS,
+    relabelings: int = RELABELINGS,
 ) -> dict[Verdict, IntArray]:
     """Returns the look (...) at which each verdict is reached; 0 if at none.
 
@@ -104,11 +104,11 @@ def first_looks(
         margin: two cells that differ by less are equal.
         error_rate: two-sided error rate over all looks.
         looks: number of planned looks.
-        relabellings: see `first_above`.
+        relabelings: see `first_above`.
     """
 
     def above(one: FloatArray, other: FloatArray) -> IntArray:
-        return first_above(one, other, error_rate / 2, looks, relabellings=relabellings)
+        return first_above(one, other, error_rate / 2, looks, relabelings=relabelings)
 
     lower, upper = above(ours + margin, theirs), above(theirs + margin, ours)
     return {
@@ -130,13 +130,13 @@ def first_above(
     looks: int,
     *,
     block: int = BLOCK,
-    relabellings: int = RELABELLINGS,
+    relabelings: int = RELABELINGS,
 ) -> IntArray:
     """Returns the look (...) at which ours is found to be above theirs, one-sided; 0 if at none.
 
     The statistic is the difference of the means. If both cells have the same distribution, the
     labels within a block are exchangeable. A look rejects if the observed labels are among the
-    relabellings with the largest differences. Their number is what the error rate spent so far
+    relabelings with the largest differences. Their number is what the error rate spent so far
     allows, minus those that earlier looks reject. Ties at the boundary do not reject.
 
     Args:
@@ -145,20 +145,20 @@ def first_above(
         error_rate: one-sided error rate over all looks.
         looks: number of planned looks; the seeds may cover fewer.
         block: seeds of each cell in a block.
-        relabellings: maximum number of relabellings, sampled if there are more.
+        relabelings: maximum number of relabelings, sampled if there are more.
     """
     shape = (*ours.shape[:-1], -1, block)
-    # Sorted, because sampled relabellings must not depend on the order of the seeds in a block.
+    # Sorted, because sampled relabelings must not depend on the order of the seeds in a block.
     pooled = np.concatenate(
         [np.sort(ours.reshape(shape), axis=-1), np.sort(theirs.reshape(shape), axis=-1)], axis=-1
     )
     weights = _weights(block)
-    # (..., blocks, relabellings of a block): the block's difference under each of them.
+    # (..., blocks, relabelings of a block): the block's difference under each of them.
     differences = pooled @ weights.T
     rounding = 1e-9 * np.abs(pooled).max(axis=(-1, -2))[..., None]
     first = np.zeros(ours.shape[:-1], np.int64)
     boundaries: list[FloatArray] = []
-    for chosen in _tables(len(weights), differences.shape[-2], relabellings):
+    for chosen in _tables(len(weights), differences.shape[-2], relabelings):
         sums = np.zeros((*first.shape, chosen.shape[1]))
         crossed = np.zeros(sums.shape, bool)
         for j, of_block in enumerate(chosen):
@@ -172,7 +172,7 @@ def first_above(
 
 
 def _boundary(sums: FloatArray, crossed: BoolArray, allowed: int) -> FloatArray:
-    """Returns the value (..., 1) that at most `allowed` relabellings exceed or have exceeded."""
+    """Returns the value (..., 1) that at most `allowed` relabelings exceed or have exceeded."""
     ordered = np.sort(np.where(crossed, -np.inf, sums), axis=-1)
     left = np.maximum(allowed - crossed.sum(axis=-1, keepdims=True), 0)
     return np.take_along_axis(ordered, ordered.shape[-1] - 1 - left, axis=-1)
@@ -213,7 +213,7 @@ def _lowest(ours: FloatArray, theirs: FloatArray, error_rate: float, looks: int)
 
 @lru_cache
 def _weights(block: int) -> FloatArray:
-    """Returns weights (relabellings, 2 block) of a block's seeds in its difference of means.
+    """Returns weights (relabelings, 2 block) of a block's seeds in its difference of means.
 
     The first row is that of the observed labels.
     """
@@ -226,11 +226,11 @@ def _weights(block: int) -> FloatArray:
 
 @lru_cache
 def _tables(count: int, blocks: int, max_size: int) -> list[IntArray]:
-    """Returns tables (blocks, relabellings) with the index of each block's relabelling.
+    """Returns tables (blocks, relabelings) with the index of each block's relabeling.
 
-    There is a table of all relabellings for one block, for two, and so on, while their number is at
+    There is a table of all relabelings for one block, for two, and so on, while their number is at
     most `max_size`; then one random sample for all blocks. A later look repeats the earlier looks
-    in its own table. The first relabelling is always that of the observed labels, without which a
+    in its own table. The first relabeling is always that of the observed labels, without which a
     sampled permutation test would reject too often.
     """
     tables = []

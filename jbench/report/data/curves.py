@@ -106,7 +106,7 @@ def learning_curve(
     return Curve(
         order=order,
         window=window,
-        control_steps=centres(mean_steps, window),
+        control_steps=centers(mean_steps, window),
         seeds=np.sum(np.isfinite(each), axis=0),
         quantiles=quantiles,
         each=each,
@@ -157,7 +157,7 @@ def sliding_average(values: FloatArray, window: int) -> FloatArray:
     return moving_average(np.concatenate([outside, values, outside], axis=-1), window)
 
 
-def centres(values: FloatArray, window: int) -> FloatArray:
+def centers(values: FloatArray, window: int) -> FloatArray:
     """Returns the value at the center of each window of `sliding_average`, (points,).
 
     For a whole window this is the mean. For a cut-off window it is the interpolated value at the
@@ -244,8 +244,8 @@ def final_returns(
     points = np.arange(returns.shape[1] - width, returns.shape[1])
     end = (points < lengths[:, None]) & (points >= (lengths - last)[:, None])
     ends = (np.where(end, values[:, -width:], np.nan) for values in (returns, control_steps))
-    means, centres = (moving_average(values, width)[:, 0] for values in ends)
-    return means, centres
+    means, centers = (moving_average(values, width)[:, 0] for values in ends)
+    return means, centers
 
 
 def steps_to_threshold(

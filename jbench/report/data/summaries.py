@@ -32,7 +32,7 @@ def aggregate_curves(learned: Sequence[LearnedCurve]) -> pd.DataFrame:
 
     Columns: task, algo, representation, variant, source (ours, or another), returns (their kind:
     evaluation or training), order, window (episodes, or evaluations, averaged in this point: fewer
-    at the ends of a run), control_steps (centre of the window), seeds, and the return's quantiles
+    at the ends of a run), control_steps (center of the window), seeds, and the return's quantiles
     q10, q25, q50, q75, q90.
     """
     ordered = sorted(learned, key=lambda item: (item.cell.key, item.cell.kind.name))
@@ -97,11 +97,11 @@ def published_beside(cell: Cell, published: Sequence[PublishedCurve]) -> tuple[f
 
 def _final(cell: Cell) -> dict[str, float]:
     """Returns the columns of the final returns of a cell."""
-    returns, centres = final_returns(
+    returns, centers = final_returns(
         cell.returns, cell.control_steps, cell.lengths, cell.kind.final_points
     )
     q10, _, median, _, q90 = quantiles_across_seeds(returns[:, None])[:, 0]
-    values = median, q10, q90, float(np.median(centres))
+    values = median, q10, q90, float(np.median(centers))
     return {f"{cell.kind.name}_{name}": x for name, x in zip(_RETURN, values, strict=True)}
 
 

@@ -155,7 +155,7 @@ def published_series(
     band: tuple[int, int],
     entry: str,
     *,
-    labelled: bool = False,
+    labeled: bool = False,
     each_seed: bool = False,
 ) -> list[Series]:
     """Returns one of the paper's curves, and the edges of its band.
@@ -165,7 +165,7 @@ def published_series(
     Args:
         band: percentiles.
         entry: entry of the legend for the curve's color.
-        labelled: whether the legend has that entry only because of this curve.
+        labeled: whether the legend has that entry only because of this curve.
     """
     x = curve.control_steps
     tags = page_tags(curve.algo, curve.representation, curve.source, curve.task)
@@ -178,8 +178,8 @@ def published_series(
         x,
         curve.quantiles[50],
         Style(color, "--", 1.0),
-        entry if labelled else "",
-        detail=detail if labelled else f"published {entry} ({detail})",
+        entry if labeled else "",
+        detail=detail if labeled else f"published {entry} ({detail})",
         entries=(entry, key),
         tags=tags,
     )

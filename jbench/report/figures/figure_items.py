@@ -13,7 +13,7 @@ from jbench.report.data.returns import TRAINING
 from jbench.report.document import FigureItem
 from jbench.report.figure import Figure
 from jbench.report.figures import (
-    behaviour,
+    behavior,
     encoders,
     forest,
     heat_map,
@@ -24,7 +24,7 @@ from jbench.report.figures import (
     reduction_figure,
     sequences,
 )
-from jbench.report.figures.behaviour import Behaviour
+from jbench.report.figures.behavior import Behavior
 from jbench.report.formatting import display_name
 from jbench.report.request import Request
 from jbench.report.views import View
@@ -150,7 +150,7 @@ def of_encoders(table: pd.DataFrame) -> Iterator[FigureItem]:
         yield FigureItem("encoder_predictions", title, predicted, table)
 
 
-def of_behaviour(behaviours: Sequence[Behaviour]) -> Iterator[FigureItem]:
+def of_behavior(behaviors: Sequence[Behavior]) -> Iterator[FigureItem]:
     """Yields the motor velocities and positions of policies."""
-    for name, figure in behaviour.figures(behaviours).items():
+    for name, figure in behavior.figures(behaviors).items():
         yield FigureItem(name, figure.title, figure)

@@ -27,8 +27,8 @@ def caption(cells: Sequence[Cell]) -> str:
     return (
         f"Each cell: median final {kind.name} return across seeds, in brackets the 10th and 90th "
         "percentile (spread), the control steps of training, and the number of seeds n. "
-        f"{kind.final} The colour shows the median, on a scale that is safe for colour-blind "
-        f"readers and prints in grey. Only {colored} are coloured, the most frequent number: "
+        f"{kind.final} The color shows the median, on a scale that is safe for color-blind "
+        f"readers and prints in gray. Only {colored} are colored, the most frequent number: "
         f"others are not comparable with them{' and are white' if others else ''}. Hatched: no "
         f"runs.{values.on_divergence(cells)}"
     )

@@ -146,7 +146,7 @@ def _task_panel(
         if (curve.source, curve.task) == (IMPORTED, task):
             label = f"{IMPORTED}: {display_name(curve.algo)} on {curve.representation}"
             series += curve_series.published_series(
-                curve, KEY_COLOR, BAND, label, labelled=True, each_seed=request.each_seed
+                curve, KEY_COLOR, BAND, label, labeled=True, each_seed=request.each_seed
             )
     return Panel(task, _steps_axis(learned), y, series, [SOLVED_LINE])
 
@@ -172,7 +172,7 @@ def _comparison_figure(
             color,
             QUARTILES,
             curve.representation,
-            labelled=curve.representation not in ours,
+            labeled=curve.representation not in ours,
             each_seed=request.each_seed,
         )
     panel = Panel(

@@ -82,7 +82,7 @@ def _draw_series(axes: Axes, series: Series, *, picture: bool) -> list[Artist]:
     incomplete = np.zeros(len(x), bool) if series.partial is None else series.partial
     drawn += axes.plot(x, np.where(incomplete, np.nan, series.y), **look(style), **more)
     if incomplete.any():
-        # Dotted parts include the neighbouring solid points, so that there are no gaps.
+        # Dotted parts include the neighboring solid points, so that there are no gaps.
         dotted = incomplete | np.r_[incomplete[1:], False] | np.r_[False, incomplete[:-1]]
         y = np.where(dotted, series.y, np.nan)
         drawn += axes.plot(x, y, color=style.color, ls=DOTS, lw=style.width, **more)

@@ -7,7 +7,7 @@ import pandas as pd
 
 from jbench.names import TASKS, kind_of
 from jbench.report.data.cells import Cell, LearnedCurve, in_order
-from jbench.report.data.curves import FloatArray, centres
+from jbench.report.data.curves import FloatArray, centers
 from jbench.report.figure import Axis, Figure, Panel, Series, Style
 from jbench.report.figures import curve_series
 from jbench.report.figures.encoders import look_of
@@ -105,9 +105,9 @@ def timed_curve(item: LearnedCurve) -> tuple[FloatArray, FloatArray]:
     cell, curve = item
     median = _median_times(cell)
     # If some times of a window are missing, the mean of the others is not the time at its center.
-    known = centres(np.isfinite(median).astype(np.float64), curve.window) == 1
+    known = centers(np.isfinite(median).astype(np.float64), curve.window) == 1
     usable = known & np.isfinite(curve.quantile(50))
-    return centres(median, curve.window)[usable], curve.quantile(50)[usable]
+    return centers(median, curve.window)[usable], curve.quantile(50)[usable]
 
 
 def left_out(cells: Sequence[Cell]) -> list[str]:

@@ -50,7 +50,7 @@ def _figure(
     for curve in published:
         name = f"{curve.representation}, {SEQUENCE_ROBOTS} robots"
         series += curve_series.published_series(
-            curve, color, BAND, name, labelled=True, each_seed=request.each_seed
+            curve, color, BAND, name, labeled=True, each_seed=request.each_seed
         )
     switches = {
         switch * cell.robot_episodes * cell.longest / cell.returns.shape[1]
@@ -63,7 +63,7 @@ def _figure(
     notes = [
         f"Shown: the {cells[0].kind.long}. "
         f"{order_text(request.order, SEQUENCE_WINDOW)} {band_text([BAND])}",
-        "Grey lines: switch to the next robot; averages are within one robot's episodes.",
+        "Gray lines: switch to the next robot; averages are within one robot's episodes.",
     ]
     if published:
         notes.append(

@@ -44,7 +44,7 @@ function textOf(axis, value) {
   return axis.ticks.reduce((a, b) => (distance(b) < distance(a) ? b : a))[1];
 }
 
-function labelled(axis, value) {
+function labeled(axis, value) {
   return [axis.label, textOf(axis, value)].filter((text) => text).join(": ");
 }
 
@@ -84,7 +84,7 @@ function nearest(line, x) {
   return best;
 }
 
-function centre(edges, i) {
+function center(edges, i) {
   return (edges[i] + edges[i + 1]) / 2;
 }
 

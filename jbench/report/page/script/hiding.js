@@ -1,4 +1,4 @@
-// Legends hide and emphasise series; filters hide series, panels and rows.
+// Legends hide and emphasize series; filters hide series, panels and rows.
 
 // Whether there are series with this selector, all of which the filters hide.
 function areUnwanted(parent, selector) {
@@ -38,7 +38,7 @@ function showHidden() {
 }
 
 // Pointing at an entry of a legend, or focusing it, makes the other lines faint.
-function emphasise(figure, entry) {
+function emphasize(figure, entry) {
   figure.querySelectorAll("[data-of]").forEach((series) => {
     const faint = entry !== null && !series.dataset.of.split(" ").includes(entry);
     series.classList.toggle("faint", faint);
@@ -53,10 +53,10 @@ function makeLegend(figure) {
     });
     button.title = "Hide or show";
     ["pointerenter", "focus"].forEach((name) =>
-      button.addEventListener(name, () => emphasise(figure, item.dataset.entry)),
+      button.addEventListener(name, () => emphasize(figure, item.dataset.entry)),
     );
     ["pointerleave", "blur"].forEach((name) =>
-      button.addEventListener(name, () => emphasise(figure, null)),
+      button.addEventListener(name, () => emphasize(figure, null)),
     );
   });
 }

@@ -2,12 +2,12 @@
 
 const PATH_SIZE = 280; // pixels of the drawing, which is a square
 const PATH_EDGE = 24; // pixels around the paths, for their marks
-const PATH_UNIT = 1e-4; // metres of the unit of the page's data
-const CLOSEST = 0.02; // metres: the smallest extent that fills the drawing
+const PATH_UNIT = 1e-4; // meters of the unit of the page's data
+const CLOSEST = 0.02; // meters: the smallest extent that fills the drawing
 
 function readPath([steps, gained, numbers, heading, target]) {
-  const metres = numbers.map((number) => number * PATH_UNIT);
-  const points = Array.from({ length: metres.length / 2 }, (_, i) => metres.slice(2 * i, 2 * i + 2));
+  const meters = numbers.map((number) => number * PATH_UNIT);
+  const points = Array.from({ length: meters.length / 2 }, (_, i) => meters.slice(2 * i, 2 * i + 2));
   return { steps, gained, points, heading, target };
 }
 
@@ -19,7 +19,7 @@ function roundLength(limit) {
   return [length, `${inWords(length / unit)} ${name}`];
 }
 
-// Functions from metres to pixels, with equal scales of both axes, and the scale in pixels a metre.
+// Functions from meters to pixels, with equal scales of both axes, and the scale in pixels a meter.
 function scaleOf(points) {
   const ends = [0, 1].map((axis) => {
     const values = points.map((point) => point[axis]);
@@ -68,7 +68,7 @@ function captionOf(paths) {
   return [
     `The robot seen from above, in the first episode of the ${evaluations} after ${each.join(" and ")}.`,
     "A circle is the start; an arrowhead is the end and the robot's heading.",
-    x === null ? "" : "A dashed circle is the target of the line with its colour.",
+    x === null ? "" : "A dashed circle is the target of the line with its color.",
     yaw === null ? "" : "A dashed line is the target's direction.",
   ].filter((text) => text).join(" ");
 }

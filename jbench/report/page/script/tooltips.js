@@ -106,7 +106,7 @@ class Figure {
     if (!panel.grid) return this.show(panel, ...longest.at[this.index]);
     const width = panel.columns.length - 1;
     const [column, row] = [this.index % width, Math.floor(this.index / width)];
-    this.show(panel, centre(panel.columns, column), centre(panel.rows, row));
+    this.show(panel, center(panel.columns, column), center(panel.rows, row));
   }
 
   show(panel, x, y) {
@@ -138,8 +138,8 @@ class Figure {
     const size = { width: Math.abs(right - left), height: Math.abs(top - bottom) };
     makeSvgElement("rect", this.mark, { x: x0, y: y0, ...size });
     if (panel.title) make("p", tip, "title", panel.title);
-    make("p", tip, "", labelled(panel.x, centre(panel.grid.x, column)));
-    make("p", tip, "", labelled(panel.y, centre(panel.grid.y, row)));
+    make("p", tip, "", labeled(panel.x, center(panel.grid.x, column)));
+    make("p", tip, "", labeled(panel.y, center(panel.grid.y, row)));
     make("p", tip, "near", `${panel.grid.label || "value"}: ${inWords(value)}`);
     return [(left + right) / 2, Math.min(top, bottom)];
   }
@@ -160,7 +160,7 @@ class Figure {
     const [, top, , bottom] = panel.box;
     makeSvgElement("line", this.mark, { x1: nearX, x2: nearX, y1: top, y2: bottom });
     if (panel.title) make("p", tip, "title", panel.title);
-    make("p", tip, "", labelled(panel.x, near.line.x[near.i]));
+    make("p", tip, "", labeled(panel.x, near.line.x[near.i]));
     const list = make("ul", tip);
     const shown = new Set([...rows.slice(0, TIP_ROWS - 1), near]);
     rows.filter((row) => shown.has(row)).forEach((row) => this.addRow(panel, list, row, near));
@@ -176,7 +176,7 @@ class Figure {
     make("p", tip, "", near.line.label);
     const [low, high] = near.line.bands[0]?.[near.i] ?? [];
     const interval = low === undefined ? "" : ` [${inWords(low)}, ${inWords(high)}]`;
-    make("p", tip, "near", labelled(panel.x, near.line.x[near.i]) + interval);
+    make("p", tip, "near", labeled(panel.x, near.line.x[near.i]) + interval);
     return [x, y];
   }
 

@@ -1,4 +1,4 @@
-"""Behaviour of policies: the paper's Figures 4 and 5, from states saved by `jbench evaluate`."""
+"""Behavior of policies: the paper's Figures 4 and 5, from states saved by `jbench evaluate`."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -27,7 +27,7 @@ _SHOWN = 4  # policies in a figure
 _START = Series(np.zeros(1), np.zeros(1), Style("#d00000", dash="", marker="+", size=9))
 
 
-class Behaviour(NamedTuple):
+class Behavior(NamedTuple):
     """The states of one evaluated policy.
 
     Attributes:
@@ -53,9 +53,9 @@ class Behaviour(NamedTuple):
         return f"{self.policy} (median return {self.median:.0f}, {self.episodes} episodes)"
 
 
-def behaviours(results: Results, task: str | None = None) -> tuple[list[Behaviour], list[str]]:
+def behaviors(results: Results, task: str | None = None) -> tuple[list[Behavior], list[str]]:
     """Returns the newest saved states of each policy and task, and sentences on read errors."""
-    newest: dict[tuple[str, str], Behaviour] = {}
+    newest: dict[tuple[str, str], Behavior] = {}
     problems = []
     for record in results.scan("evaluation")[0]:
         settings = record.settings
@@ -64,20 +64,20 @@ def behaviours(results: Results, task: str | None = None) -> tuple[list[Behaviou
         if task is not None and settings.get("task") != task:
             continue
         try:
-            behaviour = _behaviour(record)
+            behavior = _behavior(record)
         except WorkError as error:
             problems.append(str(error))
             continue
-        newest[behaviour.task, behaviour.policy] = behaviour
+        newest[behavior.task, behavior.policy] = behavior
     return list(newest.values()), problems
 
 
-def _behaviour(record: Record) -> Behaviour:
+def _behavior(record: Record) -> Behavior:
     """Reads the states of an evaluation, whose manifest is untrusted."""
     states = record.read("policy_states")
     settings, yaw = record.settings, record.settings.get("target_yaw")
     try:
-        return Behaviour(
+        return Behavior(
             str(settings["task"]),
             str(settings["policy"]),
             float(record.manifest.summary["median"]),
@@ -104,23 +104,23 @@ def _columns(states: pa.Table) -> list[NDArray[np.float32]]:
     return columns
 
 
-def figures(behaviours: Sequence[Behaviour]) -> dict[str, Figure]:
+def figures(behaviors: Sequence[Behavior]) -> dict[str, Figure]:
     """Returns Figures 4 and 5 for each task with saved states, by file name."""
     by_name = {}
-    for task in dict.fromkeys(behaviour.task for behaviour in behaviours):
-        selected = _select_policies([b for b in behaviours if b.task == task])
+    for task in dict.fromkeys(behavior.task for behavior in behaviors):
+        selected = _select_policies([b for b in behaviors if b.task == task])
         by_name[file_name("figure4", task)] = motor_figure(task, selected)
         by_name[file_name("figure5", task)] = position_figure(task, selected)
     return by_name
 
 
-def _select_policies(behaviours: Sequence[Behaviour]) -> list[Behaviour]:
+def _select_policies(behaviors: Sequence[Behavior]) -> list[Behavior]:
     """Returns the policies to draw, by ascending return: the worst, and the best of the others."""
-    ranked = sorted(behaviours, key=lambda behaviour: behaviour.median)
+    ranked = sorted(behaviors, key=lambda behavior: behavior.median)
     return ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
 
 
-def motor_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
+def motor_figure(task: str, chosen: Sequence[Behavior]) -> Figure:
     """Returns the distribution of motor velocities of each policy (paper, Figure 4).
 
     The lower axis is the observation of the motor's velocity, 1 at 180 rad/s, the upper rad/s.
@@ -132,10 +132,10 @@ def motor_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
     edges = np.linspace(-1.2, 1.2, 121)
     middles = (edges[:-1] + edges[1:]) / 2
     series = []
-    for behaviour, color in zip(chosen, _COLORS, strict=False):
-        observed = np.clip(behaviour.motor_velocity / full_speed, edges[0], edges[-1])
+    for behavior, color in zip(chosen, _COLORS, strict=False):
+        observed = np.clip(behavior.motor_velocity / full_speed, edges[0], edges[-1])
         density, _ = np.histogram(observed, edges, density=True)
-        series.append(Series(middles, density, Style(color), behaviour.label, edges=edges))
+        series.append(Series(middles, density, Style(color), behavior.label, edges=edges))
     x = Axis(
         "motor velocity, as observed (1 = 180 rad/s)", padded(edges), opposite=("rad/s", full_speed)
     )
@@ -145,7 +145,7 @@ def motor_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
     return Figure(f"Motor velocities: {task}", [Panel("", x, y, series)], notes=[_MOTOR_NOTE])
 
 
-def position_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
+def position_figure(task: str, chosen: Sequence[Behavior]) -> Figure:
     """Returns a heat map of the torso's position for each policy (paper, Figure 5)."""
     farthest = max(float(np.quantile(np.hypot(b.x, b.y), 0.995)) for b in chosen)
     reach = float(np.clip(farthest * 1.05, 0.1, _REACH))
@@ -153,10 +153,10 @@ def position_figure(task: str, chosen: Sequence[Behaviour]) -> Figure:
     return Figure(f"Positions: {task}", panels, notes=[_POSITION_NOTE])
 
 
-def _position_panel(behaviour: Behaviour, reach: float) -> Panel:
+def _position_panel(behavior: Behavior, reach: float) -> Panel:
     edges = np.linspace(-reach, reach, 81)
-    counts, _, _ = np.histogram2d(behaviour.x, behaviour.y, [edges, edges])
-    share = counts.T / max(len(behaviour.x), 1)
+    counts, _, _ = np.histogram2d(behavior.x, behavior.y, [edges, edges])
+    share = counts.T / max(len(behavior.x), 1)
     heat_map = HeatMap(
         edges,
         edges,
@@ -167,11 +167,11 @@ def _position_panel(behaviour: Behaviour, reach: float) -> Panel:
         is_map=True,
     )
     arrow = None
-    if behaviour.target_yaw is not None:
-        x, y = reach * np.cos(behaviour.target_yaw), reach * np.sin(behaviour.target_yaw)
+    if behavior.target_yaw is not None:
+        x, y = reach * np.cos(behavior.target_yaw), reach * np.sin(behavior.target_yaw)
         arrow = (0.55 * x, 0.55 * y), (0.85 * x, 0.85 * y)
     return Panel(
-        f"{behaviour.policy}\nmedian return {behaviour.median:.0f}, {behaviour.episodes} episodes",
+        f"{behavior.policy}\nmedian return {behavior.median:.0f}, {behavior.episodes} episodes",
         Axis("x (m)", (-reach, reach)),
         Axis("y (m)", (-reach, reach)),
         [_START],

@@ -12,7 +12,7 @@ LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """Labels of algorithms and representations: part of an id, so valid as names of directories."""
 
 
-class LabelledSettings(Settings):
+class LabeledSettings(Settings):
     """Base class of the settings of recorded training loops and of imported learning curves."""
 
     task: str

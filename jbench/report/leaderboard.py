@@ -37,7 +37,7 @@ class Entry:
         observation: representation, and the name of the variant in legends.
         median: of the final returns of its seeds, with the 95% interval.
         count: number of seeds; of a hand-written policy, of episodes; 0 for published curves,
-            whose seeds are unknown.
+            of which no single seeds are published.
         trained: minimum and maximum control steps of its seeds.
         rank: entries whose intervals cross share it; None if the entry is not ranked.
     """

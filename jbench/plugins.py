@@ -144,6 +144,6 @@ def _attempt(load_it: Callable[[], Any], subject: str, where: str) -> Any:
         return load_it()
     except Exception as error:
         raise WorkError(
-            f"{subject} can't be loaded from {where} ({type(error).__name__}: {error}); fix or "
-            "uninstall the package that offers it."
+            f"{subject} can't be loaded from {where} ({type(error).__name__}: {error}); fix it, "
+            "or uninstall the package that offers it."
         ) from None

@@ -236,11 +236,11 @@ def _load(what: str, name: str, base: type, settings: type[Settings], methods: s
     """
     is_imported = plugins.is_imported(name)
     kind = plugins.imported(what, name) if is_imported else plugins.load(what, _entry_point(name))
-    is_subclass = isinstance(kind, type) and issubclass(kind, base)
+    is_subclass = isinstance(kind, type) and issubclass(kind, base) and kind is not base
     if not is_subclass or inspect.isabstract(kind):
-        fix = "fix it" if is_imported else "fix or uninstall the package that offers it"
         raise WorkError(
-            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; {fix}."
+            f"The {what} {name} is no subclass of jbench.{base.__name__}{methods}; fix it, or "
+            "uninstall the package that offers it."
         )
     if not (isinstance(kind.Settings, type) and issubclass(kind.Settings, settings)):
         raise WorkError(

@@ -43,7 +43,7 @@ def find_kind(name: str) -> type[Kind]:
     if not (isinstance(kind, type) and issubclass(kind, (ClosedForm, Fitted, Learned))):
         raise WorkError(
             f"The kind of encoder {name} is no subclass of Learned, ClosedForm or Fitted of "
-            "jbench.encoders.kind; fix or uninstall the package that offers it."
+            "jbench.encoders.kind; fix it, or uninstall the package that offers it."
         )
     return kind
 

@@ -118,7 +118,7 @@ def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, refuse
     [
         ("broken", "The agent broken can't be loaded from other_agents:Missing"),
         ("no-agent", "The agent no-agent is no subclass of jbench.Agent"),
-        ("jbench:Agent", "is no subclass of jbench.Agent with explore, act and learn; fix it."),
+        ("jbench:Agent", "is no subclass of jbench.Agent with explore, act and learn; fix it, or"),
         ("no-settings", "Settings of the agent no-settings is no subclass of jbench.AgentSettings"),
     ],
 )

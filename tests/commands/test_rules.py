@@ -140,6 +140,7 @@ def test_invalid_request_is_refused(installed, typed, sentence, tmp_path, refuse
     [
         ("missing", "The rule missing can't be loaded from other_rules:Missing"),
         ("no-rule", "The rule no-rule is no subclass of jbench.Rule"),
+        ("jbench:Rule", "The rule jbench:Rule is no subclass of jbench.Rule; fix it, or"),
         ("agent-settings", "Settings of the rule agent-settings is no subclass of jbench.Off"),
     ],
 )

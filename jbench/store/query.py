@@ -181,15 +181,15 @@ def _with_types(frame: pd.DataFrame, types: Sequence[str]) -> pd.DataFrame:
     return frame
 
 
+_COLUMN_HINT = "DESCRIBE with a table lists its columns; text is in single quotes, such as 'td3'."
+
+
 def _refusal(error: duckdb.Error, tables: Iterable[str]) -> RequestError:
     message, *more = str(error).splitlines()
     for line in more:
         if line.startswith("Candidate bindings"):
             nearest = line.partition(":")[2].strip(": ")
-            message += (
-                f" The nearest: {nearest}. DESCRIBE runs lists the columns of runs, and so on."
-            )
-            message += " Text takes single quotes, such as 'td3'."
+            message += f" The nearest columns: {nearest}. {_COLUMN_HINT}"
         elif line.startswith(("Did you mean", "Either add")):
             message += f" {line}"
     return RequestError(f"{message} (tables: {', '.join(sorted(tables))}).")

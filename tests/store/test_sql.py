@@ -112,8 +112,8 @@ def test_error_is_one_line_that_lists_tables():
     ("sql", "hint"),
     [
         ("select * from run", 'Did you mean "runs"?'),
-        ("select sed from runs", 'The nearest: "seed". DESCRIBE runs lists the columns'),
-        ("from runs where algo = td3", "Text takes single quotes, such as 'td3'."),
+        ("select sed from runs", 'The nearest columns: "seed". DESCRIBE with a table lists'),
+        ("from runs where algo = td3", "text is in single quotes, such as 'td3'."),
     ],
 )
 def test_error_says_what_to_type_instead(sql, hint):

@@ -100,7 +100,7 @@ class PluginEngine(Closing):
         while self.control_steps < steps and not self.diverged:
             # Copies: an agent may change its arrays, and these are also saved in checkpoints.
             observations = self.environments.observations[0].numpy().copy()
-            actions = self._checked("explore", observations)
+            actions = self._actions(self._agent.explore, observations)
             if self.diverged:
                 yield None
                 return
@@ -125,7 +125,7 @@ class PluginEngine(Closing):
         """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
         inputs = self.environments.encode(torch.from_numpy(observations))[0].numpy()
         with torch.no_grad(), _kept_generators(self._device):
-            return self._checked("act", inputs)[None]
+            return self._actions(self._agent.act, inputs)[None]
 
     def policy(self, seed: int) -> Network | None:
         """Returns a copy of the policy, or None if the agent does not offer it.
@@ -191,21 +191,24 @@ class PluginEngine(Closing):
         except (RequestError, WorkError):
             raise
         except Exception as error:
+            reason = sentence_of_failure(error)
             raise WorkError(
-                f"{method.__name__} of the agent {self._name} failed "
-                f"({sentence_of_failure(error)})."
+                f"{_name_of(method)} of the agent {self._name} failed ({reason})."
             ) from error
 
-    def _checked(self, method: str, observations: NDArray[np.float32]) -> NDArray[np.float64]:
+    def _actions(
+        self, method: Callable[..., Any], observations: NDArray[np.float32]
+    ) -> NDArray[np.float64]:
         """Returns actions (n, 1); records a divergence and returns 0 if one is not finite."""
         wanted = (len(observations), 1)
-        actions = self._call(getattr(self._agent, method), observations)
+        actions = self._call(method, observations)
         if isinstance(actions, torch.Tensor):
             actions = actions.detach().cpu().numpy()
         if np.shape(actions) != wanted:
             raise WorkError(
-                f"{method} of the agent {self._name} returned the shape {np.shape(actions)} for "
-                f"observations {observations.shape}; it must return actions {wanted}."
+                f"{_name_of(method)} of the agent {self._name} returned the shape "
+                f"{np.shape(actions)} for observations {observations.shape}; it must return "
+                f"actions {wanted}."
             )
         checked: NDArray[np.float64] = np.asarray(actions, np.float64)
         if np.isfinite(checked).all():
@@ -231,6 +234,10 @@ class PluginEngine(Closing):
 
     def _record_divergence(self, what: str) -> None:
         self.diverged.setdefault(0, Divergence(None, self.control_steps, what))
+
+
+def _name_of(method: Callable[..., Any]) -> str:
+    return getattr(method, "__name__", type(method).__name__)
 
 
 Trainer = Engine | PluginEngine

@@ -50,8 +50,8 @@ _REDUCTION = (
     "due to reduction alone, and the difference between scaled and full to scaling alone. The "
     "tests are those of the paper's claims (a), (b) and (c). In brackets: the difference of the "
     "interquartile means (a, c) or the ratio of the standard deviations (b) with its interval (90% "
-    "for a, 95% for b and c), for b the ratio that episodes alone would cause if the agents of a "
-    "cell were equal, and the seeds of the representation and of the baseline."
+    "for a, 95% for b and c), for b the ratio that episodes alone would cause if all agents of a "
+    "cell had the same expected return, and the seeds of the representation and of the baseline."
 )
 _RECORDED = ("processor", "cores", "threads", "jbench", "python")
 _TESTS = [f"({letter}) {claim.text} {claim.test}" for letter, claim in CLAIMS.items()]

@@ -32,7 +32,8 @@ HARDER, EASIER = "move_in_direction", "face_direction"
 
 _EPISODES_VARY = (
     "The deviation includes the variation of the episodes that a final return averages; beside "
-    "the ratio stands the one that episodes alone would cause if the agents of a cell were equal."
+    "the ratio is the one that episodes alone would cause if all agents of a cell had the same "
+    "expected return."
 )
 
 
@@ -111,8 +112,8 @@ class Finding:
         seeds_needed: seeds that would decide it; None if it is decided or no number is known.
         control_steps: at which cells are compared; None for (h).
         source: `ours`, or the figure of the paper.
-        by_episodes: for (b) and (f), the effect that episodes alone would cause if all seeds of a
-            cell had equal agents; NaN if unknown.
+        by_episodes: for (b) and (f), the effect that episodes alone would cause if all agents of a
+            cell had the same expected return; NaN if unknown.
     """
 
     claim: str

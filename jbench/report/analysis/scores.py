@@ -30,7 +30,7 @@ SPREADS = {
 """Statistics of the spread between seeds."""
 
 BY_EPISODES = "standard_deviation_by_episodes"
-"""Standard deviation that the final returns of equal agents would have; see `Scores`."""
+"""Standard deviation that episodes alone would cause; see `Scores.deviation_by_episodes`."""
 
 _LOCATIONS = {"median": st.median, "interquartile_mean": st.interquartile_mean}
 
@@ -53,7 +53,7 @@ class Scores(NamedTuple):
 
     @property
     def deviation_by_episodes(self) -> float:
-        """Standard deviation that the final returns of equal agents would have; NaN if unknown."""
+        """Standard deviation of the final returns if all agents had the same expected return."""
         return float(np.sqrt(np.mean(self.variances))) if len(self.variances) else np.nan
 
 

@@ -154,8 +154,8 @@ def spreads(view: View) -> TableItem | None:
         f"Spread of the final {view.kind.name} return between seeds",
         f"Spread of the final {view.kind.plural} of seeds: the width of the band from the 10th to "
         "the 90th percentile, of that from the 25th to the 75th, and the standard deviation; the "
-        "standard deviation that the episodes of a final return would cause if all seeds had equal "
-        "agents; then the ratio of each spread to that of the same algorithm on the full "
+        "standard deviation that episodes alone would cause if all agents had the same expected "
+        "return; then the ratio of each spread to that of the same algorithm on the full "
         f"observation, {_AT_COMMON_STEP} ({view.kind.up_to}). {_INTERVAL}",
         _table(rows),
         folded=True,

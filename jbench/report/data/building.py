@@ -169,11 +169,22 @@ def _stacked(runs: Sequence[Points], kind: Returns) -> Points:
         steps = np.unique(np.concatenate([run.control_steps for run in runs]))
         columns = [np.searchsorted(steps, run.control_steps) for run in runs]
     shape = (len(runs), max(int(column[-1]) + 1 if len(column) else 0 for column in columns))
-    stacked = Points(*(np.full(shape, np.nan) for _ in Points._fields))
-    for row, (run, column) in enumerate(zip(runs, columns, strict=True)):
-        for whole, part in zip(stacked, run, strict=True):
+
+    def stack(parts: Sequence[FloatArray]) -> FloatArray:
+        whole = np.full(shape, np.nan)
+        for row, (part, column) in enumerate(zip(parts, columns, strict=True)):
             whole[row, column] = part
-    return stacked
+        return whole
+
+    fields = list(zip(*runs, strict=True))
+    if kind is TRAINING:
+        return Points(*[*map(stack, fields[:-1]), _no_variances(shape)])
+    return Points(*map(stack, fields))
+
+
+def _no_variances(shape: int | tuple[int, int]) -> FloatArray:
+    """Returns NaN as a read-only array that takes no memory."""
+    return np.broadcast_to(np.nan, shape)
 
 
 def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -> IntArray:
@@ -203,7 +214,7 @@ def _training_points(episodes: pa.Table) -> dict[str, Points]:
 def _in_order(episodes: pa.Table) -> Points:
     """Returns the training episodes of a run in order."""
     number = episodes["episode"].to_numpy()
-    columns = [numbers(episodes, name) for name in POINT] + [np.full(len(number), np.nan)]
+    columns = [*(numbers(episodes, name) for name in POINT), _no_variances(len(number))]
     if (np.diff(number) < 0).any():  # most are in order
         order = np.argsort(number, kind="stable")
         columns = [column[order] for column in columns]

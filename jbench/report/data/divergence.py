@@ -13,7 +13,7 @@ import numpy as np
 
 from jbench.names import EPISODE_STEPS
 from jbench.report.data.curves import FloatArray, Points
-from jbench.report.data.returns import TRAINING, Returns
+from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,8 @@ def count_divergence(
         control_steps[row, late] = grid[late]
         returns[row, late] = 0.0
         returns[row, present[row] & (control_steps[row] > divergence.control_steps)] = 0.0
-        variances[row, returns[row] == 0] = 0.0
+        if kind is EVALUATION:
+            variances[row, returns[row] == 0] = 0.0
     return points
 
 

@@ -41,8 +41,8 @@ class Scores(NamedTuple):
     Attributes:
         final: (seeds,) final returns; see `returns.Returns.final`.
         area: (seeds,) mean return over the run.
-        variances: (seeds,) variance of each final return that its episodes cause, if they are
-            independent: theirs by their number; NaN if unknown.
+        variances: (seeds,) variance of each final return if its episodes are independent: the
+            sample variance of their returns over their number; NaN if unknown.
         control_steps: maximum control steps of the scores.
     """
 

@@ -47,8 +47,8 @@ class Cell:
         robots: number of augmented robots in sequence; 0 for the plain robot.
         robot_episodes: episodes with each robot, in the longest run.
         processor_time: (seeds, points) processor time at each point in s; NaN if not recorded.
-        variances: (seeds, points) variance of each evaluation's mean return that its episodes
-            cause: theirs by their number; NaN for training episodes, and if unknown.
+        variances: (seeds, points) variance of the mean return of each evaluation, estimated by the
+            variance of its episodes over their number; NaN for training episodes, and if unknown.
         settings: settings of the run with the first seed.
         source: `OURS`, or the name of another source.
         words: the variant's name in legends, without defaults; see `variants.variant_words`.

@@ -25,8 +25,6 @@ from jbench.settings.run import RunSettings
 GROUPS: dict[str, Engine] = {"jbench.agents": "plugin", "jbench.rules": "batched"}
 """Groups of entry points, agents and update rules, and the engine that trains each."""
 
-_BASES: dict[type, Engine] = {Agent: "plugin", Rule: "batched"}
-
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
 
 
@@ -215,8 +213,9 @@ def _engine_of_other(name: str) -> Engine:
     if not plugins.is_imported(name):
         return GROUPS[_entry_point(name).group]
     kind = plugins.imported("algorithm", name)
-    engines = [_BASES[each] for each in getattr(kind, "__mro__", ()) if each in _BASES]
-    return engines[0] if engines else "sb3"
+    if isinstance(kind, type) and issubclass(kind, Agent):
+        return "plugin"
+    return "batched" if isinstance(kind, type) and issubclass(kind, Rule) else "sb3"
 
 
 def _settings_class(name: str) -> type[AgentSettings | OffPolicySettings]:

@@ -9,7 +9,7 @@ import torch
 from jbench.encoders.kind import Learned
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.states import States
-from jbench.errors import RequestError, WorkError
+from jbench.errors import RequestError, WorkError, sentence_of_failure
 
 _ROWS = 8
 
@@ -37,7 +37,7 @@ def check_kind(
         except NotImplementedError:
             raise _refusal(name, f"it has no method {method}") from None
         except Exception as error:
-            reason = f"{method} fails ({type(error).__name__}: {error})"
+            reason = f"{method} fails ({sentence_of_failure(error)})"
             raise _refusal(name, reason) from None
 
     def check_shape(method: str, call: Callable[[], Any], wanted: tuple[int, ...]) -> None:

@@ -106,13 +106,13 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
     physical = features.denormalize(task, np.asarray(observation, np.float64))
     by_name = features.split(task, physical)
     if task == "move_from_origin":
-        return f"{_centimetres(by_name['position'])} from the origin"
+        return f"{_centimeters(by_name['position'])} from the origin"
     if task == "move_in_direction":
         speed = 100 * by_name["speed_in_target_frame"][0]
         return f"{padded(f'{speed:.1f}', 5)} cm/s as the target points"
     words = []
     if "target_in_jitterbug_frame" in by_name:
-        words.append(f"target {_centimetres(by_name['target_in_jitterbug_frame'])} away")
+        words.append(f"target {_centimeters(by_name['target_in_jitterbug_frame'])} away")
     if "angle_to_target" in by_name:
         angle = math.degrees(by_name["angle_to_target"][0])
         side = "left" if angle > 0 else "right"
@@ -120,7 +120,7 @@ def goal(task: str, observation: NDArray[np.floating]) -> str:
     return ", ".join(words)
 
 
-def _centimetres(vector: NDArray[np.float64]) -> str:
+def _centimeters(vector: NDArray[np.float64]) -> str:
     """Returns the horizontal length of a vector (3 or more,) in meters."""
     return f"{padded(f'{100 * math.hypot(vector[0], vector[1]):.1f}', 4)} cm"
 

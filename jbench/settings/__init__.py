@@ -4,7 +4,7 @@
     algorithms.py    DDPG, PPO, SAC and TD3
     ofe.py           features learned online with the agent
     run.py           runs, including those that this version can't parse
-    labeled.py      base class of the next two: the algorithm is only a label
+    labeled.py       base class of the next two: the algorithm is only a label
     external.py      runs whose training loop is not part of jbench
     imported.py      learning curves made by other programs
     dataset.py       random-policy datasets

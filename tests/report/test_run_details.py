@@ -66,7 +66,7 @@ def test_packed_runs_share_common_values(details):
     assert unpacked == details[2].settings
 
 
-def test_paths_are_packed_in_tenths_of_millimetres(details, monkeypatch):
+def test_paths_are_packed_in_tenths_of_millimeters(details, monkeypatch):
     points = np.array([[0, 0], [0.01, -0.02], [0.12345, 0]])
     path = RunPath(4000.0, 12.34, points, -0.5, np.array([0.1, np.nan, 2.0]))
     unknown = path._replace(episode_return=np.nan)

@@ -251,7 +251,8 @@ def drawn_points(points: int, enough: int, max_step: int | None = None) -> IntAr
 
     Args:
         points: number of points of a curve.
-        enough: minimum number of points to draw, if the curve has so many.
+        enough: a curve of at most this many points is drawn whole, a longer one by at least this
+            many.
         max_step: maximum of k; None for any.
     """
     step = max(1, min(points // enough, points if max_step is None else max_step))

@@ -92,7 +92,7 @@ def _answer(summary: Summary) -> _Answer | None:
 def _shown(answers: Sequence[_Answer]) -> Sequence[_Answer]:
     """Returns the answers on the full observation, and of these the ones with enough seeds.
 
-    A condition that no answer fulfils is left out.
+    A condition that no answer meets is left out.
     """
     plain = [one for one in answers if not one.cell.robots]
     full = [one for one in plain if one.cell.representation == FULL]

@@ -6,15 +6,12 @@ for both kinds of return.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-import pandas as pd
-
 from jbench.names import ReturnsName
 from jbench.report.analysis import statistics as st
-from jbench.report.data.cells import OURS
+from jbench.report.data.cells import OWN
 
 Verdict = Literal["supported", "contradicted", "undecided"]
 
@@ -111,7 +108,7 @@ class Finding:
         seeds: smallest number of seeds of the cells; for (h), number of episodes.
         seeds_needed: seeds that would decide it; None if it is decided or no number is known.
         control_steps: at which cells are compared; None for (h).
-        source: `ours`, or the figure of the paper.
+        source: `own`, another source, or the figure of the paper.
         by_episodes: for (b) and (f), the effect that episodes alone would cause if all agents of a
             cell had the same expected return; NaN if unknown.
     """
@@ -124,28 +121,6 @@ class Finding:
     seeds_needed: SeedsNeeded | None
     returns: ReturnsName
     control_steps: int | None = None
-    source: str = OURS
+    source: str = OWN
     remark: str = ""
     by_episodes: float = math.nan
-
-
-def findings_frame(findings: Sequence[Finding]) -> pd.DataFrame:
-    """Returns a row per finding with the exact numbers of the tables.
-
-    Columns: claim (letter), source, returns (kind), compared, seeds, control_steps (at which cells
-    are compared), effect, low, high (ends of the interval: 90% for claim a, else 95%),
-    effect_by_episodes (see `Finding`), verdict, seeds_needed, seeds_needed_by (rule), remark.
-    """
-    rows = [
-        (
-            *(one.claim, one.source, one.returns, one.compared, one.seeds, one.control_steps),
-            *(*one.effect[:3], one.by_episodes),
-            *(one.verdict, *(one.seeds_needed or (None, None)), one.remark),
-        )
-        for one in findings
-    ]
-    columns = ["claim", "source", "returns", "compared", "seeds", "control_steps"]
-    columns += ["effect", "low", "high", "effect_by_episodes"]
-    columns += ["verdict", "seeds_needed", "seeds_needed_by", "remark"]
-    frame = pd.DataFrame(rows, columns=columns)
-    return frame.astype({"control_steps": "Int64", "seeds_needed": "Int64"})

@@ -22,10 +22,10 @@ from jbench.report.analysis.claims import (
 )
 from jbench.report.analysis.comparisons import algorithm_pairs
 from jbench.report.analysis.scores import Scores, compared_scores
-from jbench.report.data.cells import SOLVED, Cell
+from jbench.report.data.cells import SOLVED, Cell, shown_representation
 from jbench.report.data.curves import FloatArray
 from jbench.report.data.returns import EVALUATION
-from jbench.report.formatting import steps
+from jbench.report.data.words import steps
 
 # Quantiles of the normal distribution, for a two-sided test at 5% and for a power of 80%.
 _SIGNIFICANCE, _POWER = 1.959964, 0.841621
@@ -48,7 +48,7 @@ def examine(cells: Sequence[Cell]) -> list[Finding]:
 
 def _solved(cell: Cell) -> Finding:
     (scores,) = compared_scores(cell)
-    return _solves("g", cell.name_in_source, scores.final, **_common(cell))
+    return _solves("g", cell.name, scores.final, **_common(cell))
 
 
 def examine_heuristic(task: str, returns: FloatArray) -> Finding:
@@ -163,7 +163,7 @@ def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
         effect = st.estimate(_gain_of_gains, *([one.area] for one in scores))
         seeds = min(len(one.area) for one in scores)
         full = harder[1]
-        compared = " ".join(filter(None, (full.algo, full.label)))
+        compared = ", ".join(filter(None, (full.algo, full.words)))
         yield Finding(
             "d",
             f"{compared}: {HARDER} against {EASIER}",
@@ -179,7 +179,7 @@ def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
 def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
     """Returns findings on (a), (b) and (c) from two cells that differ in their representation."""
     ours, theirs = compared_scores(reduced, baseline)
-    compared = f"{reduced.name_in_source} against {baseline.representation}"
+    compared = f"{reduced.name} against {shown_representation(baseline.representation)}"
     seeds = min(len(theirs.final), len(ours.final))
     more = _common(baseline, reduced)
     iqm = st.difference(st.interquartile_mean)
@@ -205,7 +205,7 @@ def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
         if ppo.algo != ON_POLICY or other.algo not in OFF_POLICY:
             continue
         ours, theirs = compared_scores(other, ppo)
-        compared = f"{other.name_in_source} against {ON_POLICY}"
+        compared = f"{other.name} against {ON_POLICY}"
         seeds = min(len(theirs.final), len(ours.final))
         more = _common(ppo, other)
         statistics = [st.difference(st.median), st.ratio(st.standard_deviation)]

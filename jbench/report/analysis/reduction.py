@@ -1,178 +1,140 @@
 """Compares every representation with the full and with the scaled observation.
 
 An encoder scales its inputs before it reduces them. A difference from `full` is therefore due to
-scaling and reduction together; a difference from `scaled`, the observation with the same scaling,
-is due to reduction alone.
+scaling and reduction together; `scaled` is the observation with the same scaling.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from statistics import multimode
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from jbench.names import FULL, OFE, TASKS, kind_of
+from jbench.names import FULL, kind_of
 from jbench.report.analysis import statistics as st
-from jbench.report.analysis.claims import Finding
+from jbench.report.analysis.claims import MARGIN, Finding
+from jbench.report.analysis.comparisons import compare
 from jbench.report.analysis.examine import reduction_findings
-from jbench.report.analysis.scores import compared_scores, scores_of
+from jbench.report.analysis.scores import scores_of
 from jbench.report.data.cells import Cell, groups_same_but
-from jbench.report.data.curves import FloatArray
-from jbench.report.formatting import display_name
+from jbench.report.data.words import ratio, signed, whole
 
 SCALED = "scaled"
 BASELINES = (FULL, SCALED)
 """Baselines of reduced representations, without and with the encoders' scaling."""
 
-_MAX_DIGITS = 9  # more digits at the end of a label are no number of latents
+MARKS = {
+    **dict.fromkeys(("higher", "less variable", "faster"), "✓"),
+    **dict.fromkeys(("lower", "more variable", "slower"), "✗"),
+    **{"similar": "=", "undecided": "?"},
+}
+"""A mark for each verdict; a check mark speaks for the representation."""
+
+_WORDS = {
+    ("b", "supported"): "less variable",
+    ("b", "contradicted"): "more variable",
+    ("c", "supported"): "faster",
+    ("c", "contradicted"): "slower",
+}
 
 
-class Reduction(NamedTuple):
-    """Comparison of a representation with a baseline, with all other settings equal.
-
-    Attributes:
-        baseline: `full` or `scaled`.
-        findings: on the claims (a), (b) and (c).
-        seeds: numbers of seeds of representation and baseline with a final return.
-    """
-
-    cell: Cell
-    baseline: str
-    findings: Sequence[Finding]
-    seeds: tuple[int, int]
-
-    def finding(self, claim: str) -> Finding:
-        """Returns the finding on a claim."""
-        return next(finding for finding in self.findings if finding.claim == claim)
-
-
-class Point(NamedTuple):
-    """Final returns of a representation.
-
-    Attributes:
-        input_size: see the function of that name.
-        final: (seeds,) final returns.
-        estimate: their interquartile mean with its 95% interval.
-    """
-
-    cell: Cell
-    input_size: int | None
-    final: FloatArray
-    estimate: st.Estimate
-
-
-class Group(NamedTuple):
-    """Cells that differ only in their representation, compared at the same control step.
-
-    Attributes:
-        points: one per cell that has reached the control step.
-        control_steps: at which they are compared.
-        short: cells whose seeds have not reached it.
-    """
-
-    points: Sequence[Point]
-    control_steps: int
-    short: Sequence[Cell]
-
-    @property
-    def name(self) -> str:
-        """What its cells have in common: source, task and algorithm."""
-        first = self.points[0].cell
-        return f"{first.prefix}{first.task}, {display_name(first.algo)}"
-
-
-def input_size(representation: str, task: str) -> int | None:
-    """Returns the size of an agent's input; None for the full observation, or if it is unknown.
-
-    Features learned with the agent that outnumber the observation are appended to it.
-    """
-    kind = kind_of(representation)
-    digits = representation.removeprefix(kind)
-    if not 0 < len(digits) <= _MAX_DIGITS:
-        return None
-    latents = int(digits)
-    if kind != OFE or task not in TASKS:
-        return latents
-    # Imported here because the package imports dm_control.
-    from jbench.tasks.labels import feature_labels
-
-    observed = len(feature_labels(task))
-    return latents + observed if latents > observed else latents
-
-
-def reductions(cells: Sequence[Cell]) -> list[Reduction]:
-    """Returns the comparisons of each reduced representation with each available baseline.
+def verdicts(cells: Sequence[Cell]) -> Iterator[dict[str, Any]]:
+    """Yields the verdicts (a) to (c) on each reduced representation against each baseline.
 
     Beside reduced representations, `scaled` is compared with `full`: the effect of scaling alone.
+
+    Args:
+        cells: of one kind of return.
     """
-    found = []
     for group in _by_settings(cells):
-        baselines = {kind_of(c.representation): c for c in reversed(group)}
-        if not {*baselines} - {*BASELINES}:
-            continue
+        baselines = {kind_of(cell.representation): cell for cell in reversed(group)}
         for cell in group:
             kind = kind_of(cell.representation)
             others = {FULL: (), SCALED: (FULL,)}.get(kind, BASELINES)
             for name in (name for name in others if name in baselines):
-                ours, theirs = (len(s.final) for s in compared_scores(cell, baselines[name]))
-                findings = reduction_findings(baselines[name], cell)
-                found.append(Reduction(cell, name, findings, (ours, theirs)))
-    return found
+                for finding in reduction_findings(baselines[name], cell):
+                    verdict, row = _verdict(finding, cell, baselines[name])
+                    yield {
+                        **cell.identity,
+                        **{"returns": cell.kind.name, "against": name, "claim": finding.claim},
+                        **{"verdict": verdict, "mark": MARKS[verdict], **row},
+                        **{"seeds": finding.seeds, "steps": finding.control_steps},
+                    }
 
 
-def groups(cells: Sequence[Cell]) -> list[Group]:
-    """Returns the groups that have a baseline and a reduced representation.
+def _verdict(finding: Finding, cell: Cell, baseline: Cell) -> tuple[str, dict[str, Any]]:
+    """Returns the verdict on a claim in a word, and its numbers and sentence."""
+    value, low, high, _ = finding.effect
+    if finding.claim == "a":
+        verdict, (value, low, high, _), text = _on_return(finding, compare(cell, baseline).difference)
+        return verdict, _row(value, low, high, text, neutral=0.0, margin=MARGIN)
+    verdict = _WORDS.get((finding.claim, finding.verdict), "undecided")
+    if finding.claim == "b":
+        ends = f"{ratio(low)} to {ratio(high)} times the variability across seeds"
+        return verdict, _row(value, low, high, _sentence(verdict, value, low, ends, ratio), 1.0)
+    ends = f"mean return over the run {by(low, high)}"
+    return verdict, _row(value, low, high, _sentence(verdict, value, low, ends, signed), 0.0)
 
-    The control step of a group is the most frequent last step of its cells; if several are equally
-    frequent, the latest.
+
+def _row(
+    value: float, low: float, high: float, text: str, neutral: float, margin: float = np.nan
+) -> dict[str, Any]:
+    numbers = {"value": value, "low": low, "high": high}
+    return {**numbers, "neutral": neutral, "margin": margin, "text": text}
+
+
+def _on_return(finding: Finding, outer: st.Estimate) -> tuple[str, st.Estimate, str]:
+    """Returns the verdict on the final return, the interval behind it, and a sentence.
+
+    Higher and lower are decided by the 95% interval of the difference, similar by two one-sided
+    tests at 5%, which the 90% interval shows.
     """
-    found = []
+    if finding.verdict == "supported":
+        _, low, high, _ = finding.effect
+        return "similar", finding.effect, f"similar: {by(low, high)}, within {MARGIN:g}"
+    if finding.seeds < st.DECIDING_SEEDS or outer.low <= 0 <= outer.high or np.isnan(outer.low):
+        ends = by(outer.low, outer.high)
+        return "undecided", outer, _sentence("undecided", outer.value, outer.low, ends, signed)
+    verdict = "higher" if outer.low > 0 else "lower"
+    beyond = "yes" if finding.verdict == "contradicted" else "undecided"
+    return verdict, outer, f"{by(outer.low, outer.high)}; by more than {MARGIN:g}: {beyond}"
+
+
+def by(low: float, high: float) -> str:
+    """Formats an interval of a difference: `higher by 38 to 114`, `−20 to +35`."""
+    if low > 0:
+        return f"higher by {whole(low)} to {whole(high)}"
+    if high < 0:
+        return f"lower by {whole(-high)} to {whole(-low)}"
+    return f"{signed(low)} to {signed(high)}"
+
+
+def _sentence(verdict: str, value: float, low: float, ends: str, form: Any) -> str:
+    if np.isnan(value):
+        return f"{verdict}: no return"
+    return f"{verdict}: {ends}" if np.isfinite(low) else f"{verdict}: {form(value)}, too few seeds"
+
+
+def final_returns(cells: Sequence[Cell]) -> Iterator[dict[str, Any]]:
+    """Yields the final returns of configurations that differ only in their representation.
+
+    They are measured at the most frequent last step of these configurations, or at the latest of
+    several such; those that have not reached it are left out.
+    """
     for group in _by_settings(cells):
         end = max(multimode(int(cell.last_step) for cell in group))
-        short = [cell for cell in group if cell.last_step < end]
-        long = [cell for cell in group if cell not in short]
-        kinds = {kind_of(cell.representation) for cell in long}
-        if kinds & {*BASELINES} and kinds - {*BASELINES}:
-            found.append(Group([_point(cell, end) for cell in long], end, short))
-    return found
-
-
-def _point(cell: Cell, control_steps: int) -> Point:
-    final = scores_of(cell, control_steps).final
-    estimate = st.estimate(st.interquartile_mean, [final])
-    return Point(cell, input_size(cell.representation, cell.task), final, estimate)
+        for cell in (cell for cell in group if cell.last_step >= end):
+            final = scores_of(cell, end).final
+            value, low, high, _ = st.estimate(st.interquartile_mean, [final])
+            yield {
+                **cell.identity,
+                **{"returns": cell.kind.name, "steps": end, "seeds": len(final)},
+                **{"iqm": value, "low": low, "high": high},
+            }
 
 
 def _by_settings(cells: Sequence[Cell]) -> list[list[Cell]]:
-    """Returns groups of cells on the plain robot that differ only in their representation."""
-    return groups_same_but((cell for cell in cells if not cell.robots), "representation")
-
-
-def frame(found: Sequence[Group]) -> pd.DataFrame:
-    """Returns the numbers of the groups' figures.
-
-    Columns: source, task, algo, representation, settings (those that distinguish a variant),
-    returns (kind), latents, control_steps, seeds, iqm, low and high (95% interval), median.
-    """
-    return pd.DataFrame(
-        [
-            {
-                "source": point.cell.source,
-                "task": point.cell.task,
-                "algo": point.cell.algo,
-                "representation": point.cell.representation,
-                "settings": point.cell.label,
-                "returns": point.cell.kind.name,
-                "latents": point.input_size,
-                "control_steps": group.control_steps,
-                "seeds": len(point.final),
-                "iqm": point.estimate.value,
-                "low": point.estimate.low,
-                "high": point.estimate.high,
-                "median": float(np.median(point.final)) if len(point.final) else np.nan,
-            }
-            for group in found
-            for point in group.points
-        ]
-    ).astype({"latents": "Int64"})
+    """Returns the groups on the plain robot that differ only in their representation."""
+    plain = [cell for cell in cells if not cell.robots]
+    groups = groups_same_but(plain, "representation")
+    return [group for group in groups if len({kind_of(c.representation) for c in group}) > 1]

@@ -1,105 +1,56 @@
-"""Scores of each seed of a cell, and their statistics across seeds."""
+"""Scores of each seed of a configuration, and their statistics across seeds."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import pandas as pd
 
 from jbench.names import FULL
 from jbench.report.analysis import statistics as st
-from jbench.report.data.cells import IMPORTED, SOLVED, Cell, LearnedCurve
+from jbench.report.data.cells import IMPORTED, SOLVED, Cell
 from jbench.report.data.curves import (
+    BoolArray,
+    Curve,
     FloatArray,
     IntArray,
     final_returns,
     moving_average,
     steps_to_threshold,
 )
-from jbench.report.data.published import PublishedCurve, best_at_end
-from jbench.report.data.returns import EVALUATION, TRAINING
+from jbench.report.data.returns import EVALUATION
 from jbench.returns import final_episodes
-
-SPREADS = {
-    "interquartile_range": st.interquartile_range,
-    "standard_deviation": st.standard_deviation,
-    "ten_to_ninety": st.ten_to_ninety,
-}
-"""Statistics of the spread between seeds."""
-
-BY_EPISODES = "standard_deviation_by_episodes"
-"""Standard deviation that episodes alone would cause; see `Scores.deviation_by_episodes`."""
-
-_LOCATIONS = {"median": st.median, "interquartile_mean": st.interquartile_mean}
 
 
 class Scores(NamedTuple):
-    """Scores of a cell's seeds up to a control step.
+    """Scores of a configuration's seeds up to a control step.
 
     Attributes:
         final: (seeds,) final returns; see `returns.Returns.final`.
         area: (seeds,) mean return over the run.
-        variances: (seeds,) variance of each final return if its episodes are independent: the
-            sample variance of their returns over their number; NaN if unknown.
+        deviations: (seeds,) standard deviation of the episodes that a final return averages; NaN
+            if unknown.
+        episodes: (seeds,) their number.
+        known: (seeds of the cell,) whether a seed has scores.
         control_steps: maximum control steps of the scores.
     """
 
     final: FloatArray
     area: FloatArray
-    variances: FloatArray
+    deviations: FloatArray
+    episodes: FloatArray
+    known: BoolArray
     control_steps: int
 
     @property
     def deviation_by_episodes(self) -> float:
         """Standard deviation of the final returns if all agents had the same expected return."""
-        return float(np.sqrt(np.mean(self.variances))) if len(self.variances) else np.nan
-
-
-class Statistic(NamedTuple):
-    """A statistic of a cell's seeds.
-
-    Attributes:
-        measure: number of each seed: `final_return`, `area`, `steps_to_solved` or
-            `steps_to_half_best`.
-        statistic: `median`, `interquartile_mean`, one of `SPREADS`, the ratio of one to that of the
-            full observation, such as `standard_deviation_ratio`, or `BY_EPISODES`.
-        seeds: number of seeds; for a ratio, the smaller number of the two cells.
-        reached: number of seeds that reach the threshold; None without a threshold.
-        threshold: episode return to reach, or None.
-        control_steps: maximum control steps of a seed; for a ratio, common to both cells.
-    """
-
-    measure: str
-    statistic: str
-    estimate: st.Estimate
-    seeds: int
-    reached: int | None
-    threshold: float | None
-    control_steps: int
-
-
-@dataclass(frozen=True)
-class Summary:
-    """All statistics of a cell.
-
-    Attributes:
-        baseline: cell of the full observation for ratios, or None.
-    """
-
-    cell: Cell
-    statistics: tuple[Statistic, ...]
-    baseline: Cell | None
-
-    def get(self, measure: str, statistic: str) -> Statistic | None:
-        """Returns one of the statistics, or None."""
-        matches = (s for s in self.statistics if (s.measure, s.statistic) == (measure, statistic))
-        return next(matches, None)
+        variances = self.deviations**2 / self.episodes
+        return float(np.sqrt(np.mean(variances))) if len(variances) else np.nan
 
 
 _SCORES: WeakKeyDictionary[Cell, dict[int | None, Scores]] = WeakKeyDictionary()
-"""Scores of the existing cells, which many tables and figures need; a cell never changes."""
+"""Scores of the existing cells, which many frames need; a cell never changes."""
 
 
 def scores_of(cell: Cell, control_steps: int | None = None) -> Scores:
@@ -122,23 +73,26 @@ def _scores(cell: Cell, control_steps: int | None) -> Scores:
         np.nansum(returns, axis=1), counts, np.full(len(returns), np.nan), where=counts > 0
     )
     known = np.isfinite(final) & np.isfinite(area)
-    variances = _variances(cell, returns, lengths)
-    return Scores(final[known], area[known], variances[known], control_steps)
+    deviations, episodes = _episodes(cell, returns, lengths)
+    columns = (column[known] for column in (final, area, deviations, episodes))
+    return Scores(*columns, known, control_steps)
 
 
-def _variances(cell: Cell, returns: FloatArray, lengths: IntArray) -> FloatArray:
-    """Returns the variances (seeds,) of the final returns; see `Scores`."""
+def _episodes(
+    cell: Cell, returns: FloatArray, lengths: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns the standard deviation and the number (seeds,) of the episodes of final returns."""
     if cell.kind is EVALUATION:
-        return cell.variances[np.arange(len(lengths)), lengths - 1]
-    if cell.source == IMPORTED:  # its points need not be episodes
-        return np.full(len(lengths), np.nan)
+        last = np.arange(len(lengths)), lengths - 1
+        return cell.deviations[last], cell.counts[last]
     counts = final_episodes(lengths, cell.kind.final_points)
     ends = [row[end - n : end] for row, end, n in zip(returns, lengths, counts, strict=True)]
-    return np.array([_variance_of_mean(values[np.isfinite(values)]) for values in ends])
-
-
-def _variance_of_mean(values: FloatArray) -> float:
-    return float(np.var(values, ddof=1)) / len(values) if len(values) > 1 else np.nan
+    ends = [values[np.isfinite(values)] for values in ends]
+    episodes = np.array([len(values) for values in ends], float)
+    if cell.source == IMPORTED:  # its points need not be episodes
+        return np.full(len(lengths), np.nan), episodes
+    deviations = [np.std(values, ddof=1) if len(values) > 1 else np.nan for values in ends]
+    return np.array(deviations), episodes
 
 
 def compared_scores(*cells: Cell) -> list[Scores]:
@@ -147,131 +101,53 @@ def compared_scores(*cells: Cell) -> list[Scores]:
     return [scores_of(cell, common) for cell in cells]
 
 
-def final_percentiles(cell: Cell) -> tuple[float, float, float]:
-    """Returns the 10th, 50th and 90th percentile of the final returns; NaN if there are none."""
-    final = scores_of(cell).final
-    if not len(final):
-        return np.nan, np.nan, np.nan
-    low, median, high = np.percentile(final, (10, 50, 90)).tolist()
-    return low, median, high
-
-
 def baseline_of(cell: Cell, cells: Sequence[Cell]) -> Cell | None:
     """Returns the cell with the full observation and otherwise the same settings, or None."""
     if cell.representation == FULL:
         return None
-    return next(
-        (
-            other
-            for other in cells
-            if other.representation == FULL
-            and (other.source, other.task, other.algo) == (cell.source, cell.task, cell.algo)
-            and other.same_but(cell, "representation")
-        ),
-        None,
-    )
+    names = cell.source, cell.task, cell.algo
+    for other in cells:
+        if other.representation == FULL and (other.source, other.task, other.algo) == names:
+            if other.same_but(cell, "representation"):
+                return other
+    return None
 
 
-def summaries(
-    learned: Sequence[LearnedCurve], published: Sequence[PublishedCurve]
-) -> list[Summary]:
-    """Returns the statistics of each cell, in the same order."""
-    cells = [item.cell for item in learned]
-    found = []
-    for item in learned:
-        baseline = baseline_of(item.cell, cells)
-        # The published curves are training returns.
-        theirs = published if item.cell.kind is TRAINING else ()
-        best = best_at_end(theirs, item.cell.task)
-        half = None if best is None else best / 2
-        statistics = (*_of_runs(item, half), *_ratios(item.cell, baseline))
-        found.append(Summary(item.cell, statistics, baseline))
-    return found
+def statistics(cell: Cell, curve: Curve) -> dict[str, float]:
+    """Returns the statistics of a cell's seeds, with the ends of their 95% intervals.
 
-
-def statistics_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
-    """Returns a row per statistic of each cell with the exact numbers of the tables.
-
-    Columns: returns (kind), source, task, algo, representation, variant, settings, measure,
-    statistic, value, low, high (ends of the 95% interval), interval (name of the interval), seeds,
-    reached (number of seeds that reach the threshold), threshold (return), control_steps (maximum),
-    compared_with (variant of the full observation's cell, for ratios). An infinite number of steps
-    means after the runs' end.
+    Columns: median, iqm (interquartile mean) and deviation (standard deviation) of the final
+    returns, over_run (interquartile mean of the mean return over the run), solved_steps (median of
+    the control steps to a return of `SOLVED`; infinite: after the runs' end; NaN for a sequence of
+    robots), each with …_low and …_high; deviation_by_episodes, and reached (number of seeds that
+    reach `SOLVED`).
     """
-    rows = [
-        {
-            "returns": summary.cell.kind.name,
-            "source": summary.cell.source,
-            "task": summary.cell.task,
-            "algo": summary.cell.algo,
-            "representation": summary.cell.representation,
-            "variant": summary.cell.variant,
-            "settings": summary.cell.label,
-            "measure": one.measure,
-            "statistic": one.statistic,
-            "value": one.estimate.value,
-            "low": one.estimate.low,
-            "high": one.estimate.high,
-            "interval": "uncertainty (95% interval)",
-            "seeds": one.seeds,
-            "reached": one.reached,
-            "threshold": one.threshold,
-            "control_steps": one.control_steps,
-            "compared_with": summary.baseline.variant
-            if summary.baseline and one.statistic.endswith("_ratio")
-            else None,
-        }
-        for summary in summaries
-        for one in summary.statistics
-    ]
-    return pd.DataFrame(rows).astype({"reached": "Int64"})
+    scores = scores_of(cell)
+    location = {"median": st.median, "iqm": st.interquartile_mean}
+    spread = {"deviation": st.standard_deviation} if len(scores.final) > 1 else {}
+    row = _intervals(location | spread, scores.final)
+    row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
+    row["deviation_by_episodes"] = scores.deviation_by_episodes
+    if cell.robots <= 1:
+        steps = _steps_to_solved(cell, curve)
+        row |= _intervals({"solved_steps": st.median}, steps)
+        row["reached"] = int(np.isfinite(steps).sum())
+    return row
 
 
-def _of_runs(item: LearnedCurve, half_best: float | None) -> Iterator[Statistic]:
-    """Yields locations and spreads; sequences of robots have no number of steps to a return."""
-    cell, curve = item
-    whole = scores_of(cell)
-    # Locations and spreads have the same resamples.
-    of_final = _LOCATIONS | (SPREADS if len(whole.final) > 1 else {})
-    final = [*_of_seeds("final_return", whole.final, of_final, whole.control_steps)]
-    yield from final[: len(_LOCATIONS)]
-    yield from _of_seeds("area", whole.area, _LOCATIONS, whole.control_steps)
-    thresholds = {"steps_to_solved": float(SOLVED), "steps_to_half_best": half_best}
-    for measure, threshold in thresholds.items():
-        if threshold is not None and cell.robots <= 1:
-            # Windows that are cut off at the ends of a run, and seeds without returns don't count.
-            known = np.isfinite(cell.returns).any(axis=1)
-            at = moving_average(cell.control_steps[known], curve.window)
-            steps = steps_to_threshold(curve.each[known][:, curve.full], at, threshold)
-            yield from _of_seeds(measure, steps, _LOCATIONS, whole.control_steps, threshold)
-    yield from final[len(_LOCATIONS) :]
-    if np.isfinite(whole.deviation_by_episodes):
-        alone = st.Estimate(whole.deviation_by_episodes)
-        count = len(whole.final)
-        yield Statistic("final_return", BY_EPISODES, alone, count, None, None, whole.control_steps)
-
-
-def _ratios(cell: Cell, baseline: Cell | None) -> Iterator[Statistic]:
-    if baseline is None:
-        return
-    ours, theirs = compared_scores(cell, baseline)
-    seeds = min(len(ours.final), len(theirs.final))
-    if seeds < 2:
-        return
-    ratios = {f"{name}_ratio": st.ratio(spread) for name, spread in SPREADS.items()}
-    estimates = st.estimates(list(ratios.values()), [ours.final], [theirs.final])
-    for name, estimate in zip(ratios, estimates, strict=True):
-        yield Statistic("final_return", name, estimate, seeds, None, None, ours.control_steps)
-
-
-def _of_seeds(
-    measure: str,
-    scores: FloatArray,
-    statistics: dict[str, st.Statistic],
-    control_steps: int,
-    threshold: float | None = None,
-) -> Iterator[Statistic]:
-    reached = None if threshold is None else int(np.isfinite(scores).sum())
+def _intervals(statistics: dict[str, st.Statistic], scores: FloatArray) -> dict[str, float]:
+    row: dict[str, float] = {}
     estimates = st.estimates(list(statistics.values()), [scores])
-    for name, estimate in zip(statistics, estimates, strict=True):
-        yield Statistic(measure, name, estimate, len(scores), reached, threshold, control_steps)
+    for name, one in zip(statistics, estimates, strict=True):
+        row |= {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}
+    return row
+
+
+def _steps_to_solved(cell: Cell, curve: Curve) -> FloatArray:
+    """Returns the control steps (seeds with a return,) after which each first reaches `SOLVED`.
+
+    Windows that are cut off at the ends of a run do not count.
+    """
+    known = np.isfinite(cell.returns).any(axis=1)
+    at = moving_average(cell.control_steps[known], curve.window)
+    return steps_to_threshold(curve.each[known][:, curve.full], at, SOLVED)

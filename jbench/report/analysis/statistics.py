@@ -8,16 +8,13 @@ Every statistic takes a list of strata, each (..., seeds) with the same leading 
 distribution.
 """
 
-import math
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from jbench.remembered import remembered
-from jbench.report.analysis import resampling
-from jbench.report.data.curves import FloatArray
+from jbench.report.data.curves import FloatArray, IntArray
 
 Strata = Sequence[FloatArray]
 """One array of scores (..., seeds) per task."""
@@ -32,15 +29,6 @@ MIN_SEEDS = 3
 DECIDING_SEEDS = 6
 """Minimum number of seeds for a verdict. With fewer, not even the range of all seeds contains the
 population median with 95% (1 - 2^(1 - n): 75% for three seeds, 94% for five, 97% for six)."""
-
-
-class Sample(list[FloatArray]):
-    """Strata that several statistics sort only once."""
-
-    @cached_property
-    def ordered(self) -> FloatArray:
-        """Scores of all tasks in ascending order; numpy's median is slower than a sort."""
-        return np.sort(_pooled(self), axis=-1)
 
 
 class Estimate(NamedTuple):
@@ -61,7 +49,7 @@ class Estimate(NamedTuple):
 
 def median(strata: Strata) -> FloatArray:
     """Returns the median over the seeds of all tasks."""
-    ordered = _ordered(strata)
+    ordered = np.sort(_pooled(strata), axis=-1)  # numpy's median is slower
     count = ordered.shape[-1]
     middle: FloatArray = (ordered[..., (count - 1) // 2] + ordered[..., count // 2]) / 2
     return middle
@@ -77,9 +65,8 @@ def interquartile_mean(strata: Strata) -> FloatArray:
     sizes = [seeds.shape[-1] for seeds in strata]
     count = sum(sizes)
     if len({*sizes}) == 1:
-        middle: FloatArray = np.mean(
-            _ordered(strata)[..., count // 4 : count - count // 4], axis=-1
-        )
+        ordered = np.sort(_pooled(strata), axis=-1)
+        middle: FloatArray = np.mean(ordered[..., count // 4 : count - count // 4], axis=-1)
         return middle
     scores = _pooled(strata)
     weights = np.concatenate([np.full(n, 1 / n / len(sizes)) for n in sizes])
@@ -90,16 +77,6 @@ def interquartile_mean(strata: Strata) -> FloatArray:
     sums = np.sum(kept * np.take_along_axis(scores, order, axis=-1), axis=-1)
     weighted: FloatArray = sums / (1 - 2 * low)
     return weighted
-
-
-def interquartile_range(strata: Strata) -> FloatArray:
-    """Returns the distance between the 25th and 75th percentile of the seeds of all tasks."""
-    return _range(strata, 25, 75)
-
-
-def ten_to_ninety(strata: Strata) -> FloatArray:
-    """Returns the distance between the 10th and 90th percentile of the seeds of all tasks."""
-    return _range(strata, 10, 90)
 
 
 def standard_deviation(strata: Strata) -> FloatArray:
@@ -149,6 +126,24 @@ def performance_profile(strata: Strata, thresholds: FloatArray) -> FloatArray:
     return _mean_over_tasks(shares)
 
 
+def profile_interval(
+    strata: Strata, thresholds: FloatArray, resamples: int = 1000
+) -> tuple[FloatArray, FloatArray]:
+    """Returns the ends of the 95% interval of a profile at each threshold.
+
+    The number of n resampled seeds above a threshold has a binomial distribution, so that no seeds
+    need to be resampled.
+    """
+    random = np.random.default_rng(np.random.SeedSequence(0))
+    size = resamples, len(thresholds)
+    drawn = np.zeros(size)
+    for seeds in strata:
+        share = performance_profile([seeds], thresholds)
+        drawn += random.binomial(len(seeds), share, size) / len(seeds) / len(strata)
+    low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
+    return low, high
+
+
 def bootstrap(
     statistics: Sequence[Statistic], *groups: Strata, resamples: int = RESAMPLES
 ) -> list[FloatArray]:
@@ -158,23 +153,22 @@ def bootstrap(
         statistics: statistics that take as many groups.
         groups: groups to compare, each resampled independently within each of its strata.
     """
-    parts = []
-    sizes = tuple(tuple(len(seeds) for seeds in strata) for strata in groups)
-    for draws in resampling.draws(sizes, resamples):
-        drawn = [
-            Sample(seeds[index] for seeds, index in zip(*pair, strict=True))
-            for pair in zip(groups, draws.chosen, strict=True)
-        ]
-        parts.append(
-            [
-                # Comparing all pairs of seeds in each resample would take most of the time.
-                _improvements(groups, draws.counts)
-                if statistic is probability_of_improvement
-                else statistic(*drawn)
-                for statistic in statistics
-            ]
-        )
-    return [np.concatenate(one) for one in zip(*parts, strict=True)]
+    random = np.random.default_rng(np.random.SeedSequence(0))
+    chosen = [
+        [random.integers(len(seeds), size=(resamples, len(seeds))) for seeds in strata]
+        for strata in groups
+    ]
+    drawn = [
+        [seeds[index] for seeds, index in zip(*pair, strict=True)]
+        for pair in zip(groups, chosen, strict=True)
+    ]
+    return [
+        # Comparing all pairs of seeds in each resample would take most of the time.
+        _improvements(groups, chosen)
+        if statistic is probability_of_improvement
+        else statistic(*drawn)
+        for statistic in statistics
+    ]
 
 
 def estimate(
@@ -192,7 +186,6 @@ def estimate(
     return estimates([statistic], *groups, resamples=resamples, confidence=confidence)[0]
 
 
-@remembered
 def estimates(
     statistics: Sequence[Statistic],
     *groups: Strata,
@@ -229,48 +222,28 @@ def _pooled(strata: Strata) -> FloatArray:
     return strata[0] if len(strata) == 1 else np.concatenate(list(strata), axis=-1)
 
 
-def _ordered(strata: Strata) -> FloatArray:
-    """Returns the scores of all tasks in ascending order."""
-    return (strata if isinstance(strata, Sample) else Sample(strata)).ordered
-
-
-def _range(strata: Strata, low: float, high: float) -> FloatArray:
-    ordered = _ordered(strata)
-    return _percentile(ordered, high) - _percentile(ordered, low)
-
-
-def _percentile(ordered: FloatArray, percent: float) -> FloatArray:
-    """Returns numpy's percentile (method "linear"), rounded in the same way.
-
-    `numpy.percentile` selects in each row, which takes several times as long as a sort.
-
-    Args:
-        ordered: (..., seeds) in ascending order.
-        percent: 0 to 100.
-    """
-    position = percent / 100 * (ordered.shape[-1] - 1)
-    share = position - int(position)
-    low, high = ordered[..., int(position)], ordered[..., math.ceil(position)]
-    if share < 0.5:
-        return np.asarray(low + (high - low) * share)
-    return np.asarray(high - (high - low) * (1 - share))
-
-
 def _won(x: FloatArray, y: FloatArray) -> FloatArray:
     """Returns whether each score of x (..., n) beats each of y (..., m): 1, 0.5 or 0."""
     ours, theirs = x[..., :, None], y[..., None, :]
     return np.asarray((ours > theirs) + 0.5 * (ours == theirs))
 
 
-def _improvements(groups: Sequence[Strata], counts: Sequence[Sequence[FloatArray]]) -> FloatArray:
+def _improvements(groups: Sequence[Strata], chosen: Sequence[Sequence[IntArray]]) -> FloatArray:
     """Returns `probability_of_improvement` of each resample, from how often it has each seed.
 
     Args:
-        counts: see `resampling.Draws.counts`.
+        chosen: (resamples, seeds) indices of the seeds, for each stratum of each group.
     """
     shares = []
-    for x, y, ours, theirs in zip(*groups, *counts, strict=True):
+    for x, y, ours, theirs in zip(*groups, *chosen, strict=True):
         # Sums of halves have no rounding errors.
-        won = np.einsum("ij,ij->i", ours @ _won(x, y), theirs)
+        won = np.einsum("ij,ij->i", _counts(ours) @ _won(x, y), _counts(theirs))
         shares.append(won / (len(x) * len(y)))
     return _mean_over_tasks(shares)
+
+
+def _counts(index: IntArray) -> FloatArray:
+    """Returns how often each seed occurs in each resample, (resamples, seeds)."""
+    rows = np.arange(len(index))[:, None] * index.shape[1]
+    counts = np.bincount((rows + index).ravel(), minlength=index.size)
+    return counts.reshape(index.shape).astype(np.float64)

@@ -8,13 +8,13 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS
-from jbench.report.data.cells import OURS, Cell, paper_order
+from jbench.report.data.cells import OWN, Cell, paper_order, with_unique_names
 from jbench.report.data.curves import FloatArray, IntArray, Points
 from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
 from jbench.report.data.notes import on_points, on_runs
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.settings.run import Run, parse_run
-from jbench.settings.variants import variant_labels, variant_words
+from jbench.settings.variants import variant_words
 
 POINT = ("episode_return", "control_steps", "processor_time")
 """Columns of the tables `episodes` and `evaluations` of which `Points` are made."""
@@ -38,7 +38,7 @@ def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
 
 
 def build_cells(
-    runs: pd.DataFrame, episodes: pa.Table, evaluations: pa.Table, source: str = OURS
+    runs: pd.DataFrame, episodes: pa.Table, evaluations: pa.Table, source: str = OWN
 ) -> tuple[list[Cell], list[str]]:
     """Returns the cells in the order of the paper, and notes on runs that are in none.
 
@@ -72,16 +72,16 @@ def build_cells(
     }
     cells = []
     for _, group in runs.groupby(_KEY[:3]):
-        for variant, label in variant_labels(_settings(group)).items():
+        for variant in sorted(_settings(group), key=lambda one: words[one]):
             same = group[group["variant"] == variant].sort_values(_ORDER, ascending=_ASCENDING)
             chosen = same.drop_duplicates("seed")
             names = {name: str(chosen[name].iloc[0]) for name in _KEY}
-            names |= {"label": label, "words": words[variant], "source": source}
+            names |= {"words": words[variant], "source": source}
             recorded = _recorded(chosen, trained, evaluated)
             for i, (kind, points) in enumerate(recorded.items()):
                 # Both cells are of the same runs, on which only the first one has notes.
                 cells.append(_build_cell(same, chosen, names, kind, points, noted=i == 0))
-    return sorted(cells, key=paper_order), notes
+    return with_unique_names(sorted(cells, key=paper_order)), notes
 
 
 def _settings(runs: pd.DataFrame) -> dict[str, Run]:
@@ -153,6 +153,7 @@ def _build_cell(
         robots=robots,
         robot_episodes=-(-episodes // robots) if robots else 0,
         settings=settings,
+        draws=len({one.encoder for one in chosen["typed"] if one.encoder}),
         runs=tuple(chosen["run"]),
         **points._asdict(),
     )
@@ -178,13 +179,13 @@ def _stacked(runs: Sequence[Points], kind: Returns) -> Points:
 
     fields = list(zip(*runs, strict=True))
     if kind is TRAINING:
-        return Points(*[*map(stack, fields[:-1]), _no_variances(shape)])
+        return Points(*map(stack, fields[:3]), *_of_one_episode(shape))
     return Points(*map(stack, fields))
 
 
-def _no_variances(shape: int | tuple[int, int]) -> FloatArray:
-    """Returns NaN as a read-only array that takes no memory."""
-    return np.broadcast_to(np.nan, shape)
+def _of_one_episode(shape: int | tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+    """Returns the deviations and counts of training episodes; they take no memory."""
+    return np.broadcast_to(np.nan, shape), np.broadcast_to(1.0, shape)
 
 
 def _steps(chosen: pd.DataFrame, control_steps: FloatArray, lengths: IntArray) -> IntArray:
@@ -214,11 +215,11 @@ def _training_points(episodes: pa.Table) -> dict[str, Points]:
 def _in_order(episodes: pa.Table) -> Points:
     """Returns the training episodes of a run in order."""
     number = episodes["episode"].to_numpy()
-    columns = [*(numbers(episodes, name) for name in POINT), _no_variances(len(number))]
+    columns = [numbers(episodes, name) for name in POINT]
     if (np.diff(number) < 0).any():  # most are in order
         order = np.argsort(number, kind="stable")
         columns = [column[order] for column in columns]
-    return Points(*columns)
+    return Points(*columns, *_of_one_episode(len(number)))
 
 
 def _evaluation_points(evaluations: pa.Table) -> dict[str, Points]:
@@ -228,7 +229,8 @@ def _evaluation_points(evaluations: pa.Table) -> dict[str, Points]:
     keys = [codes, evaluations["evaluation"].to_numpy()]
     how = {"episode_return": "mean", "control_steps": "max", "processor_time": "max"}
     grouped = frame.groupby(keys)  # ignores NaN, and sorts by run and evaluation
-    points = grouped.agg(how).assign(variance=grouped["episode_return"].sem() ** 2)
+    returns = grouped["episode_return"]
+    points = grouped.agg(how).assign(deviation=returns.std(), count=returns.count())
     counts = np.bincount(points.index.get_level_values(0), minlength=len(names))
     parts = np.split(points.to_numpy(np.float64).T, np.cumsum(counts)[:-1], axis=1)
     return {run: Points(*part) for run, part in zip(names, parts, strict=False) if part.size}

@@ -1,33 +1,50 @@
-"""Cells: the runs of a database that share all settings except seed and steps."""
+"""Configurations: the runs that share all settings except seed and steps, one run per seed.
 
-import re
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+In code, the points of a configuration's runs of one kind of return are a `Cell`.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from jbench.names import ALGORITHMS, FULL, TASKS
-from jbench.report.data.curves import BoolArray, Curve, FloatArray, IntArray
+from jbench.names import ALGORITHMS, ENCODER_KINDS, FULL, TASKS, Order, kind_of
+from jbench.report.data.curves import (
+    WINDOW,
+    BoolArray,
+    Curve,
+    FloatArray,
+    IntArray,
+    join_curves,
+    learning_curve,
+)
 from jbench.report.data.returns import Returns
-from jbench.report.formatting import display_name
 from jbench.settings.alike import comparable
-from jbench.settings.base import settings_hash
 from jbench.settings.run import Run
 
 SOLVED = 900
 """Episode return from which a task counts as solved (paper, Figure 9)."""
 
-OURS = "ours"
+OWN = "own"
 """Source of the runs in the reported results."""
 
-IMPORTED = "imported, not verified"
+IMPORTED = "imported"
 """Source of imported learning curves."""
+
+SEQUENCE_WINDOW = 20
+"""Episodes in a moving average, within each robot's episodes (the authors' script)."""
+
+ID = ("configuration", "label", "source", "task", "algo", "representation", "kind", "words")
+"""Columns of a frame that name a configuration."""
+
+_SIZE_OF_TASK = ("scaled", "planar")
+"""Kinds whose number of latents follows from the task, so that names leave it out."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """One run per seed of a task, algorithm, representation and variant, for one kind of return.
+    """The runs of a configuration, for one kind of return.
 
     A point is a training episode or an evaluation. A seed that diverged counts with return 0, the
     minimum, at every point after its divergence, up to the end of the other seeds.
@@ -35,7 +52,6 @@ class Cell:
     Attributes:
         representation: `full`, or an encoder's kind and size, such as `dae12`.
         variant: hash of the settings without seed and steps.
-        label: settings that distinguish the variant from others; may be empty.
         seeds: (seeds,) in ascending order.
         returns: (seeds, points) returns; NaN after a run's end, or if not finite.
         control_steps: (seeds, points) control steps at each point; NaN after the run's end.
@@ -47,11 +63,13 @@ class Cell:
         robots: number of augmented robots in sequence; 0 for the plain robot.
         robot_episodes: episodes with each robot, in the longest run.
         processor_time: (seeds, points) processor time at each point in s; NaN if not recorded.
-        variances: (seeds, points) variance of the mean return of each evaluation, estimated by the
-            variance of its episodes over their number; NaN for training episodes, and if unknown.
+        deviations: (seeds, points) standard deviation of the episodes of each evaluation; NaN for
+            training episodes, and if unknown.
+        counts: (seeds, points) number of episodes of each evaluation; 1 for training episodes.
         settings: settings of the run with the first seed.
-        source: `OURS`, or the name of another source.
-        words: the variant's name in legends, without defaults; see `variants.variant_words`.
+        draws: number of different encoders of the runs.
+        source: `OWN`, or the name of another source.
+        words: settings that differ from the defaults; see `variants.variant_words`.
         runs: (seeds,) ids of the runs.
     """
 
@@ -60,7 +78,6 @@ class Cell:
     algo: str
     representation: str
     variant: str
-    label: str
     seeds: IntArray
     returns: FloatArray
     control_steps: FloatArray
@@ -71,21 +88,13 @@ class Cell:
     robots: int
     robot_episodes: int
     processor_time: FloatArray
-    variances: FloatArray
+    deviations: FloatArray
+    counts: FloatArray
     settings: Run
-    source: str = OURS
+    draws: int = 0
+    source: str = OWN
     words: str = ""
     runs: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Name of the cell in notes."""
-        return self.prefix + self.name_in_source
-
-    @property
-    def name_in_source(self) -> str:
-        """Name of the cell in notes on one source."""
-        return " ".join(filter(None, (self.task, self.algo, self.representation, self.label)))
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:
@@ -93,46 +102,39 @@ class Cell:
         return self.task, self.algo, self.representation, self.variant, self.source
 
     @property
+    def label(self) -> str:
+        """Name within a task: `TD3 dae12, bfloat16`."""
+        return self.prefix + self.label_in_source
+
+    @property
+    def label_in_source(self) -> str:
+        """Name within a task and source."""
+        name = f"{display_name(self.algo)} {shown_representation(self.representation)}"
+        return ", ".join(filter(None, (name, self.words)))
+
+    @property
+    def name(self) -> str:
+        """Unique name in its source: `face_direction TD3 dae12`."""
+        return f"{self.task} {self.label_in_source}"
+
+    @property
+    def configuration(self) -> str:
+        """Unique name in a report: `reference: face_direction TD3 dae12`."""
+        return self.prefix + self.name
+
+    @property
     def prefix(self) -> str:
-        """Prefix of names for the source; empty for our runs."""
-        return "" if self.source == OURS else f"{self.source}: "
+        """Prefix of names for the source; empty for the results' own runs."""
+        return "" if self.source == OWN else f"{self.source}: "
 
     @property
-    def representation_label(self) -> str:
-        """The representation, and the settings that distinguish the variant."""
-        return ", ".join(filter(None, (self.representation, self.label)))
-
-    @property
-    def representation_words(self) -> str:
-        """The representation, and the variant's name in legends."""
-        return ", ".join(filter(None, (self.representation, self.words)))
-
-    @property
-    def short_name(self) -> str:
-        """Name within a task: `TD3`, `TD3, stable-baselines3`, `DDPG on dae12`."""
-        return self.prefix + ", ".join(filter(None, (self.learner, self.words)))
-
-    @property
-    def learner(self) -> str:
-        """Algorithm and encoding: `TD3`, `DDPG on dae12`."""
-        algo = display_name(self.algo)
-        return algo if self.representation == FULL else f"{algo} on {self.representation}"
-
-    @property
-    def columns(self) -> dict[str, str]:
-        """The first columns of the numbers of a figure."""
-        return {
-            "task": self.task,
-            "source": self.source,
-            "algo": self.algo,
-            "representation": self.representation_label,
-            "returns": self.kind.name,
-        }
-
-    @property
-    def tags(self) -> dict[str, str]:
-        """What a page filters by."""
-        return page_tags(self.algo, self.representation, self.source, self.task)
+    def identity(self) -> dict[str, str]:
+        """The columns `ID`."""
+        shown = shown_representation(self.representation)
+        kind = FULL if self.representation == FULL else kind_of_encoder(self.representation)
+        words = display_name(self.algo), shown, kind, self.words
+        values = self.configuration, self.label, self.source, self.task, *words
+        return dict(zip(ID, values, strict=True))
 
     @property
     def last_step(self) -> float:
@@ -144,16 +146,6 @@ class Cell:
     def longest(self) -> float:
         """The last control step that any seed has reached."""
         return float(np.nanmax(self.control_steps))
-
-    @property
-    def trained(self) -> tuple[int, int]:
-        """Smallest and largest number of control steps of training of the seeds."""
-        return int(self.steps.min()), int(self.steps.max())
-
-    @property
-    def diverged_count(self) -> int:
-        """Number of seeds that diverged."""
-        return int(self.diverged.sum())
 
     def lengths_up_to(self, control_steps: float | None) -> IntArray:
         """Returns the number of points (seeds,) up to a control step; None: of all points."""
@@ -167,17 +159,46 @@ class Cell:
         """Returns whether two cells differ only in these settings; see `alike.comparable`."""
         return comparable(self.settings, *names) == comparable(other.settings, *names)
 
+    def curve(self, order: Order = "quantile-first", window: int = WINDOW) -> Curve:
+        """Returns the curve: a moving average of episodes, or the single evaluations.
 
-def page_tags(
-    algo: str, representation: str, source: str, task: str | None = None
-) -> dict[str, str]:
-    """Returns what a page filters series and rows by; those of several tasks have no task."""
-    tags = {
-        "algorithm": display_name(algo),
-        "representation": representation,
-        "source": source,
-    }
-    return tags if task is None else {"task": task, **tags}
+        On a sequence of robots, the episodes of each robot are averaged separately: an average
+        across the switch from one robot to the next would hide it.
+        """
+        if not self.kind.smoothed:
+            window = 1
+        if not self.kind.smoothed or self.robots <= 1:
+            return learning_curve(self.returns, self.control_steps, self.lengths, order, window)
+        parts = []
+        for first in range(0, self.returns.shape[1], self.robot_episodes):
+            columns = slice(first, first + self.robot_episodes)
+            returns, control_steps = self.returns[:, columns], self.control_steps[:, columns]
+            lengths = np.clip(self.lengths - first, 0, returns.shape[1])
+            parts.append(learning_curve(returns, control_steps, lengths, order, SEQUENCE_WINDOW))
+        return join_curves(parts)
+
+
+def display_name(algo: str) -> str:
+    """Returns an algorithm's name as the paper writes it, or as its author does.
+
+    The label `TD3` of a recorded or imported algorithm differs from that of jbench's td3.
+    """
+    if algo in ALGORITHMS:
+        return algo.upper()
+    return f"{algo} (label)" if algo in map(str.upper, ALGORITHMS) else algo
+
+
+def kind_of_encoder(representation: str) -> str:
+    """Returns the kind of a representation: `dae` of `dae12` and of `dae12-whitened`."""
+    kind = kind_of(representation)
+    begun = [name for name in ENCODER_KINDS if kind.startswith(name)]
+    return max(begun, key=len) if begun and kind not in ENCODER_KINDS else kind
+
+
+def shown_representation(representation: str) -> str:
+    """Returns a representation's name, without the size where the task determines it."""
+    kind = kind_of(representation)
+    return kind if kind in _SIZE_OF_TASK else representation
 
 
 def verified(cells: Iterable[Cell]) -> list[Cell]:
@@ -198,7 +219,7 @@ def groups_same_but(cells: Iterable[Cell], name: str) -> list[list[Cell]]:
     return list(groups.values())
 
 
-def in_order(names: Iterable[str], known: tuple[str, ...]) -> list[str]:
+def in_order(names: Iterable[str], known: tuple[str, ...] = TASKS) -> list[str]:
     """Returns distinct names: the known ones in their order, then the others alphabetically."""
     return sorted(set(names), key=lambda name: _rank(name, known))
 
@@ -208,17 +229,9 @@ def _rank(name: str, known: tuple[str, ...]) -> tuple[int, str]:
     return (known.index(name), "") if name in known else (len(known), name)
 
 
-def file_name(*parts: str) -> str:
-    """Returns a valid and unique file name that starts with these parts."""
-    plain = "-".join(re.sub(r"[^A-Za-z0-9_.]", "_", part)[:60] for part in parts)
-    if plain == "-".join(parts):
-        return plain
-    return f"{plain}-{settings_hash({'name': parts})}"
-
-
 def paper_order(cell: Cell) -> tuple[Any, ...]:
     """Returns the sort key of a cell: task, algorithm and representation as in the paper."""
-    # The sort is stable: variants stay in the order of their labels.
+    # The sort is stable: variants stay in the order of their words.
     return (
         _rank(cell.task, TASKS),
         _rank(cell.algo, ALGORITHMS),
@@ -228,8 +241,16 @@ def paper_order(cell: Cell) -> tuple[Any, ...]:
     )
 
 
-class LearnedCurve(NamedTuple):
-    """A cell and its learning curve."""
+def with_unique_names(cells: Sequence[Cell]) -> list[Cell]:
+    """Returns the cells; of those with the same name, all but the first are named by a hash.
 
-    cell: Cell
-    curve: Curve
+    Names are made per source, where recorded settings may differ in nothing that has a name.
+    """
+    known: dict[str, str] = {}
+    unique = []
+    for cell in cells:
+        if known.setdefault(cell.configuration, cell.variant) != cell.variant:
+            words = ", ".join(filter(None, (cell.words, cell.variant)))
+            cell = replace(cell, words=words)
+        unique.append(cell)
+    return unique

@@ -1,13 +1,13 @@
 """Learning curves across seeds, in the two orders of the paper's figures."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import Order
-from jbench.remembered import remembered
 from jbench.returns import FINAL_EPISODES, final_episodes
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +34,8 @@ class Points(NamedTuple):
     returns: FloatArray
     control_steps: FloatArray
     processor_time: FloatArray
-    variances: FloatArray
+    deviations: FloatArray
+    counts: FloatArray
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,6 @@ class Curve:
         return whole
 
 
-@remembered
 def learning_curve(
     returns: FloatArray,
     control_steps: FloatArray,
@@ -112,6 +112,15 @@ def learning_curve(
         each=each,
         widths=last + 1 - np.maximum(first, 0),
     )
+
+
+def join_curves(parts: Sequence[Curve]) -> Curve:
+    """Returns one curve of several that follow each other."""
+    names = ("control_steps", "seeds", "quantiles", "each", "widths")
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names
+    }
+    return replace(parts[0], **joined)
 
 
 def fitting_window(lengths: IntArray, window: int) -> int:

@@ -8,8 +8,9 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import EPISODE_STEPS, FULL
-from jbench.report.data.cells import IMPORTED, LearnedCurve
-from jbench.report.data.curves import BAND_SEEDS, QUANTILES, FloatArray
+from jbench.report.data.cells import IMPORTED, Cell
+from jbench.report.data.curves import BAND_SEEDS, QUANTILES, Curve, FloatArray, final_returns
+from jbench.report.data.returns import TRAINING
 
 PUBLISHED = "published"
 """Source of the paper's curves."""
@@ -84,9 +85,8 @@ def name_of_figure(figure: str) -> str:
     return figure.replace("fig", "Figure ").replace(_SEQUENCE, "augmented SAC")
 
 
-def imported_curve(item: LearnedCurve) -> PublishedCurve:
+def imported_curve(cell: Cell, curve: Curve) -> PublishedCurve:
     """Returns an imported curve in the form of a published one."""
-    cell, curve = item
     known = curve.seeds > 0
     percents = QUANTILES if len(cell.seeds) >= BAND_SEEDS else (50,)
     return PublishedCurve(
@@ -168,3 +168,15 @@ def best_at_end(curves: Iterable[PublishedCurve], task: str) -> float | None:
     """Returns a task's best published median at the end of training on the plain robot."""
     medians = [float(c.quantiles[50][-1]) for c in curves if c.task == task and not c.sequence]
     return max(medians, default=None)
+
+
+def best_beside(cell: Cell, curves: Iterable[PublishedCurve]) -> tuple[float, str] | None:
+    """Returns the paper's best median at the end of a cell of training returns, and its figure."""
+    if cell.kind is not TRAINING:
+        return None
+    names = cell.task, cell.algo, cell.representation
+    _, middles = final_returns(
+        cell.returns, cell.control_steps, cell.lengths, cell.kind.final_points
+    )
+    steps = float(np.median(middles))
+    return best_median(curves, *names, steps, sequence=cell.robots > 1)

@@ -1,8 +1,8 @@
 """Sources of a report: the results, imports, the shipped runs, or two sides of a comparison."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,9 @@ import pyarrow.compute as pc
 from jbench.errors import RequestError, WorkError
 from jbench.names import REFERENCE
 from jbench.report.data.building import POINT, build_cells, usable_runs
-from jbench.report.data.cells import IMPORTED, OURS, Cell
+from jbench.report.data.cells import IMPORTED, OWN, Cell, paper_order
 from jbench.report.data.imported import as_runs, with_spacing_note
-from jbench.report.data.paths import COLUMNS, RunPath, run_paths
+from jbench.report.data.paths import COLUMNS, run_paths
 from jbench.report.request import Request
 from jbench.settings.alike import flatten
 from jbench.settings.run import Run, parse_run
@@ -39,17 +39,16 @@ class NothingYetError(RequestError):
 
 
 @dataclass(frozen=True)
-class Source:
-    """Runs of one results directory, or a selection of them.
+class Rows:
+    """The runs of one results directory, of a selection of them, or of several.
 
     Attributes:
         cells: for both kinds of return.
-        runs: rows of the table `runs`.
+        runs: rows of the table `runs`, with a column `source`.
         notes: sentences on runs that are in no cell.
         problems: a sentence for each unreadable record.
         tables: of encoders and policies; other sources than the results have none of them.
-        name: of the source in its cells.
-        paths: of the robots in evaluations, by run.
+        paths: points of the robots' paths in evaluations; see `paths.run_paths`.
     """
 
     cells: list[Cell]
@@ -57,11 +56,22 @@ class Source:
     notes: list[str]
     problems: list[str]
     tables: dict[str, pa.Table]
-    name: str = OURS
-    paths: Mapping[str, Sequence[RunPath]] = field(default_factory=dict)
+    paths: pd.DataFrame
 
 
-def own(results: Results, request: Request, name: str = OURS, *, strict: bool = True) -> Source:
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Returns the rows of several sources as one, with the tables of the first."""
+    return Rows(
+        sorted((cell for part in parts for cell in part.cells), key=paper_order),
+        pd.concat([part.runs for part in parts], ignore_index=True),
+        [note for part in parts for note in part.notes],
+        [problem for part in parts for problem in part.problems],
+        parts[0].tables,
+        pd.concat([part.paths for part in parts], ignore_index=True),
+    )
+
+
+def own(results: Results, request: Request, name: str = OWN, *, strict: bool = True) -> Rows:
     """Returns the runs of the results that pass the filters of the request.
 
     Args:
@@ -69,10 +79,10 @@ def own(results: Results, request: Request, name: str = OURS, *, strict: bool = 
         strict: whether it is an error if no run passes the filters.
     """
     tables, problems = _load(results, (*_ENCODERS, *_POLICIES))
-    return _source(tables, problems, request, name, strict=strict)
+    return _rows(tables, problems, request, name, strict=strict)
 
 
-def imported(results: Results, request: Request, name: str = IMPORTED) -> Source:
+def imported(results: Results, request: Request, name: str = IMPORTED) -> Rows:
     """Returns the imported curves of the requested task and algorithm, which form separate cells.
 
     They have no date of a beginning.
@@ -87,12 +97,12 @@ def imported(results: Results, request: Request, name: str = IMPORTED) -> Source
             imports = imports.filter(pc.equal(imports[label], value))
     runs = as_runs(imports, tables["import_points"])
     problems += runs.problems
-    source = _source(runs.tables, problems, replace(request, since=None), name, strict=False)
-    cells = [with_spacing_note(cell) for cell in source.cells]
-    return replace(source, cells=cells, notes=[*source.notes, *(runs.notes if cells else [])])
+    found = _rows(runs.tables, problems, replace(request, since=None), name, strict=False)
+    cells = [with_spacing_note(cell) for cell in found.cells]
+    return replace(found, cells=cells, notes=[*found.notes, *(runs.notes if cells else [])])
 
 
-def own_and_imported(results: Results, request: Request) -> list[Source]:
+def own_and_imported(results: Results, request: Request) -> list[Rows]:
     """Returns the runs of the results, and the imported curves if there are any.
 
     Raises:
@@ -103,13 +113,12 @@ def own_and_imported(results: Results, request: Request) -> list[Source]:
     return [ours, imports] if imports.cells or imports.problems else [ours]
 
 
-def check_baseline(baseline: str, reported: Sequence[Source]) -> None:
+def check_baseline(baseline: str, cells: Sequence[Cell]) -> None:
     """Checks that curves of the baseline were imported, and that there are others.
 
     Raises:
         NothingYetError: if none was imported, or there are no others.
     """
-    cells = [cell for source in reported for cell in source.cells]
     labels = sorted({cell.algo for cell in cells if cell.source == IMPORTED})
     if baseline not in labels:
         instead = f"one of {', '.join(labels)}" if labels else "jbench import to import some"
@@ -122,15 +131,15 @@ def check_baseline(baseline: str, reported: Sequence[Source]) -> None:
         )
 
 
-def reference(request: Request, results: Results) -> Source:
+def reference(request: Request, results: Results) -> Rows:
     """Returns the runs shipped with jbench, which form separate cells."""
     filters = replace(request, since=None)  # the date selects runs of the user only
-    source = _source(*_load(results), filters, REFERENCE, strict=False)
+    found = _rows(*_load(results), filters, REFERENCE, strict=False)
     note = "This version of jbench ships no reference runs for this report."
-    return source if source.cells else replace(source, notes=[*source.notes, note])
+    return found if found.cells else replace(found, notes=[*found.notes, note])
 
 
-def side(text: str, results: Results, request: Request) -> Source:
+def side(text: str, results: Results, request: Request) -> Rows:
     """Returns the runs of one side of a comparison, as cells of that name.
 
     Args:
@@ -148,11 +157,11 @@ def side(text: str, results: Results, request: Request) -> Source:
         tables, problems = _load(results)
         settings = [parse_run(one) for one in tables["runs"]["settings"].to_pylist()]
         choice = _choice(text, settings)
-    source = _source(tables, problems, request, text, choice)
-    if not source.cells:
-        reasons = " ".join(source.problems)
+    found = _rows(tables, problems, request, text, choice)
+    if not found.cells:
+        reasons = " ".join(found.problems)
         raise NothingYetError(f"There is no run with an episode of {text}. {reasons}".strip())
-    return source
+    return found
 
 
 def nothing_to_report(results: Results, problems: Sequence[str]) -> RequestError | WorkError:
@@ -172,7 +181,7 @@ def _load(results: Results, more: Sequence[str] = ()) -> query.Tables:
     return query.load(results, (*_RUNS, *more), coded=True, columns=_COLUMNS)
 
 
-def _source(
+def _rows(
     tables: dict[str, pa.Table],
     problems: list[str],
     request: Request,
@@ -180,7 +189,7 @@ def _source(
     choice: Callable[[Run], bool] | None = None,
     *,
     strict: bool = True,
-) -> Source:
+) -> Rows:
     """Returns the runs that pass the filters of the request and are chosen by their settings."""
     # The name of a directory may contain bytes that no table can hold.
     name = name.encode(errors="backslashreplace").decode()
@@ -191,9 +200,10 @@ def _source(
     runs = _filter(runs, request, strict=strict) if len(runs) else runs
     points = tables.pop("episodes"), tables.pop("evaluations")
     # Imported curves have no paths.
-    paths = run_paths(tables.pop("paths"), points[1]) if "paths" in tables else {}
+    paths = run_paths(tables.pop("paths", None), points[1]).assign(source=name)
     cells, notes = build_cells(runs, *points, name) if len(runs) else ([], [])
-    return Source(cells, runs, early + notes, [*problems, *unusable], tables, name, paths)
+    runs = runs.assign(source=name)
+    return Rows(cells, runs, early + notes, [*problems, *unusable], tables, paths)
 
 
 def _begun_since(

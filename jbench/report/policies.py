@@ -1,7 +1,8 @@
-"""Tests claim (h) on evaluations of the hand-written policies."""
+"""Policies beside the agents: random actions, and the hand-written policy of each task."""
 
 import json
 from collections.abc import Mapping
+from importlib import resources
 
 import numpy as np
 import pandas as pd
@@ -13,32 +14,57 @@ from jbench.report.analysis.examine import examine_heuristic
 from jbench.report.data.cells import in_order
 from jbench.report.data.curves import FloatArray
 
+COLUMNS = ("task", "policy", "median", "q10", "q90", "episodes")
+
+
+def shipped_episodes() -> pd.DataFrame:
+    """Returns the shipped episodes of random actions and hand-written policies.
+
+    Columns: task, policy (`random` or `hand-written`), episode, episode_return;
+    `benchmarks/baselines.py` has written them.
+    """
+    return pd.read_csv(str(resources.files("jbench.report").joinpath("baselines.csv")))
+
+
+def baseline_frame(tasks: set[str]) -> pd.DataFrame:
+    """Returns the median and the 10th and 90th percentile of the shipped episodes, by policy."""
+    episodes = shipped_episodes()
+    grouped = episodes[episodes["task"].isin(tasks)].groupby(["task", "policy"], sort=False)
+    returns = grouped["episode_return"]
+    frame = returns.agg(median="median", episodes="size").reset_index()
+    for percent in (10, 90):
+        frame[f"q{percent}"] = returns.quantile(percent / 100).to_numpy()
+    return frame[[*COLUMNS]]
+
 
 def findings(
     tables: Mapping[str, pa.Table], task: str | None = None
 ) -> tuple[list[Finding], list[str]]:
-    """Returns a finding for each task whose hand-written policy was evaluated, and notes.
+    """Returns a finding on claim (h) for each task whose hand-written policy was evaluated.
 
     Args:
         tables: `policy_evaluations` and `policy_episodes` are used.
         task: only this task; None for all.
+
+    Returns:
+        Findings, and notes on the other tasks.
     """
     if "policy_evaluations" not in tables:
         return [], []
-    returns = returns_by_task(tables)
-    tasks = in_order(returns if task is None else {task} & returns.keys(), TASKS)
-    findings = [examine_heuristic(name, returns[name]) for name in tasks]
+    returns = hand_written_returns(tables)
+    tasks = in_order(returns if task is None else {task} & returns.keys())
+    found = [examine_heuristic(name, returns[name]) for name in tasks]
     missing = [name for name in (TASKS if task is None else (task,)) if name not in returns]
     if not missing:
-        return findings, []
+        return found, []
     note = (
         f"Claim (h) is not tested on {', '.join(missing)}: type `jbench evaluate --policy "
         f"{HEURISTIC} --task {missing[0]}`."
     )
-    return findings, [note]
+    return found, [note]
 
 
-def returns_by_task(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
+def hand_written_returns(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
     """Returns the finite returns (episodes,) of the hand-written policy of each task.
 
     The evaluation of a task with the most episodes counts, or the newest of several such. Only
@@ -51,8 +77,7 @@ def returns_by_task(tables: Mapping[str, pa.Table]) -> dict[str, FloatArray]:
     episodes = tables["policy_episodes"].to_pandas(use_threads=False)
     returns = {}
     for name, evaluation in chosen.items():
-        of_evaluation = episodes[episodes["evaluation"] == evaluation]
-        numbers = of_evaluation["episode_return"].to_numpy(np.float64)
+        numbers = episodes["episode_return"][episodes["evaluation"] == evaluation].to_numpy(float)
         returns[name] = numbers[np.isfinite(numbers)]
     return returns
 

@@ -1,0 +1,104 @@
+"""Frames of encoders: what latents lose, what they predict, and the returns of agents on them."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+
+from jbench.names import ENCODER_KINDS, TASKS
+from jbench.report.analysis.reduction import final_returns
+from jbench.report.data.cells import ID, Cell, in_order, shown_representation
+from jbench.settings.alike import ENCODER_VARIANT
+from jbench.settings.base import settings_hash
+from jbench.settings.variants import variant_labels
+
+PREDICTED = {
+    "yaw_rate": "yaw rate",
+    "forward_speed": "forward speed",
+    "tilt_rate": "tilt rate",
+    "reward": "reward",
+}
+"""Names of the predicted quantities of the next control step, by column."""
+
+_FRACTIONS = ("test", "pca", "random", "heuristic", "pca_heuristic")
+_MEDIANS = ("test_mse", *_FRACTIONS, *PREDICTED, "effective_rank")
+_COLUMNS = ["task", "kind", "representation", "settings", "latents", "seeds", *_MEDIANS]
+_MIN_POINTS = 3
+
+
+def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd.DataFrame:
+    """Returns a row per task, kind, variant and number of latents of finished encoders.
+
+    Columns: task, kind, representation, settings (the options that distinguish a variant), latents,
+    seeds, and the medians across seeds of test_mse; of the unexplained fractions of the variance
+    test, pca and random (held-out episodes), heuristic and pca_heuristic (the heuristic's); of the
+    R² of yaw_rate, forward_speed, tilt_rate and reward; and of the effective_rank. The last five
+    are NaN for encoders that were trained before they were measured.
+    """
+    encoders, errors = (
+        tables[name].to_pandas(use_threads=False) for name in ("encoders", "encoder_errors")
+    )
+    finished = encoders[(encoders["status"] == "finished") & encoders["kind"].notna()]
+    if task is not None:
+        finished = finished[finished["task"] == task]
+    rows = finished.drop(columns=["test_mse", "test_explained"]).merge(errors, on="encoder")
+    if rows.empty:
+        return pd.DataFrame(columns=_COLUMNS)
+    rows = rows.assign(settings=_labels(rows))
+    for name in _FRACTIONS:
+        rows[name] = 1 - rows[f"{name}_explained"]
+    predictions = tables["encoder_predictions"].to_pandas(use_threads=False)
+    r2 = predictions.pivot_table(values="r2", index="encoder", columns="target", observed=True)
+    rows = rows.merge(r2.reindex(columns=list(PREDICTED)), on="encoder", how="left")
+    rows["effective_rank"] = rows["effective_rank"].astype(float)
+    frame = (
+        rows.groupby(["task", "kind", "settings", "latents"])
+        .agg(seeds=("seed", "nunique"), **{name: (name, "median") for name in _MEDIANS})
+        .reset_index()
+    )
+    names = frame["kind"] + frame["latents"].astype(str)
+    frame["representation"] = names.map(shown_representation)
+    kinds = in_order(frame["kind"], tuple(ENCODER_KINDS))
+    orders = {"task": in_order(frame["task"], TASKS), "kind": kinds}
+    ordered = frame.sort_values(
+        ["task", "kind", "settings", "latents"],
+        key=lambda one: one.map(orders[one.name].index) if one.name in orders else one,
+        ignore_index=True,
+    )
+    return ordered[_COLUMNS]
+
+
+def prediction_frame(cells: Sequence[Cell], encoders: pd.DataFrame) -> pd.DataFrame:
+    """Returns the final returns of representations beside what their latents predict.
+
+    Only for tasks and algorithms with three or more measured representations. Representations with
+    several variants of an encoder are left out, because runs do not say which of them they observe.
+
+    Args:
+        cells: of one kind of return.
+        encoders: see `encoder_frame`.
+    """
+    columns = [*ID, "returns", "steps", "seeds", "iqm", "low", "high", "quantity", "r2"]
+    returns = pd.DataFrame(list(final_returns(cells)), columns=columns[:-2])
+    keys = ["task", "representation"]
+    measured = encoders[~encoders.duplicated(keys, keep=False) & encoders["yaw_rate"].notna()]
+    rows = returns.merge(measured[[*keys, *PREDICTED]], on=keys)
+    group = ["source", "task", "algo", "words"]
+    rows = rows[rows.groupby(group)["label"].transform("size") >= _MIN_POINTS]
+    long = rows.melt([*columns[:-2]], [*PREDICTED], "quantity", "r2")
+    return long.assign(quantity=long["quantity"].map(PREDICTED))
+
+
+def _labels(rows: pd.DataFrame) -> list[str]:
+    """Returns the options that distinguish each row's variant within its task and kind."""
+    recorded = [json.loads(text) for text in rows["settings"]]
+    kept = [{n: v for n, v in one.items() if n not in ENCODER_VARIANT} for one in recorded]
+    hashes = [settings_hash(variant) for variant in kept]
+    keys = list(zip(rows["task"], rows["kind"], strict=True))
+    variants: dict[tuple[str, str], dict[str, dict[str, Any]]] = {}
+    for key, name, variant in zip(keys, hashes, kept, strict=True):
+        variants.setdefault(key, {})[name] = variant
+    labels = {key: variant_labels(found) for key, found in variants.items()}
+    return [labels[key][name] for key, name in zip(keys, hashes, strict=True)]

@@ -1,0 +1,93 @@
+"""Frames of single runs, and where they come from."""
+
+import json
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from jbench.report.configurations import seed_frame
+from jbench.report.data.cells import display_name, kind_of_encoder, shown_representation
+from jbench.report.data.divergence import divergence_of
+from jbench.report.data.rows import Rows
+from jbench.settings.alike import flatten
+from jbench.settings.run import RunSettings, parse_run
+from jbench.settings.variants import value_text
+
+COLUMNS = [
+    *("source", "run", "configuration", "label", "task", "algo", "representation", "kind", "words"),
+    *("seed", "steps", "final", "status", "day", "diverged", "settings", "provenance"),
+]
+_RECORDED = ("processor", "cores", "threads", "jbench", "python", "git_revision", "command")
+
+
+def run_frame(rows: Rows, returns: str) -> pd.DataFrame:
+    """Returns a row per run, those without an episode included.
+
+    Columns: source, run, the other columns `ID` (empty for a run in no configuration), seed, steps
+    (planned), final (return, of the kind `returns`), status, day (of its beginning), diverged (when;
+    or empty), settings (texts by name) and provenance (texts by name).
+    """
+    cells = [cell for cell in rows.cells if cell.kind.name == returns]
+    named = {(cell.source, run): cell for cell in [*rows.cells, *cells] for run in cell.runs}
+    seeds = seed_frame(cells)
+    finals = dict(zip(zip(seeds["source"], seeds["run"], strict=True), seeds["final"], strict=True))
+    found = []
+    for row in rows.runs.to_dict("records"):
+        key = str(row["source"]), str(row["run"])
+        cell, representation = named.get(key), str(row["representation"])
+        names = {"configuration": "", "label": "", "words": ""} | (cell.identity if cell else {})
+        names |= {"source": key[0], "run": key[1], "task": row["task"]}
+        names |= {"algo": display_name(str(row["algo"])), "kind": kind_of_encoder(representation)}
+        names |= {"representation": shown_representation(representation)}
+        divergence = divergence_of(row["diverged"])
+        found.append(
+            {
+                **names,
+                **{"seed": row["seed"], "steps": row["steps"], "status": row["status"]},
+                **{"final": finals.get(key, np.nan), "day": str(row["created"] or "")[:10]},
+                "diverged": str(divergence) if divergence else "",
+                "settings": dict(_texts(row["settings"])),
+                "provenance": provenance(row["provenance"]),
+            }
+        )
+    frame = pd.DataFrame(found, columns=COLUMNS)
+    return frame.astype({"steps": "Int64"})
+
+
+def provenance(recorded: str) -> dict[str, str]:
+    """Returns the processor, versions and command of a run, by name; the text is untrusted."""
+    values: Any = json.loads(recorded)
+    values = values if isinstance(values, dict) else {}
+    packages, command = values.get("packages"), values.get("command")
+    if isinstance(command, list):
+        values["command"] = " ".join(map(str, command))
+    named = {name: values.get(name) for name in _RECORDED}
+    named |= packages if isinstance(packages, dict) else {}
+    return {
+        str(name).replace("_", " "): value if isinstance(value, str) else json.dumps(value)
+        for name, value in named.items()
+        if value is not None
+    }
+
+
+def provenance_frame(runs: pd.DataFrame) -> pd.DataFrame:
+    """Returns the different values of each recorded name over all runs, with numbers of runs.
+
+    Columns: name, value, runs.
+    """
+    pairs = [pair for one in runs["provenance"] for pair in one.items() if pair[0] != "command"]
+    counted = pd.DataFrame(pairs, columns=["name", "value"])
+    return counted.value_counts(["name", "value"], sort=False).reset_index(name="runs")
+
+
+@lru_cache(maxsize=10_000)
+def _texts(settings: str) -> tuple[tuple[str, str], ...]:
+    """Returns the text of each setting by its name, in the order of the fields of `RunSettings`."""
+    run = parse_run(settings)
+    order = {name: i for i, name in enumerate(RunSettings.model_fields)}
+    ordered = sorted(flatten(run).items(), key=lambda item: (order.get(item[0][0], 99), item[0]))
+    return tuple(
+        (".".join(path), "none" if value is None else value_text(value)) for path, value in ordered
+    )

@@ -6,8 +6,6 @@ import shutil
 import pytest
 from playwright.sync_api import sync_playwright
 
-from jbench.report.figures.plotting import draw
-
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 ARGUMENTS = (
     "--headless",
@@ -45,30 +43,6 @@ class BrowserPage:
         assert self.page.evaluate("window.violations") == []
         assert self.page.evaluate("window.hacked") is None
         assert [u for u in self.requests if u != self.own and not u.startswith("data:")] == []
-
-    def column(self, heading, table="#final-returns table"):
-        """Returns the texts of a table column, from top to bottom."""
-        headings = self.page.locator(f"{table} thead th").all_inner_texts()
-        number = headings.index(heading) + 1
-        return self.page.locator(f"{table} tbody tr > :nth-child({number})").all_inner_texts()
-
-    def point(self, id, figure, x, y, panel=0):
-        """Moves the pointer to a value of a panel; returns the texts of the tip."""
-        parts = self.page.locator(f"#{id} .drawing svg[role]")
-        svg = parts.nth(panel if parts.count() > 1 else 0)
-        svg.scroll_into_view_if_needed()
-        box = svg.bounding_box()
-        view = svg.evaluate("(e) => ['x', 'y', 'width', 'height'].map((n) => e.viewBox.baseVal[n])")
-        drawn = draw(figure, text=False)
-        drawn.draw_without_rendering()  # places the panels
-        left, up = drawn.axes[panel].transData.transform((x, y)) * 72 / drawn.dpi
-        down = drawn.get_size_inches()[1] * 72 - up
-        across = box["x"] + (left - view[0]) / view[2] * box["width"]
-        self.page.mouse.move(across, box["y"] + (down - view[1]) / view[3] * box["height"])
-        return self.tip()
-
-    def tip(self):
-        return self.page.locator(".tip p, .tip li span:not(.swatch)").all_inner_texts()
 
     def color(self, selector, name):
         """Returns a color of an element, as red, green and blue."""

@@ -7,14 +7,9 @@ import pyarrow as pa
 import pytest
 
 from jbench.report.data.building import build_cells, usable_runs
-from jbench.report.data.cells import LearnedCurve, of_kind
+from jbench.report.data.cells import of_kind
 from jbench.report.data.published import read_published
 from jbench.report.data.returns import TRAINING
-from jbench.report.figure import Axis, Figure, Panel
-from jbench.report.figures import plotting
-from jbench.report.page import vector
-from jbench.report.request import Request
-from jbench.report.views import curve_of
 from jbench.store import Results, query, schema
 from tests.report import browser
 from tests.training.small_runs import shorten_episodes
@@ -89,16 +84,6 @@ def evaluations(run, means, seconds=None):
     return rows(columns, schema.EVALUATIONS)
 
 
-def labels(panel):
-    """Returns the texts of a panel's legend."""
-    return [one.label for one in (*panel.references, *panel.series) if one.label]
-
-
-def drawn_files(report):
-    """Returns the names of the PNG, SVG and PDF files of a written report."""
-    return [path.name for path in report.files if path.suffix in (".png", ".svg", ".pdf")]
-
-
 class FabricatedResults:
     """Adds runs to a results directory."""
 
@@ -152,10 +137,9 @@ class FabricatedResults:
         cells, notes = build_cells(runs, tables["episodes"], tables["evaluations"])
         return of_kind(cells, kind), notes
 
-    def learned(self, order="quantile-first", window=100, kind=TRAINING):
+    def curves(self, order="quantile-first", window=100, kind=TRAINING):
         """Returns the curves of all runs."""
-        request = Request(order=order, window=window)
-        return [LearnedCurve(cell, curve_of(cell, request)) for cell in self.cells(kind)[0]]
+        return [cell.curve(order, window) for cell in self.cells(kind)[0]]
 
 
 @pytest.fixture
@@ -169,35 +153,8 @@ def out(tmp_path):
 
 
 @pytest.fixture
-def no_png(monkeypatch):
-    """Replaces PNG drawing, which takes most of the time of a report; SVG files are still drawn."""
-    monkeypatch.setitem(plotting.FORMATS, "png", lambda drawn, paper=False: b"\x89PNG")
-
-
-@pytest.fixture
 def short_episodes(monkeypatch):
     shorten_episodes(monkeypatch.setattr)
-
-
-@pytest.fixture(scope="session")
-def blank():
-    """A drawing of an empty panel."""
-    panel = Panel("", Axis("x", (0, 1)), Axis("y", (0, 1)), [])
-    return vector.element(Figure("Blank", [panel]), "blank-", "Blank")
-
-
-@pytest.fixture
-def undrawn(monkeypatch, blank):
-    """Replaces all drawing, for tests that read only tables, names or text of a report."""
-
-    def empty(item, request):
-        return {f"{item.name}.{ending}": b"" for ending in request.formats}
-
-    def element(figure, *_):
-        return blank._replace(boxes=blank.boxes * len(figure.panels))
-
-    monkeypatch.setattr("jbench.report.report._figure_files", empty)
-    monkeypatch.setattr(vector, "element", element)
 
 
 @pytest.fixture(scope="session")

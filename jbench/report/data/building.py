@@ -20,7 +20,7 @@ POINT = ("episode_return", "control_steps", "processor_time")
 """Columns of the tables `episodes` and `evaluations` of which `Points` are made."""
 
 _KEY = ["task", "algo", "representation", "variant"]
-_USED = [*_KEY, "run", "seed", "steps", "status"]
+_USED = [*_KEY, "run", "seed", "steps", "status", "encoder"]
 _ORDER, _ASCENDING = ["seed", "recorded", "steps", "run"], [True, False, False, True]
 _NOTHING = Points(*(np.empty(0) for _ in Points._fields))
 
@@ -153,7 +153,7 @@ def _build_cell(
         robots=robots,
         robot_episodes=-(-episodes // robots) if robots else 0,
         settings=settings,
-        draws=len({one.encoder for one in chosen["typed"] if one.encoder}),
+        draws=chosen["encoder"].nunique(),
         runs=tuple(chosen["run"]),
         **points._asdict(),
     )

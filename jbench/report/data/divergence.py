@@ -68,7 +68,7 @@ def count_divergence(
     planned = max([planned, *(one.control_steps for one in divergences if one)])
     if all(divergences):
         points = Points(*(_widened(a, points.control_steps, planned, kind) for a in points))
-    returns, control_steps, _, deviations, _ = points
+    returns, control_steps, _, deviations, counts = points
     present = np.isfinite(control_steps)
     grid = np.max(np.where(present, control_steps, -np.inf), axis=0)
     empty = np.isinf(grid)
@@ -83,7 +83,9 @@ def count_divergence(
         returns[row, late] = 0.0
         returns[row, present[row] & (control_steps[row] > divergence.control_steps)] = 0.0
         if kind is EVALUATION:
-            deviations[row, returns[row] == 0] = 0.0
+            zero = returns[row] == 0
+            deviations[row, zero] = 0.0
+            counts[row, zero & np.isnan(counts[row])] = 1.0
     return points
 
 

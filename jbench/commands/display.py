@@ -1,6 +1,6 @@
-"""Tables of encoders, of runs and of final returns, and warnings of runs that are too short."""
+"""Tables of encoders, of runs and of a report, and warnings of runs that are too short."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 
 if TYPE_CHECKING:
-    from jbench.report.document import TableItem
+    from jbench.report.table import Table
 
 
 def described(record: Record, **more: Any) -> dict[str, Any]:
@@ -26,12 +26,11 @@ def described(record: Record, **more: Any) -> dict[str, Any]:
     }
 
 
-def show_item(item: "TableItem", output: Output) -> None:
+def show_table(table: "Table", output: Output) -> None:
     """Prints a table of a report."""
-    from jbench.report.tables.files import text_of
-
-    rows = [[text_of(cell) for cell in row] for row in item.frame.itertuples(index=False)]
-    output.table(item.title, [str(name) for name in item.frame], rows)
+    texts = table.texts()
+    rows = list(texts.itertuples(index=False, name=None))
+    output.table(table.title, [str(name) for name in texts], rows)
 
 
 def show_encoders(records: Sequence[Record], output: Output) -> None:
@@ -126,47 +125,6 @@ def show_runs(runs: Sequence[RunSettings], results: Results, output: Output) -> 
             output.warn(str(error))
     title = "Runs: final return (last quarter of the episodes, at most 100), and last evaluation"
     output.table(title, ("run", "episodes", "final return", "evaluation"), rows)
-
-
-def show_final_returns(cells: Sequence[Mapping[str, Any]], output: Output) -> None:
-    """Prints the main columns of the report's table, one row per cell."""
-    if not cells:
-        return
-    from jbench.report.data.published import name_of_figure
-    from jbench.report.formatting import steps
-
-    rows = []
-    for cell in cells:
-        fewest, most = steps(cell["steps_min"]), steps(cell["steps_max"])
-        published, figure = cell["published_median"], cell["published_figure"]
-        rows.append(
-            (
-                cell["task"],
-                cell["algo"] if cell["source"] == "ours" else f"{cell['source']}: {cell['algo']}",
-                " ".join(filter(None, (cell["representation"], cell["settings"]))),
-                f"{cell['seeds']} ({cell['diverged']} diverged)"
-                if cell["diverged"]
-                else cell["seeds"],
-                fewest if fewest == most else f"{fewest} to {most}",
-                _median_and_band(cell, "evaluation"),
-                _median_and_band(cell, "training"),
-                "" if published is None else f"{published:.0f} ({name_of_figure(figure)})",
-            )
-        )
-    header = ("task", "algo", "representation", "seeds", "control steps")
-    more = ("final evaluation return", "final training return", "published (training)")
-    title = "Final returns across seeds: median [10th, 90th percentile]"
-    output.table(title, (*header, *more), rows)
-
-
-def _median_and_band(cell: Mapping[str, Any], returns: str) -> str:
-    values = [cell[f"{returns}_return_{name}"] for name in ("median", "q10", "q90")]
-    if None in values:
-        return ""
-    median, low, high = values
-    if low == high:
-        return f"{median:.0f}"
-    return f"{median:.0f} [{low:.0f}, {high:.0f}]"
 
 
 def _run_row(record: Record) -> tuple[object, ...]:

@@ -52,11 +52,12 @@ def leaderboard(
     """
     if markdown + as_csv + json > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
-    from jbench.commands.display import show_item
-    from jbench.report import leaderboard as board
-    from jbench.report.data.returns import KINDS
+    from jbench.commands.display import show_table
+    from jbench.report.leaderboard import leaderboard_of
     from jbench.report.request import Request
-    from jbench.report.tables.files import FORMATS
+    from jbench.report.table import to_csv, to_markdown
+    from jbench.report.tables import leaderboard_table
+    from jbench.store.query import records
 
     found = [parsing.existing_results(directory) for directory in directories or [results]]
     # A directory may be typed twice, also by two paths.
@@ -67,12 +68,12 @@ def leaderboard(
         algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),
         returns=names.known("value of --returns", returns, names.RETURNS),
     )
-    ranked, problems = board.of_results(databases, request)
-    output, item = Output(json), board.table(ranked, KINDS[request.returns])
+    ranked, problems = leaderboard_of(databases, request)
+    output, table = Output(json), leaderboard_table(ranked, request.returns)
     if markdown or as_csv:
-        output.raw(FORMATS["md" if markdown else "csv"](item))
+        output.raw(to_markdown(table) if markdown else to_csv(ranked))
     else:
-        show_item(item, output)
-        output.say(item.caption)
-    output.document({"entries": board.documents(ranked), "problems": problems})
+        show_table(table, output)
+        output.say(table.caption)
+    output.document({"entries": records(ranked), "problems": problems})
     output.warn_of_damage(problems)

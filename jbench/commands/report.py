@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import inspect
 import shlex
 import sys
 import webbrowser
@@ -28,7 +27,6 @@ from jbench.opengl import has_display
 from jbench.wording import repair_hint
 
 if TYPE_CHECKING:
-    from jbench.report.document import TableItem
     from jbench.report.report import Report
     from jbench.report.request import Request
     from jbench.store import Results
@@ -128,7 +126,6 @@ def report(
 
     It has learning curves, statistics and tables, as files and as an HTML page.
     """
-    command = _command(locals())
     from jbench.report.request import Request
     from jbench.store import Results
 
@@ -155,7 +152,7 @@ def report(
         baseline=baseline,
         compare=compare,
         watched=watch,
-        command=command,
+        command=_command(),
     )
     name = "comparison" if compare else "report"
     # The shipped results are read-only.
@@ -176,16 +173,12 @@ def _report(database: "Results", out: Path, request: "Request", output: Output) 
     _show(written, output)
     if output.as_json:
         output.document(_document(written))
-    output.warn_of_damage(
-        written.data.problems,
-        repair_hint(database.name),
-    )
+    output.warn_of_damage(written.frames.problems, repair_hint(database.name))
 
 
 def _watch(database: "Results", out: Path, request: "Request", output: Output) -> None:
     """Writes a page whenever the results change, and the whole report after Ctrl-C."""
-    from jbench.remembered import remembering
-    from jbench.report.sources import NothingYetError
+    from jbench.report.data.rows import NothingYetError
     from jbench.report.watch import remembered_interrupt, watch
 
     def write(request: "Request") -> None:
@@ -198,13 +191,8 @@ def _watch(database: "Results", out: Path, request: "Request", output: Output) -
 
     output.say("Watching; Ctrl-C ends it.")
     opened = False
-    with (
-        contextlib.suppress(KeyboardInterrupt),
-        remembered_interrupt() as interrupt,
-        remembering() as memory,
-    ):
+    with contextlib.suppress(KeyboardInterrupt), remembered_interrupt() as interrupt:
         for _ in watch(database, request, interrupt):
-            memory.next_round()
             write(request)
             opened = opened or open_page(out / "index.html")
     output.say("No longer watching; writing the last report with all its files.")
@@ -222,58 +210,40 @@ def open_page(page: Path) -> bool:
 
 
 def _show(written: "Report", output: Output) -> None:
-    from jbench.commands import display
-    from jbench.store.query import records
+    """Prints the headline, the tables that were asked for, notes, and the path of the page."""
+    from jbench.commands.display import show_table
+    from jbench.report.tables import tables
 
-    display.show_final_returns(records(written.data.table), output)
-    for item in _printed_tables(written):
-        display.show_item(item, output)
-    for note in written.data.notes:
+    asked = {"final_returns", "verdicts"}
+    asked |= {"claims"} if written.frames.request.claims else set()
+    asked |= {"comparisons"} if written.frames.request.compare else set()
+    for table in tables(written.frames):
+        if table.name in asked:
+            show_table(table, output)
+    for note in written.notes:
         output.say(f"Note: {note}")
+    output.say(written.frames.headline)
     page = next(file for file in written.files if file.name == "index.html")
     output.say(f"Wrote {len(written.files)} files to {page.parent}; open {page} in a browser.")
 
 
-def _printed_tables(written: "Report") -> list["TableItem"]:
-    """Returns the tables that are printed after the final returns."""
-    from jbench.report import contents
-
-    prefixes = ["verdicts"] if written.data.findings is not None else []
-    if written.data.request.compare is not None:
-        prefixes.append("comparisons")
-    tables = contents.tables(written.document)
-    return [item for item in tables if item.name.partition("-")[0] in prefixes]
-
-
 def _document(written: "Report") -> dict[str, Any]:
     """Returns the JSON document."""
-    from jbench.report.analysis.claims import findings_frame
-    from jbench.report.analysis.comparisons import comparisons_frame
     from jbench.store.query import records
 
-    findings = written.data.findings
+    frames = written.frames
+    names = ["configurations", "verdicts", "comparisons"]
+    names += ["claims"] if frames.request.claims else []
     return {
-        "table": records(written.data.table),
-        "comparisons": records(comparisons_frame(written.data.comparisons)),
-        **({} if findings is None else {"claims": records(findings_frame(findings))}),
+        "headline": frames.headline,
+        **{name: records(getattr(frames, name)) for name in names},
         "files": [str(file) for file in written.files],
-        "notes": list(written.data.notes),
-        "problems": list(written.data.problems),
+        "notes": written.notes,
+        "problems": frames.problems,
     }
 
 
-def _command(typed: dict[str, Any]) -> str:
-    """Returns the command line that writes this report again; defaults are left out."""
-    parameters = inspect.signature(report).parameters
-    words = ["jbench", "report"]
-    for name, value in typed.items():
-        if name in ("json", "watch") or value == parameters[name].default:
-            continue
-        option = f"--{name.strip('_').replace('_', '-')}"
-        if value is True:
-            words.append(option)
-        elif name == "format_":
-            words += [word for one in value for word in (option, one)]
-        else:
-            words += [option, *(value if isinstance(value, tuple) else [str(value)])]
-    return shlex.join(words)
+def _command() -> str:
+    """Returns the command line that writes this report again."""
+    typed = [word for word in sys.argv[1:] if word not in ("--json", "--watch")]
+    return shlex.join(["jbench", *typed])

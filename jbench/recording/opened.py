@@ -7,13 +7,12 @@ from pathlib import Path
 import pandas as pd
 
 from jbench.names import RETURNS, Order, ReturnsName, known
-from jbench.report import sources
-from jbench.report.data.cells import LearnedCurve, of_kind
+from jbench.report.configurations import curve_points
+from jbench.report.data import rows
+from jbench.report.data.cells import of_kind
 from jbench.report.data.curves import WINDOW
 from jbench.report.data.returns import KINDS
-from jbench.report.data.summaries import aggregate_curves
 from jbench.report.request import Request
-from jbench.report.views import curve_of
 from jbench.store import Results, query
 from jbench.store.shipped import results_to_read
 
@@ -81,10 +80,10 @@ class OpenedResults:
         """
         known("kind of returns", returns, RETURNS)
         request = Request(task=task, algo=algo, returns=returns, window=window, order=order)
-        found = sources.own_and_imported(self._results, request)
-        _warn([problem for source in found for problem in source.problems])
-        cells = of_kind((cell for source in found for cell in source.cells), KINDS[returns])
-        return aggregate_curves([LearnedCurve(cell, curve_of(cell, request)) for cell in cells])
+        found = rows.joined(rows.own_and_imported(self._results, request))
+        _warn(found.problems)
+        cells = of_kind(found.cells, KINDS[returns])
+        return curve_points([(cell, cell.curve(order, window)) for cell in cells])
 
 
 def _warn(problems: Sequence[str]) -> None:

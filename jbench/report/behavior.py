@@ -104,7 +104,7 @@ def _motor(one: _States) -> pd.DataFrame:
 
 
 def _positions(shown: Sequence[_States]) -> list[pd.DataFrame]:
-    """Returns the maps of a task's policies, which have the same reach; empty squares are absent."""
+    """Returns the maps of a task's policies, of one reach, without their empty squares."""
     farthest = max(float(np.quantile(np.hypot(one.x, one.y), 0.995)) for one in shown)
     reach = float(np.clip(farthest * 1.05, 0.1, _REACH))
     edges = np.linspace(-reach, reach, _BINS + 1)
@@ -115,5 +115,7 @@ def _positions(shown: Sequence[_States]) -> list[pd.DataFrame]:
         column, row = np.nonzero(counts)
         share = counts[column, row] / len(one.x)
         where = {"x": middles[column], "y": middles[row], "share": share}
-        maps.append(pd.DataFrame({**one.names, **where, "target_yaw": one.target_yaw, "reach": reach}))
+        maps.append(
+            pd.DataFrame({**one.names, **where, "target_yaw": one.target_yaw, "reach": reach})
+        )
     return maps

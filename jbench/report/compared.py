@@ -84,9 +84,7 @@ def profile_frame(cells: Sequence[Cell]) -> pd.DataFrame:
     if len(groups) > 1:
         first, *others = groups.values()
         shared = [line for line in first if all(line in lines for lines in others)]
-        groups[ALL_TASKS] = {
-            line: [lines[line][0] for lines in groups.values()] for line in shared
-        }
+        groups[ALL_TASKS] = {line: [lines[line][0] for lines in groups.values()] for line in shared}
     parts = [pd.DataFrame(columns=PROFILES)]
     for task in in_order(groups):
         for same in groups[task].values():

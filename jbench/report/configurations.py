@@ -37,7 +37,8 @@ _STATISTICS = [
 _SOLVED = {"supported": "yes", "contradicted": "no", "undecided": "undecided"}
 CONFIGURATIONS = [
     *(*ID, "variant", "returns", "seeds", "draws", "steps_min", "steps", "diverged"),
-    *(*_STATISTICS, "deviation_by_episodes", "reached", "solved"),
+    *(*_STATISTICS, "deviation_by_episodes", "s", "s_low", "s_high", "detectable"),
+    *("reached", "solved"),
     *("published", "published_figure", "note"),
 ]
 CURVES = [*ID, "returns", "steps", "seeds", "window", *_QUANTILES.values()]
@@ -130,7 +131,9 @@ def curve_frame(curves: Curves) -> pd.DataFrame:
     """
     parts = [pd.DataFrame(columns=[*CURVES, "robots", "robot_steps"])]
     for cell, curve in curves:
-        points = curve_points([(cell, curve)]).rename(columns=_QUANTILES | {"control_steps": "steps"})
+        points = curve_points([(cell, curve)]).rename(
+            columns=_QUANTILES | {"control_steps": "steps"}
+        )
         if len(cell.seeds) < BAND_SEEDS:
             points[["q10", "q25", "q75", "q90"]] = np.nan
         points = points[points["seeds"] > 0].assign(**cell.identity, robots=cell.robots)

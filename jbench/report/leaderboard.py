@@ -51,9 +51,7 @@ def leaderboard_of(
                 by_hand[task] = returns
     published = read_published(query.published())
     curves = [(cell, cell.curve(request.order, request.window)) for cell in cells]
-    frame = leaderboard(
-        configuration_frame(curves, published), by_hand, published, request.algo
-    )
+    frame = leaderboard(configuration_frame(curves, published), by_hand, published, request.algo)
     problems = [problem for part in parts for problem in part.problems]
     if frame.empty:
         what = "hand-written policy" if request.algo == HEURISTIC else "run"
@@ -139,7 +137,12 @@ def _published(curves: Sequence[PublishedCurve]) -> list[dict[str, object]]:
             end = float(curve.control_steps[-1]), float(curve.quantiles[50][-1])
             best[key] = max(best.get(key, end), end)
     return [
-        {"task": task, "entry": PUBLISHED, "algo": display_name(algo), "observation": representation}
+        {
+            "task": task,
+            "entry": PUBLISHED,
+            "algo": display_name(algo),
+            "observation": representation,
+        }
         | {"median": median, "steps_min": round(end), "steps": round(end)}
         for (task, algo, representation), (end, median) in best.items()
     ]

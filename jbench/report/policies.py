@@ -9,12 +9,13 @@ import pandas as pd
 import pyarrow as pa
 
 from jbench.names import HEURISTIC, TASKS
+from jbench.report.analysis import statistics as st
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.examine import examine_heuristic
 from jbench.report.data.cells import in_order
 from jbench.report.data.curves import FloatArray
 
-COLUMNS = ("task", "policy", "median", "q10", "q90", "episodes")
+COLUMNS = ["task", "policy", "median", "low", "high", "q10", "q90", "episodes"]
 
 
 def shipped_episodes() -> pd.DataFrame:
@@ -27,14 +28,19 @@ def shipped_episodes() -> pd.DataFrame:
 
 
 def baseline_frame(tasks: set[str]) -> pd.DataFrame:
-    """Returns the median and the 10th and 90th percentile of the shipped episodes, by policy."""
-    episodes = shipped_episodes()
-    grouped = episodes[episodes["task"].isin(tasks)].groupby(["task", "policy"], sort=False)
-    returns = grouped["episode_return"]
-    frame = returns.agg(median="median", episodes="size").reset_index()
-    for percent in (10, 90):
-        frame[f"q{percent}"] = returns.quantile(percent / 100).to_numpy()
-    return frame[[*COLUMNS]]
+    """Returns the shipped policies' median return, by task.
+
+    Columns: task, policy, median with its 95% interval (low, high), q10 and q90 (10th and 90th
+    percentile of the episodes), episodes.
+    """
+    rows = []
+    for (task, policy), episodes in shipped_episodes().groupby(["task", "policy"], sort=False):
+        if task in tasks:
+            returns = episodes["episode_return"].to_numpy(float)
+            median, low, high, _ = st.estimate(st.median, [returns])
+            q10, q90 = np.percentile(returns, (10, 90))
+            rows.append((task, policy, median, low, high, q10, q90, len(returns)))
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def findings(

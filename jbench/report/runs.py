@@ -26,8 +26,9 @@ def run_frame(rows: Rows, returns: str) -> pd.DataFrame:
     """Returns a row per run, those without an episode included.
 
     Columns: source, run, the other columns `ID` (empty for a run in no configuration), seed, steps
-    (planned), final (return, of the kind `returns`), status, day (of its beginning), diverged (when;
-    or empty), settings (texts by name) and provenance (texts by name).
+    (planned), final (return, of the kind `returns`), status, day (of its beginning), diverged
+    (when, or empty), settings (texts by name) and provenance (texts by name). Runs are in the order
+    of their configurations and seeds.
     """
     cells = [cell for cell in rows.cells if cell.kind.name == returns]
     named = {(cell.source, run): cell for cell in [*rows.cells, *cells] for run in cell.runs}
@@ -52,8 +53,9 @@ def run_frame(rows: Rows, returns: str) -> pd.DataFrame:
                 "provenance": provenance(row["provenance"]),
             }
         )
-    frame = pd.DataFrame(found, columns=COLUMNS)
-    return frame.astype({"steps": "Int64"})
+    order = {cell.configuration: i for i, cell in enumerate(rows.cells)}
+    found.sort(key=lambda row: (order.get(row["configuration"], -1), row["seed"]))
+    return pd.DataFrame(found, columns=COLUMNS).astype({"steps": "Int64"})
 
 
 def provenance(recorded: str) -> dict[str, str]:

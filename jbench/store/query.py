@@ -18,7 +18,6 @@ from jbench.cores import cores
 from jbench.errors import RequestError, WorkError
 from jbench.json_text import json_text
 from jbench.names import FULL
-from jbench.remembered import recall
 from jbench.store import schema
 from jbench.store.database import Results
 from jbench.store.record import Record
@@ -215,15 +214,10 @@ def _read(
 ) -> tuple[list[tuple[Row, dict[str, pa.Table]]], list[str]]:
     """Returns the row and the tables of each record, and an error for each damaged one."""
 
-    def rows(record: Record, name: str) -> pa.Table:
-        # The manifest has the checksums of the files.
-        key = str(record.path), record.parts(name), str(schemas[name])
-        return recall(key, lambda: record.read(name, schemas[name]))
-
     def read(record: Record) -> tuple[Row, dict[str, pa.Table]] | str:
         while True:
             try:
-                return row_of(record), {name: rows(record, name) for name in schemas}
+                return row_of(record), {name: record.read(name, schemas[name]) for name in schemas}
             except WorkError as error:
                 if not record.refresh():
                     return str(error)

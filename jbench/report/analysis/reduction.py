@@ -66,7 +66,9 @@ def _verdict(finding: Finding, cell: Cell, baseline: Cell) -> tuple[str, dict[st
     """Returns the verdict on a claim in a word, and its numbers and sentence."""
     value, low, high, _ = finding.effect
     if finding.claim == "a":
-        verdict, (value, low, high, _), text = _on_return(finding, compare(cell, baseline).difference)
+        verdict, (value, low, high, _), text = _on_return(
+            finding, compare(cell, baseline).difference
+        )
         return verdict, _row(value, low, high, text, neutral=0.0, margin=MARGIN)
     verdict = _WORDS.get((finding.claim, finding.verdict), "undecided")
     if finding.claim == "b":

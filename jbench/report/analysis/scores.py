@@ -1,12 +1,10 @@
 """Scores of each seed of a configuration, and their statistics across seeds."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from jbench.names import FULL
 from jbench.report.analysis import statistics as st
 from jbench.report.data.cells import IMPORTED, SOLVED, Cell
 from jbench.report.data.curves import (
@@ -78,9 +76,7 @@ def _scores(cell: Cell, control_steps: int | None) -> Scores:
     return Scores(*columns, known, control_steps)
 
 
-def _episodes(
-    cell: Cell, returns: FloatArray, lengths: IntArray
-) -> tuple[FloatArray, FloatArray]:
+def _episodes(cell: Cell, returns: FloatArray, lengths: IntArray) -> tuple[FloatArray, FloatArray]:
     """Returns the standard deviation and the number (seeds,) of the episodes of final returns."""
     if cell.kind is EVALUATION:
         last = np.arange(len(lengths)), lengths - 1
@@ -99,18 +95,6 @@ def compared_scores(*cells: Cell) -> list[Scores]:
     """Returns the scores of cells up to the last control step that each of their seeds reached."""
     common = int(min(cell.last_step for cell in cells))
     return [scores_of(cell, common) for cell in cells]
-
-
-def baseline_of(cell: Cell, cells: Sequence[Cell]) -> Cell | None:
-    """Returns the cell with the full observation and otherwise the same settings, or None."""
-    if cell.representation == FULL:
-        return None
-    names = cell.source, cell.task, cell.algo
-    for other in cells:
-        if other.representation == FULL and (other.source, other.task, other.algo) == names:
-            if other.same_but(cell, "representation"):
-                return other
-    return None
 
 
 def statistics(cell: Cell, curve: Curve) -> dict[str, float]:

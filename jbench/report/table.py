@@ -1,0 +1,176 @@
+"""Tables: frames with the columns that people read, as text, Markdown, LaTeX and CSV."""
+
+import re
+import unicodedata
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from jbench.report.data.words import whole
+
+Row = Mapping[str, Any]
+Form = Callable[[Any], str]
+
+_MARKDOWN = str.maketrans({"\\": "\\\\", "|": "\\|", "`": "\\`", "*": "\\*", "<": "&lt;"})
+_FORMULA = ("=", "+", "-", "@")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column that people read.
+
+    Attributes:
+        title: its heading.
+        key: column of the frame whose values sort it.
+        text: makes the text of a row.
+        numeric: whether it is aligned to the right.
+    """
+
+    title: str
+    key: str
+    text: Callable[[Row], str]
+    numeric: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A frame, and how people read it.
+
+    Attributes:
+        name: of its files.
+        frame: exact numbers, which its CSV file has.
+    """
+
+    name: str
+    title: str
+    caption: str
+    frame: pd.DataFrame
+    columns: tuple[Column, ...]
+
+    def rows(self) -> list[list[tuple[Any, str]]]:
+        """Returns the value that sorts, and the clean text, of each cell of each row."""
+        records = self.frame.to_dict("records")
+        return [
+            [(row[column.key], clean(column.text(row))) for column in self.columns]
+            for row in records
+        ]
+
+    def texts(self) -> pd.DataFrame:
+        """Returns the table as people read it, without the columns that are empty."""
+        rows = [[text for _, text in row] for row in self.rows()]
+        frame = pd.DataFrame(rows, columns=[column.title for column in self.columns])
+        return frame.loc[:, (frame != "").any()] if rows else frame
+
+
+def clean(text: str) -> str:
+    """Returns a text in one line, without characters that control a terminal or the direction."""
+    line = " ".join(text.split())
+    if line.isascii() and line.isprintable():
+        return line
+    bad = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+    return "".join(
+        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(c) in bad else c for c in line
+    )
+
+
+def to_csv(frame: pd.DataFrame) -> str:
+    """Returns exact numbers as CSV; no text of it is a formula of a spreadsheet."""
+    cleaned = frame.copy(deep=False)
+    for name in cleaned.select_dtypes(["object", "str", "category"]):
+        known = {value: _cell(value) for value in cleaned[name].unique()}
+        cleaned[name] = cleaned[name].map(known)
+    return cleaned.to_csv(index=False, lineterminator="\n")
+
+
+def _cell(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    text = clean(value)
+    return f"'{text}" if text.startswith(_FORMULA) and len(text) > 1 else text
+
+
+def to_markdown(table: Table) -> str:
+    """Returns a table in GitHub's Markdown, with its title and caption above."""
+    texts = table.texts()
+    right = {column.title for column in table.columns if column.numeric}
+    lines = [list(texts), ["---:" if name in right else "---" for name in texts]]
+    lines += [[_markdown(text) for text in row] for row in texts.itertuples(index=False)]
+    body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    title = table.title if table.title.endswith("?") else f"{table.title}."
+    return f"{_markdown(f'{title} {table.caption}')}\n\n{body}\n"
+
+
+def _markdown(text: str) -> str:
+    return text.replace("&", "&amp;").translate(_MARKDOWN)
+
+
+def to_latex(table: Table) -> str:
+    """Returns a table for LaTeX's booktabs, with its title as caption."""
+    texts = table.texts()
+    right = {column.title for column in table.columns if column.numeric}
+    shown = texts.style.hide(axis="index").format(_latex).format_index(_latex, axis="columns")
+    return str(
+        shown.to_latex(
+            hrules=True,
+            column_format="".join("r" if name in right else "l" for name in texts),
+            caption=_latex(table.title),
+            label=f"tab:{table.name.replace('_', '-')}",
+            position_float="centering",
+        )
+    )
+
+
+_LATEX = str.maketrans(
+    {
+        **{character: f"\\{character}" for character in "&%$#_{}"},
+        **{"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"},
+        **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': "''"},
+        **{"✓": r"$\surd$", "✗": r"$\times$", "–": "--", "−": "$-$", "[": "{[}", "²": "$^2$"},
+    }
+)
+
+
+def _latex(text: object) -> str:
+    return str(text).translate(_LATEX)
+
+
+WRITERS: Mapping[str, Callable[[Table], str]] = {"md": to_markdown, "tex": to_latex}
+"""Writers of table files by ending, beside CSV."""
+
+
+def plain(title: str, key: str | None = None) -> Column:
+    """Returns a column of texts."""
+    name = key or title
+    return Column(title, name, lambda row: "" if missing(row[name]) else str(row[name]))
+
+
+def number(title: str, key: str, form: Form = whole) -> Column:
+    """Returns a column of numbers."""
+
+    def text(row: Row) -> str:
+        return "" if missing(row[key]) else form(row[key])
+
+    return Column(title, key, text, numeric=True)
+
+
+def estimate(
+    title: str, key: str, form: Form = whole, ends: tuple[str, str] | None = None
+) -> Column:
+    """Returns a column of numbers with their intervals: `668 [640, 690]`."""
+    low, high = ends or (f"{key}_low", f"{key}_high")
+
+    def text(row: Row) -> str:
+        if missing(row[key]):
+            return ""
+        known = not (missing(row[low]) or missing(row[high])) and np.isfinite(row[low])
+        return form(row[key]) + (f" [{form(row[low])}, {form(row[high])}]" if known else "")
+
+    return Column(title, key, text, numeric=True)
+
+
+def missing(value: Any) -> bool:
+    """Returns whether a value of a row is unknown."""
+    return value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value))

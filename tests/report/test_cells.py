@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from jbench.report.data.building import build_cells, usable_runs
-from jbench.report.data.cells import file_name, in_order
+from jbench.report.data.cells import ID, in_order, kind_of_encoder, shown_representation
 from jbench.report.data.returns import EVALUATION
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.alike import alike, comparable, flatten
@@ -22,7 +22,7 @@ def test_cell_groups_seeds_of_one_setting(fabric):
     assert cell.seeds.tolist() == [2, 4]
     assert cell.returns.tolist() == [[5, 6, 7], [1, 2, 3]]
     assert cell.control_steps.tolist() == [[1000, 2000, 3000]] * 2
-    assert cell.label == ""
+    assert cell.words == ""
     assert notes == []
 
 
@@ -196,18 +196,13 @@ class TestVariants:
         for rate in (1e-3, 1e-4, 1e-5):
             fabric.run([1], hyperparameters={"learning_rate": rate, "batch_size": 256})
         cells, _ = fabric.cells()
-        assert [cell.label for cell in cells] == [
+        assert {cell.words for cell in cells} == {
             "learning_rate=1e-05",
             "learning_rate=1e-04",
             "learning_rate=0.001",
-        ]
+        }
         assert len({cell.variant for cell in cells}) == 3
-
-    def test_label_ignores_differences_to_other_tasks_and_representations(self, fabric):
-        fabric.run([1], task="face_direction", engine="cpu")
-        fabric.run([1], task="move_to_pose", engine="gpu")
-        fabric.run([1], task="move_to_pose", engine="cpu", representation="dae12")
-        assert [cell.label for cell in fabric.cells()[0]] == ["", "", ""]
+        assert len({cell.configuration for cell in cells}) == 3
 
     def test_name_means_same_settings_on_every_task(self, fabric):
         for task, engine, rate in (
@@ -217,24 +212,24 @@ class TestVariants:
             ("move_to_pose", "batched", 0.01),
         ):
             fabric.run([1], task=task, engine=engine, hyperparameters={"learning_rate": rate})
-        assert [(cell.task, cell.short_name) for cell in fabric.cells()[0]] == [
-            ("face_direction", "TD3, learning_rate=1e-04"),
-            ("face_direction", "TD3, stable-baselines3, learning_rate=1e-04"),
-            ("move_to_pose", "TD3, learning_rate=0.01"),
-            ("move_to_pose", "TD3, stable-baselines3, learning_rate=1e-04"),
+        assert [(cell.task, cell.label) for cell in fabric.cells()[0]] == [
+            ("face_direction", "TD3 full, learning_rate=1e-04"),
+            ("face_direction", "TD3 full, stable-baselines3, learning_rate=1e-04"),
+            ("move_to_pose", "TD3 full, learning_rate=0.01"),
+            ("move_to_pose", "TD3 full, stable-baselines3, learning_rate=1e-04"),
         ]
 
     def test_engine_of_only_variant_is_named(self, fabric):
         fabric.run([1], engine="sb3")
-        assert [cell.short_name for cell in fabric.cells()[0]] == ["TD3, stable-baselines3"]
+        assert [cell.label for cell in fabric.cells()[0]] == ["TD3 full, stable-baselines3"]
 
     def test_different_evaluations_are_named_only_within_task(self, fabric):
         for task, every in (("face_direction", 10), ("face_direction", 20), ("move_to_pose", 30)):
             fabric.run([1], task=task, evaluate_every=every)
-        assert [cell.short_name for cell in fabric.cells()[0]] == [
-            "TD3, evaluate_every=10",
-            "TD3, evaluate_every=20",
-            "TD3",
+        assert [cell.label for cell in fabric.cells()[0]] == [
+            "TD3 full, evaluate_every=10",
+            "TD3 full, evaluate_every=20",
+            "TD3 full",
         ]
 
     def test_setting_missing_in_one_variant_is_labeled_not_set(self):
@@ -308,9 +303,21 @@ def test_known_names_precede_others_in_alphabetical_order():
     assert in_order(["z", "b", "a", "y", "b"], ("y", "z")) == ["y", "z", "a", "b"]
 
 
-def test_file_names_are_unique_and_contain_no_slash():
-    assert file_name("comparison", "face_direction", "ddpg") == "comparison-face_direction-ddpg"
-    names = [("x", "../../a"), ("x", "__/../a"), ("x", "a-b", "c"), ("x", "a", "b-c"), ("x" * 999,)]
-    written = [file_name(*parts) for parts in names]
-    assert len(set(written)) == len(names)
-    assert not any("/" in name or len(name) > 200 for name in written)
+def test_size_that_follows_from_task_is_not_in_name(fabric):
+    for task, name in (("face_direction", "scaled16"), ("move_in_direction", "scaled19")):
+        fabric.run([1], task=task, representation=name)
+    fabric.run([1], representation="dae12")
+    found = [cell.identity for cell in fabric.cells()[0]]
+    assert [(one["representation"], one["kind"]) for one in found] == [
+        ("dae12", "dae"),
+        ("scaled", "scaled"),
+        ("scaled", "scaled"),
+    ]
+    assert all(tuple(one) == ID for one in found)
+    assert shown_representation("planar13") == "planar"
+
+
+def test_kind_of_variant_of_encoder_is_that_of_encoder():
+    assert kind_of_encoder("dae12-observation-whitened") == "dae"
+    assert kind_of_encoder("lld-vae12") == "lld-vae"
+    assert kind_of_encoder("mine7") == "mine"

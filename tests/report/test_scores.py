@@ -5,13 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from jbench.report.analysis.comparisons import best_of, within
-from jbench.report.analysis.scores import BY_EPISODES, scores_of, statistics_frame, summaries
+from jbench.report.analysis.comparisons import compare, pairs
+from jbench.report.analysis.scores import scores_of, statistics
+from jbench.report.configurations import configuration_frame
 from jbench.report.data.published import best_at_end
 from jbench.report.data.returns import EVALUATION, TRAINING
-from jbench.report.sources import OURS
-
-HALF_OF_THE_BEST = 963.4 / 2  # TD3 on face_direction, Figure 9
 
 
 def flat(fabric, finals, episodes=40, **settings):
@@ -20,151 +18,107 @@ def flat(fabric, finals, episodes=40, **settings):
         fabric.run(np.full(episodes, float(final)), seed, **settings)
 
 
-def summarized(fabric, published, window=4):
-    return summaries(fabric.learned(window=window), published)
+def summarized(fabric, window=4, kind=TRAINING):
+    return [statistics(cell, cell.curve(window=window)) for cell in fabric.cells(kind)[0]]
 
 
-def value(summary, measure, statistic):
-    return summary.get(measure, statistic).estimate.value
-
-
-def test_location_and_spread_match_hand_computed_values(fabric, published):
+def test_location_and_spread_match_hand_computed_values(fabric):
     flat(fabric, range(0, 880, 80))  # 0, 80, … 800: eleven seeds
-    (summary,) = summarized(fabric, published)
-    assert value(summary, "final_return", "median") == 400
+    (row,) = summarized(fabric)
+    assert row["median"] == 400
     # Two of eleven seeds are trimmed at each end: 160 … 640 remain.
-    assert value(summary, "final_return", "interquartile_mean") == 400
-    assert value(summary, "final_return", "interquartile_range") == 400  # 200 to 600
-    assert value(summary, "final_return", "ten_to_ninety") == 640  # 80 to 720
-    assert value(summary, "final_return", "standard_deviation") == pytest.approx(80 * math.sqrt(11))
-    one = summary.get("final_return", "median")
-    assert one.seeds == 11
-    assert 0 < one.estimate.low < 400 < one.estimate.high < 800
-    assert summary.baseline is None
+    assert row["iqm"] == 400
+    assert row["deviation"] == pytest.approx(80 * math.sqrt(11))
+    assert 0 < row["median_low"] < 400 < row["median_high"] < 800
 
 
-def test_deviation_by_episodes_is_that_of_means_of_episodes(fabric, published):
+def test_deviation_by_episodes_is_that_of_means_of_episodes(fabric):
     for seed in range(3):
         # The last quarter of 40 episodes: five of 90 and five of 110, whose variance is 1000 / 9.
         fabric.run(np.resize([90.0, 110.0], 40), seed, evaluated={20_000: 0, 40_000: 500})
-    by_kind = [summaries(fabric.learned(kind=kind), published) for kind in (TRAINING, EVALUATION)]
-    deviations = [value(one, "final_return", BY_EPISODES) for (one,) in by_kind]
+    by_kind = [summarized(fabric, kind=kind) for kind in (TRAINING, EVALUATION)]
+    deviations = [row["deviation_by_episodes"] for (row,) in by_kind]
     # An evaluation has two episodes, 5 above and below its mean: a variance of 50, for a mean 25.
     assert deviations == pytest.approx([math.sqrt(1000 / 9 / 10), 5])
 
 
-def test_deviation_by_episodes_is_unknown_for_single_episodes(fabric, published):
+def test_deviation_by_episodes_is_unknown_for_single_episodes(fabric):
     flat(fabric, [100, 200, 300], episodes=4)  # the last quarter is one episode
-    (summary,) = summarized(fabric, published)
-    assert summary.get("final_return", BY_EPISODES) is None
+    (row,) = summarized(fabric)
+    assert math.isnan(row["deviation_by_episodes"])
 
 
-def test_area_is_mean_over_whole_training(fabric, published):
+def test_return_over_run_is_mean_over_whole_training(fabric):
     for seed in range(3):
         fabric.run(np.repeat([100.0, 300.0], 40), seed)
-    (summary,) = summarized(fabric, published)
-    assert value(summary, "area", "median") == 200
-    assert value(summary, "final_return", "median") == 300
+    (row,) = summarized(fabric)
+    assert (row["over_run"], row["median"]) == (200, 300)
 
 
-def test_seeds_that_never_reach_threshold_count_as_infinite(fabric, published):
+def test_seeds_that_never_reach_return_count_as_infinite(fabric):
     for seed, top in enumerate((950.0, 950.0, 600.0)):
         fabric.run(np.repeat([0.0, top], 20), seed)
-    (summary,) = summarized(fabric, published)
-    solved = summary.get("steps_to_solved", "median")
-    assert (solved.reached, solved.seeds, solved.threshold) == (2, 3, 900)
+    (row,) = summarized(fabric)
+    assert row["reached"] == 2
     # The first window of 4 episodes with only returns of 950 is centered at episode 22.5.
-    assert solved.estimate.value == 22_500
-    assert solved.estimate.high == math.inf
-    half = summary.get("steps_to_half_best", "median")
-    assert half.threshold == pytest.approx(HALF_OF_THE_BEST, abs=0.1)
-    assert half.reached == 3
-    # Half of the best is reached where two (950) or three (600) of the window's four are late.
-    assert half.estimate.value == 21_500
-    assert math.isinf(summary.get("steps_to_solved", "interquartile_mean").estimate.value)
+    assert row["solved_steps"] == 22_500
+    assert row["solved_steps_high"] == math.inf
 
 
-def test_ratios_are_relative_to_matching_full_cell(fabric, published):
-    flat(fabric, [500 + 10 * i for i in range(10)])
-    flat(fabric, [500 + 20 * i for i in range(10)], representation="dae12", encoder="e/1")
-    flat(fabric, [500, 600, 700], representation="pca12", hyperparameters={"batch_size": 1})
-    by_name = {s.cell.representation: s for s in summarized(fabric, published)}
-    assert by_name["dae12"].baseline is by_name["full"].cell
-    for spread in ("interquartile_range", "standard_deviation", "ten_to_ninety"):
-        assert value(by_name["dae12"], "final_return", f"{spread}_ratio") == pytest.approx(2)
-    # Other hyperparameters have no baseline and no ratio.
-    assert by_name["pca12"].baseline is None
-    assert by_name["pca12"].get("final_return", "standard_deviation_ratio") is None
-
-
-def test_ratio_uses_episodes_common_to_all_seeds(fabric, published):
-    flat(fabric, [100, 300], episodes=40)
-    for seed, start in enumerate((100.0, 500.0)):
-        fabric.run(np.r_[np.full(40, start), np.full(40, 999.0)], seed, representation="dae12")
-    (_, reduced) = summarized(fabric, published)
-    one = reduced.get("final_return", "standard_deviation_ratio")
-    assert (one.estimate.value, one.control_steps) == (pytest.approx(2), 40_000)
-
-
-def test_one_or_two_seeds_have_no_interval(fabric, published):
+def test_one_or_two_seeds_have_no_interval(fabric):
     flat(fabric, [500])
     flat(fabric, [500, 700], algo="sac")
-    two, one = summarized(fabric, published)
-    assert (one.cell.algo, two.cell.algo) == ("td3", "sac")
-    for summary, median in ((one, 500), (two, 600)):
-        found = summary.get("final_return", "median").estimate
-        assert found.value == median
-        assert math.isnan(found.low)
-    assert one.get("final_return", "standard_deviation") is None
-    assert two.get("final_return", "interquartile_range").estimate.value == 100
+    two, one = summarized(fabric)
+    assert (one["median"], two["median"]) == (500, 600)
+    assert np.isnan([one["median_low"], two["median_low"]]).all()
+    assert "deviation" not in one
+    assert two["deviation"] == pytest.approx(200 / math.sqrt(2))
 
 
-def test_nan_returns_are_ignored_in_means_and_counts(fabric, published):
+def test_nan_returns_are_ignored_in_means_and_counts(fabric):
     fabric.run([np.nan, 200.0, 400.0, 600.0], 0)
     fabric.run([100.0, 200.0, 300.0, np.nan], 1)
     (cell,) = fabric.cells()[0]
     # The last quarter of seed 1 is NaN; the area of seed 0 is the mean of three numbers.
     found = scores_of(cell, 4000)
     assert (found.final.tolist(), found.area.tolist()) == ([600.0], [400.0])
-    (summary,) = summarized(fabric, published)
-    assert summary.get("final_return", "median").seeds == 1
+    assert found.known.tolist() == [True, False]
 
 
-def test_seed_without_returns_is_not_counted_in_steps_to_threshold(fabric, published):
+def test_seed_without_returns_is_not_counted_in_steps_to_return(fabric):
     for seed, value in enumerate((np.nan, 950.0, 950.0)):
         fabric.run(np.full(4, value), seed)
-    (summary,) = summaries(fabric.learned(), published)
-    for statistic in ("median", "interquartile_mean"):
-        found = summary.get("steps_to_solved", statistic)
-        assert (found.estimate.value, found.seeds, found.reached) == (1000, 2, 2)
+    (row,) = summarized(fabric, window=100)
+    assert (row["solved_steps"], row["reached"]) == (1000, 2)
 
 
-def test_robot_sequence_has_no_steps_to_threshold(fabric, published):
+def test_robot_sequence_has_no_steps_to_return(fabric):
     flat(fabric, [950, 960, 970], augment=0, robots=2)
-    (summary,) = summarized(fabric, published)
-    assert summary.get("steps_to_solved", "median") is None
-    assert value(summary, "final_return", "median") == 960
+    (row,) = summarized(fabric)
+    assert "solved_steps" not in row
+    assert row["median"] == 960
 
 
-def test_steps_of_eight_environments_are_summed(fabric, published):
+def test_steps_of_eight_environments_are_summed(fabric):
     for seed in range(3):
         fabric.run(np.repeat([0.0, 950.0], 40), seed, algo="ppo", environments=8)
-    (summary,) = summarized(fabric, published, window=8)
+    (row,) = summarized(fabric, window=8)
     # Episodes 41 to 48 end together after the steps of 48 episodes.
-    assert value(summary, "steps_to_solved", "median") == 48_000
+    assert row["solved_steps"] == 48_000
 
 
-def test_frame_has_every_statistic_with_seeds(fabric, published):
-    flat(fabric, [500, 600, 950])
-    frame = statistics_frame(summarized(fabric, published))
-    assert set(frame["measure"]) == {
-        *("final_return", "area", "steps_to_solved", "steps_to_half_best")
+def test_frame_says_what_is_solved(fabric, published):
+    flat(fabric, [950, 960, 970, 980, 990, 995])
+    flat(fabric, [300, 310, 320, 330, 340, 350], algo="sac")
+    flat(fabric, [950, 960, 970], algo="ddpg")
+    cells = fabric.cells()[0]
+    frame = configuration_frame([(cell, cell.curve()) for cell in cells], published)
+    assert dict(zip(frame["algo"], frame["solved"], strict=True)) == {
+        "DDPG": "undecided",
+        "SAC": "no",
+        "TD3": "yes",
     }
-    assert set(frame["source"]) == {OURS}
-    assert set(frame["seeds"]) == {3}
-    assert set(frame["interval"]) == {"uncertainty (95% interval)"}
-    solved = frame[frame["measure"] == "steps_to_solved"]
-    assert set(solved["reached"]) == {1}
+    assert frame["published_figure"].tolist() == [None] * 3  # which begins later
 
 
 def test_best_published_median_is_that_at_end(published):
@@ -173,69 +127,33 @@ def test_best_published_median_is_that_at_end(published):
 
 
 class TestComparisons:
-    def test_only_cells_that_differ_in_one_setting_are_compared(self, fabric):
-        flat(fabric, [1, 2, 3])
-        flat(fabric, [1, 2, 3], representation="dae12", encoder="x")
-        flat(fabric, [1, 2, 3], algo="sac", hyperparameters={"other": 1})
-        flat(fabric, [1, 2, 3], engine="batched")
-        flat(fabric, [1, 2, 3], task="move_to_pose", algo="sac")
-        flat(fabric, [1, 2, 3], evaluate_every=7, algo="ddpg", representation="dae12")
-        cells = fabric.cells()[0]
-        pairs = {
-            frozenset(
-                (c.task, c.algo, c.representation, c.settings.engine)
-                for c in (one.ours, one.theirs)
-            )
-            for one in within(cells)
-        }
-        face = "face_direction"
-        assert pairs == {
-            frozenset({(face, "td3", "full", "cpu"), (face, "td3", "dae12", "cpu")}),
-            frozenset({(face, "td3", "full", "cpu"), (face, "sac", "full", "cpu")}),
-            frozenset({(face, "td3", "full", "cpu"), (face, "td3", "full", "batched")}),
-        }
-
-    def test_variants_are_compared_with_first_of_each_algorithm(self, fabric):
-        for algo in ("sac", "td3"):
-            for rate in (1, 2, 3):
-                flat(fabric, [1], algo=algo, hyperparameters={"rate": rate})
-        pairs = [
-            tuple((c.algo, c.settings.hyperparameters["rate"]) for c in (one.ours, one.theirs))
-            for one in within(fabric.cells()[0])
-        ]
-        assert pairs == [
-            *((("sac", 1), ("td3", rate)) for rate in (1, 2, 3)),
-            *((("sac", rate), ("td3", 1)) for rate in (2, 3)),
-            *((("sac", rate), ("sac", 1)) for rate in (2, 3)),
-            *((("td3", rate), ("td3", 1)) for rate in (2, 3)),
-        ]
+    def test_configurations_trained_equally_long_are_paired(self, fabric):
+        for representation in ("full", "dae12"):
+            flat(fabric, range(100, 700, 100), representation=representation)
+        flat(fabric, range(100, 700, 100), algo="sac", episodes=80)
+        flat(fabric, [1, 2, 3, 4, 5], algo="ddpg")
+        found = list(pairs(fabric.cells()[0]))
+        assert [(one.label, other.label) for one, other, _ in found] == [("TD3 full", "TD3 dae12")]
+        assert found[0][2].value == 0.5
 
     def test_comparison_matches_hand_computed_values(self, fabric):
         flat(fabric, [10, 20, 30, 40])
         flat(fabric, [25, 30, 50, 60], representation="dae12")
-        (one,) = within(fabric.cells()[0])
+        full, encoded = fabric.cells()[0]
+        one = compare(encoded, full)
         # Of 16 pairs: 25 is above two, 30 above two with one tie, 50 and 60 above all.
         assert one.improvement.value == pytest.approx((2 + 2.5 + 4 + 4) / 16)
         assert one.difference.value == pytest.approx(40 - 25)
         assert one.medians.value == pytest.approx(40 - 25)
-        assert (one.seeds, one.control_steps, one.cut) == ((4, 4), 40_000, 0)
+        assert (one.seeds, one.control_steps) == ((4, 4), 40_000)
 
     def test_unequal_lengths_are_cut_to_common_steps(self, fabric):
-        flat(fabric, [10, 20, 30], episodes=40)
-        flat(fabric, [10, 20, 30], episodes=30, representation="dae12")
-        (one,) = within(fabric.cells()[0])
-        assert (one.control_steps, one.cut) == (30_000, 10_000)
-
-    def test_best_cell_needs_separated_intervals(self, fabric):
-        flat(fabric, np.linspace(880, 920, 8), algo="td3")
-        flat(fabric, np.linspace(680, 720, 8), algo="sac")
-        cells = fabric.cells()[0]
-        assert best_of(cells).algo == "td3"
-        flat(fabric, np.linspace(870, 915, 8), algo="ddpg")
-        assert best_of(fabric.cells()[0]) is None
-        assert best_of(cells[:1]) is None
-
-    def test_five_seeds_never_mark_best_cell(self, fabric):
-        flat(fabric, [900, 901, 902, 903, 904], algo="td3")
-        flat(fabric, [1, 2, 3, 4, 5], algo="sac")
-        assert best_of(fabric.cells()[0]) is None
+        ramp = np.arange(40.0)
+        for seed in range(3):
+            fabric.run(ramp, seed)
+            fabric.run(np.zeros(20), seed, representation="dae12")
+        full, encoded = fabric.cells()[0]
+        one = compare(full, encoded)
+        assert one.control_steps == 20_000
+        # The last quarter of the first 20 episodes is 15 to 19, with mean 17.
+        assert one.difference.value == 17

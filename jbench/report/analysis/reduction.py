@@ -12,12 +12,13 @@ import numpy as np
 
 from jbench.names import FULL, kind_of
 from jbench.report.analysis import statistics as st
+from jbench.report.analysis.agents import difference
 from jbench.report.analysis.claims import MARGIN, Finding
 from jbench.report.analysis.comparisons import compare
 from jbench.report.analysis.examine import reduction_findings
-from jbench.report.analysis.scores import scores_of
+from jbench.report.analysis.scores import compared_scores, scores_of
 from jbench.report.data.cells import Cell, groups_same_but
-from jbench.report.data.words import ratio, signed, whole
+from jbench.report.data.words import signed, whole
 
 SCALED = "scaled"
 BASELINES = (FULL, SCALED)
@@ -72,8 +73,10 @@ def _verdict(finding: Finding, cell: Cell, baseline: Cell) -> tuple[str, dict[st
         return verdict, _row(value, low, high, text, neutral=0.0, margin=MARGIN)
     verdict = _WORDS.get((finding.claim, finding.verdict), "undecided")
     if finding.claim == "b":
-        ends = f"{ratio(low)} to {ratio(high)} times the variability across seeds"
-        return verdict, _row(value, low, high, _sentence(verdict, value, low, ends, ratio), 1.0)
+        ours, theirs = compared_scores(cell, baseline)
+        value, low, high, _ = difference(ours.agents, theirs.agents)
+        ends = f"standard deviation between agents {by(low, high)}"
+        return verdict, _row(value, low, high, _sentence(verdict, value, low, ends, signed), 0.0)
     ends = f"mean return over the run {by(low, high)}"
     return verdict, _row(value, low, high, _sentence(verdict, value, low, ends, signed), 0.0)
 
@@ -113,7 +116,7 @@ def by(low: float, high: float) -> str:
 
 def _sentence(verdict: str, value: float, low: float, ends: str, form: Any) -> str:
     if np.isnan(value):
-        return f"{verdict}: no return"
+        return f"{verdict}: unknown"
     return f"{verdict}: {ends}" if np.isfinite(low) else f"{verdict}: {form(value)}, too few seeds"
 
 

@@ -6,6 +6,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from jbench.report.analysis import statistics as st
+from jbench.report.analysis.agents import Agents, components, smallest_difference
 from jbench.report.data.cells import IMPORTED, SOLVED, Cell
 from jbench.report.data.curves import (
     BoolArray,
@@ -43,8 +44,13 @@ class Scores(NamedTuple):
     @property
     def deviation_by_episodes(self) -> float:
         """Standard deviation of the final returns if all agents had the same expected return."""
-        variances = self.deviations**2 / self.episodes
+        variances = self.agents.variances
         return float(np.sqrt(np.mean(variances))) if len(variances) else np.nan
+
+    @property
+    def agents(self) -> Agents:
+        """The final returns with the variances that are due to their episodes."""
+        return Agents(self.final, self.deviations**2 / self.episodes, self.episodes)
 
 
 _SCORES: WeakKeyDictionary[Cell, dict[int | None, Scores]] = WeakKeyDictionary()
@@ -103,8 +109,9 @@ def statistics(cell: Cell, curve: Curve) -> dict[str, float]:
     Columns: median, iqm (interquartile mean) and deviation (standard deviation) of the final
     returns, over_run (interquartile mean of the mean return over the run), solved_steps (median of
     the control steps to a return of `SOLVED`; infinite: after the runs' end; NaN for a sequence of
-    robots), each with …_low and …_high; deviation_by_episodes, and reached (number of seeds that
-    reach `SOLVED`).
+    robots), s (standard deviation between agents), each with …_low and …_high;
+    deviation_by_episodes, detectable (smallest difference of means that two such configurations
+    show), and reached (number of seeds that reach `SOLVED`).
     """
     scores = scores_of(cell)
     location = {"median": st.median, "iqm": st.interquartile_mean}
@@ -112,11 +119,23 @@ def statistics(cell: Cell, curve: Curve) -> dict[str, float]:
     row = _intervals(location | spread, scores.final)
     row |= _intervals({"over_run": st.interquartile_mean}, scores.area)
     row["deviation_by_episodes"] = scores.deviation_by_episodes
+    row |= _between_agents(scores.agents)
     if cell.robots <= 1:
         steps = _steps_to_solved(cell, curve)
         row |= _intervals({"solved_steps": st.median}, steps)
         row["reached"] = int(np.isfinite(steps).sum())
     return row
+
+
+def _between_agents(agents: Agents) -> dict[str, float]:
+    if not agents.known:
+        return {}
+    found = components(agents)
+    detectable = smallest_difference(
+        len(agents.means), found.deviation, found.episode_deviation, float(agents.episodes.mean())
+    )
+    row = {"s": found.deviation, "s_low": found.low, "s_high": found.high}
+    return row | {"detectable": detectable}
 
 
 def _intervals(statistics: dict[str, st.Statistic], scores: FloatArray) -> dict[str, float]:

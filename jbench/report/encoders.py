@@ -37,6 +37,8 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
     R² of yaw_rate, forward_speed, tilt_rate and reward; and of the effective_rank. The last five
     are NaN for encoders that were trained before they were measured.
     """
+    if "encoders" not in tables:  # only the results themselves have them
+        return pd.DataFrame(columns=_COLUMNS)
     encoders, errors = (
         tables[name].to_pandas(use_threads=False) for name in ("encoders", "encoder_errors")
     )

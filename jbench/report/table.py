@@ -80,8 +80,8 @@ def to_csv(frame: pd.DataFrame) -> str:
     """Returns exact numbers as CSV; no text of it is a formula of a spreadsheet."""
     cleaned = frame.copy(deep=False)
     for name in cleaned.select_dtypes(["object", "str", "category"]):
-        known = {value: _cell(value) for value in cleaned[name].unique()}
-        cleaned[name] = cleaned[name].map(known)
+        known = {value: _cell(value) for value in cleaned[name].dropna().unique()}
+        cleaned[name] = cleaned[name].map(known.get)
     return cleaned.to_csv(index=False, lineterminator="\n")
 
 

@@ -77,7 +77,7 @@ def _final_returns(frames: Frames) -> Table:
     names = {"random": "random actions", "hand-written": f"hand-written policy ({HEURISTIC})"}
     policies = policies.assign(algo=policies["policy"].map(names))
     policies = policies.rename(columns={"low": "median_low", "high": "median_high"})
-    counts = dict.fromkeys(("seeds", "draws", "diverged", "steps_min", "steps"), "Int64")
+    counts = dict.fromkeys(("seeds", "draws", "diverged", "reached", "steps_min", "steps"), "Int64")
     agents, policies = (
         one.reindex(columns=agents.columns).astype(counts) for one in (agents, policies)
     )

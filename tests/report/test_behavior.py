@@ -7,49 +7,56 @@ import pandas as pd
 import pytest
 
 from jbench.policies.evaluate import evaluate
-from jbench.report.figures import behavior
+from jbench.report.behavior import behavior
 from jbench.settings.evaluation import EvaluationSettings
 from jbench.store import Results, parquet, schema
-from tests.training.small_runs import EPISODE
 
 
-def behavior_of(policy="random", **changes):
-    states = {
-        "motor_velocity": np.array([90.0, 90.0, -90.0, 0.0], np.float32),
-        "x": np.array([0.0, 0.0, 0.3, 0.3], np.float32),
-        "y": np.array([0.0, 0.0, 0.3, -0.3], np.float32),
-    }
-    return behavior.Behavior("face_direction", policy, 100.0, 2, None, **{**states, **changes})
+STATES = {
+    "motor_velocity": [90.0, 90.0, -90.0, 0.0],
+    "x": [0.0, 0.0, 0.3, 0.3],
+    "y": [0.0, 0.0, 0.3, -0.3],
+}
 
 
-def test_motor_figure_shows_density_of_observed_velocities():
-    figure = behavior.motor_figure("face_direction", [behavior_of()])
-    (panel,) = figure.panels
-    (series,) = panel.series
+def add(results, policy, median=100.0, states=STATES):
+    """Adds a finished evaluation with these states."""
+    settings = {"task": "face_direction", "policy": policy, "episodes": 2, "states": True}
+    record = results.create("evaluation", f"face_direction/{policy}", settings)
+    count = len(states["motor_velocity"])
+    columns = {name: [0.0] * count for name in schema.POLICY_STATES.names} | states
+    rows = parquet.table_of(pd.DataFrame(columns), schema.POLICY_STATES)
+    record.append({"policy_states": rows})
+    record.finish({"median": median})
+
+
+def test_motor_frame_has_density_of_observed_velocities(tmp_path):
+    add(Results(tmp_path), "random")
+    motor, _, problems = behavior(Results(tmp_path))
+    assert problems == []
     # In half of the states the motor turns at 90 rad/s, observed as 0.5; bins are 0.02 wide.
-    (highest,) = np.flatnonzero(np.isclose(series.y, 0.5 / 0.02))
-    assert series.y.max() == series.y[highest]
-    assert series.edges[highest] <= 0.5 <= series.edges[highest + 1]
-    assert panel.y.log
-    assert panel.x.opposite == ("rad/s", 180)
+    highest = motor.loc[motor["density"].idxmax()]
+    assert highest["density"] == pytest.approx(0.5 / 0.02)
+    assert abs(highest["velocity"] - 0.5) <= 0.011
+    assert set(motor["label"]) == {"random (median return 100, 2 episodes)"}
 
 
-def test_position_figure_shows_share_of_states_per_bin():
-    figure = behavior.position_figure("face_direction", [behavior_of(), behavior_of("heuristic")])
-    assert [panel.title.splitlines()[0] for panel in figure.panels] == ["random", "heuristic"]
-    heat_map = figure.panels[0].heat_map
-    shares = heat_map.values[np.isfinite(heat_map.values)]
-    assert sorted(shares) == pytest.approx([0.25, 0.25, 0.5])
-    # Two of four states are at the origin, the corner of the four cells in the middle of 80 by 80.
-    assert np.nanmax(heat_map.values[39:41, 39:41]) == 0.5
+def test_position_frame_has_share_of_states_per_square(tmp_path):
+    add(Results(tmp_path), "random")
+    _, positions, _ = behavior(Results(tmp_path))
+    assert sorted(positions["share"]) == pytest.approx([0.25, 0.25, 0.5])
+    # Two of four states are at the origin, a corner of the squares in the middle.
+    (middle,) = positions[positions["share"] == 0.5].to_dict("records")
+    assert abs(middle["x"]) < middle["reach"] / 40
+    assert middle["reach"] > 0.42  # the farthest state
 
 
-def test_worst_and_three_best_policies_are_drawn():
-    ranked = [behavior_of(name)._replace(median=m) for m, name in enumerate("abcdef")]
-    figures = behavior.figures([*reversed(ranked)])
-    assert list(figures) == ["figure4-face_direction", "figure5-face_direction"]
-    panels = figures["figure5-face_direction"].panels
-    assert [panel.title.splitlines()[0] for panel in panels] == ["a", "d", "e", "f"]
+def test_worst_and_three_best_policies_are_shown(tmp_path):
+    for median, name in enumerate("abcdef"):
+        add(Results(tmp_path), name, float(median))
+    motor, positions, _ = behavior(Results(tmp_path))
+    assert motor["policy"].unique().tolist() == ["a", "d", "e", "f"]
+    assert positions["policy"].unique().tolist() == ["a", "d", "e", "f"]
 
 
 def test_only_evaluations_with_saved_states_are_drawn(short_episodes, tmp_path):
@@ -63,14 +70,11 @@ def test_only_evaluations_with_saved_states_are_drawn(short_episodes, tmp_path):
             target_yaw=math.pi / 4,
         )
         evaluate(settings, results, threads=1)
-    (found,), problems = behavior.behaviors(results)
+    _, positions, problems = behavior(results)
     assert problems == []
-    assert (found.policy, found.episodes, found.target_yaw) == ("constant:0.5", 1, math.pi / 4)
-    assert len(found.x) == EPISODE
-    assert set(behavior.figures([found])) == {
-        "figure4-move_in_direction",
-        "figure5-move_in_direction",
-    }
+    assert set(positions["policy"]) == {"constant:0.5"}
+    assert set(positions["target_yaw"]) == {math.pi / 4}
+    assert positions["share"].sum() == pytest.approx(1)
 
 
 def test_damaged_evaluation_is_reported(short_episodes, tmp_path):
@@ -79,8 +83,8 @@ def test_damaged_evaluation_is_reported(short_episodes, tmp_path):
     record = evaluate(settings, results, threads=1)
     part = record.path / record.parts("policy_states")[0].name
     part.write_bytes(part.read_bytes()[:-1])
-    found, (problem,) = behavior.behaviors(results)
-    assert found == []
+    motor, _, (problem,) = behavior(results)
+    assert motor.empty
     assert part.name in problem
 
 
@@ -88,20 +92,15 @@ def test_evaluation_with_invalid_settings_is_reported(tmp_path):
     results = Results(tmp_path)
     record = results.create("evaluation", "a/b", {"states": True, "episodes": "many"})
     record.finish({"median": 1.0})
-    found, (problem,) = behavior.behaviors(results)
-    assert found == []
+    motor, _, (problem,) = behavior(results)
+    assert motor.empty
     assert "The evaluation a/b has invalid settings" in problem
 
 
 @pytest.mark.parametrize("speeds", [[], [1.0, np.nan]])
 def test_evaluation_without_finite_states_is_reported(tmp_path, speeds):
-    results = Results(tmp_path)
-    settings = {"task": "face_direction", "policy": "random", "episodes": 1, "states": True}
-    record = results.create("evaluation", "a/b", settings)
-    fields = schema.POLICY_STATES
-    columns = {name: [0.0] * len(speeds) for name in fields.names} | {"motor_velocity": speeds}
-    record.append({"policy_states": parquet.table_of(pd.DataFrame(columns), fields)})
-    record.finish({"median": 1.0})
-    found, (problem,) = behavior.behaviors(results)
-    assert found == []
+    places = [0.0] * len(speeds)
+    add(Results(tmp_path), "random", states={"motor_velocity": speeds, "x": places, "y": places})
+    motor, _, (problem,) = behavior(Results(tmp_path))
+    assert motor.empty
     assert "no states, or states that are not finite" in problem

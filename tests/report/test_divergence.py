@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from jbench.report import contents
 from jbench.report.analysis.scores import scores_of
 from jbench.report.data.returns import EVALUATION
-from jbench.report.report import gather
-from jbench.report.request import Request
+from jbench.report.frames import frames
 
 FLAT = np.full(40, 500.0)
 LAST = {20_000: 400.0, 40_000: 600.0}
@@ -24,7 +22,7 @@ def test_diverged_seed_counts_with_zero_until_end_of_others(fabric):
     assert scores_of(cell).final.tolist() == [500, 0, 500]
     assert scores_of(cell).area[1] == 500 * 12 / 40
     assert scores_of(cell, 12_000).final.tolist() == [500] * 3
-    (curve,) = (item.curve for item in fabric.learned(window=1))
+    (curve,) = fabric.curves(window=1)
     assert curve.quantile(10)[-1] == 100  # of 0, 500 and 500
     assert curve.seeds.tolist() == [3] * 40
     (cell,), _ = fabric.cells(EVALUATION)
@@ -59,32 +57,26 @@ def test_seeds_diverged_before_first_evaluation_have_zero_evaluations(fabric):
     assert cell.control_steps.tolist() == [[40_000]] * 3
 
 
-def test_report_counts_diverged_seeds_and_explains_their_treatment(fabric):
+def test_frames_count_diverged_seeds_and_note_their_treatment(fabric):
     for seed in range(10):
         if seed in (3, 7):
             fabric.run(FLAT[:5], seed, steps=40_000, diverged=5000, evaluated={})
         else:
             fabric.run(FLAT, seed, evaluated=LAST)
     fabric.run(FLAT[:5], 0, algo="sac", status="failed", steps=40_000)
-    data = gather(fabric.results, Request(claims=True))
-    document = contents.document(data)
-    td3 = data.table[data.table["algo"] == "td3"].iloc[0]
-    assert (td3["seeds"], td3["diverged"]) == (10, 2)
+    found = frames(fabric.results)
+    (row,) = found.configurations[found.configurations["algo"] == "TD3"][:1].to_dict("records")
+    assert (row["seeds"], row["diverged"]) == (10, 2)
     assert (
         "2 of 10 diverged (seed 3 after 5,000 control steps, update 7, critic_loss, seed 7 after "
         "5,000 control steps, update 7, critic_loss): from its divergence on, a seed counts with "
         "return 0, the minimum"
-    ) in td3["notes"]
-    assert "seed 3 failed" not in td3["notes"]
-    assert "Of all runs, 1 failed and 2 diverged." in document.summary[0]
-    assert "n = 10, 2 of 10 diverged" in document.summary[0]
-    for name in ("statistics", "final_returns", "statistics-training"):
-        (item,) = [t for t in contents.tables(document) if t.name == name]
-        assert "counts with return 0" in item.caption
-    drawn = {item.name: item for item in document.items}
-    details = [series.detail for series in drawn["figure9"].figure.panels[0].series]
-    assert any("10 seeds, 2 diverged" in detail for detail in details)
-    assert "A seed that diverged counts with return 0" in drawn["figure9"].figure.caption
+    ) in row["note"]
+    assert "seed 3 failed" not in row["note"]
+    runs = found.runs[found.runs["diverged"] != ""]
+    assert sorted(runs["seed"]) == [3, 7]
+    assert set(runs["diverged"]) == {"after 5,000 control steps, update 7, critic_loss"}
+    assert found.seeds[found.seeds["diverged"]]["final"].tolist() == [0] * 4  # of both kinds
 
 
 def test_invalid_divergence_entry_is_tolerated(fabric):

@@ -1,7 +1,8 @@
 """Numbers of the frames against those of the report before them (tests/report/golden).
 
 Dropped on purpose: the interquartile range and the width from the 10th to the 90th percentile, the
-ratios of spreads to the full observation's, the control steps to half of the best published median,
+ratios of spreads to the full observation's (the standard deviation between agents is in their
+place, on which verdicts (b) and (f) rest as well), the control steps to half of the best published median,
 interquartile means of numbers of control steps, and comparisons of variants and of algorithms
 (their probabilities of improvement are in the frame of pairs).
 """
@@ -102,7 +103,9 @@ def test_pairs_have_probabilities_as_before(both):
     now, golden = both
     before = golden("seed_comparisons")
     variants = now.configurations.drop_duplicates("configuration").set_index("configuration")
-    pairs = now.pairs.assign(**{f"variant_{x}": now.pairs[x].map(variants["variant"]) for x in "ab"})
+    pairs = now.pairs.assign(
+        **{f"variant_{x}": now.pairs[x].map(variants["variant"]) for x in "ab"}
+    )
     found = before.merge(pairs, on=["task", "returns", "variant_a", "variant_b"])
     assert len(found)
     close(found["probability_of_improvement"], found["p"])
@@ -134,7 +137,8 @@ def test_claims_are_as_before(both):
         order = ["effect", "low"]
         old, new = (frame.sort_values(order) for frame in (old, new))
         close(new[["effect", "low", "high"]], old[["effect", "low", "high"]])
-        assert new["verdict"].tolist() == old["verdict"].tolist()
+        if name[0] not in "bdf":  # which now need a difference of agents, or a gain
+            assert new["verdict"].tolist() == old["verdict"].tolist()
 
 
 def test_encoders_are_as_before(both):

@@ -1,38 +1,42 @@
 """Tests of the leaderboard: ranks by overlapping intervals, kinds of entries, and the command."""
 
-import dataclasses
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jbench.cli import main
-from jbench.report import leaderboard
-from jbench.report.analysis.statistics import Estimate
-from jbench.report.data.cells import OURS
+from jbench.report.configurations import CONFIGURATIONS
+from jbench.report.leaderboard import leaderboard
 from jbench.report.data.published import PublishedCurve
-from jbench.report.data.returns import EVALUATION
-from jbench.report.leaderboard import Entry
 
 
-def entry(value, low, high, count=6):
-    return Entry(
-        OURS, "face_direction", "td3", "full", Estimate(value, low, high, 1.0), count, (9, 9)
-    )
+def configurations(*rows):
+    """Returns configurations with these medians, ends of intervals and seeds."""
+    names = ("median", "median_low", "median_high", "seeds")
+    common = {"task": "face_direction", "algo": "TD3", "representation": "full", "source": "own"}
+    common |= {"words": "", "steps_min": 9, "steps": 9}
+    found = [common | dict(zip(names, row, strict=True)) for row in rows]
+    return pd.DataFrame(found, columns=CONFIGURATIONS)
 
 
 def test_entries_with_overlapping_intervals_share_rank():
-    entries = [
-        entry(960, 955, 970),
-        entry(900, 700, 950),  # below the first
-        entry(880, 870, 890),  # overlaps with the second
-        entry(870, 600, 960),  # overlaps with the first, but the second's rank has begun
-        entry(860, np.nan, np.nan, 2),  # no interval
-        entry(850, 840, 990, 5),  # too few seeds
-        entry(690, 680, 699),
-        entry(600, 500, 680),
-    ]
-    ranks = [one.rank for one in leaderboard._ranked(entries)]
+    found = leaderboard(
+        configurations(
+            (960, 955, 970, 6),
+            (900, 700, 950, 6),  # below the first
+            (880, 870, 890, 6),  # overlaps with the second
+            (870, 600, 960, 6),  # overlaps with the first, but the second's rank has begun
+            (860, np.nan, np.nan, 2),  # no interval
+            (850, 840, 990, 5),  # too few seeds
+            (690, 680, 699, 6),
+            (600, 500, 680, 6),
+        ),
+        {},
+        [],
+    )
+    ranks = [None if rank is pd.NA else rank for rank in found["rank"]]
     assert ranks == [1, 2, 2, 2, None, None, 5, 5]
 
 
@@ -47,25 +51,16 @@ def test_published_curves_and_hand_written_policies_are_separate_entries():
     by_hand = {"face_direction": np.arange(100.0)}
     published = [curve(700.0, 3e6), curve(650.0, 5e6), curve(640.0, 5e6, "fig8")]
     published.append(curve(990.0, 9e6, "augmented-sac"))
-    best, other = leaderboard.entries([], by_hand, published)
+    none = configurations()
+    best, other = leaderboard(none, by_hand, published).to_dict("records")
     # The longest curve counts; a curve on a sequence of robots is no entry.
-    assert (best.source, best.median.value, best.trained) == ("published", 650.0, (5e6, 5e6))
-    assert best.rank is None
-    assert (other.source, other.median.value, other.count) == ("hand-written", 49.5, 100)
-    assert other.median.low < 49.5 < other.median.high
-    assert other.rank == 1
-    assert leaderboard.entries([], by_hand, published, "td3") == []
-    (policy,) = leaderboard.entries([], by_hand, published, "heuristic")
-    assert policy == other
-
-
-def test_table_has_exact_numbers_and_kind_of_entry():
-    first = dataclasses.replace(entry(960, 955, 970), rank=1)
-    item = leaderboard.table([first], EVALUATION)
-    (row,) = item.frame.to_dict("records")
-    assert (row["rank"], row["entry"], row["algorithm"], row["n"]) == (1, "runs", "TD3", 6)
-    value = row["final evaluation return: median"]
-    assert (value.text, value.numbers) == ("960 [955, 970]", {"": 960, "low": 955, "high": 970})
+    assert (best["entry"], best["median"], best["steps"]) == ("published", 650.0, 5e6)
+    assert pd.isna(best["rank"])
+    assert (other["entry"], other["median"], other["n"]) == ("hand-written", 49.5, 100)
+    assert other["low"] < 49.5 < other["high"]
+    assert other["rank"] == 1
+    assert leaderboard(none, by_hand, published, "td3").empty
+    assert leaderboard(none, by_hand, published, "heuristic")["entry"].tolist() == ["hand-written"]
 
 
 @pytest.fixture
@@ -80,36 +75,34 @@ def directories(fabric, tmp_path):
 def test_command_ranks_runs_of_directories(directories, capsys):
     assert main(["leaderboard", str(directories), "reference", "--json"]) == 0
     entries = json.loads(capsys.readouterr().out)["entries"]
-    ours = [one for one in entries if one["source"] == str(directories)]
+    ours = [one for one in entries if one["entry"] == str(directories)]
     assert [(one["algo"], one["median"], one["n"]) for one in ours] == [
-        ("td3", 962.5, 6),
-        ("sac", 502.5, 6),
+        ("TD3", 962.5, 6),
+        ("SAC", 502.5, 6),
     ]
-    assert {one["source"] for one in entries} == {str(directories), "reference", "published"}
-    ranked = {(one["source"], one["algo"]): one["rank"] for one in entries if one["rank"]}
-    assert ranked[str(directories), "td3"] == 1
+    assert {one["entry"] for one in entries} == {str(directories), "reference", "published"}
+    ranked = {(one["entry"], one["algo"]): one["rank"] for one in entries if one["rank"]}
+    assert ranked[str(directories), "TD3"] == 1
     # SAC is below TD3 and nine shipped cells of six or more seeds. The interval of the last of
     # them, DDPG on dae12, contains that of SAC, but DDPG shares the rank of a cell whose interval
     # does not.
-    assert ranked[str(directories), "sac"] == 11
+    assert ranked[str(directories), "SAC"] == 11
 
 
 def test_directory_that_is_typed_twice_is_ranked_once(directories, tmp_path, capsys):
     (tmp_path / "link").symlink_to(directories)
     once = listed(capsys, directories)
-    assert len([one for one in once if one["source"] == OURS]) == 2
+    assert len([one for one in once if one["entry"] == "own"]) == 2
     assert listed(capsys, directories, tmp_path / "link", directories / ".") == once
 
 
 def test_command_prints_markdown_and_csv(directories, capsys):
     assert main(["leaderboard", str(directories), "--markdown", "--returns", "training"]) == 0
     printed = capsys.readouterr().out
-    assert "| face_direction | 1 | runs | TD3 | full | 962 [" in printed
+    assert "| face_direction | 1 | own | TD3 | full | 962 [" in printed
     assert main(["leaderboard", str(directories), "--csv", "--algo", "sac"]) == 0
     header, first, *_ = capsys.readouterr().out.splitlines()
-    assert header.startswith(
-        "task,rank,entry,algorithm,observation,final evaluation return: median"
-    )
+    assert header.startswith("task,rank,entry,algo,observation,median,low,high,n")
     assert "SAC" in first
 
 
@@ -142,10 +135,10 @@ def test_imported_entries_have_names_of_directories(tmp_path, capsys):
     places = [tmp_path / "a", tmp_path / "b"]
     for place, value in zip(places, (300, 200), strict=True):
         import_curve(place, tmp_path, value, 2000)
-    sources = [one["source"] for one in listed(capsys, *places) if one["source"] != "published"]
-    assert sources == [f"{place}: imported, not verified" for place in places]
-    sources = [one["source"] for one in listed(capsys, "--results", places[0])]
-    assert "imported, not verified" in sources
+    sources = [one["entry"] for one in listed(capsys, *places) if one["entry"] != "published"]
+    assert sources == [f"{place}: imported" for place in places]
+    sources = [one["entry"] for one in listed(capsys, "--results", places[0])]
+    assert "imported" in sources
 
 
 def test_control_steps_are_those_of_ranked_imports(tmp_path, capsys):
@@ -155,16 +148,16 @@ def test_control_steps_are_those_of_ranked_imports(tmp_path, capsys):
         (entry,) = [
             one
             for one in listed(capsys, "--results", tmp_path, "--returns", returns)
-            if one["source"] != "published"
+            if one["entry"] != "published"
         ]
-        assert (entry["steps_min"], entry["steps_max"]) == (steps, steps)
+        assert (entry["steps_min"], entry["steps"]) == (steps, steps)
 
 
 def test_algorithm_selects_hand_written_policies(directories, capsys):
     assert main(["evaluate", "--episodes", "1", "--results", str(directories)]) == 0
     typed = ("--results", directories, "--algo")
-    assert {one["source"] for one in listed(capsys, *typed, "td3")} == {OURS, "published"}
-    assert [one["source"] for one in listed(capsys, *typed, "heuristic")] == ["hand-written"]
+    assert {one["entry"] for one in listed(capsys, *typed, "td3")} == {"own", "published"}
+    assert [one["entry"] for one in listed(capsys, *typed, "heuristic")] == ["hand-written"]
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbench.report.contents import document
 from jbench.report.data.paths import COLUMNS, run_paths
-from jbench.report.report import gather
-from jbench.report.request import Request
+from jbench.report.frames import frames
 from jbench.store import schema
 from tests.report.conftest import evaluations
 
@@ -34,32 +32,34 @@ def test_paths_have_points_target_and_episode_return():
         path("a", 2, [0, -1], target_x=0.125, target_y=-0.25),
         evaluated={1000: 100.0, 2000: 200.0, 3000: 300.0},
     )
-    assert set(found) == {"a", "b"}
-    first, last = found["a"]
-    assert first.points.tolist() == [[0, 0], [0.25, 0.5], [0.5, 1]]
-    assert (first.control_steps, first.heading) == (1000, 1.0)
-    np.testing.assert_array_equal(first.target, [np.nan, np.nan, 0.5])
-    np.testing.assert_array_equal(last.target, [0.125, -0.25, np.nan])
+    first, last = (found[(found["run"] == "a") & (found["steps"] == at)] for at in (1000, 3000))
+    assert first[["x", "y"]].values.tolist() == [[0, 0], [0.25, 0.5], [0.5, 1]]
+    assert first["heading"].tolist() == [0, 0.5, 1]
+    targets = ["target_x", "target_y", "target_yaw"]
+    np.testing.assert_array_equal(first[targets].iloc[0], [np.nan, np.nan, 0.5])
+    np.testing.assert_array_equal(last[targets].iloc[0], [0.125, -0.25, np.nan])
     # The return of the first of two episodes is 5 below their mean.
-    assert (first.episode_return, last.episode_return) == (95.0, 295.0)
-    (other,) = found["b"]
-    assert np.isnan(other.episode_return)
+    assert set(first["episode_return"]) == {95.0}
+    assert set(last["episode_return"]) == {295.0}
+    assert found[found["run"] == "b"]["episode_return"].isna().all()
 
 
 def test_runs_without_paths_give_none():
-    assert read() == {}
+    assert read().empty
+    assert run_paths(None, evaluations("a", {})).empty
 
 
 @pytest.mark.parametrize("x", [[0.0], [0.0, np.nan], [np.inf, None]])
 def test_fewer_than_two_points_are_no_path(x):
     rows = path("a", 0, [0.0] * len(x))
     index = rows.schema.get_field_index("x")
-    assert read(rows.set_column(index, rows.schema.field("x"), pa.array(x, pa.float32()))) == {}
+    assert read(rows.set_column(index, rows.schema.field("x"), pa.array(x, pa.float32()))).empty
 
 
 def test_report_assigns_paths_to_runs(fabric):
-    with_path, without = (fabric.run([1.0, 2.0], seed=seed) for seed in (0, 1))
+    with_path, _ = (fabric.run([1.0, 2.0], seed=seed) for seed in (0, 1))
     with_path.append({"paths": path(with_path.id, 0, [0, 0.5])})
-    made = {one.name: one.paths for one in document(gather(fabric.results, Request())).runs}
-    assert [one.points.tolist() for one in made[with_path.id]] == [[[0, 0], [0.5, 1]]]
-    assert made[without.id] == []
+    found = frames(fabric.results).paths
+    assert set(found["run"]) == {with_path.id}
+    assert set(found["source"]) == {"own"}
+    assert found[["x", "y"]].values.tolist() == [[0, 0], [0.5, 1]]

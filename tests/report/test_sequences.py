@@ -1,33 +1,20 @@
-"""Tests of the figure of robot sequences: curves are averaged within each robot's episodes."""
+"""Tests of curves on robot sequences: returns are averaged within each robot's episodes."""
 
 import numpy as np
-import pytest
 
-from jbench.report import contents
-from jbench.report.data.published import read_sequences
-from jbench.report.figures.sequences import sequence_figures
-from jbench.report.report import gather, write_report
-from jbench.report.request import Request
-from jbench.report.views import curve_of
-from jbench.store import query
-from tests.report.conftest import drawn_files, labels
+from jbench.report.frames import frames
 
 SAC = {"algo": "sac", "task": "move_in_direction", "augment": 0, "robots": 2}
 # Two robots of 80 episodes: 80 returns of 100, then 80 of 300.
 RETURNS = np.repeat([100.0, 300.0], 80)
 
 
-@pytest.fixture(scope="module")
-def sequences():
-    return read_sequences(query.published())
-
-
 def test_windows_never_span_change_of_robots(fabric):
     for seed in range(3):
         fabric.run(RETURNS + seed, seed, **SAC)
-    ((cell, _),) = fabric.learned()
+    (cell,), _ = fabric.cells()
     assert (cell.robots, cell.robot_episodes) == (2, 80)
-    curve = curve_of(cell, Request())
+    curve = cell.curve()
     # Each robot's 80 episodes have 61 full windows of 20, and 10 truncated ones at each end; the
     # median of seeds 0, 1 and 2 adds 1.
     assert curve.window == 20
@@ -39,55 +26,22 @@ def test_windows_never_span_change_of_robots(fabric):
 
 def test_run_on_first_robot_uses_planned_changes(fabric):
     fabric.run(RETURNS[:40], 0, status="unfinished", steps=160_000, **SAC)
-    ((cell, _),) = fabric.learned()
+    (cell,), _ = fabric.cells()
     assert cell.robot_episodes == 80
-    assert curve_of(cell, Request(order="smooth-first")).quantile(50).tolist() == [100.0] * 41
+    assert cell.curve("smooth-first").quantile(50).tolist() == [100.0] * 41
 
 
-def test_download_has_drawn_points(fabric):
+def test_sequences_stand_beside_the_authors_and_apart_from_single_robots(fabric):
     fabric.run(RETURNS, 0, **SAC)
     fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
-    document = contents.document(gather(fabric.results, Request()))
-    (item,) = [one for one in document.items if one.name.startswith("robots-")]
-    (panel,) = item.figure.panels
+    found = frames(fabric.results)
+    own = found.sequences[found.sequences["source"] == "own"]
+    assert set(own["robots"]) == {2}
+    assert set(own["robot_steps"]) == {80_000}
+    assert set(own["window"]) == {*range(10, 21)}
+    theirs = found.sequences[found.sequences["source"] == "published"]
+    assert set(theirs["robots"]) == {10}
+    assert theirs["steps"].max() <= 160_000
     # Runs on one robot are in other figures.
-    assert [label.split(", ")[1] for label in labels(panel)] == ["2 robots", "10 robots"]
-    (curve,) = [one for one in panel.series if one.label.startswith("full, 2")]
-    assert item.data["control_steps"].tolist() == curve.x.tolist()
-    assert item.data["q50"].tolist() == curve.y.tolist()
-    assert set(item.data["window"]) == {*range(10, 21)}
-
-
-def test_switches_of_all_cells_are_drawn(fabric):
-    fabric.run(RETURNS, 0, **SAC)
-    fabric.run(RETURNS, 0, **{**SAC, "robots": 4})
-    (figure,) = sequence_figures(fabric.learned(), [], Request()).values()
-    at = [line.at for line in figure.panels[0].references if line.vertical]
-    assert at == [40_000, 80_000, 120_000]
-
-
-def test_figure_shows_own_and_published_curves_and_robot_changes(fabric, sequences):
-    fabric.run(RETURNS, 0, **SAC)
-    ((key, figure),) = sequence_figures(fabric.learned(), sequences, Request()).items()
-    assert key == ("move_in_direction", "sac")
-    (panel,) = figure.panels
-    assert len(labels(panel)) == 2
-    assert labels(panel)[0].startswith("full, 2 robots")
-    assert labels(panel)[1] == "full, 10 robots"
-    (published,) = [one for one in panel.series if one.label == "full, 10 robots"]
-    assert published.detail == "augmented SAC, 10 seeds"
-    theirs = sequences[0].quantiles[50]
-    assert any(np.array_equal(series.y, theirs) for series in panel.series)
-    # The one change of robots, after 80,000 control steps.
-    assert [line.at for line in panel.references if line.vertical] == [80_000]
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_grid_excludes_robot_sequences(fabric, out):
-    fabric.run(RETURNS, 0, **SAC)
-    names = {*drawn_files(write_report(fabric.results, out))}
-    drawn = ("forest", "matrix", "robots-move_in_direction-sac")
-    assert names == {f"{name}.{kind}" for name in drawn for kind in ("png", "svg")}
-    fabric.run(RETURNS, 0, **{**SAC, "augment": None, "robots": 1})
-    names = {*drawn_files(write_report(fabric.results, out))}
-    assert {"figure9.svg", "robots-move_in_direction-sac.svg"} <= names
+    assert len(found.curves["configuration"].unique()) == 1
+    assert "augmented SAC" not in set(found.published["figure"])

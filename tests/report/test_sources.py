@@ -1,7 +1,6 @@
 """Tests of the sources of a report: runs since a date, two compared sides, shipped runs."""
 
 import os
-import re
 import shutil
 import sys
 
@@ -9,27 +8,13 @@ import numpy as np
 import pytest
 
 from jbench.errors import RequestError
-from jbench.report import sources
-from jbench.report.contents import document
-from jbench.report.data.returns import TRAINING
-from jbench.report.report import gather, write_report
+from jbench.report.data import rows
+from jbench.report.frames import frames
 from jbench.report.request import Request
 from jbench.store import Results
-from tests.report.conftest import drawn_files
 from tests.store.store_rows import alter_manifest
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 FLAT = np.full(40, 500.0)
-
-
-def learned(data):
-    return [
-        (i.cell.source, i.cell.task, i.cell.algo, i.cell.representation, len(i.cell.seeds))
-        for view in data.views
-        if view.kind is TRAINING
-        for i in view.learned
-    ]
 
 
 class TestSince:
@@ -44,13 +29,13 @@ class TestSince:
         [("2026-11-19", [0, 1]), ("2026-11-20", [1]), ("2026-11-20T01:00:00+01:00", [1])],
     )
     def test_earlier_runs_are_skipped_and_noted(self, dated, since, seeds):
-        data = gather(dated, Request(since=since))
-        assert data.views[0].learned[0].cell.seeds.tolist() == seeds
-        assert any("begun before" in note for note in data.notes) == (len(seeds) == 1)
+        found = frames(dated, Request(since=since))
+        assert found.seeds["seed"].tolist() == seeds
+        assert any("begun before" in note for note in found.notes) == (len(seeds) == 1)
 
     def test_no_run_since_date_is_refused(self, dated):
         with pytest.raises(RequestError, match=r"No run was begun since 2026-12-01\. 2 runs"):
-            gather(dated, Request(since="2026-12-01"))
+            frames(dated, Request(since="2026-12-01"))
 
     def test_invalid_date_is_refused(self):
         with pytest.raises(RequestError, match="--since yesterday: type a date"):
@@ -67,27 +52,27 @@ class TestCompare:
         return fabric.results
 
     def test_two_values_of_setting_are_compared(self, both):
-        data = gather(both, Request(compare=("engine=batched", "engine=sb3")))
-        (one,) = data.comparisons
-        assert (one.ours.source, one.theirs.source) == ("engine=batched", "engine=sb3")
-        assert (one.difference.value, one.improvement.value) == (100, 1)
+        found = frames(both, Request(compare=("engine=batched", "engine=sb3")))
+        (one,) = found.comparisons.to_dict("records")
+        assert (one["a"], one["b"]) == ("engine=batched", "engine=sb3")
+        assert (one["difference"], one["p"]) == (100, 1)
+        assert one["text"] == "engine=batched higher by 98 to 102"
         # Runs with another tau have no counterpart; they are shown and noted.
-        assert len(data.views[0].learned) == 3
-        assert any(note.startswith("Only in engine=sb3:") for note in data.notes)
+        assert len(found.configurations) == 3
+        assert any(note.startswith("Only in engine=sb3:") for note in found.notes)
 
     def test_omitted_setting_is_compared_by_its_default(self, fabric):
         fabric.run(FLAT)
         fabric.run(FLAT + 10, precision="bfloat16")
         compare = ("precision=bfloat16", "precision=float32")
-        (one,) = gather(fabric.results, Request(compare=compare)).comparisons
-        assert (one.ours.source, one.difference.value) == ("precision=bfloat16", 10)
+        (one,) = frames(fabric.results, Request(compare=compare)).comparisons.to_dict("records")
+        assert (one["a"], one["difference"]) == ("precision=bfloat16", 10)
 
     @pytest.mark.parametrize("typed", ["tau=0.25", "tau=2.5e-1", "hyperparameters.tau=0.25"])
     def test_hyperparameter_is_found_by_short_or_full_name(self, both, typed):
         other = f"{typed.split('=')[0]}=0.5, engine=sb3"
-        (one,) = gather(both, Request(compare=(typed, other))).comparisons
-        assert one.ours.settings.hyperparameters == {"tau": 0.25}
-        assert one.theirs.settings.engine == "sb3"
+        (one,) = frames(both, Request(compare=(typed, other))).comparisons.to_dict("records")
+        assert (one["a"], one["b"], one["difference"]) == (typed, other, -1)
 
     @pytest.mark.parametrize(
         ("compare", "printed"),
@@ -101,12 +86,12 @@ class TestCompare:
     )
     def test_invalid_comparison_is_refused(self, both, compare, printed):
         with pytest.raises(RequestError, match=printed):
-            gather(both, Request(compare=compare))
+            frames(both, Request(compare=compare))
 
     def test_comparison_of_same_runs_is_refused(self, both):
         printed = "is not compared: tau=0.25 and tau=2.5e-1 have the same settings."
         with pytest.raises(RequestError, match=printed):
-            gather(both, Request(compare=("tau=0.25", "tau=2.5e-1")))
+            frames(both, Request(compare=("tau=0.25", "tau=2.5e-1")))
 
     def test_comparison_of_equal_sides_is_refused(self):
         with pytest.raises(RequestError, match="type two different ones"):
@@ -117,24 +102,21 @@ class TestCompare:
         fabric.run(FLAT, 0)
         other = shutil.copytree(fabric.results.path, tmp_path / os.fsdecode(b"a\xff"))
         compare = str(other), str(fabric.results.path)
-        data = gather(fabric.results, Request(compare=compare))
-        assert set(data.table["source"]) == {f"{tmp_path}/a\\udcff", compare[1]}
+        found = frames(fabric.results, Request(compare=compare))
+        assert set(found.configurations["source"]) == {f"{tmp_path}/a\\udcff", compare[1]}
 
-    def test_two_directories_are_compared(self, fabric, tmp_path, out):
+    def test_two_directories_are_compared(self, fabric, tmp_path):
         other = type(fabric)(tmp_path / "other")
         for seed in range(3):
             fabric.run(FLAT, seed)
             other.run(FLAT - 200, seed, steps=99_000)
         other.run(FLAT, 0, algo="sac")
         sides = str(tmp_path / "results"), str(tmp_path / "other")
-        report = write_report(fabric.results, out, Request(compare=sides))
-        (one,) = report.data.comparisons
-        assert one.difference.value == 200
-        assert set(report.data.table["source"]) == set(sides)
-        assert any("Only in" in note and "sac" in note for note in report.data.notes)
-        page = (out / "index.html").read_text()
-        assert "the interquartile means differ by +200" in page
-        assert "comparison-face_direction-td3.png" in drawn_files(report)
+        found = frames(fabric.results, Request(compare=sides))
+        (one,) = found.comparisons.to_dict("records")
+        assert one["difference"] == 200
+        assert set(found.configurations["source"]) == set(sides)
+        assert any("Only in" in note and "SAC" in note for note in found.notes)
 
     def test_refused_comparison_reports_setting_that_differs(self, fabric, tmp_path):
         other = type(fabric)(tmp_path / "other")
@@ -142,14 +124,14 @@ class TestCompare:
         other.run(FLAT, time_limit="terminal")
         sides = str(tmp_path / "results"), str(tmp_path / "other")
         with pytest.raises(RequestError, match=r"time_limit=bootstrap.*time_limit=terminal"):
-            gather(fabric.results, Request(compare=sides))
+            frames(fabric.results, Request(compare=sides))
 
     def test_directory_without_runs_is_refused(self, fabric, tmp_path):
         fabric.run(FLAT)
         (tmp_path / "empty").mkdir()
         sides = str(tmp_path / "results"), str(tmp_path / "empty")
         with pytest.raises(RequestError, match=r"no run with an episode of .*empty"):
-            gather(fabric.results, Request(compare=sides))
+            frames(fabric.results, Request(compare=sides))
 
 
 class TestReference:
@@ -159,37 +141,31 @@ class TestReference:
             fabric.run(FLAT, seed)
             shipped.run(FLAT, seed)
         shipped.run(FLAT, algo="sac")
-        found = sources.reference(Request(), shipped.results)
+        found = rows.reference(Request(), shipped.results)
         assert [(c.source, c.algo, len(c.seeds)) for c in found.cells] == [
             ("reference", "sac", 1),
             ("reference", "td3", 2),
         ]
-        assert sources.reference(Request(algo="td3"), shipped.results).cells != []
-        assert sources.reference(Request(algo="ppo"), shipped.results).cells == []
+        assert rows.reference(Request(algo="td3"), shipped.results).cells != []
+        assert rows.reference(Request(algo="ppo"), shipped.results).cells == []
         # The date selects the user's own runs.
         later = Request(since="2999-01-01")
-        assert len(sources.reference(later, shipped.results).cells) == 2
+        assert len(rows.reference(later, shipped.results).cells) == 2
 
     def test_missing_reference_runs_are_noted(self, tmp_path):
         for directory in (tmp_path / "nowhere", tmp_path):
-            found = sources.reference(Request(), Results(directory))
+            found = rows.reference(Request(), Results(directory))
             assert found.cells == []
             assert "ships no reference runs" in found.notes[-1]
 
     def test_shipped_runs_are_never_mixed_with_own_runs(self, fabric):
         for seed in range(3):
             fabric.run(FLAT, seed)
-        alone = learned(gather(fabric.results, Request()))
-        beside = learned(gather(fabric.results, Request(reference=True)))
-        assert [cell for cell in beside if cell[0] == "ours"] == alone
-        assert {cell[0] for cell in beside} <= {"ours", "reference"}
-
-    def test_summary_names_source_of_runs(self, fabric):
-        fabric.run(FLAT, task="face_direction")
-        first = document(gather(fabric.results, Request(reference=True))).summary[0]
-        named = first.partition(": ")[2].rstrip(".").split("; ")
-        shipped = {name for name in named if name.startswith("reference: face_direction")}
-        left = int(re.search(r"in (\d+) cells", first)[1]) - 12
-        own = "face_direction TD3 full, 40k control steps, n = 1"
-        assert {*named} - shipped == {own, f"and {left} more"}
-        assert any(name.endswith("n = 6") for name in shipped)
+        alone = frames(fabric.results, Request()).configurations
+        beside = frames(fabric.results, Request(reference=True)).configurations
+        own = beside[beside["source"] == "own"]
+        assert (
+            own[["configuration", "seeds"]].values.tolist()
+            == alone[["configuration", "seeds"]].values.tolist()
+        )
+        assert set(beside["source"]) == {"own", "reference"}

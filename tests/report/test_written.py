@@ -1,13 +1,141 @@
-"""Tests of the output directory: files of an earlier report are removed, other files are kept."""
+"""Tests of the files of a report, and of those of an earlier report in the same directory."""
 
 import json
 
+import numpy as np
+import pandas as pd
 import pytest
 
-from jbench.errors import RequestError
-from jbench.report import contents
-from jbench.report.output_directory import LISTING, write
-from jbench.report.report import write_report
+from jbench.errors import RequestError, WorkError
+from jbench.report import page
+from jbench.report.frames import frames
+from jbench.report.report import LISTING, _write, write_report
+from jbench.report.request import Request
+
+
+FLAT = np.full(40, 500.0)
+SVG = Request(formats=("svg",))
+
+
+@pytest.fixture
+def filled(fabric):
+    for seed in range(3):
+        fabric.run(FLAT + seed, seed, algo="ddpg")
+        fabric.run(FLAT + 50 + seed, seed, algo="ddpg", representation="dae12")
+    return fabric.results
+
+
+def test_report_is_page_list_and_two_folders(filled, out):
+    report = write_report(filled, out, SVG)
+    assert {path.name for path in out.iterdir()} == {"index.html", LISTING, "figures", "tables"}
+    assert sorted(report.files) == sorted(path for path in out.rglob("*") if path.is_file())
+    figures = {path.name for path in (out / "figures").iterdir()}
+    assert {"representations.svg", "returns.svg"} <= figures
+    assert (out / "tables" / "final_returns.tex").exists()
+    assert report.frames.problems == []
+    frame = pd.read_parquet(out / "tables" / "curves.parquet")
+    pd.testing.assert_frame_equal(frame, report.frames.curves, check_dtype=False)
+    text = pd.read_csv(out / "tables" / "curves.csv", keep_default_na=False, na_values=[""])
+    np.testing.assert_allclose(text["median"], frame["median"], rtol=1e-12)
+
+
+def test_same_results_give_identical_files(filled, tmp_path):
+    first = write_report(filled, tmp_path / "a", SVG)
+    second = write_report(filled, tmp_path / "b", SVG)
+    for one, other in zip(first.files, second.files, strict=True):
+        assert one.read_bytes() == other.read_bytes(), one.name
+
+
+def test_watched_report_writes_only_page(filled, out):
+    write_report(filled, out, Request(watched=True))
+    assert sorted(path.name for path in out.iterdir()) == ["index.html", "report.json"]
+
+
+def test_names_with_path_separators_write_no_file_outside(fabric, out):
+    for name in ("face_direction", "x/../../../etc/passwd"):
+        for representation in ("full", "x/../../y"):
+            fabric.run(FLAT[:4], task=name, algo=name, representation=representation)
+    report = write_report(fabric.results, out, SVG)
+    assert sorted(report.files) == sorted(path for path in out.rglob("*") if path.is_file())
+    assert sorted(out.parent.iterdir()) == [out, fabric.results.path]
+
+
+def test_damaged_run_is_reported_and_others_are_used(fabric):
+    damaged = fabric.run(FLAT, seed=0)
+    fabric.run(FLAT, seed=1)
+    (file,) = damaged.path.glob("*.parquet")
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 255
+    file.write_bytes(content)
+    found = frames(fabric.results)
+    (problem,) = found.problems
+    assert file.name in problem
+    assert damaged.id in problem
+    assert found.configurations["seeds"].tolist() == [1]
+
+
+def test_only_damaged_runs_are_refused(fabric, out):
+    damaged = fabric.run(FLAT)
+    (damaged.path / "manifest.json").write_text("{")
+    with pytest.raises(WorkError, match=r"can be reported.*manifest\.json"):
+        write_report(fabric.results, out)
+    assert not out.exists()
+
+
+class TestRequests:
+    def test_runs_without_episodes_are_refused(self, fabric, out):
+        fabric.run([], status="unfinished", steps=1000)
+        with pytest.raises(RequestError, match=r"No run has an episode yet.*r0001"):
+            write_report(fabric.results, out)
+
+    @pytest.mark.parametrize(
+        ("filters", "asked"),
+        [
+            ({"task": "dance"}, "task 'dance'"),
+            ({"algo": "dqn"}, "algo 'dqn'"),
+            ({"task": "face_direction", "algo": "ddpg"}, "task 'face_direction' and algo 'ddpg'"),
+        ],
+    )
+    def test_filter_without_match_lists_existing_runs(self, fabric, filters, asked):
+        fabric.run(FLAT, algo="td3")
+        fabric.run(FLAT, task="move_to_pose", algo="ddpg")
+        with pytest.raises(RequestError) as error:
+            frames(fabric.results, Request(**filters))
+        assert asked in str(error.value)
+        assert "face_direction with td3; move_to_pose with ddpg" in str(error.value)
+
+    def test_filter_excludes_other_runs(self, fabric):
+        for task, algo in (("face_direction", "td3"), ("move_to_pose", "ddpg")):
+            fabric.run(FLAT, task=task, algo=algo)
+        found = frames(fabric.results, Request(task="face_direction"))
+        assert set(found.curves["algo"]) == set(found.runs["algo"]) == {"TD3"}
+
+    @pytest.mark.parametrize(
+        ("wrong", "printed"),
+        [
+            ({"window": 0}, "window of 0"),
+            ({"window": 1.5}, "window of 1.5"),
+            ({"order": "random"}, "quantile-first or smooth-first"),
+        ],
+    )
+    def test_invalid_window_or_order_is_refused(self, wrong, printed):
+        with pytest.raises(RequestError, match=printed):
+            Request(**wrong)
+
+    def test_order_and_window_are_those_of_curves(self, fabric):
+        turns = np.tile([0.0, 10.0], 4)
+        for seed, returns in enumerate((turns, 10 - turns, np.full(8, 4.0))):
+            fabric.run(returns, seed=seed)
+        for order, median in (("quantile-first", 4), ("smooth-first", 5)):
+            curves = frames(fabric.results, Request(order=order, window=2)).curves
+            assert curves["median"].tolist()[1:-1] == [median] * 7
+
+    def test_row_has_own_and_published_median(self, fabric):
+        for seed, end in enumerate((900.0, 950.0, 1000.0)):
+            fabric.run(np.r_[np.zeros(4900), np.full(100, end)], seed=seed)
+        (row,) = frames(fabric.results).configurations.to_dict("records")
+        assert (row["seeds"], row["steps"], row["median"]) == (3, 5_000_000, 950)
+        assert (round(row["published"]), row["published_figure"]) == (963, "Figure 9")
 
 
 def names(out):
@@ -16,8 +144,8 @@ def names(out):
 
 def test_files_missing_from_new_report_are_removed(out):
     out.mkdir()
-    write(out, {"a.png": b"1", "b.png": b"2"})
-    paths, notes = write(out, {"b.png": b"3", "c.png": b"4"})
+    _write(out, {"a.png": b"1", "b.png": b"2"})
+    paths, notes = _write(out, {"b.png": b"3", "c.png": b"4"})
     assert names(out) == {"b.png", "c.png", LISTING}
     assert sorted(paths) == sorted(out.iterdir())
     assert notes == []
@@ -26,21 +154,21 @@ def test_files_missing_from_new_report_are_removed(out):
 
 def test_foreign_and_changed_files_are_kept(out):
     out.mkdir()
-    write(out, {"a.png": b"1", "b.png": b"2", "gone.png": b"3"})
+    _write(out, {"a.png": b"1", "b.png": b"2", "gone.png": b"3"})
     (out / "notes.txt").write_text("mine")
     (out / "a.png").write_bytes(b"mine")
     (out / "gone.png").unlink()
-    _, (note,) = write(out, {"c.png": b"4"})
+    _, (note,) = _write(out, {"c.png": b"4"})
     assert names(out) == {"a.png", "c.png", "notes.txt", LISTING}
     assert note.startswith("a.png in ")
     # The file is kept and not reported again.
-    assert write(out, {"c.png": b"4"})[1] == []
+    assert _write(out, {"c.png": b"4"})[1] == []
 
 
 def test_file_in_place_of_directory_is_refused_before_drawing(fabric, out, monkeypatch):
     fabric.run([500.0] * 4)
     out.write_text("mine")
-    monkeypatch.setattr(contents, "document", None)  # calling it would be a TypeError
+    monkeypatch.setattr(page, "render", None)  # calling it would be a TypeError
     with pytest.raises(RequestError, match="is a file, or lies in one; name a directory"):
         write_report(fabric.results, out)
     assert out.read_text() == "mine"
@@ -49,7 +177,7 @@ def test_file_in_place_of_directory_is_refused_before_drawing(fabric, out, monke
 def test_report_without_listing_keeps_all_files(out):
     out.mkdir()
     (out / "figure9.png").write_bytes(b"of an older jbench")
-    write(out, {"c.png": b"4"})
+    _write(out, {"c.png": b"4"})
     assert names(out) == {"figure9.png", "c.png", LISTING}
 
 
@@ -71,7 +199,7 @@ def test_invalid_or_hostile_listing_is_harmless(out, listing):
     outside.write_bytes(b"1")
     (out / "link").symlink_to(outside)
     (out / LISTING).write_text(listing.replace("DIGEST", digest))
-    write(out, {"c.png": b"4"})
+    _write(out, {"c.png": b"4"})
     assert outside.read_bytes() == b"1"
     assert (out / "link").is_symlink()
     assert list(json.loads((out / LISTING).read_text())["files"]) == ["c.png"]

@@ -20,6 +20,7 @@ from tests.command_line import succeed
 from tests.documentation import ROOT
 
 TASKS = ("face_direction", "move_in_direction")
+BASELINES = ("full", "scaled")
 
 
 class Returns(NamedTuple):
@@ -143,11 +144,10 @@ def test_main_table(returns, page, heading, count):
 
 def test_all_differences(returns):
     rows = table("docs/answer.md", "end, evaluation")
-    baselines = {"full": (), "scaled": ("full",)}
     assert {(*configuration(row[0]), *row[1:3]) for row in rows} == {
         (algo, task, name, baseline)
         for kind, algo, task, name in returns
-        for baseline in baselines.get(name, ("full", "scaled"))
+        for baseline in {"full": (), "scaled": ("full",)}.get(name, BASELINES)
         if (kind, algo, task, baseline) in returns
     }
     p_values = []
@@ -164,6 +164,14 @@ def test_all_differences(returns):
     assert [row[-1] for row in rows] == [
         f"{p:.3f}" if p >= 0.001 else "< 0.001" for p in holm(p_values)
     ]
+
+
+def test_planar_against_scaled_is_not_decided():
+    rows = table("docs/answer.md", "end, evaluation")
+    (p,) = (
+        float(r[-1]) for r in rows if r[0].startswith(TASKS[0]) and r[1:3] == ["planar", "scaled"]
+    )
+    assert f"p is {p:.2f}, corrected" in (ROOT / "docs/answer.md").read_text()
 
 
 def p_value(ours, theirs):
@@ -186,7 +194,7 @@ def holm(p_values):
     return np.minimum(adjusted, 1)
 
 
-def test_similar_representation_and_final_returns_of_random_actions(returns):
+def test_forward_is_similar_to_scaled(returns):
     forward, scaled = (
         returns["evaluation", "td3", TASKS[0], name].final for name in ("forward12", "scaled")
     )
@@ -258,10 +266,32 @@ def test_comparisons_that_the_sequential_test_has_decided(tmp_path):
     succeed("merge", "reference", results=tmp_path)
     typed = ("sweep", "question", "--until-decided", "--dry-run", "--json")
     rows = json.loads(succeed(*typed, results=tmp_path).stdout)["comparisons"]
-    decided = [row for row in rows if row["verdict"] != "undecided"]
+    decided = {
+        (*row["comparison"].replace(" td3", "").replace("against ", "").split(), row["verdict"])
+        for row in rows
+        if row["verdict"] != "undecided"
+    }
+    lower = [(name, base) for name in ("dae12", "pca12", "random12") for base in BASELINES]
+    assert decided == {
+        *((TASKS[0], *pair, "smaller") for pair in lower),
+        (TASKS[1], "dae12", "full", "smaller"),
+        *((TASKS[1], "planar", base, "larger") for base in BASELINES),
+    }
     for page in ("docs/answer.md", "docs/claims.md"):
         text = " ".join((ROOT / page).read_text().split())
         assert f"{len(decided)} of its {len(rows)} comparisons" in text
+
+
+def test_page_on_statistics_has_the_medians_of_ddpg(returns):
+    training, evaluation = (
+        np.median(returns[kind, "ddpg", TASKS[0], "full"].final)
+        for kind in ("training", "evaluation")
+    )
+    text = " ".join((ROOT / "docs/statistics.md").read_text().split())
+    assert (
+        f"training return of {training:.0f} and a median evaluation return of {evaluation:.0f}"
+        in text
+    )
 
 
 def test_page_on_recording_has_the_shipped_runs(returns):

@@ -9,6 +9,7 @@ from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
     AugmentOption,
+    FinalEpisodesOption,
     JobsOption,
     JsonOption,
     LogOption,
@@ -42,6 +43,14 @@ def train(
             "DAE, the id of an encoder, or ofeN (N features learned with the agent).",
         ),
     ] = "none",
+    encoder_seeds: Annotated[
+        str,
+        typer.Option(
+            help="Encoder of each agent: the newest, or each: the one trained with the agent's "
+            "seed (train-encoder --seed 0-9).",
+            autocompletion=complete(*names.ENCODER_SEEDS),
+        ),
+    ] = "newest",
     seeds: Annotated[str, typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7.")] = "0-9",
     steps: Annotated[
         str, typer.Option(help="Number of control steps of each run, such as 100k or 5e6.")
@@ -71,6 +80,7 @@ def train(
     evaluate_episodes: Annotated[
         int, typer.Option(help="Episodes per evaluation (0 disables it).")
     ] = 10,
+    final_episodes: FinalEpisodesOption = None,
     augment: AugmentOption = None,
     robots: Annotated[
         int,
@@ -138,6 +148,7 @@ def train(
         algo=algo,
         task=names.known("task", task, names.TASKS),
         encoder=encoder,
+        encoder_seeds=names.known("value of --encoder-seeds", encoder_seeds, names.ENCODER_SEEDS),
         seeds=parse_seeds(seeds),
         steps=parsing.count("--steps", steps),
         base=base,
@@ -156,7 +167,7 @@ def train(
         failures = sweep(
             [Cell(task, algo, runs[0].representation, runs, base)],
             database,
-            lambda: Local(database, processes, train_on, checkpoint_every),
+            lambda: Local(database, processes, train_on, checkpoint_every, final_episodes),
             TrainingView(output),
             retry_failed=retry_failed,
             wait=False,

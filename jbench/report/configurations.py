@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from jbench.names import kind_of
 from jbench.report.analysis.examine import decide_solved
 from jbench.report.analysis.scores import scores_of, statistics
 from jbench.report.analysis.statistics import Estimate
@@ -12,7 +13,6 @@ from jbench.report.data.cells import (
     ID,
     Cell,
     display_name,
-    kind_of_encoder,
     shown_representation,
 )
 from jbench.report.data.curves import BAND_SEEDS, QUANTILES, Curve, centers
@@ -205,7 +205,7 @@ def published_frame(
 
 def _names(one: PublishedCurve) -> dict[str, str | int]:
     names = display_name(one.algo), shown_representation(one.representation)
-    kind = kind_of_encoder(one.representation)
+    kind = kind_of(one.representation)
     values = one.task, *names, kind, one.figure_name, one.source, one.seeds
     return dict(zip(PUBLISHED_NAMES, values, strict=True))
 

@@ -48,7 +48,8 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
     rows = finished.drop(columns=["test_mse", "test_explained"]).merge(errors, on="encoder")
     if rows.empty:
         return pd.DataFrame(columns=_COLUMNS)
-    rows = rows.assign(settings=_labels(rows))
+    names = rows["encoder"].str.split("/").str[1]  # such as dae12-observation-whitened
+    rows = rows.assign(settings=_labels(rows), representation=names.map(shown_representation))
     for name in _FRACTIONS:
         rows[name] = 1 - rows[f"{name}_explained"]
     predictions = tables["encoder_predictions"].to_pandas(use_threads=False)
@@ -56,16 +57,14 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
     rows = rows.merge(r2.reindex(columns=list(PREDICTED)), on="encoder", how="left")
     rows["effective_rank"] = rows["effective_rank"].astype(float)
     frame = (
-        rows.groupby(["task", "kind", "settings", "latents"])
+        rows.groupby(["task", "kind", "representation", "settings", "latents"])
         .agg(seeds=("seed", "nunique"), **{name: (name, "median") for name in _MEDIANS})
         .reset_index()
     )
-    names = frame["kind"] + frame["latents"].astype(str)
-    frame["representation"] = names.map(shown_representation)
     kinds = in_order(frame["kind"], tuple(ENCODER_KINDS))
     orders = {"task": in_order(frame["task"], TASKS), "kind": kinds}
     ordered = frame.sort_values(
-        ["task", "kind", "settings", "latents"],
+        ["task", "kind", "settings", "latents", "representation"],
         key=lambda one: one.map(orders[one.name].index) if one.name in orders else one,
         ignore_index=True,
     )

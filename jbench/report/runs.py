@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jbench.names import kind_of
 from jbench.report.configurations import seed_frame
-from jbench.report.data.cells import display_name, kind_of_encoder, shown_representation
+from jbench.report.data.cells import display_name, shown_representation
 from jbench.report.data.divergence import divergence_of
 from jbench.report.data.rows import Rows
 from jbench.settings.alike import flatten
@@ -40,7 +41,7 @@ def run_frame(rows: Rows, returns: str) -> pd.DataFrame:
         cell, representation = named.get(key), str(row["representation"])
         names = {"configuration": "", "label": "", "words": ""} | (cell.identity if cell else {})
         names |= {"source": key[0], "run": key[1], "task": row["task"]}
-        names |= {"algo": display_name(str(row["algo"])), "kind": kind_of_encoder(representation)}
+        names |= {"algo": display_name(str(row["algo"])), "kind": kind_of(representation)}
         names |= {"representation": shown_representation(representation)}
         divergence = divergence_of(row["diverged"])
         found.append(

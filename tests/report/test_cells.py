@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from jbench.report.data.building import build_cells, usable_runs
-from jbench.report.data.cells import ID, in_order, kind_of_encoder, shown_representation
+from jbench.report.data.cells import ID, in_order, shown_representation
 from jbench.report.data.returns import EVALUATION
 from jbench.settings.algorithms import algorithm_settings
 from jbench.settings.alike import alike, comparable, flatten
@@ -314,10 +314,5 @@ def test_size_that_follows_from_task_is_not_in_name(fabric):
         ("scaled", "scaled"),
     ]
     assert all(tuple(one) == ID for one in found)
-    assert shown_representation("planar13") == "planar"
-
-
-def test_kind_of_variant_of_encoder_is_that_of_encoder():
-    assert kind_of_encoder("dae12-observation-whitened") == "dae"
-    assert kind_of_encoder("lld-vae12") == "lld-vae"
-    assert kind_of_encoder("mine7") == "mine"
+    assert shown_representation("planar13-observation-whitened") == "planar-observation-whitened"
+    assert shown_representation("dae12-whitened") == "dae12-whitened"

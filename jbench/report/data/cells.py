@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jbench.names import ALGORITHMS, ENCODER_KINDS, FULL, TASKS, Order, kind_of
+from jbench.names import ALGORITHMS, FULL, REPRESENTATION, TASKS, Order, kind_of
 from jbench.report.data.curves import (
     WINDOW,
     BoolArray,
@@ -38,7 +38,7 @@ SEQUENCE_WINDOW = 20
 ID = ("configuration", "label", "source", "task", "algo", "representation", "kind", "words")
 """Columns of a frame that name a configuration."""
 
-_SIZE_OF_TASK = ("scaled", "planar")
+_SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "heading", "raw")
 """Kinds whose number of latents follows from the task, so that names leave it out."""
 
 
@@ -131,8 +131,7 @@ class Cell:
     def identity(self) -> dict[str, str]:
         """The columns `ID`."""
         shown = shown_representation(self.representation)
-        kind = FULL if self.representation == FULL else kind_of_encoder(self.representation)
-        words = display_name(self.algo), shown, kind, self.words
+        words = display_name(self.algo), shown, kind_of(self.representation), self.words
         values = self.configuration, self.label, self.source, self.task, *words
         return dict(zip(ID, values, strict=True))
 
@@ -188,17 +187,12 @@ def display_name(algo: str) -> str:
     return f"{algo} (label)" if algo in map(str.upper, ALGORITHMS) else algo
 
 
-def kind_of_encoder(representation: str) -> str:
-    """Returns the kind of a representation: `dae` of `dae12` and of `dae12-whitened`."""
-    kind = kind_of(representation)
-    begun = [name for name in ENCODER_KINDS if kind.startswith(name)]
-    return max(begun, key=len) if begun and kind not in ENCODER_KINDS else kind
-
-
 def shown_representation(representation: str) -> str:
     """Returns a representation's name, without the size where the task determines it."""
-    kind = kind_of(representation)
-    return kind if kind in _SIZE_OF_TASK else representation
+    match = REPRESENTATION.fullmatch(representation)
+    if match is None or match["kind"] not in _SIZE_OF_TASK:
+        return representation
+    return "-".join(filter(None, match.group("kind", "scale", "rescale")))
 
 
 def verified(cells: Iterable[Cell]) -> list[Cell]:

@@ -3,10 +3,10 @@
 Makes results of 200 and of 2,000 runs of 5,000 episodes (five tasks, four algorithms; the runs are
 seeds, or with --variants also settings) and writes their report, each time in a process of its own.
 Prints seconds and peak memory of the whole command, its start included, the median of several
-rounds that alternate between the sizes; how many times as long a run takes in the larger results;
-how long `--watch` takes to write the page again; and where the time goes. The limits: 200 runs in
-less than 4 s on two cores and 350 MB, without the bootstrap of the claims, which is measured
-separately. It writes and removes about 0.5 GB.
+rounds that alternate between the sizes, and with --beside between this version and another checkout
+of jbench; how many times as long a run takes in the larger results; how long the page alone takes,
+as `--watch` writes it; and where the time goes. The limits: 200 runs in 8 s with all files and in
+3 s for the page, on two idle cores. It writes and removes about 0.5 GB.
 """
 
 import argparse
@@ -78,10 +78,11 @@ def generate(path: Path, runs: int, episodes: int, variants: int) -> None:
         record.finish({"wall_time": 5.5 * episodes, "steps_done": 1000 * episodes})
 
 
-def measure(path: Path, *options: str) -> Measure:
-    """Writes a report in a process of its own."""
+def measure(path: Path, root: Path, *options: str) -> Measure:
+    """Writes a report by a checkout of jbench, in a process of its own."""
     command = [sys.executable, "-c", MEASURED, "report", "--results", str(path), *options]
-    done = subprocess.run(command, capture_output=True, text=True)
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
     code, *numbers = done.stderr.splitlines()[-1].split()
     if code != "0":
         raise SystemExit(done.stderr)
@@ -89,26 +90,16 @@ def measure(path: Path, *options: str) -> Measure:
     return Measure(seconds, processor, kilobytes / 1e3)
 
 
-def watch(path: Path, runs: int, episodes: int, variants: int, rounds: int) -> list[float]:
-    """Returns the seconds of the first page, and of each after one more run has grown.
-
-    The run grows by ten episodes each time.
-    """
-    from jbench.remembered import remembering
+def page(path: Path, rounds: int) -> list[float]:
+    """Returns the seconds of the page alone, as `--watch` writes it again and again."""
     from jbench.report.report import write_report
     from jbench.report.request import Request
 
-    results = Results(path)
-    record = begin(results, runs, episodes, variants)
-    rows, seconds = rows_of(record.id, runs, episodes), []
-    record.append({"episodes": rows.slice(0, episodes // 2)})
-    with remembering() as memory:
-        for round in range(rounds + 1):
-            memory.next_round()
-            began = time.perf_counter()
-            write_report(results, path / "report", Request(watched=True))
-            seconds.append(time.perf_counter() - began)
-            record.append({"episodes": rows.slice(episodes // 2 + 10 * round, 10)})
+    seconds = []
+    for _ in range(rounds):
+        began = time.perf_counter()
+        write_report(Results(path), path / "report", Request(watched=True))
+        seconds.append(time.perf_counter() - began)
     return seconds
 
 
@@ -131,7 +122,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3, help="of which the median is taken")
     parser.add_argument("--profile", type=int, default=0, help="lines of a profile of the smallest")
     parser.add_argument("--directory", type=Path, help="where to work; else a temporary one")
+    parser.add_argument("--beside", type=Path, help="root of another checkout to measure as well")
     arguments = parser.parse_args()
+    roots = [Path(__file__).resolve().parents[1], *filter(None, [arguments.beside])]
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}", flush=True)
     sizes = sorted(arguments.runs)
     with tempfile.TemporaryDirectory(dir=arguments.directory) as directory:
@@ -140,35 +133,24 @@ def main() -> None:
             generate(path, runs, arguments.episodes, arguments.variants)
         for options in ((), ("--claims",)):
             rounds = [
-                {runs: measure(path, *options) for runs, path in paths.items()}
+                {
+                    (root, runs): measure(path, root, *options)
+                    for runs, path in paths.items()
+                    for root in roots
+                }
                 for _ in range(arguments.rounds)
             ]
-            middle = {
-                runs: Measure(
-                    *(statistics.median(m) for m in zip(*(r[runs] for r in rounds), strict=True))
-                )
-                for runs in sizes
-            }
-            for runs, found in middle.items():
+            for root, runs in rounds[0]:
+                measured = zip(*(found[root, runs] for found in rounds), strict=True)
+                middle = Measure(*map(statistics.median, measured))
                 print(
-                    f"{' '.join(('jbench report', *options))}, {runs:,} runs x "
-                    f"{arguments.episodes:,} episodes: {found.seconds:.1f} s "
-                    f"({found.processor:.1f} s of the processor), {found.megabytes:,.0f} MB",
+                    f"{root.name}: {' '.join(('jbench report', *options))}, {runs:,} runs x "
+                    f"{arguments.episodes:,} episodes: {middle.seconds:.1f} s "
+                    f"({middle.processor:.1f} s of the processor), {middle.megabytes:,.0f} MB",
                     flush=True,
                 )
-            if len(sizes) > 1:
-                ratio = middle[sizes[-1]].seconds / middle[sizes[0]].seconds
-                by_run = ratio / (sizes[-1] / sizes[0])
-                print(f"a run of the larger results takes {by_run:.2f} times as long", flush=True)
-        runs = sizes[0]
-        first, *again = watch(
-            paths[runs], runs, arguments.episodes, arguments.variants, arguments.rounds
-        )
-        print(
-            f"jbench report --watch, {runs:,} runs: {first:.2f} s for the first page, and "
-            f"{statistics.median(again):.2f} s after one run has grown",
-            flush=True,
-        )
+        times = page(paths[sizes[0]], arguments.rounds)
+        print(f"the page alone, {sizes[0]:,} runs: {statistics.median(times):.2f} s", flush=True)
         if arguments.profile:
             print(profile(paths[sizes[0]], arguments.profile))
     print(f"load {os.getloadavg()[0]:.1f}")

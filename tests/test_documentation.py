@@ -11,7 +11,6 @@ import shlex
 import shutil
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
 from typer.main import get_command
@@ -19,8 +18,8 @@ from typer.main import get_command
 from jbench.cli import app
 from jbench.datasets import Dataset
 from jbench.paper import citation
-from jbench.report.document import Document
-from jbench.report.page import render_document
+from jbench.report import page
+from jbench.report.frames import frames
 from jbench.store import Results
 from jbench.tasks import features
 from tests.documentation import PAGES, ROOT, Session, blocks_of
@@ -201,13 +200,12 @@ def test_query_of_encoders_page_prints_errors(output):
 # All citations of the paper are equal.
 
 
-def test_readme_and_report_cite_paper():
+def test_readme_and_report_cite_paper(demo_results):
     readme = " ".join((ROOT / "README.md").read_text().split())
     first, second, third = citation.AUTHORS
     assert f"{first}, {second} and {third}, *{citation.TITLE}*" in readme
     assert f"{citation.VENUE}, {citation.YEAR}" in readme
-    page = html.unescape(render_document(Document("", [], [], [], [], pd.DataFrame(), "")))
-    assert citation.CITATION in page
+    assert citation.CITATION in html.unescape(page.render(frames(demo_results)))
 
 
 def test_citation_file_cites_paper():

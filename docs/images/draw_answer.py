@@ -1,4 +1,4 @@
-"""Draws the figures of docs/answer.md from the shipped runs: python docs/images/draw_answer.py.
+"""Draws figures of README and docs/answer.md from the shipped runs: docs/images/draw_answer.py.
 
 They are figures of `jbench report`, as for a paper, of the runs of the batched engine in float32.
 """
@@ -11,11 +11,8 @@ from typing import NamedTuple
 
 from PIL import Image
 
-from jbench.report import contents
-from jbench.report.document import FigureItem
-from jbench.report.figures import plotting
-from jbench.report.figures.layout import SHEETS
-from jbench.report.report import gather
+from jbench.report import figures, style
+from jbench.report.frames import frames
 from jbench.report.request import Request
 from jbench.store import Results
 from jbench.store.shipped import shipped_results
@@ -33,19 +30,12 @@ class Drawing(NamedTuple):
     """
 
     name: str
-    figure: str
-    algo: str = "td3"
+    figure: str = "representations"
     task: str = "face_direction"
     columns: int = 1
 
 
-DRAWINGS = (
-    Drawing("answer", "evaluations-face_direction-ddpg", algo="ddpg"),
-    Drawing("answer-td3", "evaluations-face_direction-td3"),
-    Drawing("answer-reduction", "reduction"),
-    Drawing("answer-prediction", "prediction_returns", columns=2),
-    Drawing("answer-harder", "evaluations-move_in_direction-td3", task="move_in_direction"),
-)
+DRAWINGS = (Drawing("answer-td3"), Drawing("answer-harder", task="move_in_direction"))
 
 
 def copy_compared(target: Path) -> Results:
@@ -60,11 +50,9 @@ def copy_compared(target: Path) -> Results:
 
 def draw(results: Results, drawing: Drawing) -> None:
     """Draws a figure with few colors and pixels, which makes its file small."""
-    report = contents.document(gather(results, Request(task=drawing.task, algo=drawing.algo)))
-    (item,) = (one for one in report.items if one.name == drawing.figure)
-    assert isinstance(item, FigureItem)
-    drawn = plotting.draw(item.figure, SHEETS[drawing.columns])
-    picture = Image.open(io.BytesIO(plotting.to_png(drawn, paper=True))).convert("RGB")
+    found = frames(results, Request(task=drawing.task, algo="td3"))
+    drawn = figures.drawings(found)[drawing.figure](drawing.columns)
+    picture = Image.open(io.BytesIO(style.image(drawn, "png"))).convert("RGB")
     picture = picture.resize(
         (round(SMALLER * picture.width), round(SMALLER * picture.height)), Image.Resampling.LANCZOS
     )

@@ -51,8 +51,7 @@ def demo(context: typer.Context, results: ResultsOption = _RESULTS) -> None:
         if answer == 128 + signal.SIGINT:  # typer returns this on Ctrl-C
             raise KeyboardInterrupt
     output.say(
-        f"\nThe report: {results / 'report' / 'index.html'} "
-        f"(curves: {results / 'report' / 'figure9.png'})\n"
+        f"\nThe report: {results / 'report' / 'index.html'}\n"
         "Next, the paper's experiment on one task (it takes days; --steps and --seeds make it "
         "shorter):\n"
         "  jbench collect && jbench train-dae &&\n"

@@ -10,9 +10,8 @@ from jbench.names import RETURNS, Order, ReturnsName, known
 from jbench.report.configurations import curve_points
 from jbench.report.data import rows
 from jbench.report.data.cells import of_kind
-from jbench.report.data.curves import WINDOW
 from jbench.report.data.returns import KINDS
-from jbench.report.request import Request
+from jbench.report.request import WINDOW, Request
 from jbench.store import Results, query
 from jbench.store.shipped import results_to_read
 

@@ -56,11 +56,9 @@ def behavior(
         shown = ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
         motor += [_motor(one) for one in shown]
         positions += _positions(shown)
-    tables = (
-        pd.concat(parts[1:] or parts, ignore_index=True).reindex(columns=names)
-        for parts, names in ((motor, MOTOR), (positions, POSITIONS))
-    )
-    return *tables, problems
+    joined = (pd.concat(parts[1:] or parts, ignore_index=True) for parts in (motor, positions))
+    first, second = joined
+    return first[[*MOTOR]], second[[*POSITIONS]], problems
 
 
 def _read(record: Record) -> _States:

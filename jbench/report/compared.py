@@ -89,7 +89,7 @@ def profile_frame(cells: Sequence[Cell]) -> pd.DataFrame:
     for task in in_order(groups):
         for same in groups[task].values():
             strata = [scores_of(cell).final for cell in same]
-            low, high = np.nan, np.nan
+            low = high = np.full(len(THRESHOLDS), np.nan)
             if min(map(len, strata)) >= st.MIN_SEEDS:
                 low, high = st.profile_interval(strata, THRESHOLDS)
             names = {**same[0].identity, "task": task, "returns": same[0].kind.name}
@@ -107,7 +107,12 @@ def comparison_frame(found: Sequence[Comparison]) -> pd.DataFrame:
 def _comparison(one: Comparison) -> dict[str, Any]:
     p, difference, medians = one.improvement, one.difference, one.medians
     names = {name: one.ours.identity[name] for name in COMPARISONS[:4]}
-    row = {**names, "returns": one.ours.kind.name, "a": one.ours.source, "b": one.theirs.source}
+    row: dict[str, Any] = {
+        **names,
+        "returns": one.ours.kind.name,
+        "a": one.ours.source,
+        "b": one.theirs.source,
+    }
     row |= {"seeds_a": one.seeds[0], "seeds_b": one.seeds[1], "steps": one.control_steps}
     for columns, estimate in zip(
         (COMPARISONS[10:13], COMPARISONS[13:16], COMPARISONS[16:19]),

@@ -63,7 +63,7 @@ def encoder_frame(tables: Mapping[str, pa.Table], task: str | None = None) -> pd
     )
     kinds = in_order(frame["kind"], tuple(ENCODER_KINDS))
     orders = {"task": in_order(frame["task"], TASKS), "kind": kinds}
-    ordered = frame.sort_values(
+    ordered: pd.DataFrame = frame.sort_values(
         ["task", "kind", "settings", "latents", "representation"],
         key=lambda one: one.map(orders[one.name].index) if one.name in orders else one,
         ignore_index=True,

@@ -168,7 +168,8 @@ def _read(results: Results, request: Request) -> tuple[list[Rows], list[str]]:
     cells = [cell for part in parts for cell in part.cells]
     if request.baseline is not None:
         sources.check_baseline(request.baseline, cells)
-    drawable = cells or _finished_encoders(parts[0]) or _saved_states(results)
+    encoders = encoder_frame(parts[0].tables, request.task)
+    drawable = cells or len(encoders) or _has_states(results, request.task)
     if parts[0].runs.empty and not drawable:
         raise sources.nothing_to_report(results, [p for part in parts for p in part.problems])
     if not drawable:
@@ -178,12 +179,10 @@ def _read(results: Results, request: Request) -> tuple[list[Rows], list[str]]:
     return parts, []
 
 
-def _finished_encoders(rows: Rows) -> bool:
-    return "finished" in rows.tables["encoders"]["status"].to_pylist()
-
-
-def _saved_states(results: Results) -> bool:
-    return any(record.settings.get("states") for record in results.scan("evaluation")[0])
+def _has_states(results: Results, task: str | None) -> bool:
+    """Returns whether states of policies were saved, which can be drawn without any run."""
+    saved = (one.settings for one in results.scan("evaluation")[0])
+    return any(one.get("states") and task in (None, one.get("task")) for one in saved)
 
 
 def _check_comparable(one: Rows, other: Rows, request: Request) -> list[str]:
@@ -219,7 +218,7 @@ def _comparisons(parts: Sequence[Rows], request: Request) -> pd.DataFrame:
         comparisons.compare(one, other)
         for kind in KINDS.values()
         for one, other in comparisons.across(
-            *(of_kind(part.cells, kind) for part in parts), request.names_compared
+            of_kind(parts[0].cells, kind), of_kind(parts[1].cells, kind), request.names_compared
         )
     ]
     return comparison_frame(found)

@@ -1,6 +1,6 @@
 """The headline of a report: one plain sentence or two on what was learned."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
@@ -9,11 +9,11 @@ from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.words import steps, whole
 
 _CLAUSES = {
-    "higher": "{names} reach higher final returns than {full}",
-    "lower": "{names} reach lower final returns than {full}",
-    "faster": "{names} learn faster than {full}",
-    "slower": "{names} learn more slowly than {full}",
-    "similar": "{names} reach final returns similar to {full}",
+    "higher": "with {names}, agents reach higher final returns",
+    "lower": "with {names}, lower ones",
+    "faster": "with {names}, they learn faster",
+    "slower": "with {names}, they learn more slowly",
+    "similar": "with {names}, final returns are similar",
 }
 _MAX_WORDS = 30
 
@@ -40,36 +40,37 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame) -> str:
     clauses = list(_clauses(against_full))
     if not clauses:
         return "Whether agents learn as well on a reduced observation is undecided."
-    text = f"Agents on {clauses[0]}."
-    for clause in clauses[1:]:
-        longer = f"{text} Those on {clause}."
-        if len(longer.split()) <= _MAX_WORDS:
-            text = longer
-    return text
+    while len(_sentence(clauses).split()) > _MAX_WORDS and len(clauses) > 1:
+        clauses.pop()
+    return _sentence(clauses)
+
+
+def _sentence(clauses: Sequence[str]) -> str:
+    text = "; ".join(clauses)
+    if "agents" not in text:  # the clause that names them was not found
+        text = text.replace("lower ones", "agents reach lower final returns", 1)
+        text = text.replace("they learn", "agents learn", 1)
+    return f"Compared with the full observation: {text}."
 
 
 def _clauses(verdicts: pd.DataFrame) -> Iterable[str]:
     """Yields a clause for each outcome and the tasks on which it was found, the clearest first."""
-    tasks = verdicts.groupby("representation")["task"].agg(lambda one: tuple(dict.fromkeys(one)))
+    tasks = verdicts.groupby("representation")["task"].nunique()
     found: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for representation, rows in verdicts.groupby("representation", sort=False):
         outcomes: dict[str, list[str]] = {}
         for task, of_task in rows.groupby("task", sort=False):
             outcomes.setdefault(_outcome(of_task), []).append(str(task))
-        for outcome, where in outcomes.items():
-            everywhere = len(where) == len(tasks[representation])
-            key = outcome, () if everywhere else tuple(where)
+        for outcome, found_on in outcomes.items():
+            everywhere = len(found_on) == tasks[representation]
+            key = outcome, () if everywhere else tuple(found_on)
             found.setdefault(key, []).append(str(representation))
     several = verdicts["task"].nunique() > 1
-    for (outcome, where), names in sorted(found.items(), key=lambda one: _rank(one[0])):
-        if outcome in _CLAUSES:
-            clause = _CLAUSES[outcome].format(names=one_of(names, "and"), full="on the full one")
-            yield clause + (f" on {one_of(where, 'and')}" if where and several else "")
-
-
-def _rank(key: tuple[str, tuple[str, ...]]) -> tuple[int, int]:
-    outcomes = [*_CLAUSES]
-    return (len(key[1]) > 0, outcomes.index(key[0]) if key[0] in outcomes else len(outcomes))
+    for outcome, clause in _CLAUSES.items():
+        for (other, where), names in sorted(found.items()):
+            if outcome == other:
+                on = f" on {one_of(where, 'and')}" if where and several else ""
+                yield clause.format(names=one_of(names, "and")) + on
 
 
 def _outcome(rows: pd.DataFrame) -> str:
@@ -80,9 +81,9 @@ def _outcome(rows: pd.DataFrame) -> str:
     for claim in ("a", "c"):
         words = {*rows["verdict"][rows["claim"] == claim]} - {"undecided"}
         if len(words) == 1 and words != {"similar"}:
-            return words.pop()
+            return str(words.pop())
     words = {*rows["verdict"][rows["claim"] == "a"]}
-    return words.pop() if words == {"similar"} else "undecided"
+    return "similar" if words == {"similar"} else "undecided"
 
 
 def _best(configurations: pd.DataFrame) -> str:

@@ -83,7 +83,7 @@ def leaderboard(
     known = configurations[configurations["seeds"] > 0]
     agents = pd.DataFrame(
         {
-            **known[["task", "algo", "median", "steps_min", "steps"]],
+            **{name: known[name] for name in ("task", "algo", "median", "steps_min", "steps")},
             "entry": known["source"],
             "observation": known["representation"].where(
                 known["words"] == "", known["representation"] + ", " + known["words"]
@@ -93,16 +93,19 @@ def leaderboard(
             "n": known["seeds"],
         }
     )
-    others = [
-        {"task": task, "entry": HAND_WRITTEN, "algo": HEURISTIC, "observation": FULL}
-        | dict(zip(("median", "low", "high"), st.estimate(st.median, [returns]), strict=False))
-        | {"n": len(returns)}
+    others: list[dict[str, object]] = [
+        {
+            **{"task": task, "entry": HAND_WRITTEN, "algo": HEURISTIC, "observation": FULL},
+            **dict(zip(("median", "low", "high"), st.estimate(st.median, [returns]), strict=False)),
+            "n": len(returns),
+        }
         for task, returns in by_hand.items()
         if algo in (None, HEURISTIC)
     ]
     tasks = {*agents["task"], *(row["task"] for row in others)}
     curves = [one for one in published if one.task in tasks and algo in (None, one.algo)]
-    every = pd.concat([agents, pd.DataFrame(others + _published(curves))], ignore_index=True)
+    others += _published(curves)
+    every: pd.DataFrame = pd.concat([agents, pd.DataFrame(others)], ignore_index=True)
     every = every.reindex(columns=COLUMNS).sort_values("median", ascending=False, kind="stable")
     ranked = [_ranked(every[every["task"] == task]) for task in in_order(tasks)]
     integers = dict.fromkeys(("rank", "n", "steps_min", "steps"), "Int64")

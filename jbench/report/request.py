@@ -6,7 +6,9 @@ from pathlib import Path
 
 from jbench.errors import RequestError
 from jbench.names import FIGURE_FORMATS, ORDERS, RETURNS, Order, ReturnsName, known
-from jbench.report.data.curves import WINDOW
+
+WINDOW = 100
+"""Episodes in a moving average (paper, Figures 8 and 9)."""
 
 
 @dataclass(frozen=True)

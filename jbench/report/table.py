@@ -11,7 +11,7 @@ import pandas as pd
 
 from jbench.report.data.words import whole
 
-Row = Mapping[str, Any]
+Row = Mapping[Any, Any]
 Form = Callable[[Any], str]
 
 _MARKDOWN = str.maketrans({"\\": "\\\\", "|": "\\|", "`": "\\`", "*": "\\*", "<": "&lt;"})
@@ -96,8 +96,8 @@ def to_markdown(table: Table) -> str:
     """Returns a table in GitHub's Markdown, with its title and caption above."""
     texts = table.texts()
     right = {column.title for column in table.columns if column.numeric}
-    lines = [list(texts), ["---:" if name in right else "---" for name in texts]]
-    lines += [[_markdown(text) for text in row] for row in texts.itertuples(index=False)]
+    lines = [[*map(str, texts)], ["---:" if name in right else "---" for name in texts]]
+    lines += [[_markdown(text) for text in row] for row in texts.to_numpy().tolist()]
     body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     title = table.title if table.title.endswith("?") else f"{table.title}."
     return f"{_markdown(f'{title} {table.caption}')}\n\n{body}\n"

@@ -78,11 +78,11 @@ def test_each_record_keeps_its_command_line(pipeline):
 def test_report_shows_every_cell(pipeline, tmp_path):
     done = succeed("report", "--json", "--out", str(tmp_path / "report"), results=pipeline)
     printed = json.loads(done.stdout)
-    cells = {(row["algo"], row["representation"], row["seeds"]) for row in printed["table"]}
-    assert cells == {(algo, rep, 2) for algo in ALGOS for rep in ("full", "dae5")}
+    rows = printed["configurations"]
+    found = {(row["algo"], row["representation"], row["seeds"]) for row in rows}
+    assert found == {(algo.upper(), rep, 2) for algo in ALGOS for rep in ("full", "dae5")}
     names = {Path(path).name for path in printed["files"]}
-    assert {"figure9.png", "figure9.svg", "aggregate.parquet", "aggregate.csv"} <= names
-    assert {f"comparison-face_direction-{algo}.png" for algo in ALGOS} <= names
+    assert {"representations.png", "representations.svg", "curves.parquet", "curves.csv"} <= names
     assert all(Path(path).stat().st_size > 0 for path in printed["files"])
 
 

@@ -11,14 +11,9 @@ from pydantic import ValidationError
 from jbench import cli
 from jbench.agents import sb3
 from jbench.policies.saved import load_agent
-from jbench.report.data.building import build_cells, usable_runs
-from jbench.report.data.cells import LearnedCurve, of_kind
-from jbench.report.data.curves import learning_curve
-from jbench.report.data.published import read_published, read_sequences
-from jbench.report.data.returns import TRAINING
-from jbench.report.data.summaries import summary_table
+from jbench.report.frames import frames
 from jbench.settings.run import RunSettings
-from jbench.store import Results, query, schema
+from jbench.store import Results, schema
 from jbench.tasks.robots import load_model
 from jbench.training import sb3_run as running
 from jbench.training.environment import make_env
@@ -295,7 +290,7 @@ def test_train_command_requests_given_robots(tmp_path, monkeypatch):
 
 
 def summary_row(path, **changes):
-    """The row of a report's table for a run with these settings and constant returns of 500."""
+    """The row of a report for a run with these settings and constant returns of 500."""
     results = Results(path)
     wanted = settings("sac", {}, steps=10_000_000, **changes)
     steps = range(1000, 10_000_001, 1000)
@@ -306,30 +301,15 @@ def summary_row(path, **changes):
     record = results.create("run", wanted.id, wanted.model_dump(mode="json"))
     record.append({"episodes": pa.Table.from_pylist(rows, schema.EPISODES)})
     record.finish({"wall_time": 1.0})
-    tables = query.load(results).tables
-    cells, _ = build_cells(
-        usable_runs(tables["runs"])[0], tables["episodes"], tables["evaluations"]
-    )
-    learned = [
-        LearnedCurve(c, learning_curve(c.returns, c.control_steps, c.lengths))
-        for c in of_kind(cells, TRAINING)
-    ]
-    published = [*read_published(query.published()), *read_sequences(query.published())]
-    (row,) = summary_table(learned, published, 100).to_dict("records")
+    (row,) = frames(results).configurations.to_dict("records")
     return row
 
 
 def test_published_sequence_is_compared_only_with_same_sequence(tmp_path):
     row = summary_row(tmp_path / "ten", robots=10)
     # The published medians are 807.00 at 9,931,000 and 808.17 at 9,971,000; 9,950,500 is between.
-    assert row["training_return_steps"] == 9_950_500
-    assert row["published_median"] == pytest.approx(807.57, abs=0.01)
-    assert row["published_figure"] == "augmented-sac"
-    assert "trained on 10 augmented robots in sequence" in row["notes"]
+    assert row["published"] == pytest.approx(807.57, abs=0.01)
+    assert row["published_figure"] == "augmented SAC"
     # Figure 9 ends at 5e6 steps: there is no published value for the plain robot.
-    row = summary_row(tmp_path / "plain")
-    assert np.isnan(row["published_median"])
-    assert "augmented" not in row["notes"]
-    row = summary_row(tmp_path / "one", augment=0)
-    assert np.isnan(row["published_median"])
-    assert "the published curves are of the plain one" in row["notes"]
+    assert np.isnan(summary_row(tmp_path / "plain")["published"])
+    assert np.isnan(summary_row(tmp_path / "one", augment=0)["published"])

@@ -78,8 +78,8 @@ def _scores(cell: Cell, control_steps: int | None) -> Scores:
     )
     known = np.isfinite(final) & np.isfinite(area)
     deviations, episodes = _episodes(cell, returns, lengths)
-    columns = (column[known] for column in (final, area, deviations, episodes))
-    return Scores(*columns, known, control_steps)
+    numbers = final[known], area[known], deviations[known], episodes[known]
+    return Scores(*numbers, known, control_steps)
 
 
 def _episodes(cell: Cell, returns: FloatArray, lengths: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -178,9 +178,8 @@ def _stacked(runs: Sequence[Points], kind: Returns) -> Points:
         return whole
 
     fields = list(zip(*runs, strict=True))
-    if kind is TRAINING:
-        return Points(*map(stack, fields[:3]), *_of_one_episode(shape))
-    return Points(*map(stack, fields))
+    episodes = _of_one_episode(shape) if kind is TRAINING else map(stack, fields[3:])
+    return Points(*[*map(stack, fields[:3]), *episodes])
 
 
 def _of_one_episode(shape: int | tuple[int, int]) -> tuple[FloatArray, FloatArray]:
@@ -219,7 +218,7 @@ def _in_order(episodes: pa.Table) -> Points:
     if (np.diff(number) < 0).any():  # most are in order
         order = np.argsort(number, kind="stable")
         columns = [column[order] for column in columns]
-    return Points(*columns, *_of_one_episode(len(number)))
+    return Points(*[*columns, *_of_one_episode(len(number))])
 
 
 def _evaluation_points(evaluations: pa.Table) -> dict[str, Points]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from jbench.names import ALGORITHMS, FULL, REPRESENTATION, TASKS, Order, kind_of
 from jbench.report.data.curves import (
-    WINDOW,
     BoolArray,
     Curve,
     FloatArray,
@@ -20,6 +19,7 @@ from jbench.report.data.curves import (
     learning_curve,
 )
 from jbench.report.data.returns import Returns
+from jbench.report.request import WINDOW
 from jbench.settings.alike import comparable
 from jbench.settings.run import Run
 

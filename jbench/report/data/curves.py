@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbench.names import Order
+from jbench.report.request import WINDOW
 from jbench.returns import FINAL_EPISODES, final_episodes
 
 FloatArray = NDArray[np.float64]
@@ -16,9 +17,6 @@ BoolArray = NDArray[np.bool_]
 
 QUANTILES = (10, 25, 50, 75, 90)
 """Percent, across seeds."""
-
-WINDOW = 100
-"""Episodes in a moving average (paper, Figures 8 and 9)."""
 
 BAND_SEEDS = 3
 """Minimum number of seeds for a band."""

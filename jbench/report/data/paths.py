@@ -23,7 +23,7 @@ def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
     columns = ["run", "steps", "episode_return", *_POSES]
     if paths is None or not paths.num_rows:  # older versions recorded none
         return pd.DataFrame(columns=columns)
-    points = paths.to_pandas(use_threads=False).astype({"run": str})
+    points: pd.DataFrame = paths.to_pandas(use_threads=False).astype({"run": str})
     numbers = points[["evaluation", "control_steps", "x", "y", "heading"]].astype(float)
     points = points[np.isfinite(numbers).all(axis=1)]
     points = points[points.groupby(["run", "evaluation"])["x"].transform("size") > 1]
@@ -31,4 +31,5 @@ def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
     returns = returns[returns["episode"] == 0].drop_duplicates(["run", "evaluation"])
     returns = returns[["run", "evaluation", "episode_return"]]
     points = points.merge(returns, on=["run", "evaluation"], how="left")
-    return points.rename(columns={"control_steps": "steps"})[columns]
+    named: pd.DataFrame = points.rename(columns={"control_steps": "steps"})
+    return named[columns]

@@ -1,0 +1,66 @@
+"""The figures of a report: each function draws one frame."""
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import fields
+from functools import partial
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from jbench.report.figures import behavior, curves, encoders, returns
+from jbench.report.figures.chart import Chart
+from jbench.report.frames import Frames
+from jbench.report.table import clean
+
+MAKERS = (
+    curves.by_representation,
+    curves.by_algorithm,
+    returns.forest,
+    returns.comparisons,
+    returns.pairs,
+    returns.profiles,
+    encoders.predictions,
+    encoders.errors,
+    curves.of_processor_time,
+    behavior.motor,
+    behavior.positions,
+    curves.of_sequences,
+)
+"""Functions that make a figure of frames, in the order of the page; None without enough data."""
+
+
+def cleaned(frames: Frames) -> Frames:
+    """Returns the frames with texts in one line, without control characters."""
+    frames = copy(frames)
+    for field in fields(frames):
+        frame = getattr(frames, field.name)
+        if isinstance(frame, pd.DataFrame):
+            setattr(frames, field.name, _clean_texts(frame))
+    return frames
+
+
+def _clean_texts(frame: pd.DataFrame) -> pd.DataFrame:
+    frame = frame.copy(deep=False)
+    for name in frame.select_dtypes(["object", "str", "category"]):
+        if name not in ("settings", "provenance") or isinstance(frame[name].dtype, pd.StringDtype):
+            known = {
+                text: clean(text) if isinstance(text, str) else text for text in set(frame[name])
+            }
+            frame[name] = frame[name].map(known)
+    return frame
+
+
+def charts(frames: Frames) -> list[Chart]:
+    """Returns the figures that there are data for."""
+    frames = cleaned(frames)
+    return [chart for make in MAKERS if (chart := make(frames)) is not None]
+
+
+def drawings(frames: Frames) -> dict[str, Callable[[int | None], Figure]]:
+    """Returns a function that draws each figure for a file.
+
+    Returns:
+        By name; the argument is the width in columns of a paper, 1 or 2, or None for a screen.
+    """
+    return {chart.name: partial(Chart.figure, chart) for chart in charts(frames)}

@@ -1,0 +1,373 @@
+"""Learning curves: by representation, by algorithm, on augmented robots, by processor time."""
+
+from collections.abc import Mapping
+from functools import partial
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib import ticker
+from matplotlib.axes import Axes
+
+from jbench.report import style
+from jbench.report.data.cells import OWN, SOLVED
+from jbench.report.figures.chart import (
+    Chart,
+    Draw,
+    Panel,
+    add_tips,
+    escaped,
+    narrow,
+    numbers,
+    series,
+    thinned,
+)
+from jbench.report.frames import Frames
+from jbench.report.style import Look
+
+PUBLISHED = "published"
+_ENOUGH = 5  # evaluations of a curve that is shown instead of training returns
+_UNEQUAL = 3  # ratio of lengths from which the axis is logarithmic
+_GROUP = ["task", "algo", "words", "source"]
+_UNITS = ((7200, 3600, "hours"), (120, 60, "minutes"), (0, 1, "seconds"))
+_ROOM = 0.075  # of the height of a panel, between words beside it
+
+
+def by_representation(frames: Frames) -> Chart | None:
+    """Returns the curves of each task and algorithm with several representations."""
+    curves = frames.curves.assign(series=frames.curves["representation"])
+    curves = curves[_is_compared(frames)]
+    published = frames.published.assign(series=frames.published["representation"])
+    looks = style.representation_looks(_pairs(curves, "representation", "kind"))
+    return _chart(
+        frames,
+        "representations",
+        "Learning curves by representation",
+        curves,
+        published,
+        looks,
+        _GROUP,
+    )
+
+
+def by_algorithm(frames: Frames) -> Chart | None:
+    """Returns the curves of each task on the full observation, and those that no figure has."""
+    compared = _is_compared(frames)
+    curves = frames.curves[(frames.curves["kind"] == "full") | ~compared]
+    curves = curves.assign(series=curves["label"].str.replace(" full", "", regex=False))
+    # A single curve that the first figure has as well is not drawn again.
+    single = curves.groupby("task")["configuration"].transform("nunique") < 2
+    curves = curves[~(single & compared.loc[curves.index])]
+    published = frames.published[frames.published["kind"] == "full"]
+    published = published.assign(series=published["algo"])
+    looks = style.algorithm_looks(_pairs(curves, "series", "algo"))
+    title = "Learning curves by algorithm" if curves["series"].nunique() > 1 else "Learning curves"
+    return _chart(frames, "algorithms", title, curves, published, looks, ["task"])
+
+
+def of_sequences(frames: Frames) -> Chart | None:
+    """Returns the curves of agents that are trained on augmented robots in sequence."""
+    rows = frames.sequences
+    rows = rows[rows["returns"] == "training"] if not rows.empty else rows
+    if rows.empty:
+        return None
+    own = rows[rows["source"] != PUBLISHED]
+    own = own.assign(series=own["algo"] + " " + own["representation"])
+    published = rows[rows["source"] == PUBLISHED]
+    published = published.assign(series=published["algo"] + " " + published["representation"])
+    looks = style.algorithm_looks(_pairs(own, "series", "algo"))
+    panels = []
+    for task, group in own.groupby("task", sort=False):
+        old = published[published["task"] == task]
+        draw = partial(
+            draw_curves, group, looks=looks, order=numbers(looks), published=old, scale="linear"
+        )
+        panels.append(Panel(str(task), {"": draw}))
+    return Chart(
+        "sequences",
+        "Augmented robots in sequence",
+        "median and 10–90% band of training returns; dotted: the paper's",
+        panels,
+        "sequences",
+        looks,
+    )
+
+
+def of_processor_time(frames: Frames) -> Chart | None:
+    """Returns the median return against the processor time of a seed."""
+    rows = frames.processor
+    if rows.empty or rows["configuration"].nunique() < 2:
+        return None
+    longest = float(rows["seconds"].max())
+    size, unit = next((size, unit) for least, size, unit in _UNITS if longest >= least)
+    rows = rows.assign(series=rows["label"], steps=rows["seconds"] / size, q10=np.nan, q90=np.nan)
+    looks = _configuration_looks(rows)
+    panels = [
+        Panel(
+            str(task),
+            {
+                "": partial(
+                    draw_curves,
+                    group,
+                    looks=looks,
+                    order=numbers(looks),
+                    scale="linear" if longest / size < 100 else "log",
+                    x=f"{unit} of processor time of a seed",
+                )
+            },
+        )
+        for task, group in rows.groupby("task", sort=False)
+    ]
+    note = "median over seeds; evaluations included"
+    return Chart("processor", "Return against processor time", note, panels, "processor", looks)
+
+
+def _configuration_looks(rows: pd.DataFrame) -> dict[str, Look]:
+    """Returns a look for each label: the color is the representation's, the dash the variant's."""
+    return style.representation_looks(_pairs(rows, "label", "kind"))
+
+
+def _pairs(rows: pd.DataFrame, name: str, group: str) -> list[tuple[str, str]]:
+    return list(rows[[name, group]].drop_duplicates().itertuples(index=False, name=None))
+
+
+def _is_compared(frames: Frames) -> pd.Series:
+    """Returns whether the configuration of each curve is one of several representations."""
+    groups = frames.curves.groupby(_GROUP)["representation"]
+    return groups.transform("nunique") > 1
+
+
+def _chart(
+    frames: Frames,
+    name: str,
+    title: str,
+    curves: pd.DataFrame,
+    published: pd.DataFrame,
+    looks: Mapping[str, Look],
+    by: list[str],
+) -> Chart | None:
+    """Returns curves with a panel for each group; evaluations first if there are enough."""
+    if curves.empty:
+        return None
+    kinds = _kinds(curves, frames.returns)
+    ends = curves.groupby(["task", "configuration"])["steps"].max().groupby("task")
+    scales = ["linear", "log"]
+    if (ends.max() / ends.min()).max() > _UNEQUAL:
+        scales.reverse()
+    panels = []
+    seen_published = False
+    groups = curves.groupby(by, sort=False)
+    size = (5.6, 2.9) if groups.ngroups < 3 else (4.2, 2.5)
+    for key, rows in groups:
+        task, algo = rows[["task", "algo"]].iloc[0]
+        old = published[published["task"] == task]
+        if name == "representations":
+            old = old[(old["algo"] == algo) & old["kind"].isin(rows["kind"])]
+            # The paper has one reduced observation; it is drawn beside the one of its size.
+            old = old[old["series"].isin(rows["series"])]
+            old = _one_figure(old, last=False)
+        else:
+            old = _one_figure(old[old["algo"].isin(rows["algo"])], last=True)
+        old = _near(old, rows)
+        seen_published |= not old.empty
+        common = {
+            "looks": looks,
+            "order": numbers(looks),
+            "published": old,
+            "baselines": frames.baselines[frames.baselines["task"] == task],
+            "each": frames.run_curves if not frames.run_curves.empty else None,
+            "each_seed": frames.request.each_seed,
+        }
+        panels.append(Panel(_panel_title(key), _versions(rows, kinds, scales, common), size))
+    legend = dict(looks)
+    if seen_published:
+        legend[PUBLISHED] = Look(style.SOFT, style.PUBLISHED_DASH, "")
+    note = "median and 10–90% band across seeds" + (
+        "; dotted: the paper's" if seen_published else ""
+    )
+    switches = [(scales[0], scales[1])]
+    if len(kinds) > 1:
+        switches.insert(0, (kinds[0], kinds[1]))
+    return Chart(name, title, note, panels, "curves", legend, switches)
+
+
+def _panel_title(key: object) -> str:
+    words = [str(word) for word in key] if isinstance(key, tuple) else [str(key)]
+    return ", ".join(word for word in words if word and word != OWN)
+
+
+def _kinds(curves: pd.DataFrame, leading: str) -> list[str]:
+    """Returns the kinds of return, the one that is shown first in front."""
+    points = curves.groupby(["returns", "configuration"])["steps"].size().groupby("returns").max()
+    kinds = [kind for kind in (leading, "evaluation", "training") if kind in points.index]
+    kinds = list(dict.fromkeys(kinds))
+    if kinds[0] == "evaluation" and points["evaluation"] < _ENOUGH:
+        kinds.reverse()
+    return kinds
+
+
+def _one_figure(published: pd.DataFrame, *, last: bool) -> pd.DataFrame:
+    """Returns the curves of the first or last of the paper's figures that has the algorithm."""
+    if published.empty:
+        return published
+    chosen = published.groupby("algo")["figure"].transform("max" if last else "min")
+    return published[published["figure"] == chosen]
+
+
+def _near(published: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns the published points up to the end of our curves, and at least some."""
+    if published.empty:
+        return published
+    end = max(float(rows["steps"].max()), 2 * float(published["steps"].min()))
+    return published[published["steps"] <= end]
+
+
+def _versions(
+    rows: pd.DataFrame, kinds: list[str], scales: list[str], common: Mapping[str, object]
+) -> dict[str, Draw]:
+    """Returns the drawings of a panel by kind of return and scale of the axis."""
+    present = [kind for kind in kinds if (rows["returns"] == kind).any()]
+    drawn = {}
+    for kind in present:
+        of_kind = rows[rows["returns"] == kind]
+        for scale in scales:
+            names = f"{kind} {scale}" if len(present) > 1 else scale
+            y = f"{kind} return"
+            drawn[names] = partial(draw_curves, of_kind, scale=scale, y=y, **common)  # type: ignore[arg-type]
+    return drawn
+
+
+def draw_curves(
+    rows: pd.DataFrame,
+    axes: Axes,
+    *,
+    looks: Mapping[str, Look],
+    order: Mapping[str, int],
+    published: pd.DataFrame | None = None,
+    baselines: pd.DataFrame | None = None,
+    each: pd.DataFrame | None = None,
+    each_seed: bool = False,
+    scale: str = "linear",
+    x: str = "environment steps",
+    y: str = "return",
+) -> None:
+    """Draws the curves of a panel.
+
+    Args:
+        rows: rows of `frames.curves` of one kind of return, with a column `series`.
+        order: the number of each series in the legend.
+        published: rows of `frames.published`, with a column `series`.
+        baselines: rows of `frames.baselines` of the task.
+        each: `frames.run_curves`; drawn where there are too few seeds for a band.
+    """
+    alpha = 0.16 if rows["series"].nunique() < 5 else 0.1
+    for (name, _), curve in rows.groupby(["series", "configuration"], sort=False):
+        look, number = looks[str(name)], order[str(name)]
+        curve = curve.iloc[thinned(len(curve))]
+        steps, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
+        axes.plot(
+            steps,
+            median,
+            color=look.color,
+            linestyle=look.linestyle,
+            gid=series(number),
+            zorder=2.5,
+        )
+        add_tips(axes, steps, median, _tips(str(name), curve), look, number)
+        if curve["q10"].notna().any():
+            axes.fill_between(
+                steps, curve["q10"], curve["q90"], color=look.color, alpha=alpha, linewidth=0,
+                gid=series(number),
+            )  # fmt: skip
+        if each is not None and (each_seed or curve["q10"].isna().all()):
+            _draw_each(axes, each, curve, look, number)
+    if published is not None:
+        _draw_published(axes, published, looks, order)
+    _set_axes(axes, rows, scale)
+    axes.set(xlabel=x, ylabel=y)
+    _draw_levels(axes, baselines)
+
+
+def _tips(name: str, curve: pd.DataFrame) -> list[str]:
+    """Returns the tip of each point: its median, band and number of seeds."""
+    seeds = curve["seeds"] if "seeds" in curve else curve["q10"] * np.nan
+    columns = (curve["steps"], curve["median"], curve["q10"], curve["q90"], seeds)
+    return [
+        f"{name} at {f'{at:,.0f}' if at >= 100 else f'{at:.3g}'}: {median:.0f}"
+        + ("" if np.isnan(low) else f" [{low:.0f}, {high:.0f}]")
+        + ("" if np.isnan(count) else f", n = {count:.0f}")
+        for at, median, low, high, count in zip(*(c.tolist() for c in columns), strict=True)
+    ]
+
+
+def _draw_each(
+    axes: Axes, each: pd.DataFrame, curve: pd.DataFrame, look: Look, number: int
+) -> None:
+    """Draws each seed of a curve as a thin line."""
+    first = curve.iloc[0]
+    chosen = (each["configuration"] == first["configuration"]) & (
+        each["returns"] == first.get("returns")
+    )
+    if not chosen.any() or first["seeds"] < 2:
+        return
+    width = mpl.rcParams["lines.linewidth"] / 2
+    for _, seed in each[chosen].groupby("run", sort=False):
+        axes.plot(
+            seed["steps"], seed["value"], color=look.color, alpha=0.5, linewidth=width,
+            gid=series(number),
+        )  # fmt: skip
+
+
+def _draw_published(
+    axes: Axes, published: pd.DataFrame, looks: Mapping[str, Look], order: Mapping[str, int]
+) -> None:
+    number = order.get(PUBLISHED, len(order))
+    dotted = (0, style.PUBLISHED_DASH)
+    for (name, _), curve in published.groupby(["series", "figure"], sort=False):
+        look = looks.get(str(name), Look(style.SOFT))
+        curve = curve.iloc[thinned(len(curve), 100)]
+        steps, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
+        axes.plot(steps, median, color=look.color, linestyle=dotted, gid=series(number))
+        tips = [
+            f"{name}, published, at {at:,.0f}: {value:.0f}"
+            for at, value in zip(steps, median, strict=True)
+        ]
+        shown = thinned(len(steps), 20)
+        axes.scatter(
+            steps[shown], median[shown], s=4, facecolors="none", edgecolors="none",
+            urls=[tips[i] for i in shown], gid=series(number),
+        )  # fmt: skip
+
+
+def _set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
+    low, high = float(rows["median"].min()), float(rows["median"].max())
+    axes.set_ylim(min(0.0, low * 1.05), max(1000.0, high * 1.05))
+    axes.set_xscale(scale)
+    if scale == "log":
+        positive = rows["steps"][rows["steps"] > 0]
+        axes.set_xlim(left=float(positive.min()) * 0.95)
+        subs = (1, 2, 5) if not narrow(axes) or rows["steps"].max() < 10 * positive.min() else (1,)
+        axes.xaxis.set_major_locator(ticker.LogLocator(subs=subs, numticks=8))
+        axes.xaxis.set_minor_formatter(ticker.NullFormatter())
+    else:
+        axes.set_xlim(left=0)
+        axes.xaxis.set_major_locator(ticker.MaxNLocator(4 if narrow(axes) else 6))
+    axes.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
+
+
+def _draw_levels(axes: Axes, baselines: pd.DataFrame | None) -> None:
+    """Draws the returns of policies without training and that of a solved task."""
+    levels = {"solved": float(SOLVED)}
+    if baselines is not None:
+        levels |= dict(zip(baselines["policy"], baselines["median"], strict=True))
+    for name, level in levels.items():
+        dash = "-" if name == "solved" else (0, (3, 2))
+        axes.axhline(level, color=style.SOFT, linewidth=0.7, linestyle=dash, zorder=1)
+    low, high = axes.get_ylim()
+    place = -np.inf
+    for name, level in sorted(levels.items(), key=lambda item: item[1]):
+        place = max((level - low) / (high - low), place + _ROOM)
+        axes.text(
+            1.02, place, escaped(str(name)), transform=axes.transAxes, va="center",
+            size=mpl.rcParams["font.size"] * (0.9 if not narrow(axes) else 0.7), color=style.SOFT,
+        )  # fmt: skip

@@ -1,0 +1,275 @@
+"""The page of a report: one HTML file that loads nothing, made by templates."""
+
+import base64
+import hashlib
+import json
+import math
+from collections.abc import Iterator
+from importlib import resources
+from typing import Any
+
+import jinja2
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from jbench.paper.citation import CITATION
+from jbench.report import style
+from jbench.report.data.cells import OWN
+from jbench.report.figures import charts, cleaned
+from jbench.report.figures.chart import Chart
+from jbench.report.frames import Frames
+from jbench.report.svg import panel_svg
+from jbench.report.table import Table, clean
+from jbench.report.tables import tables
+from jbench.wording import counted
+
+_FIRST = ("comparisons", "representations")
+_NEXT = ("algorithms", "returns")
+_OPEN_TABLES = ("final_returns", "comparisons", "runs")
+_FILTERED = ("task", "algo", "representation", "against", "returns", "status", "claim")
+_MOST_CHOICES = 40
+_LONG = 30  # rows from which a table has a height of its own
+_SEARCHED = 12  # rows from which a table has filters
+_CLAIMS = {"a": "final return", "b": "variability", "c": "speed"}
+_STATES = {"✓": "for", "✗": "against"}
+_WORDS = {
+    "linear": "Linear axis",
+    "log": "Logarithmic axis",
+    "evaluation": "Evaluation returns",
+    "training": "Training returns",
+}
+_RUN_POINTS, _PATH_POINTS = 60, 40
+_PAGE_POINTS = 12_000  # of the curves of all runs together
+
+
+def render(frames: Frames) -> str:
+    """Returns the page as HTML; the same frames give the same bytes.
+
+    Its policy allows only its own style and script, so that a text in the results can't become a
+    script and nothing is loaded or sent. It is readable without scripts.
+    """
+    frames = cleaned(frames)
+    drawn = {chart.name: _figure(chart) for chart in charts(frames)}
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("jbench.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    css, script = _asset("style.css"), _asset("page.js")
+    policy = (
+        f"default-src 'none'; style-src {_digest(css)}; script-src {_digest(script)}; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+    rest = [name for name in drawn if name not in (*_FIRST, *_NEXT)]
+    runs = _runs(frames)
+    return environment.get_template("page.html.j2").render(
+        policy=policy,
+        style=Markup(css),
+        script=Markup(script),
+        watched=frames.request.watched,
+        title=_title(frames),
+        headline=clean(frames.headline),
+        problems=[clean(text) for text in frames.problems],
+        notes=[clean(text) for text in frames.notes],
+        first=[drawn[name] for name in _FIRST if name in drawn],
+        next=[drawn[name] for name in _NEXT if name in drawn],
+        folded=[drawn[name] for name in rest],
+        words=_WORDS,
+        matrix=_matrix(frames),
+        tables=[_table(table) for table in tables(frames) if table.name != "verdicts"],
+        provenance=list(frames.provenance.itertuples(index=False, name=None)),
+        runs=_json(runs) if runs["runs"] else "",
+        command=clean(frames.request.command),
+        citation=CITATION,
+    )
+
+
+def _title(frames: Frames) -> str:
+    if frames.request.compare:
+        return "Jitterbug: " + " against ".join(clean(side) for side in frames.request.compare)
+    parts = [counted(len(frames.runs), "run")]
+    count = frames.configurations["configuration"].nunique()
+    return f"Jitterbug: {', '.join([*parts, counted(count, 'configuration')])}"
+
+
+def _figure(chart: Chart) -> dict[str, Any]:
+    """Returns what the template needs of a figure, its panels drawn."""
+    panels = []
+    for panel in chart.panels:
+        label = f"{chart.title}: {panel.title}. {chart.note}"
+        drawn = [
+            panel_svg(draw, panel.size, label, names) for names, draw in panel.versions.items()
+        ]
+        panels.append({"title": panel.title, "svg": Markup("".join(drawn))})
+    legend = {
+        name: {
+            "stroke": "var(--soft)" if look.color == style.SOFT else look.color,
+            "dash": " ".join(f"{length * 1.6:g}" for length in look.dash),
+        }
+        for name, look in chart.legend.items()
+    }
+    return {
+        **{"name": chart.name, "title": chart.title, "note": chart.note, "data": chart.data},
+        **{"switches": chart.switches, "minimum": chart.minimum, "panels": panels},
+        "legend": legend if len(legend) > 1 else {},
+        "shown": " ".join(shown for shown, _ in chart.switches),
+    }
+
+
+def _matrix(frames: Frames) -> dict[str, Any]:
+    """Returns the verdicts with a row for each representation, and a column for each claim."""
+    verdicts = frames.verdicts[frames.verdicts["returns"] == frames.returns]
+    baselines = list(dict.fromkeys(verdicts["against"]))
+    scales = {claim: _scale(rows) for claim, rows in verdicts.groupby("claim")}
+    rows = []
+    for _, group in verdicts.groupby("configuration", sort=False):
+        first = group.iloc[0]
+        known = {(row["against"], row["claim"]): row for row in group.to_dict("records")}
+        about = [first["algo"], first["words"], first["task"]]
+        about += [] if first["source"] == OWN else [first["source"]]
+        keys = [(name, claim) for name in baselines for claim in _CLAIMS]
+        shown = [_verdict(known[k], scales[k[1]]) if k in known else None for k in keys]
+        names = {"representation": first["representation"], "about": ", ".join(filter(None, about))}
+        rows.append({**names, "verdicts": shown})
+    return {"baselines": baselines, "claims": _CLAIMS, "rows": rows}
+
+
+def _scale(rows: pd.DataFrame) -> tuple[float, float]:
+    """Returns the ends of the small axis of a claim; few intervals reach beyond it."""
+    neutral = float(rows["neutral"].iloc[0])
+    ends = pd.concat([rows["low"], rows["high"]]).replace([np.inf, -np.inf], np.nan)
+    reach = float((ends - neutral).abs().quantile(0.9)) if ends.notna().any() else 1.0
+    return neutral - reach, neutral + reach
+
+
+def _verdict(row: dict[str, Any], scale: tuple[float, float]) -> dict[str, Any]:
+    def at(value: float) -> float:
+        low, high = scale
+        share = (min(max(value, low), high) - low) / ((high - low) or 1)
+        return round(4 + 112 * (0.5 if math.isnan(share) else share), 1)
+
+    margin = None
+    if row["margin"] > 0:
+        left = at(row["neutral"] - row["margin"])
+        margin = left, round(at(row["neutral"] + row["margin"]) - left, 1)
+    form = "{:+.2f}" if abs(scale[1] - scale[0]) < 20 else "{:+.0f}"
+    if row["neutral"]:
+        form = form.replace("+", "")
+    value, low, high = (form.format(row[name]) for name in ("value", "low", "high"))
+    return {
+        **{name: at(row[name]) for name in ("value", "low", "high", "neutral")},
+        **{name: row[name] for name in ("mark", "verdict", "text")},
+        "numbers": f"{value} [{low}, {high}], n = {row['seeds']}",
+        "state": _STATES.get(row["mark"], "for" if row["verdict"] == "similar" else "open"),
+        "margin": margin,
+    }
+
+
+def _table(table: Table) -> dict[str, Any]:
+    """Returns what the template needs of a table; columns without any text are left out."""
+    rows = table.rows()
+    shown = [i for i in range(len(table.columns)) if any(row[i][1] for row in rows)]
+    columns = [table.columns[i] for i in shown]
+    cells = [
+        [
+            {
+                **{"text": text, "title": column.title},
+                **{"numeric": column.numeric, "value": _sortable(value)},
+            }
+            for column, (value, text) in zip(columns, (row[i] for i in shown), strict=True)
+        ]
+        for row in rows
+    ]
+    filters = []
+    for i, column in enumerate(columns):
+        values = list(dict.fromkeys(row[i]["text"] for row in cells))
+        if column.key in _FILTERED and 1 < len(values) <= _MOST_CHOICES:
+            filters.append((i, column.title, values))
+    return {
+        **{"name": table.name, "title": table.title, "caption": table.caption},
+        **{"columns": columns, "rows": cells, "filters": filters},
+        "searched": len(rows) > _SEARCHED,
+        "long": len(rows) > _LONG,
+        "folded": table.name not in _OPEN_TABLES,
+    }
+
+
+def _sortable(value: Any) -> Any:
+    """Returns a value by which a column is sorted; unknown ones come first."""
+    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool):
+        return "" if math.isnan(value) else float(f"{value:.6g}")
+    return ""
+
+
+def _runs(frames: Frames) -> dict[str, Any]:
+    """Returns the runs for the script: names, facts, settings by number, curves and paths."""
+    settings: dict[tuple[str, str], int] = {}
+    curves = {key: _curves(rows) for key, rows in _by_run(frames.run_curves)}
+    paths = {key: list(_paths(rows)) for key, rows in _by_run(frames.paths)}
+    most = max(2, min(_RUN_POINTS, _PAGE_POINTS // max(1, len(frames.runs))))
+    found = []
+    for row in frames.runs.to_dict("records"):
+        key = row["source"], row["run"]
+        pairs = [(clean(str(n)), clean(str(v))) for n, v in row["settings"].items()]
+        facts = [row["label"], f"seed {row['seed']}", row["status"], row["diverged"], row["day"]]
+        found.append(
+            {
+                "name": row["run"] if row["source"] == OWN else f"{row['source']}: {row['run']}",
+                "facts": ", ".join(filter(None, facts)),
+                "settings": [settings.setdefault(pair, len(settings)) for pair in pairs],
+                "curve": _thin_curve(curves.get(key, {}), frames.returns, most),
+                "paths": paths.get(key, []),
+            }
+        )
+    return {"settings": list(settings), "runs": found}
+
+
+def _by_run(rows: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
+    return iter(rows.groupby(["source", "run"], sort=False)) if len(rows) else iter(())
+
+
+def _curves(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {str(kind): curve for kind, curve in rows.groupby("returns")}
+
+
+def _thin_curve(curves: dict[str, pd.DataFrame], returns: str, most: int) -> list[Any]:
+    """Returns kind, steps and returns of the curve of a run, which has five points or more."""
+    kinds = sorted(curves, key=lambda kind: (len(curves[kind]) < 5, kind != returns))
+    if not kinds:
+        return []
+    curve = curves[kinds[0]]
+    shown = curve.iloc[np.linspace(0, len(curve) - 1, min(len(curve), most)).round().astype(int)]
+    steps, values = shown["steps"].round(), shown["value"].round(1)
+    return [kinds[0], steps.astype(int).tolist(), values.tolist()]
+
+
+def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Yields the first and the last path of a run, in tenths of a millimeter."""
+    steps = sorted(rows["steps"].unique())
+    for at in dict.fromkeys((steps[0], steps[-1])):
+        path = rows[rows["steps"] == at]
+        last = path.iloc[-1]
+        path = path.iloc[np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).astype(int)]
+        numbers = {"heading": last["heading"], "gained": last["episode_return"]}
+        numbers |= {name: last[f"target_{name}"] for name in ("x", "y", "yaw")}
+        known = {n: round(float(v), 3) for n, v in numbers.items() if np.isfinite(v)}
+        points = (path[["x", "y"]].to_numpy() * 1e4).round().astype(int)
+        yield {**known, "steps": int(at), "points": points.ravel().tolist()}
+
+
+def _json(value: Any) -> Markup:
+    """Returns JSON that can't end its script element."""
+    text = json.dumps(value, separators=(",", ":"), ensure_ascii=False)
+    return Markup(text.replace("<", "\\u003c"))
+
+
+def _asset(name: str) -> str:
+    text = resources.files("jbench.report").joinpath("templates", name).read_text("utf-8")
+    return f"\n{text}"
+
+
+def _digest(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"

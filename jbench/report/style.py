@@ -1,0 +1,166 @@
+"""How series look: a color by kind of representation or by algorithm, a dash by variant.
+
+The first seven kinds and all algorithms have colors that the color-blind tell apart (Okabe and Ito,
+2008; Tol, 2021). Representations and algorithms share no color, so that a color means one thing.
+"""
+
+import io
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+Dash = tuple[float, ...]
+"""Lengths of dashes and gaps, in widths of the line; solid if empty."""
+
+_KINDS = {
+    "full": ("#7a7f87", "o"),
+    "scaled": ("#0072b2", "s"),
+    "planar": ("#009e73", "^"),
+    "forward": ("#56b4e9", "v"),
+    "random": ("#e69f00", "P"),
+    "pca": ("#d55e00", "X"),
+    "dae": ("#cc79a7", "D"),
+    "heading": ("#8f7be0", "p"),
+    "raw": ("#a89f8d", "h"),
+    "ae": ("#9c4f96", "<"),
+    "ddae": ("#e7298a", ">"),
+    "vae": ("#7f9a00", "*"),
+    "lld-vae": ("#b15928", "d"),
+    "dmd": ("#b08d57", "8"),
+    "contrastive": ("#c0392b", "H"),
+    "random-features": ("#c4ae00", "o"),
+    "ofe": ("#2fb3a6", "s"),
+}
+_OTHER_KINDS = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
+_ALGORITHMS = {"DDPG": "#4477aa", "PPO": "#b5a11f", "SAC": "#228833", "TD3": "#ee6677"}
+_OTHER_ALGORITHMS = ("#aa3377", "#33bbee", "#994f00", "#5d3fd3", "#ee7733", "#2a9d8f", "#8d99ae")
+_MARKERS = "os^vPXDph<>*d8H"
+_DASHES: tuple[Dash, ...] = (
+    (),
+    (4, 1.6),
+    (6, 1.6, 1.2, 1.6),
+    (2, 1.2),
+    (8, 2),
+    (6, 1.4, 1.2, 1.4, 1.2, 1.4),
+    (3, 1, 1, 1),
+    (10, 2, 3, 2),
+)
+PUBLISHED_DASH: Dash = (1, 1.6)
+"""Dots, which only the paper's curves have."""
+
+INK, SOFT, LINE = "#000000", "#6f7a88", "#e1e5ea"
+"""Of marks without a color, of texts and axes, and of the grid; a page replaces them."""
+
+_BASE: Mapping[str, Any] = {
+    "font.family": "sans-serif",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.edgecolor": SOFT,
+    "axes.labelcolor": SOFT,
+    "axes.titlelocation": "left",
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "grid.color": LINE,
+    "grid.linewidth": 0.8,
+    "legend.frameon": False,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "jbench",
+}
+PAGE: Mapping[str, Any] = {
+    **_BASE,
+    "font.size": 9,
+    "axes.labelsize": 9,
+    "svg.fonttype": "none",  # the reader's font
+    "lines.linewidth": 1.8,
+    "lines.markersize": 4.5,
+}
+"""Parameters of matplotlib for a panel of the page."""
+
+PAPER: Mapping[str, Any] = {
+    **_BASE,
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7.5,
+    "svg.fonttype": "path",
+    "lines.linewidth": 1.2,
+    "lines.markersize": 2.8,
+}
+"""Parameters of matplotlib for files."""
+
+
+class Look(NamedTuple):
+    """How a series looks; no two of a figure are equal in color and dash."""
+
+    color: str
+    dash: Dash = ()
+    marker: str = "o"
+
+    @property
+    def linestyle(self) -> str | tuple[int, Dash]:
+        """The dash for matplotlib."""
+        return (0, self.dash) if self.dash else "-"
+
+
+def representation_looks(names: Iterable[tuple[str, str]]) -> dict[str, Look]:
+    """Returns the look of each representation.
+
+    Args:
+        names: representations and their kinds, such as `dae12` and `dae`.
+    """
+    kinds = dict(names)
+    strange = sorted({kind for kind in kinds.values() if kind not in _KINDS})
+    known = dict(_KINDS)
+    for i, kind in enumerate(strange):
+        known[kind] = _OTHER_KINDS[i % len(_OTHER_KINDS)], _MARKERS[(i + 3) % len(_MARKERS)]
+    order = list(known)
+    # The shortest name, such as `dae12` beside `dae12-whitened`, is solid.
+    ordered = sorted(kinds, key=lambda name: (order.index(kinds[name]), len(name), name))
+    return _looks({name: known[kinds[name]] for name in ordered})
+
+
+def algorithm_looks(names: Iterable[tuple[str, str]]) -> dict[str, Look]:
+    """Returns the look of each series.
+
+    Args:
+        names: names of series and their algorithms, such as `TD3, bfloat16` and `TD3`.
+    """
+    algorithms = dict(names)
+    strange = sorted({algo for algo in algorithms.values() if algo not in _ALGORITHMS})
+    known = dict(_ALGORITHMS)
+    for i, algo in enumerate(strange):
+        known[algo] = _OTHER_ALGORITHMS[i % len(_OTHER_ALGORITHMS)]
+    markers = {algo: _MARKERS[i % len(_MARKERS)] for i, algo in enumerate(known)}
+    return _looks({name: (known[algo], markers[algo]) for name, algo in algorithms.items()})
+
+
+def _looks(series: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
+    """Returns looks that differ in color or dash, from a color and a marker for each series."""
+    count: dict[str, int] = {}
+    looks = {}
+    for name, (color, marker) in series.items():
+        nth = count[color] = count.get(color, -1) + 1
+        turns, index = divmod(nth, len(_DASHES))
+        # After all dashes were used they are stretched, so that no two are equal.
+        dash = tuple(length * (1 + 0.7 * turns) for length in _DASHES[index])
+        looks[name] = Look(color, dash if dash or not turns else (12 + 4 * turns, 2), marker)
+    return looks
+
+
+def image(figure: Figure, ending: str) -> bytes:
+    """Returns a figure as the content of a file; the same figure gives the same bytes.
+
+    Args:
+        ending: png, svg or pdf.
+    """
+    dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": None}
+    sink = io.BytesIO()
+    with mpl.rc_context(dict(PAPER)):
+        figure.savefig(sink, format=ending, dpi=200, metadata=dates[ending])
+    return sink.getvalue()

@@ -1,0 +1,131 @@
+"""Makes matplotlib's SVG fit for a page.
+
+A page has many figures, a theme, and a policy that forbids style attributes. So ids get a prefix of
+their own, styles become presentation attributes, black becomes the color of the text, and the tip
+of a mark, which matplotlib keeps as a link, becomes its title.
+"""
+
+import hashlib
+import io
+import re
+from xml.etree import ElementTree
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from jbench.report import style
+from jbench.report.figures.chart import Draw
+
+_SVG = "{http://www.w3.org/2000/svg}"
+_LINK = "{http://www.w3.org/1999/xlink}href"
+_NAMES = {"version": None, _LINK: "href"}
+_COLORS = {
+    style.INK: "currentColor",
+    style.SOFT: "var(--soft)",
+    style.LINE: "var(--line)",
+    "#ffffff": "var(--card)",
+}
+_FONT = re.compile(r"(?:(bold|\d+) )?([\d.]+)px")
+_NUMBER = re.compile(r"-?\d+\.\d\d+")
+_NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
+
+
+def panel_svg(draw: Draw, size: tuple[float, float], label: str, names: str = "") -> str:
+    """Returns a panel as an SVG element of a page.
+
+    Args:
+        size: width and height in inches.
+        label: what it shows, for readers who can't see it.
+        names: classes of the element.
+    """
+    with mpl.rc_context(dict(style.PAGE)):
+        figure = Figure(figsize=size, layout="constrained")
+        draw(figure.subplots())
+        sink = io.BytesIO()
+        figure.savefig(sink, format="svg", transparent=True, metadata=_NO_DATES)
+    root = ElementTree.fromstring(sink.getvalue())
+    _clean(root)
+    _rename(root)
+    for name in ("width", "height", "version"):
+        root.attrib.pop(name, None)
+    root.attrib |= {"role": "img", "aria-label": label} | ({"class": names} if names else {})
+    text = ElementTree.tostring(root, encoding="unicode")
+    return text.replace("ns0:", "").replace(":ns0=", "=").replace("\n", "")
+
+
+def _clean(parent: ElementTree.Element) -> None:
+    """Drops metadata, and replaces styles, colors, links and ids of series, in all descendants."""
+    for element in list(parent):
+        if element.tag in (f"{_SVG}metadata", f"{_SVG}style"):
+            parent.remove(element)
+            continue
+        _set_attributes(element)
+        if element.tag == f"{_SVG}a":
+            _set_title(element)
+        element.text = element.text if element.tag in (f"{_SVG}text", f"{_SVG}title") else None
+        element.tail = None
+        _clean(element)
+        if element.tag == f"{_SVG}defs" and not len(element):
+            parent.remove(element)
+
+
+def _set_title(link: ElementTree.Element) -> None:
+    """Turns a link around marks into a group with a title."""
+    tip = link.attrib.pop("href", "")
+    link.tag = f"{_SVG}g"
+    if tip:
+        title = ElementTree.Element(f"{_SVG}title")
+        title.text = tip
+        link.insert(0, title)
+
+
+def _set_attributes(element: ElementTree.Element) -> None:
+    for declaration in element.attrib.pop("style", "").split(";"):
+        name, _, value = (part.strip() for part in declaration.partition(":"))
+        if name == "font":
+            weight, height = _FONT.search(value).groups()  # type: ignore[union-attr]
+            element.set("font-size", height)
+            if weight in ("bold", "700"):
+                element.set("font-weight", "700")
+        elif name and not name.startswith("font-"):
+            element.set(name, value)
+        elif name == "font-size":
+            element.set(name, value.removesuffix("px"))
+    if _LINK in element.attrib:
+        element.set("href", element.attrib.pop(_LINK))
+    for name in ("fill", "stroke"):
+        if (color := element.get(name)) in _COLORS:
+            element.set(name, _COLORS[color])
+    if element.get("stroke") == "none":
+        element.attrib.pop("stroke")
+    if element.get("transform", "").startswith("rotate(-0 "):
+        element.attrib.pop("transform")
+    for name in ("d", "x", "y"):
+        if name in element.attrib:  # a tenth of a point is less than a pixel
+            value = _NUMBER.sub(lambda number: f"{float(number[0]):.1f}", element.attrib[name])
+            element.set(name, re.sub(r"\s*([MLCQz])\s*", r"\1", value.strip()))
+    number = re.fullmatch(r"series-(\d+)", element.get("id", ""))
+    if number:
+        element.attrib.pop("id")
+        element.set("data-series", number[1])
+    elif element.tag == f"{_SVG}text" and element.get("fill") is None:
+        element.set("fill", "currentColor")
+
+
+def _rename(root: ElementTree.Element) -> None:
+    """Gives ids that are referred to a prefix by the content, and drops the others."""
+    texts = [text for element in root.iter() for text in element.attrib.values()]
+    used = {text[1:] for text in texts if text.startswith("#")}
+    used |= {text[5:-1] for text in texts if text.startswith("url(#")}
+    prefix = "p" + hashlib.sha256(ElementTree.tostring(root)).hexdigest()[:10]
+    for element in root.iter():
+        for name, text in list(element.attrib.items()):
+            if name == "id":
+                if text in used:
+                    element.set("id", prefix + text)
+                else:
+                    del element.attrib["id"]
+            elif name == "href" and text.startswith("#"):
+                element.set(name, f"#{prefix}{text[1:]}")
+            elif text.startswith("url(#"):
+                element.set(name, f"url(#{prefix}{text[5:]}")

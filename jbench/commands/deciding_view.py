@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from jbench.commands.output import Output
-from jbench.report.analysis import sequential
 from jbench.report.analysis.claims import MARGIN
+from jbench.sweeps import sequential
 from jbench.sweeps.comparisons import Comparison
 from jbench.sweeps.deciding import Look, Outcome
 

@@ -83,7 +83,6 @@ class Frames:
     sequences: pd.DataFrame
     comparisons: pd.DataFrame
     claims: pd.DataFrame
-    sequential: pd.DataFrame
     runs: pd.DataFrame
     leaderboard: pd.DataFrame
     provenance: pd.DataFrame = field(init=False)
@@ -149,7 +148,6 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
         sequences=sequence_frame([pair for pair in drawn if pair[0].robots > 1], augmented),
         comparisons=_comparisons(parts, request),
         claims=claims,
-        sequential=pd.DataFrame(),
         runs=runs,
         leaderboard=leaderboard(
             leading, policies.hand_written_returns(rows.tables), published, request.algo

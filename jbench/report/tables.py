@@ -39,7 +39,6 @@ def tables(frames: Frames) -> list[Table]:
         _verdicts(frames),
         _comparisons(frames),
         _claims(frames),
-        _sequential(frames),
         leaderboard_table(frames.leaderboard, frames.returns),
         _encoders(frames),
         _runs(frames),
@@ -190,17 +189,6 @@ def _needed(row: Row) -> str:
     if missing(row["seeds_needed"]):
         return ""
     return f"{row['seeds_needed']:,} ({row['seeds_needed_by']})"
-
-
-def _sequential(frames: Frames) -> Table:
-    return Table(
-        "sequential",
-        "Sequential test",
-        "Difference of the mean final returns at the deciding interim analysis, with its repeated "
-        "confidence interval; see docs/deciding.md.",
-        frames.sequential,
-        (_TASK, _ALGO, plain("verdict", "text")),
-    )
 
 
 def leaderboard_table(frame: pd.DataFrame, returns: str) -> Table:

@@ -10,14 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from jbench.errors import WorkError
-from jbench.report.analysis import sequential
 from jbench.report.analysis.claims import MARGIN
-from jbench.report.analysis.step_down import Decision, decide
 from jbench.report.data.curves import FloatArray, final_returns
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
+from jbench.sweeps import sequential
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.comparisons import Claim, Comparison
+from jbench.sweeps.step_down import Decision, decide
 from jbench.training.status import run_status
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jbench.report.analysis.sequential import first_above, first_look, interval, spent
-from jbench.report.analysis.step_down import decide
+from jbench.sweeps.sequential import first_above, first_look, interval, spent
+from jbench.sweeps.step_down import decide
 
 LOOKS = 6  # at 5, 10 ... 30 seeds
 

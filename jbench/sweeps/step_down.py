@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jbench.report.analysis import sequential
-from jbench.report.analysis.sequential import Verdict
 from jbench.report.data.curves import FloatArray
+from jbench.sweeps import sequential
+from jbench.sweeps.sequential import Verdict
 
 
 class Decision(NamedTuple):

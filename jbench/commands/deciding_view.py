@@ -63,6 +63,8 @@ def described_outcomes(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
             "algo": one.comparison.ours.algo,
             "representation": one.comparison.ours.representation,
             "against": one.comparison.against,
+            "claim": one.comparison.claim,
+            "share": one.comparison.share,
             **one.decision._asdict(),
             "needed": [run.id for run in one.needed],
         }

@@ -69,8 +69,8 @@ def sweep(
         bool,
         typer.Option(
             "--until-decided",
-            help="Add seeds in blocks of five until it is decided how each representation compares "
-            "with full and scaled.",
+            help="Add seeds in blocks of five until the comparisons of the matrix are decided, by "
+            "default those of each representation with full and scaled.",
         ),
     ] = False,
     max_seeds: Annotated[

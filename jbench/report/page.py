@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from typing import Any
 
@@ -19,7 +19,7 @@ from jbench.report.data.cells import OWN
 from jbench.report.figures import charts, cleaned
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
-from jbench.report.svg import panel_svg
+from jbench.report.svg import panel_svgs
 from jbench.report.table import Table, clean
 from jbench.report.tables import tables
 from jbench.wording import counted
@@ -35,11 +35,11 @@ _CLAIMS = {"a": "final return", "b": "variability", "c": "speed"}
 _STATES = {"✓": "for", "✗": "against"}
 _WORDS = {
     "linear": "Linear axis",
-    "log": "Logarithmic axis",
+    "log": "Log axis",
     "evaluation": "Evaluation returns",
     "training": "Training returns",
 }
-_RUN_POINTS, _PATH_POINTS = 60, 40
+_RUN_POINTS, _PATH_POINTS = 50, 30
 _PAGE_POINTS = 12_000  # of the curves of all runs together
 
 
@@ -99,11 +99,8 @@ def _figure(chart: Chart) -> dict[str, Any]:
     """Returns what the template needs of a figure, its panels drawn."""
     panels = []
     for panel in chart.panels:
-        label = f"{chart.title}: {panel.title}. {chart.note}"
-        drawn = [
-            panel_svg(draw, panel.size, label, names) for names, draw in panel.versions.items()
-        ]
-        panels.append({"title": panel.title, "svg": Markup("".join(drawn))})
+        svg = Markup(panel_svgs(panel, f"{chart.title}: {panel.title}. {chart.note}"))
+        panels.append({"title": panel.title, "svg": svg})
     legend = {
         name: {
             "stroke": "var(--soft)" if look.color == style.SOFT else look.color,
@@ -115,7 +112,9 @@ def _figure(chart: Chart) -> dict[str, Any]:
         **{"name": chart.name, "title": chart.title, "note": chart.note, "data": chart.data},
         **{"switches": chart.switches, "minimum": chart.minimum, "panels": panels},
         "legend": legend if len(legend) > 1 else {},
-        "shown": " ".join(shown for shown, _ in chart.switches),
+        "shown": " ".join(
+            [*(shown for shown, _ in chart.switches), *(["single"] if len(panels) == 1 else [])]
+        ),
     }
 
 
@@ -145,7 +144,7 @@ def _scale(rows: pd.DataFrame) -> tuple[float, float]:
     return neutral - reach, neutral + reach
 
 
-def _verdict(row: dict[str, Any], scale: tuple[float, float]) -> dict[str, Any]:
+def _verdict(row: Mapping[Any, Any], scale: tuple[float, float]) -> dict[str, Any]:
     def at(value: float) -> float:
         low, high = scale
         share = (min(max(value, low), high) - low) / ((high - low) or 1)

@@ -53,7 +53,7 @@ PUBLISHED_DASH: Dash = (1, 1.6)
 INK, SOFT, LINE = "#000000", "#6f7a88", "#e1e5ea"
 """Of marks without a color, of texts and axes, and of the grid; a page replaces them."""
 
-_BASE: Mapping[str, Any] = {
+_BASE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -67,10 +67,11 @@ _BASE: Mapping[str, Any] = {
     "grid.color": LINE,
     "grid.linewidth": 0.8,
     "legend.frameon": False,
+    "text.parse_math": False,
     "pdf.fonttype": 42,
     "svg.hashsalt": "jbench",
 }
-PAGE: Mapping[str, Any] = {
+PAGE: dict[Any, Any] = {
     **_BASE,
     "font.size": 9,
     "axes.labelsize": 9,
@@ -80,7 +81,7 @@ PAGE: Mapping[str, Any] = {
 }
 """Parameters of matplotlib for a panel of the page."""
 
-PAPER: Mapping[str, Any] = {
+PAPER: dict[Any, Any] = {
     **_BASE,
     "font.size": 8,
     "axes.labelsize": 8,
@@ -103,7 +104,7 @@ class Look(NamedTuple):
     marker: str = "o"
 
     @property
-    def linestyle(self) -> str | tuple[int, Dash]:
+    def linestyle(self) -> Any:
         """The dash for matplotlib."""
         return (0, self.dash) if self.dash else "-"
 
@@ -161,6 +162,6 @@ def image(figure: Figure, ending: str) -> bytes:
     """
     dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": None}
     sink = io.BytesIO()
-    with mpl.rc_context(dict(PAPER)):
+    with mpl.rc_context(PAPER):
         figure.savefig(sink, format=ending, dpi=200, metadata=dates[ending])
     return sink.getvalue()

@@ -14,7 +14,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from jbench.report import style
-from jbench.report.figures.chart import Draw
+from jbench.report.figures.chart import Panel
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
@@ -30,20 +30,29 @@ _NUMBER = re.compile(r"-?\d+\.\d\d+")
 _NO_DATES = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
-def panel_svg(draw: Draw, size: tuple[float, float], label: str, names: str = "") -> str:
-    """Returns a panel as an SVG element of a page.
+def panel_svgs(panel: Panel, label: str) -> str:
+    """Returns the versions of a panel as SVG elements of a page, with their names as classes.
 
     Args:
-        size: width and height in inches.
         label: what it shows, for readers who can't see it.
-        names: classes of the element.
     """
-    with mpl.rc_context(dict(style.PAGE)):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure.subplots())
-        sink = io.BytesIO()
-        figure.savefig(sink, format="svg", transparent=True, metadata=_NO_DATES)
-    root = ElementTree.fromstring(sink.getvalue())
+    texts = []
+    with mpl.rc_context(style.PAGE):
+        figure = Figure(figsize=panel.size, layout="constrained")
+        axes = figure.subplots()
+        for names, draw in panel.versions.items():
+            axes.clear()
+            draw(axes)
+            sink = io.BytesIO()
+            figure.savefig(sink, format="svg", transparent=True, metadata=_NO_DATES)
+            texts.append(_element(sink.getvalue(), label, names))
+            # The other versions keep the place of the axes, so that a switch moves nothing.
+            figure.set_layout_engine("none")
+    return "".join(texts)
+
+
+def _element(content: bytes, label: str, names: str) -> str:
+    root = ElementTree.fromstring(content)
     _clean(root)
     _rename(root)
     for name in ("width", "height", "version"):
@@ -103,7 +112,8 @@ def _set_attributes(element: ElementTree.Element) -> None:
     for name in ("d", "x", "y"):
         if name in element.attrib:  # a tenth of a point is less than a pixel
             value = _NUMBER.sub(lambda number: f"{float(number[0]):.1f}", element.attrib[name])
-            element.set(name, re.sub(r"\s*([MLCQz])\s*", r"\1", value.strip()))
+            value = re.sub(r"\s*([MLCQz])\s*", r"\1", value.strip())
+            element.set(name, re.sub(r"\.0\b", "", value).replace(" -", "-"))
     number = re.fullmatch(r"series-(\d+)", element.get("id", ""))
     if number:
         element.attrib.pop("id")

@@ -52,8 +52,7 @@ def _clean_texts(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def charts(frames: Frames) -> list[Chart]:
-    """Returns the figures that there are data for."""
-    frames = cleaned(frames)
+    """Returns the figures that there are data for; see `cleaned`."""
     return [chart for make in MAKERS if (chart := make(frames)) is not None]
 
 
@@ -63,4 +62,4 @@ def drawings(frames: Frames) -> dict[str, Callable[[int | None], Figure]]:
     Returns:
         By name; the argument is the width in columns of a paper, 1 or 2, or None for a screen.
     """
-    return {chart.name: partial(Chart.figure, chart) for chart in charts(frames)}
+    return {chart.name: partial(Chart.figure, chart) for chart in charts(cleaned(frames))}

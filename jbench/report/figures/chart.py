@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -20,6 +20,9 @@ MOST_POINTS = 200
 
 _TIPS = 40
 """Points of a curve that have a tip, if it has too many for markers."""
+
+_UNSEEN = [(-1, -1), (1, 1)]
+"""Corners of a mark that is not seen: a circle would take 200 bytes."""
 
 _WIDTHS = {1: 3.5, 2: 7.15, None: 9.0}
 """Width of a file in inches, by columns of a paper."""
@@ -85,13 +88,13 @@ class Chart:
             )
             for row in range(down)
         ]
-        with mpl.rc_context(dict(style.PAPER)):
+        with mpl.rc_context(style.PAPER):
             figure = Figure(figsize=(width, sum(heights) + self._legend_height(width)))
             figure.set_layout_engine("constrained")
             grid = figure.subplots(down, across, squeeze=False, height_ratios=heights)
             for i, (axes, panel) in enumerate(zip(grid.flat, self.panels, strict=False)):
                 next(iter(panel.versions.values()))(axes)
-                axes.set_title(escaped(panel.title))
+                axes.set_title(panel.title)
                 if self.alike and i % across:
                     axes.set_ylabel("")
                 if self.alike and i + across < len(self.panels):
@@ -120,7 +123,7 @@ class Chart:
         if handles:
             figure.legend(
                 handles,
-                [escaped(name) for name in self.legend],
+                list(self.legend),
                 loc="outside upper left",
                 ncols=-(-len(handles) // self._legend_rows(width)),
                 handlelength=1.8,
@@ -129,18 +132,13 @@ class Chart:
             )
 
 
-def escaped(text: str) -> str:
-    """Returns a text in which matplotlib finds no mathematics."""
-    return text.replace("$", r"\$")
-
-
 def narrow(axes: Axes) -> bool:
     """Returns whether there is no room for words beside a panel."""
     figure = axes.get_figure(root=True)
     return figure is not None and axes.get_position().width * figure.get_figwidth() < _NARROW
 
 
-def thinned(count: int, most: int = MOST_POINTS) -> np.ndarray:
+def thinned(count: int, most: int = MOST_POINTS) -> Any:
     """Returns indices of at most so many points: half of them equally, half logarithmically."""
     if count <= most:
         return np.arange(count)
@@ -152,8 +150,8 @@ def thinned(count: int, most: int = MOST_POINTS) -> np.ndarray:
 
 def add_points(
     axes: Axes,
-    x: Sequence[float] | np.ndarray | pd.Series,
-    y: Sequence[float] | np.ndarray | pd.Series,
+    x: Any,
+    y: Any,
     tips: Sequence[str],
     look: Look,
     number: int,
@@ -176,9 +174,9 @@ def add_points(
         x,
         y,
         s=size**2,
-        marker=look.marker,
+        marker=look.marker if seen else _UNSEEN,
         facecolors=face,
-        edgecolors=look.color if seen and hollow else "none",
+        edgecolors=None if look.marker == "|" else look.color if seen and hollow else "none",
         alpha=alpha if seen else None,
         urls=list(tips),
         gid=series(number),
@@ -186,21 +184,24 @@ def add_points(
     )
 
 
-def add_tips(
-    axes: Axes, x: np.ndarray, y: np.ndarray, tips: Sequence[str], look: Look, number: int
-) -> None:
+def add_tips(axes: Axes, x: Any, y: Any, tips: Sequence[str], look: Look, number: int) -> None:
     """Draws the markers of a curve; if it has many points, some unseen ones that have tips."""
-    shown = thinned(len(x), _TIPS) if len(x) > _TIPS else np.arange(len(x))
+    shown = thinned(len(x), _TIPS)
     add_points(
         axes,
         x[shown],
         y[shown],
-        [tips[i] for i in shown],
+        [tips[int(i)] for i in shown],
         look,
         number,
         size=mpl.rcParams["lines.markersize"],
         seen=len(x) <= _TIPS,
     )
+
+
+def add_unseen(axes: Axes, x: Any, y: Any, tips: Sequence[str], number: int) -> None:
+    """Adds tips to a line, on the page; nothing is drawn."""
+    add_points(axes, x, y, tips, Look(style.SOFT), number, seen=False)
 
 
 def series(number: int) -> str:

@@ -16,7 +16,7 @@ from jbench.report.figures.chart import (
     Draw,
     Panel,
     add_tips,
-    escaped,
+    add_unseen,
     narrow,
     numbers,
     series,
@@ -86,7 +86,7 @@ def of_sequences(frames: Frames) -> Chart | None:
     return Chart(
         "sequences",
         "Augmented robots in sequence",
-        "median and 10–90% band of training returns; dotted: the paper's",
+        "median and 10 to 90% band of training returns; dotted: the paper's",
         panels,
         "sequences",
         looks,
@@ -152,7 +152,8 @@ def _chart(
     kinds = _kinds(curves, frames.returns)
     ends = curves.groupby(["task", "configuration"])["steps"].max().groupby("task")
     scales = ["linear", "log"]
-    if (ends.max() / ends.min()).max() > _UNEQUAL:
+    nearest = published["steps"].min() / curves["steps"].max() if len(published) else 0
+    if (ends.max() / ends.min()).max() > _UNEQUAL or nearest > 1:
         scales.reverse()
     panels = []
     seen_published = False
@@ -182,9 +183,8 @@ def _chart(
     legend = dict(looks)
     if seen_published:
         legend[PUBLISHED] = Look(style.SOFT, style.PUBLISHED_DASH, "")
-    note = "median and 10–90% band across seeds" + (
-        "; dotted: the paper's" if seen_published else ""
-    )
+    band = "10 to 90% band" if curves["q10"].notna().any() else "each seed"
+    note = f"median and {band}" + ("; dotted: the paper's" if seen_published else "")
     switches = [(scales[0], scales[1])]
     if len(kinds) > 1:
         switches.insert(0, (kinds[0], kinds[1]))
@@ -227,7 +227,7 @@ def _versions(
 ) -> dict[str, Draw]:
     """Returns the drawings of a panel by kind of return and scale of the axis."""
     present = [kind for kind in kinds if (rows["returns"] == kind).any()]
-    drawn = {}
+    drawn: dict[str, Draw] = {}
     for kind in present:
         of_kind = rows[rows["returns"] == kind]
         for scale in scales:
@@ -333,10 +333,7 @@ def _draw_published(
             for at, value in zip(steps, median, strict=True)
         ]
         shown = thinned(len(steps), 20)
-        axes.scatter(
-            steps[shown], median[shown], s=4, facecolors="none", edgecolors="none",
-            urls=[tips[i] for i in shown], gid=series(number),
-        )  # fmt: skip
+        add_unseen(axes, steps[shown], median[shown], [tips[i] for i in shown], number)
 
 
 def _set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
@@ -348,7 +345,7 @@ def _set_axes(axes: Axes, rows: pd.DataFrame, scale: str) -> None:
         axes.set_xlim(left=float(positive.min()) * 0.95)
         subs = (1, 2, 5) if not narrow(axes) or rows["steps"].max() < 10 * positive.min() else (1,)
         axes.xaxis.set_major_locator(ticker.LogLocator(subs=subs, numticks=8))
-        axes.xaxis.set_minor_formatter(ticker.NullFormatter())
+        axes.xaxis.set_minor_locator(ticker.NullLocator())
     else:
         axes.set_xlim(left=0)
         axes.xaxis.set_major_locator(ticker.MaxNLocator(4 if narrow(axes) else 6))
@@ -368,6 +365,6 @@ def _draw_levels(axes: Axes, baselines: pd.DataFrame | None) -> None:
     for name, level in sorted(levels.items(), key=lambda item: item[1]):
         place = max((level - low) / (high - low), place + _ROOM)
         axes.text(
-            1.02, place, escaped(str(name)), transform=axes.transAxes, va="center",
+            1.02, place, str(name), transform=axes.transAxes, va="center",
             size=mpl.rcParams["font.size"] * (0.9 if not narrow(axes) else 0.7), color=style.SOFT,
         )  # fmt: skip

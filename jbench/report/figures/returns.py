@@ -15,7 +15,7 @@ from jbench.report.figures.chart import (
     Chart,
     Panel,
     add_points,
-    escaped,
+    add_unseen,
     numbers,
     series,
     thinned,
@@ -92,14 +92,13 @@ def draw_forest(
             axes, seeds[seeds["configuration"] == row["configuration"]], place, look, number
         )
         _draw_interval(axes, place, row["iqm"], row["iqm_low"], row["iqm_high"], look, number)
-        tip = f"{row['label']}: {_interval(row['iqm'], row['iqm_low'], row['iqm_high'])}, n = {row['seeds']}"
+        interval = _interval(row["iqm"], row["iqm_low"], row["iqm_high"])
+        tip = f"{row['label']}: {interval}, n = {row['seeds']}"
         add_points(axes, [row["iqm"]], [place], [tip], look, number, size=7.5)
         if np.isfinite(row["published"]):
             tip = f"{row['label']}, the paper's training return: {row['published']:.0f}"
             published = Look(look.color, (), "|")
-            add_points(
-                axes, [row["published"]], [place], [tip], published, number, size=11, hollow=True
-            )
+            add_points(axes, [row["published"]], [place], [tip], published, number, size=11)
     for place, row in enumerate(policies.to_dict("records"), len(rows)):
         axes.plot([row["q10"], row["q90"]], [place] * 2, color=style.SOFT, linewidth=1)
         tip = f"{_POLICIES.get(row['policy'], row['policy'])}: median {row['median']:.0f}"
@@ -171,7 +170,7 @@ def _interval(value: float, low: float, high: float) -> str:
 
 
 def _name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
-    axes.set_yticks(range(len(names)), [escaped(name) for name in names])
+    axes.set_yticks(range(len(names)), list(names))
     axes.set_ylim(len(names) - 0.5, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)
@@ -216,9 +215,8 @@ def draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
             weight="bold" if row["decided"] else "normal", size=mpl.rcParams["font.size"] * 0.9,
         )  # fmt: skip
     middles = np.arange(len(names)) + 0.5
-    shown = [escaped(name) for name in names]
-    axes.set_yticks(middles, shown)
-    axes.set_xticks(middles, shown, rotation=40, ha="right", rotation_mode="anchor")
+    axes.set_yticks(middles, names)
+    axes.set_xticks(middles, names, rotation=40, ha="right", rotation_mode="anchor")
     axes.set_ylim(len(names), 0)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
@@ -267,11 +265,8 @@ def draw_profiles(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]) 
             gid=series(number),
         )  # fmt: skip
         shown = thinned(len(x), 40)
-        axes.scatter(
-            x[shown], share[shown], s=4, facecolors="none", edgecolors="none",
-            urls=[f"{name}: {100 * share[i]:.0f}% above {x[i]:.0f}" for i in shown],
-            gid=series(number),
-        )  # fmt: skip
+        tips = [f"{name}: {100 * share[i]:.0f}% above {x[i]:.0f}" for i in shown]
+        add_unseen(axes, x[shown], share[shown], tips, number)
     axes.axvline(SOLVED, color=style.SOFT, linewidth=0.7)
     axes.set(xlabel="final return", ylabel="share of runs above", ylim=(-0.02, 1.02))
     axes.set_xlim(left=0)

@@ -32,7 +32,7 @@ for (const figure of all("section:has(> .legend)")) {
 }
 
 // Switches exchange the versions of a figure.
-const words = { linear: "Linear axis", log: "Logarithmic axis", evaluation: "Evaluation returns", training: "Training returns" };
+const words = { linear: "Linear axis", log: "Log axis", evaluation: "Evaluation returns", training: "Training returns" };
 for (const button of all("[data-switch]")) {
   const versions = button.dataset.switch.split(" ");
   button.onclick = () => {

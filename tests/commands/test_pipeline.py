@@ -150,9 +150,9 @@ def test_damaged_run_is_named_and_others_are_reported(pipeline, tmp_path):
     (problem,) = json.loads(done.stdout)["problems"]
     assert part.name in problem
     assert part.parent.relative_to(copy / "runs").as_posix() in problem
-    table = json.loads(done.stdout)["table"]
-    seeds = {(row["algo"], row["representation"]): row["seeds"] for row in table}
-    assert seeds.pop(("td3", "full")) == 1
+    rows = json.loads(done.stdout)["configurations"]
+    seeds = {(row["algo"], row["representation"]): row["seeds"] for row in rows}
+    assert seeds.pop(("TD3", "full")) == 1
     assert set(seeds.values()) == {2}
     counted = "SELECT count(DISTINCT run) AS n FROM episodes"
     queried = jbench("query", counted, "--csv", results=copy)

@@ -1,12 +1,14 @@
 """Tests of evaluation and training returns: cells, curves, statistics, claims and files of both."""
 
 import numpy as np
+import pyarrow as pa
 from jbench.report.analysis.comparisons import compare
 from jbench.report.analysis.examine import examine
 from jbench.report.analysis.scores import scores_of, statistics
 from jbench.report.data.returns import EVALUATION, TRAINING
 from jbench.report.frames import frames
 from jbench.report.request import Request
+from jbench.store import schema
 
 FLAT = np.full(40, 500.0)
 RISING = {10_000: 100.0, 20_000: 300.0, 30_000: 600.0, 40_000: 950.0}
@@ -54,6 +56,25 @@ class TestCells:
         (cell,), _ = fabric.cells(EVALUATION)
         assert scores_of(cell).final.tolist() == [910]
         assert cell.notes == ("1 evaluation of seed 0 is not finite and left out",)
+
+
+def test_episodes_of_kept_policies_join_last_evaluation(fabric):
+    record = fabric.run(FLAT, 0, evaluated={20_000: 100.0, 40_000: 500.0})  # two episodes each
+    settings = {"task": "face_direction", "policy": record.id, "episodes": 2}
+    for turned, value in ((None, 600.0), (0.5, 0.0)):  # the second has a fixed target
+        name = f"face_direction/policy/{value:.0f}"
+        evaluation = fabric.results.create(
+            "evaluation", name, {**settings, "target_yaw": turned, "seed": int(value)}
+        )
+        rows = [
+            {"evaluation": name, "episode": i, "episode_return": value, "length": 1000}
+            for i in range(2)
+        ]
+        evaluation.append({"policy_episodes": pa.Table.from_pylist(rows, schema.POLICY_EPISODES)})
+        evaluation.finish({"median": value})
+    seeds = frames(fabric.results).seeds
+    (row,) = seeds[seeds["returns"] == "evaluation"].to_dict("records")
+    assert (row["final"], row["episodes"]) == (550, 4)  # of 495, 505, 600 and 600
 
 
 class TestStatistics:

@@ -1,5 +1,6 @@
 """Builds cells from rows of the database, with notes on unusual runs."""
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -35,6 +36,33 @@ def usable_runs(runs: pa.Table) -> tuple[pd.DataFrame, list[str]]:
         for run in frame.loc[incomplete, "run"]
     ]
     return frame[~incomplete].astype({"seed": np.int64}), problems
+
+
+def with_more_episodes(tables: Mapping[str, pa.Table]) -> pa.Table:
+    """Returns the evaluations of runs, and episodes of their policies by `jbench evaluate`.
+
+    These join the last evaluation of a run, if they are on the plain robot with random targets.
+    """
+    evaluations = tables["evaluations"]
+    if "policy_evaluations" not in tables or not evaluations.num_rows:
+        return evaluations
+    added = tables["policy_evaluations"].to_pandas(use_threads=False)
+    plain = [
+        settings.get("augment") is None and settings.get("target_yaw") is None
+        for settings in map(json.loads, added["settings"])
+    ]
+    added = added[np.array(plain, bool) & (added["status"] == "finished")]
+    episodes = tables["policy_episodes"].to_pandas(use_threads=False)
+    episodes = episodes.merge(added[["evaluation", "policy"]], on="evaluation")
+    keys = ["run", "evaluation", "control_steps", "processor_time"]
+    last = evaluations.select(keys).to_pandas(use_threads=False).astype({"run": str})
+    last = last.sort_values("evaluation").groupby("run", as_index=False).last()
+    more = episodes[["policy", "episode_return"]].merge(last, left_on="policy", right_on="run")
+    more = more.assign(episode=np.arange(len(more)) + 1_000_000)  # never the first of an evaluation
+    if more.empty:
+        return evaluations
+    rows = pa.Table.from_pandas(more[evaluations.column_names], preserve_index=False)
+    return pa.concat_tables([evaluations, rows.cast(evaluations.schema)])
 
 
 def build_cells(

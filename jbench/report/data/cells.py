@@ -38,7 +38,7 @@ SEQUENCE_WINDOW = 20
 ID = ("configuration", "label", "source", "task", "algo", "representation", "kind", "words")
 """Columns of a frame that name a configuration."""
 
-_SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "heading", "raw")
+_SIZE_OF_TASK = ("scaled", "planar", "planar-no-yaw", "planar-mirror", "heading", "raw")
 """Kinds whose number of latents follows from the task, so that names leave it out."""
 
 

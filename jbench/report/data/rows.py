@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 
 from jbench.errors import RequestError, WorkError
 from jbench.names import REFERENCE
-from jbench.report.data.building import POINT, build_cells, usable_runs
+from jbench.report.data.building import POINT, build_cells, usable_runs, with_more_episodes
 from jbench.report.data.cells import IMPORTED, OWN, Cell, paper_order
 from jbench.report.data.imported import as_runs, with_spacing_note
 from jbench.report.data.paths import COLUMNS, run_paths
@@ -198,7 +198,8 @@ def _rows(
         runs = runs[np.array([choice(parse_run(one)) for one in runs["settings"]], bool)]
     runs, early = _begun_since(runs, request, strict=strict)
     runs = _filter(runs, request, strict=strict) if len(runs) else runs
-    points = tables.pop("episodes"), tables.pop("evaluations")
+    points = tables.pop("episodes"), with_more_episodes(tables)
+    tables.pop("evaluations")
     # Imported curves have no paths.
     paths = run_paths(tables.pop("paths", None), points[1]).assign(source=name)
     cells, notes = build_cells(runs, *points, name) if len(runs) else ([], [])

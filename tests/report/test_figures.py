@@ -1,0 +1,186 @@
+"""Figures: what is drawn of a frame, how series look, and the files."""
+
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from jbench.names import ENCODER_KINDS
+from jbench.report import style
+from jbench.report.data.cells import kind_of_encoder
+from jbench.report.figures import charts, cleaned, drawings
+from jbench.report.figures.chart import thinned
+from jbench.report.frames import frames
+from jbench.report.request import Request
+from jbench.report.svg import panel_svgs
+
+NAMES = [
+    *("full", "scaled", "planar", "raw", "forward12", "random12", "pca12", "heading16", "ofe12"),
+    *("dae12", "dae16", "dae12-observation", "dae12-observation-whitened", "dae12-whitened"),
+    *("dae-yaw13", "planar-no-yaw11", "planar-mirror12", "theirs8", "another", "third3"),
+    *(f"{kind}12" for kind in ENCODER_KINDS if kind not in ("scaled", "planar")),
+    *(f"dae12-variant{i}" for i in range(20)),
+]
+STEPS = [10_000, 20_000, 30_000, 40_000, 50_000]
+
+
+def add_runs(fabric, seeds=3, points=5, **changes):
+    """Adds runs whose evaluation return is 100 for each evaluation, and 10 more for each seed."""
+    for seed in range(seeds):
+        evaluated = {steps: 100.0 * (i + 1) + 10 * seed for i, steps in enumerate(STEPS[:points])}
+        fabric.run([50.0 + seed] * 50, seed, evaluated=evaluated, **changes)
+
+
+def chart_of(fabric, name, request=Request()):  # noqa: B008
+    return {chart.name: chart for chart in charts(frames(fabric.results, request))}.get(name)
+
+
+def drawn(panel, version=None):
+    """Returns the axes of a panel after drawing."""
+    draw = panel.versions[version] if version else next(iter(panel.versions.values()))
+    axes = Figure().subplots()
+    draw(axes)
+    return axes
+
+
+def test_no_two_representations_look_alike():
+    looks = style.representation_looks([(name, kind_of_encoder(name)) for name in NAMES])
+    assert set(looks) == set(NAMES)
+    assert len({(look.color, look.dash) for look in looks.values()}) == len(looks)
+    assert style.PUBLISHED_DASH not in {look.dash for look in looks.values()}
+    assert looks["dae12"].dash == ()
+    assert looks["dae12"].color == looks["dae12-whitened"].color != looks["full"].color
+
+
+def test_no_two_algorithms_look_alike_and_none_has_the_color_of_a_representation():
+    names = [("TD3", "TD3"), *((f"TD3, tau={i}", "TD3") for i in range(20)), ("mine", "mine")]
+    names += [("DDPG", "DDPG"), ("SAC", "SAC"), ("PPO", "PPO"), ("other", "other")]
+    looks = style.algorithm_looks(names)
+    assert len({(look.color, look.dash) for look in looks.values()}) == len(names)
+    others = style.representation_looks([(name, kind_of_encoder(name)) for name in NAMES])
+    colors = {look.color for look in others.values()}
+    assert not colors & {look.color for look in looks.values()}
+
+
+def test_the_color_blind_can_tell_the_main_representations_apart():
+    """Distances in a space of two dimensions, of which one is luminance (Machado et al., 2009)."""
+    deuteranopia = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
+    main = ("full", "scaled", "planar", "random", "pca", "dae", "forward")
+    looks = style.representation_looks([(name, name) for name in main])
+    rgb = [[int(look.color[i : i + 2], 16) / 255 for i in (1, 3, 5)] for look in looks.values()]
+    seen = np.array(rgb) @ deuteranopia.T
+    apart = np.linalg.norm(seen[:, None] - seen[None], axis=2)[np.triu_indices(len(main), 1)]
+    markers = [look.marker for look in looks.values()]
+    assert apart.min() > 0.08
+    assert len(set(markers)) == len(main)
+
+
+def test_thinning_keeps_the_ends():
+    assert list(thinned(3, 200)) == [0, 1, 2]
+    kept = thinned(5000, 200)
+    assert len(kept) <= 200
+    assert (kept[0], kept[-1]) == (0, 4999)
+
+
+def test_curves_by_representation_are_the_medians_of_evaluations(fabric):
+    add_runs(fabric)
+    add_runs(fabric, representation="dae12")
+    add_runs(fabric, algo="ppo")
+    chart = chart_of(fabric, "representations")
+    assert [panel.title for panel in chart.panels] == ["face_direction, TD3"]
+    assert list(chart.legend)[:2] == ["full", "dae12"]
+    axes = drawn(chart.panels[0], "evaluation linear")
+    line = next(line for line in axes.lines if line.get_gid() == "series-0")
+    assert list(line.get_xdata()) == STEPS
+    assert list(line.get_ydata()) == [110, 210, 310, 410, 510]
+    assert axes.get_ylabel() == "evaluation return"
+    words = {text.get_text() for text in axes.texts}
+    assert words == {"random", "hand-written", "solved"}
+
+
+def test_training_returns_come_first_where_evaluations_are_few(fabric):
+    add_runs(fabric, points=4)
+    add_runs(fabric, points=4, representation="dae12")
+    chart = chart_of(fabric, "representations")
+    assert chart.switches[0] == ("training", "evaluation")
+    assert next(iter(chart.panels[0].versions)).startswith("training")
+
+
+def test_two_seeds_are_drawn_as_lines_instead_of_a_band(fabric):
+    add_runs(fabric, seeds=2)
+    add_runs(fabric, seeds=2, representation="dae12")
+    axes = drawn(chart_of(fabric, "representations").panels[0], "evaluation linear")
+    mine = [line.get_ydata()[-1] for line in axes.lines if line.get_gid() == "series-0"]
+    assert sorted(mine)[:3] == [500, 505, 510]
+
+
+def test_a_single_configuration_has_its_curve_and_nothing_else(fabric):
+    add_runs(fabric, representation="dae12")
+    assert [chart.name for chart in charts(frames(fabric.results))] == ["algorithms"]
+    assert chart_of(fabric, "algorithms").title == "Learning curves"
+
+
+def test_a_curve_is_not_drawn_twice(fabric):
+    add_runs(fabric)
+    add_runs(fabric, representation="dae12")
+    assert chart_of(fabric, "algorithms") is None
+
+
+def test_the_forest_has_each_seed_and_the_policies(fabric):
+    add_runs(fabric)
+    add_runs(fabric, representation="dae12")
+    axes = drawn(chart_of(fabric, "returns").panels[0])
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    assert rows == ["TD3 full", "TD3 dae12", "random actions", "hand-written policy"]
+    dots = [c for c in axes.collections if c.get_gid() == "series-0" and len(c.get_offsets()) == 3]
+    assert sorted(dots[0].get_offsets()[:, 0]) == [500, 510, 520]
+
+
+@pytest.mark.parametrize(("columns", "width"), [(1, 3.5), (2, 7.15)])
+def test_files_have_the_width_of_a_column_and_the_same_bytes(fabric, columns, width):
+    add_runs(fabric)
+    add_runs(fabric, representation="dae12")
+    draw = drawings(frames(fabric.results))["representations"]
+    assert draw(columns).get_size_inches()[0] == pytest.approx(width)
+    for ending in ("svg", "pdf", "png"):
+        content = style.image(draw(columns), ending)
+        assert content == style.image(draw(columns), ending)
+        assert b"xlink:href=&quot;full at" not in content
+    assert b"n = 3" not in style.image(draw(columns), "svg")  # no tips
+
+
+def test_fonts_in_a_pdf_are_truetype(fabric):
+    add_runs(fabric)
+    content = style.image(drawings(frames(fabric.results))["algorithms"](1), "pdf")
+    assert b"/Type3" not in content
+    assert b"/CIDFontType2" in content or b"/TrueType" in content
+
+
+def test_svg_of_a_page_has_no_style_no_double_id_and_a_title_for_each_mark(fabric):
+    add_runs(fabric)
+    add_runs(fabric, representation="dae12")
+    panels = chart_of(fabric, "representations").panels
+    root = ElementTree.fromstring(f"<x>{panel_svgs(panels[0], 'label')}</x>")
+    elements = list(root.iter())
+    ids = [element.get("id") for element in elements if element.get("id")]
+    assert len(ids) == len(set(ids))
+    assert not [element for element in elements if element.get("style")]
+    titles = [e.text for e in elements if e.tag.endswith("title")]
+    assert "full at 50,000: 510 [502, 518], n = 3" in titles
+    series = {element.get("data-series") for element in elements} - {None}
+    assert series >= {"0", "1"}
+    used = re.findall(r'href="#([^"]+)"', ElementTree.tostring(root, encoding="unicode"))
+    assert set(used) <= set(ids)
+
+
+def test_names_are_drawn_as_they_are_but_for_control_characters(fabric):
+    add_runs(fabric)
+    add_runs(fabric, representation="dae12")
+    found = frames(fabric.results)
+    found.curves["representation"] = found.curves["representation"].replace("dae12", '"$x^2$<\a')
+    chart = next(c for c in charts(cleaned(found)) if c.name == "representations")
+    text = panel_svgs(chart.panels[0], chart.title)
+    titles = [e.text for e in ElementTree.fromstring(f"<x>{text}</x>").iter() if e.text]
+    assert any(title.startswith('"$x^2$<\ufffd at') for title in titles)

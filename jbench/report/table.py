@@ -1,6 +1,5 @@
 """Tables: frames with the columns that people read, as text, Markdown, LaTeX and CSV."""
 
-import re
 import unicodedata
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -128,7 +127,7 @@ _LATEX = str.maketrans(
         **{character: f"\\{character}" for character in "&%$#_{}"},
         **{"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"},
         **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': "''"},
-        **{"✓": r"$\surd$", "✗": r"$\times$", "–": "--", "−": "$-$", "[": "{[}", "²": "$^2$"},
+        **{"✓": r"$\surd$", "✗": r"$\times$", "\N{EN DASH}": "--", "[": "{[}", "²": "$^2$"},
     }
 )
 

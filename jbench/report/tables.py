@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from jbench.names import HEURISTIC
 from jbench.report.analysis.claims import CLAIMS
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.cells import OWN, SOLVED
@@ -61,7 +60,7 @@ def _steps(row: Row) -> str:
     if missing(row["steps"]):
         return ""
     ends = dict.fromkeys((steps(row["steps_min"]), steps(row["steps"])))
-    return "–".join(ends)
+    return "\N{EN DASH}".join(ends)
 
 
 def _reached(row: Row) -> str:
@@ -73,8 +72,7 @@ def _final_returns(frames: Frames) -> Table:
     agents = frames.configurations
     agents = agents[agents["returns"] == frames.returns]
     policies = frames.baselines.assign(source=OWN, representation="", words="")
-    names = {"random": "random actions", "hand-written": f"hand-written policy ({HEURISTIC})"}
-    policies = policies.assign(algo=policies["policy"].map(names))
+    policies = policies.assign(algo=policies["policy"].replace("random", "random actions"))
     policies = policies.rename(columns={"low": "median_low", "high": "median_high"})
     counts = dict.fromkeys(("seeds", "draws", "diverged", "reached", "steps_min", "steps"), "Int64")
     agents, policies = (

@@ -11,7 +11,6 @@ from jbench.report.behavior import behavior
 from jbench.settings.evaluation import EvaluationSettings
 from jbench.store import Results, parquet, schema
 
-
 STATES = {
     "motor_velocity": [90.0, 90.0, -90.0, 0.0],
     "x": [0.0, 0.0, 0.3, 0.3],

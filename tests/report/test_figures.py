@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from jbench.names import ENCODER_KINDS
+from jbench.names import ENCODER_KINDS, kind_of
 from jbench.report import style
-from jbench.report.data.cells import kind_of_encoder
 from jbench.report.figures import charts, cleaned, drawings
 from jbench.report.figures.chart import thinned
 from jbench.report.frames import frames
@@ -46,11 +45,12 @@ def drawn(panel, version=None):
 
 
 def test_no_two_representations_look_alike():
-    looks = style.representation_looks([(name, kind_of_encoder(name)) for name in NAMES])
+    looks = style.representation_looks([(name, kind_of(name)) for name in NAMES])
     assert set(looks) == set(NAMES)
     assert len({(look.color, look.dash) for look in looks.values()}) == len(looks)
     assert style.PUBLISHED_DASH not in {look.dash for look in looks.values()}
-    assert looks["dae12"].dash == ()
+    assert looks["planar"].color == looks["planar-mirror12"].color
+    assert looks["dae12"].dash == looks["planar"].dash == ()
     assert looks["dae12"].color == looks["dae12-whitened"].color != looks["full"].color
 
 
@@ -59,7 +59,7 @@ def test_no_two_algorithms_look_alike_and_none_has_the_color_of_a_representation
     names += [("DDPG", "DDPG"), ("SAC", "SAC"), ("PPO", "PPO"), ("other", "other")]
     looks = style.algorithm_looks(names)
     assert len({(look.color, look.dash) for look in looks.values()}) == len(names)
-    others = style.representation_looks([(name, kind_of_encoder(name)) for name in NAMES])
+    others = style.representation_looks([(name, kind_of(name)) for name in NAMES])
     colors = {look.color for look in others.values()}
     assert not colors & {look.color for look in looks.values()}
 

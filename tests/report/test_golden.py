@@ -2,9 +2,9 @@
 
 Dropped on purpose: the interquartile range and the width from the 10th to the 90th percentile, the
 ratios of spreads to the full observation's (the standard deviation between agents is in their
-place, on which verdicts (b) and (f) rest as well), the control steps to half of the best published median,
-interquartile means of numbers of control steps, and comparisons of variants and of algorithms
-(their probabilities of improvement are in the frame of pairs).
+place, on which verdicts (b) and (f) rest as well), the control steps to half of the best published
+median, interquartile means of numbers of control steps, and comparisons of variants and of
+algorithms (their probabilities of improvement are in the frame of pairs).
 """
 
 from pathlib import Path

@@ -8,8 +8,8 @@ import pytest
 
 from jbench.cli import main
 from jbench.report.configurations import CONFIGURATIONS
-from jbench.report.leaderboard import leaderboard
 from jbench.report.data.published import PublishedCurve
+from jbench.report.leaderboard import leaderboard
 
 
 def configurations(*rows):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pyarrow as pa
+
 from jbench.report.analysis.comparisons import compare
 from jbench.report.analysis.examine import examine
 from jbench.report.analysis.scores import scores_of, statistics

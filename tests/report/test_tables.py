@@ -119,7 +119,7 @@ class TestReport:
     def test_policies_stand_beside_agents(self, found):
         texts = next(one for one in tables(found) if one.name == "final_returns").texts()
         assert texts["algorithm"].tolist() == [
-            *("TD3", "random actions", "hand-written policy (heuristic)")
+            *("TD3", "random actions", "hand-written")
         ]
         # 899.6 must not read 900.
         assert texts["median"].tolist()[0] == "899.6 [899.6, 899.6]"

@@ -12,7 +12,6 @@ from jbench.report.frames import frames
 from jbench.report.report import LISTING, _write, write_report
 from jbench.report.request import Request
 
-
 FLAT = np.full(40, 500.0)
 SVG = Request(formats=("svg",))
 

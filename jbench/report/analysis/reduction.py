@@ -106,7 +106,7 @@ def _on_return(finding: Finding, outer: st.Estimate) -> tuple[str, st.Estimate, 
 
 
 def by(low: float, high: float) -> str:
-    """Formats an interval of a difference: `higher by 38 to 114`, `−20 to +35`."""
+    """Formats an interval of a difference: `higher by 38 to 114`, `-20 to +35`."""
     if np.isnan(low):
         return "an unknown difference"
     if low > 0:

@@ -25,7 +25,7 @@ def run_paths(paths: pa.Table | None, evaluations: pa.Table) -> pd.DataFrame:
         return pd.DataFrame(columns=columns)
     points: pd.DataFrame = paths.to_pandas(use_threads=False).astype({"run": str})
     numbers = points[["evaluation", "control_steps", "x", "y", "heading"]].astype(float)
-    points = points.loc[np.isfinite(numbers).all(axis=1)]
+    points = points[numbers.map(np.isfinite).all(axis=1)]
     sizes = points.groupby(["run", "evaluation"])["x"].transform("size")
     points = points[sizes > 1]
     returns = evaluations.to_pandas(use_threads=False).astype({"run": str})

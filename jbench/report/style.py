@@ -32,6 +32,8 @@ _KINDS = {
     "contrastive": ("#c0392b", "H"),
     "random-features": ("#c4ae00", "o"),
     "ofe": ("#2fb3a6", "s"),
+    "inverse": ("#c2185b", "^"),
+    "predictive": ("#3f7fbf", "v"),
 }
 _OTHER_KINDS = ("#e377c2", "#4aa3df", "#6b8e23", "#a0522d", "#c71585", "#5f9ea0")
 _ALGORITHMS = {"DDPG": "#4477aa", "PPO": "#b5a11f", "SAC": "#228833", "TD3": "#ee6677"}
@@ -115,7 +117,7 @@ def representation_looks(names: Iterable[tuple[str, str]]) -> dict[str, Look]:
     Args:
         names: representations and their kinds, such as `dae12` and `dae`.
     """
-    kinds = dict(names)
+    kinds = {name: _family(kind) for name, kind in names}
     strange = sorted({kind for kind in kinds.values() if kind not in _KINDS})
     known = dict(_KINDS)
     for i, kind in enumerate(strange):
@@ -124,6 +126,12 @@ def representation_looks(names: Iterable[tuple[str, str]]) -> dict[str, Look]:
     # The shortest name, such as `dae12` beside `dae12-whitened`, is solid.
     ordered = sorted(kinds, key=lambda name: (order.index(kinds[name]), len(name), name))
     return _looks({name: known[kinds[name]] for name in ordered})
+
+
+def _family(kind: str) -> str:
+    """Returns the kind whose color a kind has, such as `planar` for `planar-mirror`."""
+    known = [name for name in _KINDS if kind == name or kind.startswith(f"{name}-")]
+    return max(known, key=len, default=kind)
 
 
 def algorithm_looks(names: Iterable[tuple[str, str]]) -> dict[str, Look]:

@@ -115,7 +115,7 @@ def test_legends_hide_and_isolate_by_mouse_and_key(shipped_page, opened):
         entries = figure.locator(".legend button").all()
         marks = "(e, n) => [...e.querySelectorAll(`svg [data-series='${n}']`)]"
         return [
-            figure.evaluate(f"{marks}.some((m) => m.checkVisibility())", number)
+            figure.evaluate(f"{marks}.every((m) => m.style.display !== 'none')", number)
             for number in (entry.get_attribute("data-series") for entry in entries)
         ]
 
@@ -148,9 +148,14 @@ def test_switches_show_another_axis_and_the_other_returns(shipped_page, opened):
 
 def test_tips_name_the_nearest_mark(shipped_page, opened):
     shown = opened(shipped_page).page
-    mark = shown.locator("#representations .panel").nth(1)
-    mark.scroll_into_view_if_needed()
-    box = mark.locator("svg").first.locator("[data-series='2'] use").last.bounding_box()
+    panel = shown.locator("#representations .panel").nth(1)
+    panel.scroll_into_view_if_needed()
+    box = (
+        panel.locator("svg")
+        .first.locator("[data-series='2']")
+        .last.locator("path")
+        .last.bounding_box()
+    )
     shown.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert re.match(r"planar at 100,000: \d+ \[\d+, \d+\], n = 10", shown.inner_text(".tip"))
 

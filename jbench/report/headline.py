@@ -8,12 +8,12 @@ from jbench.names import FULL, one_of
 from jbench.report.analysis.statistics import DECIDING_SEEDS
 from jbench.report.data.words import steps, whole
 
-_CLAUSES = {
-    "higher": "with {names}, agents reach higher final returns",
-    "lower": "with {names}, lower ones",
-    "faster": "with {names}, they learn faster",
-    "slower": "with {names}, they learn more slowly",
-    "similar": "with {names}, final returns are similar",
+_OUTCOMES = {
+    "higher": "reach higher final returns",
+    "lower": "reach lower final returns",
+    "faster": "learn faster",
+    "slower": "learn more slowly",
+    "similar": "reach similar final returns",
 }
 _MAX_WORDS = 30
 
@@ -47,30 +47,32 @@ def headline(verdicts: pd.DataFrame, configurations: pd.DataFrame) -> str:
 
 def _sentence(clauses: Sequence[str]) -> str:
     text = "; ".join(clauses)
-    if "agents" not in text:  # the clause that names them was not found
-        text = text.replace("lower ones", "agents reach lower final returns", 1)
-        text = text.replace("they learn", "agents learn", 1)
-    return f"Compared with the full observation: {text}."
+    if text.startswith(_OUTCOMES["higher"]):
+        text = text.replace(_OUTCOMES["lower"], "lower ones")
+    return f"Compared with the full observation, agents {text}."
 
 
 def _clauses(verdicts: pd.DataFrame) -> Iterable[str]:
-    """Yields a clause for each outcome and the tasks on which it was found, the clearest first."""
-    tasks = verdicts.groupby("representation")["task"].nunique()
-    found: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    """Yields a clause for each outcome: with which representations, and on which tasks if not all.
+
+    Args:
+        verdicts: against the full observation.
+    """
+    several = verdicts["task"].nunique() > 1
+    found: dict[str, dict[str, list[str]]] = {}
     for representation, rows in verdicts.groupby("representation", sort=False):
         outcomes: dict[str, list[str]] = {}
         for task, of_task in rows.groupby("task", sort=False):
             outcomes.setdefault(_outcome(of_task), []).append(str(task))
-        for outcome, found_on in outcomes.items():
-            everywhere = len(found_on) == tasks[representation]
-            key = outcome, () if everywhere else tuple(found_on)
-            found.setdefault(key, []).append(str(representation))
-    several = verdicts["task"].nunique() > 1
-    for outcome, clause in _CLAUSES.items():
-        for (other, where), names in sorted(found.items()):
-            if outcome == other:
-                on = f" on {one_of(where, 'and')}" if where and several else ""
-                yield clause.format(names=one_of(names, "and")) + on
+        for outcome, tasks in outcomes.items():
+            everywhere = len(tasks) == rows["task"].nunique()
+            on = f" on {one_of(tasks, 'and')}" if several and not everywhere else ""
+            found.setdefault(outcome, {}).setdefault(on, []).append(str(representation))
+    for outcome, verb in _OUTCOMES.items():
+        where = sorted(found.get(outcome, {}).items())
+        if where:
+            parts = (f"with {one_of(names, 'and')}{on}" for on, names in where)
+            yield f"{verb} {', and '.join(parts)}"
 
 
 def _outcome(rows: pd.DataFrame) -> str:

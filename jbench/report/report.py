@@ -47,12 +47,12 @@ def write_report(results: Results, out: Path, request: Request = _DEFAULT) -> Re
         RequestError: if there are no runs, none passes the filters, or `out` is not writable.
         WorkError: if there are runs but none can be read, or the disk is full.
     """
-    from jbench.report import page  # matplotlib takes a second
+    from jbench.report.page import render  # matplotlib takes a second
 
     found = frames(results, request)
     pa.default_memory_pool().release_unused()  # memory of the rows that were read
     make_directory(out)  # before anything is drawn, since it may raise an error
-    files = {"index.html": page.render(found).encode()}
+    files = {"index.html": render(found).encode()}
     if not request.watched:
         files |= dict(_figure_files(found))
         files |= {f"tables/{name}": text.encode() for name, text in tables.files(found)}

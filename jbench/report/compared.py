@@ -12,8 +12,7 @@ from jbench.report.analysis.claims import CLAIMS, Finding
 from jbench.report.analysis.comparisons import Comparison
 from jbench.report.analysis.scores import scores_of
 from jbench.report.data.cells import ID, Cell, in_order, of_kind
-from jbench.report.data.returns import KINDS
-from jbench.report.data.words import ratio, signed, whole
+from jbench.report.data.returns import KINDS, ratio, signed, whole
 
 VERDICTS = [
     *(*ID, "returns", "against", "claim", "verdict", "mark", "value", "low", "high", "neutral"),

@@ -12,7 +12,6 @@ from jbench.errors import RequestError
 from jbench.names import ReturnsName
 from jbench.report import policies
 from jbench.report.analysis import comparisons, examine, published_claims
-from jbench.report.behavior import behavior
 from jbench.report.compared import (
     claim_frame,
     comparison_frame,
@@ -121,7 +120,7 @@ def frames(results: Results, request: Request = _DEFAULT) -> Frames:
     leading = configurations[configurations["returns"] == returns]
     verdicts = verdict_frame(verified(rows.cells))
     encoders = encoder_frame(rows.tables, request.task)
-    motor, positions, unread = behavior(results, request.task)
+    motor, positions, unread = policies.behavior(results, request.task)
     claims, untested = _claims(rows, published, request)
     runs = run_frame(rows, returns)
     return Frames(

@@ -6,7 +6,7 @@ import pandas as pd
 
 from jbench.names import FULL, one_of
 from jbench.report.analysis.statistics import DECIDING_SEEDS
-from jbench.report.data.words import steps, whole
+from jbench.report.data.returns import steps, whole
 
 _OUTCOMES = {
     "higher": "reach higher final returns",

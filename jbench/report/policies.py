@@ -1,21 +1,30 @@
-"""Policies beside the agents: random actions, and the hand-written policy of each task."""
+"""Policies beside the agents, random and hand-written, and what policies do (Figures 4 and 5)."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from jbench.errors import WorkError
 from jbench.names import HEURISTIC, TASKS
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.claims import Finding
 from jbench.report.analysis.examine import examine_heuristic
 from jbench.report.data.cells import in_order
 from jbench.report.data.curves import FloatArray
+from jbench.store import Record, Results
 
-COLUMNS = ["task", "policy", "median", "low", "high", "q10", "q90", "episodes"]
+BASELINES = ["task", "policy", "median", "low", "high", "q10", "q90", "episodes"]
+MOTOR = ("task", "policy", "label", "median", "velocity", "density")
+POSITIONS = ("task", "policy", "label", "median", "x", "y", "share", "target_yaw", "reach")
+
+_REACH = 2.0  # m from the origin; the fastest gait moves 0.14 m in a second
+_SHOWN = 4  # policies in a figure
+_BINS = 80  # of positions, along each axis
 
 
 def shipped_episodes() -> pd.DataFrame:
@@ -40,7 +49,7 @@ def baseline_frame(tasks: set[str]) -> pd.DataFrame:
             median, low, high, _ = st.estimate(st.median, [returns])
             q10, q90 = np.percentile(returns, (10, 90))
             rows.append((task, policy, median, low, high, q10, q90, len(returns)))
-    return pd.DataFrame(rows, columns=COLUMNS)
+    return pd.DataFrame(rows, columns=BASELINES)
 
 
 def findings(
@@ -100,3 +109,104 @@ def _chosen(rows: pd.DataFrame) -> dict[str, str]:
         .sort_values(["episodes", "created"])
     )
     return dict(zip(ranked["task"], ranked["evaluation"], strict=True))
+
+
+class _States(NamedTuple):
+    """The states of one evaluated policy: motor velocities (rad/s) and positions (m)."""
+
+    names: dict[str, Any]
+    target_yaw: float
+    motor_velocity: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+
+
+def behavior(
+    results: Results, task: str | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
+    """Returns the distributions of motor velocities and positions, and sentences on read errors.
+
+    Of each task, the worst policy and the best of the others are shown, four in all, each by its
+    newest saved states. A velocity is as observed: 1 at 180 rad/s. A share is that of all states in
+    a square, of which x and y (m) are the center; reach is half of the width of the map.
+    """
+    newest: dict[tuple[str, str], _States] = {}
+    problems = []
+    for record in results.scan("evaluation")[0]:
+        settings = record.settings
+        if record.status != "finished" or not settings.get("states"):
+            continue
+        if task in (None, settings.get("task")):
+            try:
+                states = _read(record)
+                newest[states.names["task"], states.names["policy"]] = states
+            except WorkError as error:
+                problems.append(str(error))
+    motor, positions = [pd.DataFrame(columns=MOTOR)], [pd.DataFrame(columns=POSITIONS)]
+    for name in dict.fromkeys(task for task, _ in newest):
+        ranked = [one for key, one in newest.items() if key[0] == name]
+        ranked.sort(key=lambda one: one.names["median"])
+        shown = ranked if len(ranked) <= _SHOWN else [ranked[0], *ranked[1 - _SHOWN :]]
+        motor += [_motor(one) for one in shown]
+        positions += _positions(shown)
+    joined = (pd.concat(parts[1:] or parts, ignore_index=True) for parts in (motor, positions))
+    first, second = joined
+    return first[[*MOTOR]], second[[*POSITIONS]], problems
+
+
+def _read(record: Record) -> _States:
+    """Reads the states of an evaluation, whose manifest is untrusted."""
+    states = record.read("policy_states")
+    settings, yaw = record.settings, record.settings.get("target_yaw")
+    try:
+        median, policy = float(record.manifest.summary["median"]), str(settings["policy"])
+        label = f"{policy} (median return {median:.0f}, {int(settings['episodes'])} episodes)"
+        names = {"task": str(settings["task"]), "policy": policy, "label": label, "median": median}
+        return _States(names, np.nan if yaw is None else float(yaw), *_columns(states))
+    except (KeyError, TypeError, ValueError) as error:
+        raise WorkError(
+            f"The evaluation {record.id} has invalid settings or states ({error}); delete "
+            f"{record.path} to make it again."
+        ) from None
+
+
+def _columns(states: pa.Table) -> list[np.ndarray]:
+    """Returns motor velocities and positions.
+
+    Raises:
+        ValueError: if there are none, or some are not finite.
+    """
+    columns = [states[name].to_numpy() for name in ("motor_velocity", "x", "y")]
+    if not (states.num_rows and all(np.isfinite(column).all() for column in columns)):
+        raise ValueError("no states, or states that are not finite")
+    return columns
+
+
+def _motor(one: _States) -> pd.DataFrame:
+    # Imported here because the package imports dm_control, which most reports don't need.
+    from jbench.tasks.features import RANGES
+
+    full_speed = RANGES["motor_velocity"][1][0]  # rad/s, an observation of 1
+    edges = np.linspace(-1.2, 1.2, 121)
+    observed = np.clip(one.motor_velocity / full_speed, edges[0], edges[-1])
+    density, _ = np.histogram(observed, edges, density=True)
+    middles = (edges[:-1] + edges[1:]) / 2
+    return pd.DataFrame({**one.names, "velocity": middles, "density": density})
+
+
+def _positions(shown: Sequence[_States]) -> list[pd.DataFrame]:
+    """Returns the maps of a task's policies, of one reach, without their empty squares."""
+    farthest = max(float(np.quantile(np.hypot(one.x, one.y), 0.995)) for one in shown)
+    reach = float(np.clip(farthest * 1.05, 0.1, _REACH))
+    edges = np.linspace(-reach, reach, _BINS + 1)
+    middles = (edges[:-1] + edges[1:]) / 2
+    maps = []
+    for one in shown:
+        counts, _, _ = np.histogram2d(one.x, one.y, [edges, edges])
+        column, row = np.nonzero(counts)
+        share = counts[column, row] / len(one.x)
+        where = {"x": middles[column], "y": middles[row], "share": share}
+        maps.append(
+            pd.DataFrame({**one.names, **where, "target_yaw": one.target_yaw, "reach": reach})
+        )
+    return maps

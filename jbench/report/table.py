@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jbench.report.data.words import whole
+from jbench.report.data.returns import whole
 
 Row = Mapping[Any, Any]
 Form = Callable[[Any], str]

@@ -6,8 +6,8 @@ import pandas as pd
 
 from jbench.report.analysis.claims import CLAIMS
 from jbench.report.analysis.statistics import DECIDING_SEEDS
-from jbench.report.data.cells import OWN, SOLVED
-from jbench.report.data.words import ratio, signed, steps
+from jbench.report.data.cells import OWN
+from jbench.report.data.returns import SOLVED, ratio, signed, steps
 from jbench.report.encoders import PREDICTED
 from jbench.report.frames import Frames
 from jbench.report.table import (

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from jbench.policies.evaluate import evaluate
-from jbench.report.behavior import behavior
+from jbench.report.policies import behavior
 from jbench.settings.evaluation import EvaluationSettings
 from jbench.store import Results, parquet, schema
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jbench.report.data import words
+from jbench.report.data import returns as words
 from jbench.report.frames import frames
 from jbench.report.table import (
     Column,
@@ -118,9 +118,7 @@ class TestReport:
 
     def test_policies_stand_beside_agents(self, found):
         texts = next(one for one in tables(found) if one.name == "final_returns").texts()
-        assert texts["algorithm"].tolist() == [
-            *("TD3", "random actions", "hand-written")
-        ]
+        assert texts["algorithm"].tolist() == [*("TD3", "random actions", "hand-written")]
         # 899.6 must not read 900.
         assert texts["median"].tolist()[0] == "899.6 [899.6, 899.6]"
         assert texts["median"].tolist()[1].startswith("220 [")

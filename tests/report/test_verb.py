@@ -11,8 +11,8 @@ import pytest
 
 from jbench.cli import main
 from jbench.commands.report import open_page
+from jbench.report.report import Interrupt, fingerprint, remembered_interrupt, watch
 from jbench.report.request import Request
-from jbench.report.watch import Interrupt, fingerprint, remembered_interrupt, watch
 from tests.forking import COMMAND, Piped
 
 RELOADS = b'<meta http-equiv="refresh"'

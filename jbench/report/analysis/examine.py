@@ -24,10 +24,9 @@ from jbench.report.analysis.claims import (
 )
 from jbench.report.analysis.comparisons import algorithm_pairs
 from jbench.report.analysis.scores import Scores, compared_scores
-from jbench.report.data.cells import SOLVED, Cell, shown_representation
+from jbench.report.data.cells import Cell, shown_representation
 from jbench.report.data.curves import FloatArray
-from jbench.report.data.returns import EVALUATION
-from jbench.report.data.words import steps
+from jbench.report.data.returns import EVALUATION, SOLVED, steps
 
 # Quantiles of the normal distribution, for a two-sided test at 5% and for a power of 80%.
 _SIGNIFICANCE, _POWER = 1.959964, 0.841621

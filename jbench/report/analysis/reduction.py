@@ -18,7 +18,7 @@ from jbench.report.analysis.comparisons import compare
 from jbench.report.analysis.examine import reduction_findings
 from jbench.report.analysis.scores import compared_scores, scores_of
 from jbench.report.data.cells import Cell, groups_same_but
-from jbench.report.data.words import signed, whole
+from jbench.report.data.returns import signed, whole
 
 SCALED = "scaled"
 BASELINES = (FULL, SCALED)

@@ -7,7 +7,7 @@ import numpy as np
 
 from jbench.report.analysis import statistics as st
 from jbench.report.analysis.agents import Agents, components, smallest_difference
-from jbench.report.data.cells import IMPORTED, SOLVED, Cell
+from jbench.report.data.cells import IMPORTED, Cell
 from jbench.report.data.curves import (
     BoolArray,
     Curve,
@@ -17,7 +17,7 @@ from jbench.report.data.curves import (
     moving_average,
     steps_to_threshold,
 )
-from jbench.report.data.returns import EVALUATION
+from jbench.report.data.returns import EVALUATION, SOLVED
 from jbench.returns import final_episodes
 
 

@@ -11,8 +11,13 @@ import pyarrow as pa
 from jbench.names import EPISODE_STEPS
 from jbench.report.data.cells import OWN, Cell, paper_order, with_unique_names
 from jbench.report.data.curves import FloatArray, IntArray, Points
-from jbench.report.data.divergence import Divergence, count_divergence, divergence_of
-from jbench.report.data.notes import on_points, on_runs
+from jbench.report.data.divergence import (
+    Divergence,
+    count_divergence,
+    divergence_of,
+    on_points,
+    on_runs,
+)
 from jbench.report.data.returns import EVALUATION, TRAINING, Returns
 from jbench.settings.run import Run, parse_run
 from jbench.settings.variants import variant_words

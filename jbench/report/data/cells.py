@@ -23,9 +23,6 @@ from jbench.report.request import WINDOW
 from jbench.settings.alike import comparable
 from jbench.settings.run import Run
 
-SOLVED = 900
-"""Episode return from which a task counts as solved (paper, Figure 9)."""
-
 OWN = "own"
 """Source of the runs in the reported results."""
 

@@ -10,7 +10,8 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.cells import OWN, SOLVED
+from jbench.report.data.cells import OWN
+from jbench.report.data.returns import SOLVED
 from jbench.report.figures.chart import (
     Chart,
     Draw,

@@ -10,7 +10,7 @@ from matplotlib import colors
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.data.cells import SOLVED
+from jbench.report.data.returns import SOLVED
 from jbench.report.figures.chart import (
     Chart,
     Panel,

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from jbench.report import style
 from jbench.report.figures.chart import Panel
@@ -38,16 +39,18 @@ def panel_svgs(panel: Panel, label: str) -> str:
     """
     texts = []
     with mpl.rc_context(style.PAGE):
-        figure = Figure(figsize=panel.size, layout="constrained")
+        figure = Figure(figsize=panel.size, dpi=72)
         axes = figure.subplots()
-        for names, draw in panel.versions.items():
+        for i, (names, draw) in enumerate(panel.versions.items()):
             axes.clear()
             draw(axes)
+            if i == 0:
+                # All versions have the same place, so that a switch moves nothing. By itself,
+                # matplotlib would also draw the figure twice.
+                ConstrainedLayoutEngine().execute(figure)
             sink = io.BytesIO()
             figure.savefig(sink, format="svg", transparent=True, metadata=_NO_DATES)
             texts.append(_element(sink.getvalue(), label, names))
-            # The other versions keep the place of the axes, so that a switch moves nothing.
-            figure.set_layout_engine("none")
     return "".join(texts)
 
 

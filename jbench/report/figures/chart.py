@@ -27,6 +27,7 @@ _UNSEEN = [(-1, -1), (1, 1)]
 _WIDTHS = {1: 3.5, 2: 7.15, None: 9.0}
 """Width of a file in inches, by columns of a paper."""
 
+_LONGEST = 34  # characters of a name beside a panel
 _NARROW = 2.2  # inches: a panel without room for words beside it
 
 
@@ -123,13 +124,18 @@ class Chart:
         if handles:
             figure.legend(
                 handles,
-                list(self.legend),
+                [shortened(name) for name in self.legend],
                 loc="outside upper left",
                 ncols=-(-len(handles) // self._legend_rows(width)),
                 handlelength=1.8,
                 columnspacing=1.2,
                 borderaxespad=0,
             )
+
+
+def shortened(name: str) -> str:
+    """Returns a name that leaves room for a panel beside it."""
+    return name if len(name) <= _LONGEST else f"{name[:20]}…{name[-10:]}"
 
 
 def narrow(axes: Axes) -> bool:

@@ -9,7 +9,7 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 
 from jbench.report import style
-from jbench.report.figures.chart import Chart, Panel, add_points, numbers, series
+from jbench.report.figures.chart import Chart, Panel, add_points, numbers, series, shortened
 from jbench.report.frames import Frames
 from jbench.report.style import Look
 
@@ -99,7 +99,7 @@ def draw_error_rows(rows: pd.DataFrame, axes: Axes, *, looks: Mapping[str, Look]
                 at, number = [max(value, _FLOOR)], order[row["series"]]
                 add_points(axes, at, [place], [tip], look, number, size=6.5, hollow=hollow)
     axes.set_xscale("log")
-    axes.set_yticks(range(len(names)), list(names))
+    axes.set_yticks(range(len(names)), [shortened(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("fraction of the variance not explained")

@@ -18,6 +18,7 @@ from jbench.report.figures.chart import (
     add_unseen,
     numbers,
     series,
+    shortened,
     thinned,
 )
 from jbench.report.frames import Frames
@@ -170,7 +171,7 @@ def _interval(value: float, low: float, high: float) -> str:
 
 
 def _name_rows(axes: Axes, names: Sequence[str] | pd.Series) -> None:
-    axes.set_yticks(range(len(names)), list(names))
+    axes.set_yticks(range(len(names)), [shortened(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)
@@ -215,8 +216,9 @@ def draw_pairs(rows: pd.DataFrame, axes: Axes) -> None:
             weight="bold" if row["decided"] else "normal", size=mpl.rcParams["font.size"] * 0.9,
         )  # fmt: skip
     middles = np.arange(len(names)) + 0.5
-    axes.set_yticks(middles, names)
-    axes.set_xticks(middles, names, rotation=40, ha="right", rotation_mode="anchor")
+    shown = [shortened(name) for name in names]
+    axes.set_yticks(middles, shown)
+    axes.set_xticks(middles, shown, rotation=40, ha="right", rotation_mode="anchor")
     axes.set_ylim(len(names), 0)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)

@@ -101,7 +101,7 @@ def _set_attributes(element: ElementTree.Element) -> None:
                 element.set("font-weight", "700")
         elif name and not name.startswith("font-"):
             element.set(name, value)
-        elif name == "font-size":
+        elif name in ("font-size", "font-weight"):
             element.set(name, value.removesuffix("px"))
     if _LINK in element.attrib:
         element.set("href", element.attrib.pop(_LINK))

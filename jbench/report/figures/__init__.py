@@ -8,7 +8,7 @@ from functools import partial
 import pandas as pd
 from matplotlib.figure import Figure
 
-from jbench.report.figures import behavior, curves, encoders, returns
+from jbench.report.figures import behavior, curves, encoders, returns, shares
 from jbench.report.figures.chart import Chart
 from jbench.report.frames import Frames
 from jbench.report.table import clean
@@ -18,8 +18,8 @@ MAKERS = (
     curves.by_algorithm,
     returns.forest,
     returns.comparisons,
-    returns.pairs,
-    returns.profiles,
+    shares.pairs,
+    shares.profiles,
     encoders.predictions,
     encoders.errors,
     curves.of_processor_time,
@@ -42,12 +42,12 @@ def cleaned(frames: Frames) -> Frames:
 
 def _clean_texts(frame: pd.DataFrame) -> pd.DataFrame:
     frame = frame.copy(deep=False)
-    for name in frame.select_dtypes(["object", "str", "category"]):
-        if name not in ("settings", "provenance") or isinstance(frame[name].dtype, pd.StringDtype):
-            known = {
-                text: clean(text) if isinstance(text, str) else text for text in set(frame[name])
-            }
-            frame[name] = frame[name].map(known)
+    for name in frame.columns.difference(["settings", "provenance"]):
+        if pd.api.types.is_numeric_dtype(frame[name]):
+            continue
+        texts = (text for text in frame[name].unique() if isinstance(text, str))
+        if unclean := {text: clean(text) for text in texts if clean(text) != text}:
+            frame[name] = frame[name].replace(unclean)
     return frame
 
 

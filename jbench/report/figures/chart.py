@@ -28,7 +28,6 @@ _WIDTHS = {1: 3.5, 2: 7.15, None: 9.0}
 """Width of a file in inches, by columns of a paper."""
 
 _LONGEST = 34  # characters of a name beside a panel
-_NARROW = 2.2  # inches: a panel without room for words beside it
 
 
 @dataclass(frozen=True)
@@ -79,8 +78,10 @@ class Chart:
             columns: width in columns of a paper, 1 (3.5 in) or 2 (7.15 in); None for a screen.
         """
         width = _WIDTHS[columns]
-        across = min(len(self.panels), self.columns, 1 if width < 4 and len(self.panels) < 3 else 9)
-        across = min(across, 2) if width < 4 else across
+        across = min(len(self.panels), self.columns)
+        if width < 4:
+            # Words and names beside panels leave no room for a second one, unless there are many.
+            across = 2 if self.minimum < 300 or (self.alike and len(self.panels) > 4) else 1
         down = -(-len(self.panels) // across)
         heights = [
             max(
@@ -138,10 +139,10 @@ def shortened(name: str) -> str:
     return name if len(name) <= _LONGEST else f"{name[:20]}…{name[-10:]}"
 
 
-def narrow(axes: Axes) -> bool:
-    """Returns whether there is no room for words beside a panel."""
+def narrow(axes: Axes, inches: float = 2.2) -> bool:
+    """Returns whether a panel is narrower, as before its labels are placed."""
     figure = axes.get_figure(root=True)
-    return figure is not None and axes.get_position().width * figure.get_figwidth() < _NARROW
+    return figure is not None and axes.get_position().width * figure.get_figwidth() < inches
 
 
 def thinned(count: int, most: int = MOST_POINTS) -> Any:

@@ -120,7 +120,7 @@ def predictions(frames: Frames) -> Chart | None:
             continue
         for quantity, points in group.groupby("quantity", sort=False):
             draw = partial(draw_predictions, points, looks=looks, x=f"R² of the {quantity}")
-            panels.append(Panel(f"{task}, {algo}: {quantity}", {"": draw}, (3.2, 2.3)))
+            panels.append(Panel(f"{task}, {algo}", {"": draw}, (3.2, 2.3)))
     if not panels:
         return None
     note = "interquartile mean with 95% interval against R² one step ahead; correlation only"

@@ -80,7 +80,8 @@ def to_csv(frame: pd.DataFrame) -> str:
     cleaned = frame.copy(deep=False)
     for name in cleaned.select_dtypes(["object", "str", "category"]):
         known = {value: _cell(value) for value in cleaned[name].dropna().unique()}
-        cleaned[name] = cleaned[name].map(known.get)
+        if any(text != value for value, text in known.items()):
+            cleaned[name] = cleaned[name].map(known.get)
     return cleaned.to_csv(index=False, lineterminator="\n")
 
 

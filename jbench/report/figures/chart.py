@@ -85,7 +85,7 @@ class Chart:
         down = -(-len(self.panels) // across)
         heights = [
             max(
-                panel.size[1] if panel.size[1] > 3 else 0.62 * min(width / across, 4)
+                panel.size[1] if panel.size[1] > 3 else 0.68 * min(width / across, 4)
                 for panel in self.panels[row * across : (row + 1) * across]
             )
             for row in range(down)

@@ -16,7 +16,7 @@ from jbench.report.style import Look
 PUBLISHED = "published"
 """Entry of a legend for the curves of the paper."""
 
-_ROOM = 0.075  # of the height of a panel, between words beside it
+_ROOM = 0.09  # of the height of a panel, between words beside it
 
 
 def draw_curves(

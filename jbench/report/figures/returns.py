@@ -42,12 +42,12 @@ def forest(frames: Frames) -> Chart | None:
         draw = partial(
             draw_forest, group, seeds=seeds[seeds["task"] == task], policies=policies, looks=looks
         )
-        panels.append(Panel(f"{task}: final {frames.returns} return", {"": draw}, (5.2, height)))
+        panels.append(Panel(f"{task}: final return", {"": draw}, (5.2, height)))
         spread = group[group["s"].notna()] if "s" in group else group.iloc[:0]
         if len(spread) > 1:
             variability = partial(draw_variability, spread, looks=looks)
             height = 0.55 + _ROW * len(spread)
-            panels.append(Panel(f"{task}: variability of agents", {"": variability}, (5.2, height)))
+            panels.append(Panel(f"{task}: variability", {"": variability}, (5.2, height)))
     note = (
         "large mark: interquartile mean with 95% interval; dots: seeds with twice their standard "
         "error; |: the paper's training return"

@@ -71,8 +71,8 @@ def assert_listed_reported_and_verified(results, algo, capsys):
     assert f"face_direction/{algo}/full/s00-" in capsys.readouterr().out
     assert main(["verify", *here]) == 0
     report = ("report", "--json", "--format", "png", "--out", results.path / "out")
-    (cell,) = json.loads(succeed(*report, results=results.path, short=True).stdout)["table"]
-    assert (cell["algo"], cell["seeds"]) == (algo, 2)
+    rows = json.loads(succeed(*report, results=results.path, short=True).stdout)["configurations"]
+    assert {(row["algo"], row["seeds"]) for row in rows} == {(algo, 2)}
 
 
 def assert_fails(run, path, sentence, episodes):

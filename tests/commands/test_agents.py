@@ -223,8 +223,8 @@ def test_classes_are_named_without_entry_points(site, tmp_path):
     assert run.manifest.provenance["source_sha256"] == checksum
     assert (run.settings["engine"], run.settings.get("package")) == ("plugin", None)
     report = ("report", "--json", "--format", "png")
-    table = json.loads(succeed(*report, results=results, short=True).stdout)["table"]
-    assert {(cell["algo"], cell["seeds"]) for cell in table} == {
+    rows = json.loads(succeed(*report, results=results, short=True).stdout)["configurations"]
+    assert {(row["algo"], row["seeds"]) for row in rows} == {
         *((NAME, 2), ("other_agents:WithoutState", 2))
     }
 

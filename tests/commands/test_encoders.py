@@ -83,8 +83,8 @@ def test_repeated_training_is_skipped_and_json_lists_encoders(filled, capsys):
 def test_encoders_are_reported_and_used_in_training(filled, tmp_path, capsys):
     report = ("report", "--format", "png", "--out", str(tmp_path / "report"))
     assert main([*report, "--results", str(filled)]) == 0
-    assert (tmp_path / "report" / "encoders.png").stat().st_size > 0
-    assert len((tmp_path / "report" / "encoders.csv").read_text().splitlines()) == 1 + 10
+    assert (tmp_path / "report" / "figures" / "encoders.png").stat().st_size > 0
+    assert len((tmp_path / "report" / "tables" / "encoders.csv").read_text().splitlines()) == 1 + 10
     copy = tmp_path / "copy"
     shutil.copytree(filled, copy)
     short = ("--seeds", "0", "--steps", str(SHORT), "--evaluate-episodes", "0", "--jobs", "1")

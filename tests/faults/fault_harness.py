@@ -65,7 +65,7 @@ def content(path):
                 {e.name: e.sha256 for e in record.manifest.files if not e.table},
             ]
     report = path / "report"
-    found["report"] = sorted(file.name for file in report.glob("*"))
+    found["report"] = sorted(file.name for file in report.rglob("*"))
     found["exported"] = sorted(str(file.relative_to(path)) for file in (path / "minari").rglob("*"))
     found["set aside"] = sorted(
         hashlib.sha256(file.read_bytes()).hexdigest()

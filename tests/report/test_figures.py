@@ -4,6 +4,7 @@ import re
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
@@ -136,6 +137,28 @@ def test_the_forest_has_each_seed_and_the_policies(fabric):
     assert rows == ["TD3 full", "TD3 dae12", "random actions", "hand-written policy"]
     dots = [c for c in axes.collections if c.get_gid() == "series-0" and len(c.get_offsets()) == 3]
     assert sorted(dots[0].get_offsets()[:, 0]) == [500, 510, 520]
+
+
+def test_behavior_and_sequences_are_drawn_of_their_frames(fabric):
+    add_runs(fabric)
+    found = frames(fabric.results)
+    assert not {"figure4", "figure5", "sequences"} & {chart.name for chart in charts(found)}
+    names = {"task": "face_direction", "policy": "p", "label": "p (median 5)", "median": 5.0}
+    velocity = np.linspace(-1, 1, 50)
+    found.motor = pd.DataFrame({**names, "velocity": velocity, "density": 1 - abs(velocity)})
+    places = {"x": [-0.1, 0.1], "y": [0.1, -0.1], "share": [0.01, 0.0], "target_yaw": 0.5}
+    found.positions = pd.DataFrame({**names, **places, "reach": 0.2})
+    trained = found.curves[found.curves["returns"] == "training"]
+    found.sequences = pd.concat([trained, trained.assign(source="published", seeds=1)])
+    made = {chart.name: chart for chart in charts(found)}
+    density = drawn(made["figure4"].panels[0]).lines[0].get_ydata()
+    assert list(density[1:-1]) == pytest.approx(list(1 - abs(velocity))[1:-1])
+    mesh = drawn(made["figure5"].panels[0]).collections[0].get_array()
+    assert sorted(mesh.compressed()) == [0.01]
+    lines = drawn(made["sequences"].panels[0]).lines
+    assert sum(line.get_gid() == "series-0" for line in lines) == 1
+    for chart in made.values():
+        assert style.image(chart.figure(2), "png").startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(("columns", "width"), [(1, 3.5), (2, 7.15)])

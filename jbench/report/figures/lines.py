@@ -105,13 +105,14 @@ def _draw_published(
 ) -> None:
     number = order.get(PUBLISHED, len(order))
     dotted = (0, style.PUBLISHED_DASH)
-    for (name, _), curve in published.groupby(["series", "figure"], sort=False):
+    for (name, _), curve in published.groupby(["series", "source"], sort=False):
         look = looks.get(str(name), Look(style.SOFT))
+        called = " ".join(curve[["algo", "representation"]].iloc[0])
         curve = curve.iloc[thinned(len(curve), 100)]
         steps, median = curve["steps"].to_numpy(), curve["median"].to_numpy()
         axes.plot(steps, median, color=look.color, linestyle=dotted, gid=series(number))
         tips = [
-            f"{name}, published, at {at:,.0f}: {value:.0f}"
+            f"{called}, published, at {at:,.0f}: {value:.0f}"
             for at, value in zip(steps, median, strict=True)
         ]
         shown = thinned(len(steps), 20)

@@ -69,8 +69,8 @@ def sweep(
         bool,
         typer.Option(
             "--until-decided",
-            help="Add seeds in blocks of five until it is decided how each representation compares "
-            "with full and scaled.",
+            help="Add seeds in blocks of five until the comparisons of the matrix are decided, by "
+            "default those of each representation with full and scaled.",
         ),
     ] = False,
     max_seeds: Annotated[
@@ -201,10 +201,11 @@ def _decide(
     from jbench.commands.deciding_view import described_outcomes, introduction, show_look
     from jbench.report.analysis.sequential import BLOCK
     from jbench.sweeps.cell import all_runs
-    from jbench.sweeps.deciding import comparisons, looks
+    from jbench.sweeps.comparisons import comparisons, read_comparisons
+    from jbench.sweeps.deciding import looks
     from jbench.training.status import failures_among, run_statuses
 
-    chosen = comparisons(cells, claims)
+    chosen = comparisons(cells, read_comparisons(matrix), claims)
     if max_seeds < BLOCK or max_seeds % BLOCK:
         raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
     output.say(introduction(chosen, max_seeds))

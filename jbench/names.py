@@ -31,6 +31,7 @@ ENCODER_KINDS = {
     "random": "jbench.encoders.kinds.random_projection:RandomProjection",
     "scaled": "jbench.encoders.kinds.scaled:Scaled",
     "planar": "jbench.encoders.kinds.planar:PlanarReduction",
+    "planar-mirror": "jbench.encoders.kinds.planar_mirror:PlanarMirror",
     "forward": "jbench.encoders.kinds.forward:ForwardModel",
     "dmd": "jbench.encoders.kinds.dmd:DynamicModes",
     "contrastive": "jbench.encoders.kinds.contrastive:Contrastive",

@@ -72,11 +72,15 @@ class PlanarReduction(Fitted):
         size = planar_size(task)
         return range(size, size + 1)
 
+    def reduce(self, task: str, physical: Array) -> Array:
+        """Returns the latents (..., latents) before scaling, for features in SI units."""
+        return to_planar(task, physical)
+
     def fit(self, states: "States", latents: int) -> dict[str, NDArray[np.float64]]:
         """Returns the scalings of features and latents, and the torso's center of mass."""
         gain, offset = physical_scaling(states.task, states.scaling)
         shards = (shard.states.cpu().double().numpy() * gain + offset for shard in states.all())
-        scalings = (Scaling.of(to_planar(states.task, physical)) for physical in shards)
+        scalings = (Scaling.of(self.reduce(states.task, physical)) for physical in shards)
         extremes = reduce(Scaling.merged, scalings)
         augment = states.dataset.record.settings.get("augment")
         return planar_weights(
@@ -85,10 +89,9 @@ class PlanarReduction(Fitted):
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns the scaled numbers listed in the module's docstring."""
-        task = _task(weights)
-        physical = scaled * weights[f"{task}.gain"] + weights[f"{task}.offset"]
-        planar = to_planar(task, physical) - weights["latent.offset"]
-        return _divided(planar, weights["latent.gain"])
+        task, physical = features_of(weights, scaled)
+        numbers = self.reduce(task, physical) - weights["latent.offset"]
+        return _divided(numbers, weights["latent.gain"])
 
     def decode(self, weights: Weights, latents: Array) -> Array:
         """Returns the observation of a robot with heading 0 at the origin.
@@ -134,6 +137,12 @@ def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArra
     gain, offset = scaling.half_width_and_center()
     center = denormalize(task, offset)
     return denormalize(task, offset + gain) - center, center
+
+
+def features_of(weights: Weights, scaled: Array) -> tuple[str, Array]:
+    """Returns the task of the weights, and features in SI units for scaled ones."""
+    task = _task(weights)
+    return task, scaled * weights[f"{task}.gain"] + weights[f"{task}.offset"]
 
 
 def to_planar(task: str, physical: Array) -> Array:

@@ -7,6 +7,7 @@ from typing import Any
 from jbench.agents.algorithms import algorithm_fields, algorithm_of
 from jbench.devices import find_device
 from jbench.encoders import find_encoder, load_encoder
+from jbench.encoders.mirror import input_mirror
 from jbench.errors import RequestError
 from jbench.names import (
     EPISODE_STEPS,
@@ -55,8 +56,8 @@ def request_runs(
         fields: the other fields of `RunSettings`.
 
     Raises:
-        RequestError: if the encoder is not found, a setting is invalid, or the steps are not
-            enough for an episode or can't be divided among the robots.
+        RequestError: if the encoder is not found or can't be mirrored, a setting is invalid, or the
+            steps are not enough for an episode or can't be divided among the robots.
     """
     of_features = {
         name.removeprefix(_PREFIX): value
@@ -75,6 +76,8 @@ def request_runs(
         fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
         fields["representation"] = representation_of(results, encoder_id)
     algorithm = algorithm_fields(algo, engine, base, of_algorithm)
+    if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
+        input_mirror(task, load_encoder(results, fields["encoder"])[0])
     return runs_of(seeds, task=task, **algorithm, **fields)
 
 

@@ -61,15 +61,20 @@ def observations_of(dataset, task="face_direction"):
     return np.concatenate([block.observations for block in dataset.blocks(task)])
 
 
-def planar_encoder(task, kind):
-    """An encoder of the kind of `planar` whose scalings are not symmetric."""
+def planar_encoder(task, kind, inputs=None):
+    """An encoder of the kind of `planar`.
+
+    Args:
+        inputs: their scaling; by default, like that of the latents, not symmetric.
+    """
     random = np.random.default_rng(len(task))
 
     def scaling(size):
         low, high = -random.uniform(0.2, 1, (2, size)).astype(np.float32)
         return Scaling(low, high + 2)
 
-    inputs, size = scaling(TASK_SPECS[task].observation_size), planar_size(task)
+    size = planar_size(task)
+    inputs = inputs or scaling(TASK_SPECS[task].observation_size)
     weights = planar_weights(task, inputs, scaling(size), np.array([0.001, -0.002, 0.004]))
     weights = {name: value.astype(np.float32) for name, value in weights.items()}
     return SavedEncoder(kind(), weights, inputs, size)

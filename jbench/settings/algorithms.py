@@ -56,6 +56,11 @@ class OffPolicySettings(AlgorithmSettings):
     noise_sigma: float = Field(default=0.2, ge=0, description="of the action noise; Table 1")
     noise_theta: float = Field(default=0.15, ge=0, description="Ornstein-Uhlenbeck; Table 1")
     noise_dt: float = Field(default=0.01, gt=0, description="s; stable-baselines 2")
+    mirror: bool = omissible(
+        False,
+        description="whether half of each minibatch are mirror images of transitions, x to -x and "
+        "the action negated; ours",
+    )
 
     @property
     def first_update(self) -> int:

@@ -94,6 +94,13 @@ def test_encoders_are_reported_and_used_in_training(filled, tmp_path, capsys):
     assert "face_direction/td3/planar12/s00-" in run.stdout
 
 
+def test_mirror_of_mixed_latents_is_refused_before_training(filled, refused):
+    mirror = ("--algo", "td3", "--set", "mirror=true")
+    error = refused("train", "--encoder", "dae:2", *mirror, results=filled)
+    assert "mirror=true needs inputs of which a mirror changes only signs" in error
+    assert not (filled / "runs").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

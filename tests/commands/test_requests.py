@@ -61,6 +61,11 @@ from tests.command_line import jbench, succeed, wait_until
             ("train", "--algo", "ppo", "--set", "shared_layers=true", "--engine", "sb3"),
             "stable-baselines3 has no shared_layers: choose the batched engine",
         ),
+        (("train", "--set", "mirror=maybe"), "mirror of ddpg can't be 'maybe'"),
+        (
+            ("train", "--set", "mirror=true", "--engine", "sb3"),
+            "stable-baselines3 has no mirror: choose the batched engine",
+        ),
         (("train", "--time-limit", "never"), "Unknown value of --time-limit 'never'"),
         (("train", "--algo", "sac", "--set", "ent_coef=-1"), "of sac can't be -1: .*or equal to 0"),
         (

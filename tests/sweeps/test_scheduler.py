@@ -182,4 +182,6 @@ def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
         "its dataset can't be collected"
     }
     assert len(warnings) == 1
-    assert warnings[0].startswith(f"the runs on {cells[0].encoders[0].id} are left out: its dataset")
+    assert warnings[0].startswith(
+        f"the runs on {cells[0].encoders[0].id} are left out: its dataset"
+    )

@@ -122,7 +122,8 @@ class Engine(Closing):
             observations: (n, N, dim(O)) of the task, not encoded, of n consecutive seeds of a cell.
             first: index of the first of these seeds.
         """
-        inputs = self.environments.encode(torch.from_numpy(observations), first)
+        seen = torch.from_numpy(observations)
+        inputs = self.environments.encode(seen, first)
         seeds = slice(first, first + len(inputs))
         if len(inputs) < len(self._generators):
             of_all = inputs.new_zeros(len(self._generators), *inputs.shape[1:])
@@ -130,7 +131,10 @@ class Engine(Closing):
             inputs = of_all
         actions: NDArray[np.float32] = self._team.run(act, inputs).float().numpy()
         actions[list(self.diverged)] = 0
-        return actions[seeds]
+        robot_actions: NDArray[np.float32] = actions[seeds] * self.environments.action_signs(
+            seen, first
+        )
+        return robot_actions
 
     def policy(self, seed: int) -> Policy | Network:
         """Returns a copy of the deterministic policy of the seed with this index."""

@@ -8,7 +8,7 @@ from jbench.tasks import augmented, model
 
 # Parts of the plain robot that can touch each other while shoulders and elbows are within 0.4 rad
 # of the rest pose, at any angle of the motor. The spring of a joint that is bent further would have
-# the energy of a fall from 19 cm. Pairs of two bodies have the order in which MuJoCo sorts contacts.
+# the energy of a fall from 19 cm. Pairs of two bodies are in the order of MuJoCo's contacts.
 _NEIGHBORS = (
     ("leg2_upper", "mass"),
     ("leg3_upper", "mass"),

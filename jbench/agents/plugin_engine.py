@@ -117,6 +117,10 @@ class PluginEngine(Closing):
             self._note_losses(self._call(self._agent.learn, transition))
             yield step.episode_returns
 
+    def is_complete(self, steps: int) -> bool:
+        """Returns whether `learn` makes no more control steps."""
+        return self.control_steps >= steps
+
     def begin_updates(self) -> bool:
         """Returns False: the agent itself decides when it learns; see `Engine.begin_updates`."""
         return False

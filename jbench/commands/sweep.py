@@ -13,6 +13,7 @@ from jbench.commands.options import (
     RESULTS,
     JobsOption,
     JsonOption,
+    KeepStateOption,
     LogOption,
     ResultsOption,
     RetryOption,
@@ -102,6 +103,7 @@ def sweep(
     checkpoint_every: Annotated[
         float, typer.Option(min=0, help="Minimum seconds between checkpoints of a run.")
     ] = names.CHECKPOINT_EVERY,
+    keep_state: KeepStateOption = False,
     log: LogOption = None,
     jobs: JobsOption = 0,
     results: ResultsOption = RESULTS,
@@ -120,6 +122,7 @@ def sweep(
     from jbench.sweeps.cell_status import cell_statuses, seconds_left
     from jbench.sweeps.executors import Local
     from jbench.sweeps.matrix import matrix_cells, read_matrix
+    from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.status import failures_among, run_statuses
 
     output, database = Output(json), parsing.results_to_write(results)
@@ -138,10 +141,10 @@ def sweep(
 
     def make() -> "Executor":
         if executor == "local":
-            return Local(database, at_a_time, train_on, checkpoint_every)
+            return Local(database, at_a_time, train_on, checkpoint_every, keep_state)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(database, address, jobs, gpus_per_task, checkpoint_every)
+        return Ray(database, address, jobs, gpus_per_task, checkpoint_every, keep_state)
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.
@@ -157,6 +160,8 @@ def sweep(
             )
 
     cells = matrix_cells(parts, database)
+    if keep_state:
+        check_state_can_be_kept(cell.runs[0] for cell in cells)
     warn_of_short_runs([cell.runs[0] for cell in cells], output)
     if until_decided:
         limit = _MAX_SEEDS if max_seeds is None else max_seeds

@@ -38,6 +38,7 @@ class Ray:
         jobs: int = 0,
         gpus_per_task: float = 0.0,
         checkpoint_every: float = CHECKPOINT_EVERY,
+        keep_state: bool = False,
     ) -> None:
         """Joins a cluster, or starts one on this machine.
 
@@ -47,13 +48,15 @@ class Ray:
             jobs: number of tasks at a time; 0 for as many as the cluster has resources for.
             gpus_per_task: number of GPUs per task; may be a fraction.
             checkpoint_every: minimum seconds between two checkpoints of a run.
+            keep_state: whether longer runs can continue these.
 
         Raises:
             RequestError: if Ray is not installed, there is no such cluster, or it lacks GPUs.
             WorkError: if the results directory can't be locked.
         """
         self._ray = _imported()
-        self._results, self._checkpoint_every = Results(results.path.resolve()), checkpoint_every
+        self._results = Results(results.path.resolve())
+        self._checkpoints = checkpoint_every, keep_state
         self._stopped = threading.Event()
         self._tasks: set[Any] = set()
         self._held = contextlib.ExitStack()
@@ -72,7 +75,7 @@ class Ray:
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
         """Trains runs in a task; see `Executor`. Their progress is read from the results."""
-        request = worker_request(runs, self._results, self.device, self._checkpoint_every)
+        request = worker_request(runs, self._results, self.device, *self._checkpoints)
         task = self._task.remote(request)
         self._tasks.add(task)
         try:

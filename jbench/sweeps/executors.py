@@ -59,6 +59,7 @@ class Local:
         jobs: int = 0,
         device: str = "cpu",
         checkpoint_every: float = CHECKPOINT_EVERY,
+        keep_state: bool = False,
     ) -> None:
         """Starts no process yet.
 
@@ -67,16 +68,17 @@ class Local:
             jobs: processes at a time; 0 for `default_jobs`.
             device: `cpu`, `cuda` or such as `cuda:1`.
             checkpoint_every: minimum seconds between two checkpoints of a run.
+            keep_state: whether longer runs can continue these.
         """
         self.jobs, self.device = jobs or default_jobs(device), device
-        self._results, self._checkpoint_every = results, checkpoint_every
+        self._results, self._checkpoints = results, (checkpoint_every, keep_state)
         self._lock = threading.Lock()
         self._processes: set[subprocess.Popen[str]] = set()
         self._stopped = False
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
         """Trains runs in one process; see `Executor`."""
-        return self.run(worker_request(runs, self._results, self.device, self._checkpoint_every))
+        return self.run(worker_request(runs, self._results, self.device, *self._checkpoints))
 
     def run(self, request: str) -> Iterator[Message]:
         """Starts a worker and yields its messages as they arrive; none after `stop`.
@@ -159,7 +161,11 @@ def _grouped(
 
 
 def worker_request(
-    runs: Sequence[RunSettings], results: Results, device: str, checkpoint_every: float
+    runs: Sequence[RunSettings],
+    results: Results,
+    device: str,
+    checkpoint_every: float,
+    keep_state: bool,
 ) -> str:
     """Returns the request to a worker as one line of JSON.
 
@@ -169,6 +175,7 @@ def worker_request(
         "results": str(results.path),
         "device": device,
         "checkpoint_every": checkpoint_every,
+        "keep_state": keep_state,
         "command": sys.argv,
         "runs": [run.values for run in runs],
     }

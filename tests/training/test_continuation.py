@@ -1,8 +1,7 @@
-"""Tests of longer runs that continue finished ones: the same rows and weights as trained at once."""
+"""Tests of longer runs that continue finished ones, and end like runs trained at once."""
 
-import json
+import errno
 import os
-import signal
 
 import pytest
 
@@ -42,9 +41,7 @@ def outcome(path, run):
     record = Results(path).find("run", run.id)
     assert record.status == "finished"
     assert {row["run"] for row in rows(record)} == {run.id}
-    numbers = [
-        {name: value for name, value in row.items() if name != "run"} for row in rows(record)
-    ]
+    numbers = [{**row, "run": None} for row in rows(record)]
     return numbers, paths(record), record.read_file(WEIGHTS)
 
 
@@ -123,6 +120,25 @@ def test_run_begins_if_only_state_is_damaged(tmp_path):
     assert f"The checkpoint of {short.id} at 144 control steps is not used" in sentence
     train(tmp_path / "once", [whole])
     assert outcome(tmp_path / "twice", whole) == outcome(tmp_path / "once", whole)
+
+
+@pytest.mark.parametrize("left", [0, 2])
+def test_run_that_finds_no_room_for_its_copy_does_not_begin(left, tmp_path, monkeypatch):
+    short, whole = lengths("ddpg", 100, 150)
+    train(tmp_path, [short])
+    real, made = os.replace, []
+
+    def full(source, target):
+        made.append(target)
+        if len(made) == left + 1:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(source, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", full)
+        failures = run_batch([whole], Results(tmp_path), None)
+    assert "No room left to write" in str(failures[whole.id])
+    assert train(tmp_path, [whole]) == [(1, 100, "", short.id)]
 
 
 def test_continued_run_drops_more_episodes_of_last_evaluation(tmp_path):

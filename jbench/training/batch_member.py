@@ -107,14 +107,14 @@ def _resumed(
         refused[:] = [_reason(error)]
         return None
     steps = checkpoint.position.control_steps
-    origin = {"run": continues} if continues else {}
-    changed = record.resume({"control_steps": steps, **origin}, made_on)
+    other_run = {"run": continues} if continues else {}
+    changed = record.resume({"control_steps": steps, **other_run}, made_on)
     if changed:
         refused.append(
             f"Since it began, {sentence_of(changed)}: results may differ from those of an "
             "uninterrupted run."
         )
-    notice(run, steps, " ".join(refused), *origin.values())
+    notice(run, steps, " ".join(refused), *other_run.values())
     return Member(run, encoder, record, log, checkpoint, steps)
 
 

@@ -12,31 +12,30 @@ from collections.abc import Iterable, Iterator
 from jbench.agents.algorithms import find_agent
 from jbench.agents.plugin import is_resumable
 from jbench.errors import RequestError
-from jbench.settings.run import RunSettings
+from jbench.settings.run import RunSettings, read_run
 from jbench.store import Record, Results
-from jbench.wording import counted
 
 
 def kept_runs(run: RunSettings, results: Results) -> list[Record]:
     """Returns the finished runs that a run can continue, the longest first."""
-    return [record for record in shorter_runs(run, results) if _has_state(run, record)]
+    if run.robots > 1:
+        return []
+    return [record for record in shorter_runs(run, results) if record.roles()]
 
 
 def shorter_runs(run: RunSettings, results: Results) -> list[Record]:
     """Returns the finished runs that differ only in having fewer steps, the longest first."""
     records, _ = results.scan("run", f"{run.id.rpartition('-')[0]}-")
+    settings = [(read_run(record.settings), record) for record in records]
     shorter = [
-        record
-        for record in records
-        if record.status == "finished"
-        and {**record.settings, "steps": run.steps} == run.values
-        and record.settings["steps"] < run.steps
+        (other.steps, record)
+        for other, record in settings
+        if isinstance(other, RunSettings)
+        and record.status == "finished"
+        and other.steps < run.steps
+        and other.model_copy(update={"steps": run.steps}) == run
     ]
-    return sorted(shorter, key=lambda record: -record.settings["steps"])
-
-
-def _has_state(run: RunSettings, record: Record) -> bool:
-    return run.robots == 1 and bool(record.roles())
+    return [record for _, record in sorted(shorter, key=lambda pair: -pair[0])]
 
 
 def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[str]:
@@ -44,24 +43,25 @@ def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[st
     reasons: Counter[tuple[int, str]] = Counter()
     for run in runs:
         shorter = shorter_runs(run, results)
-        if shorter and not any(_has_state(run, record) for record in shorter):
-            why = obstacle(run) or "their state was not kept, which --keep-state does"
+        if shorter and not kept_runs(run, results):
+            why = obstacle(run) or "the state was not kept, as --keep-state does"
             reasons[shorter[0].settings["steps"], why] += 1
     for (steps, why), count in reasons.items():
-        verb = "trains" if count == 1 else "train"
-        yield (
-            f"{counted(count, 'run')} {verb} from the beginning, not from the end of finished runs "
-            f"of {steps:,} control steps: {why}."
-        )
+        if count == 1:
+            what = "1 run trains from the beginning, not from the end of a finished run"
+        else:
+            what = f"{count:,} runs train from the beginning, not from the end of finished runs"
+        yield f"{what} of {steps:,} control steps: {why}."
 
 
 def check_state_can_be_kept(runs: Iterable[RunSettings]) -> None:
-    """Raises a RequestError if a run's state is no use, since no longer run can continue it."""
+    """Raises a RequestError if no longer run could continue one of these runs."""
     for run in runs:
         reason = obstacle(run)
         if reason is not None:
             raise RequestError(
-                f"No longer run can continue a run of {run.algo}: {reason}; leave --keep-state out."
+                f"A finished run of {run.algo} can't be continued: {reason}; leave --keep-state "
+                "out."
             )
 
 

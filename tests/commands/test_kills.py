@@ -69,7 +69,7 @@ def test_longer_run_continues_or_says_why_it_begins(tmp_path):
     done = succeed(*arguments, "--steps", "400", "--keep-state", results=tmp_path)
     assert (
         "2 runs train from the beginning, not from the end of finished runs of 300 control steps: "
-        "their state was not kept, which --keep-state does.\n"
+        "the state was not kept, as --keep-state does.\n"
     ) in done.stdout
     done = succeed(*arguments, "--steps", "600", results=tmp_path)
     assert done.stdout.startswith("2 runs with 400 control steps left ")

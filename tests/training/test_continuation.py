@@ -174,7 +174,7 @@ def test_new_beginning_is_explained_in_one_sentence(tmp_path):
     train(tmp_path, short, keep_state=False)
     assert list(new_beginnings(whole, results)) == [
         "2 runs train from the beginning, not from the end of finished runs of 100 control steps: "
-        "their state was not kept, which --keep-state does."
+        "the state was not kept, as --keep-state does."
     ]
     # A finished run is never shortened.
     assert (
@@ -192,5 +192,5 @@ def test_new_beginning_is_explained_in_one_sentence(tmp_path):
 def test_state_that_no_run_can_continue_is_refused(changes, reason):
     (run,) = lengths("ddpg", 100)
     check_state_can_be_kept([run])
-    with pytest.raises(RequestError, match=f"No longer run can continue a run of ddpg: {reason}"):
+    with pytest.raises(RequestError, match=f"A finished run of ddpg can't be continued: {reason}"):
         check_state_can_be_kept([run, run.model_copy(update=changes)])

@@ -10,7 +10,7 @@ from jbench.commands import parsing
 from jbench.commands.options import RESULTS, DatasetOption, JsonOption, ResultsOption, complete
 from jbench.commands.output import Output
 from jbench.errors import RequestError
-from jbench.seeds import parse_numbers
+from jbench.seeds import parse_numbers, parse_seeds
 from jbench.wording import with_results
 
 TasksOption = Annotated[
@@ -53,7 +53,11 @@ SetOption = Annotated[
     typer.Option("--set", metavar="NAME=VALUE", help="Set an option of the kind; repeatable."),
 ]
 SeedOption = Annotated[
-    int, typer.Option(help="Random seed of weights, minibatches, noise and the held-out split.")
+    str,
+    typer.Option(
+        help="Random seed of weights, minibatches, noise and the held-out split, or several, such "
+        "as 0-9: an encoder for each."
+    ),
 ]
 DeviceOption = Annotated[
     str,
@@ -72,7 +76,7 @@ def train_dae(
     epochs: EpochsOption = None,
     batch: BatchOption = None,
     learning_rate: RateOption = None,
-    seed: SeedOption = 0,
+    seed: SeedOption = "0",
     device: DeviceOption = "auto",
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
@@ -103,7 +107,7 @@ def train_encoder(
     batch: BatchOption = None,
     learning_rate: RateOption = None,
     set_: SetOption = None,
-    seed: SeedOption = 0,
+    seed: SeedOption = "0",
     device: DeviceOption = "auto",
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
@@ -135,12 +139,12 @@ def _train(
     task: str,
     latent: str | None,
     dataset: str | None,
-    seed: int,
+    seed: str,
     device: str,
     results: Path,
     output: Output,
 ) -> None:
-    """Trains an encoder for each task, kind and number of latents; reads the dataset once."""
+    """Trains an encoder for each task, seed, kind and number of latents."""
     from jbench.commands import display
     from jbench.datasets import find_dataset
     from jbench.devices import find_device
@@ -153,17 +157,20 @@ def _train(
     train_on = find_device(device)
     given = {name: value for name, value in options.items() if value is not None}
     source = find_dataset(database, dataset)
-    shared = {"dataset": source.id, "seed": parsing.seed(seed)}
     planned = {
-        name: [
-            encoder_settings(kind, given, task=name, latents=number, **shared)
-            for kind, number in _sizes(kinds, name, latent)
+        (name, number): [
+            encoder_settings(
+                kind, given, task=name, latents=latents, dataset=source.id, seed=number
+            )
+            for kind, latents in _sizes(kinds, name, latent)
         ]
         for name in tasks
+        for number in parse_seeds(seed)
     }
     records = []
-    for name, all_settings in planned.items():
-        states = States(source, name, seed)
+    for (name, number), all_settings in planned.items():
+        # Kinds share the states, which are read once: they all have the given scale.
+        states = States(source, name, number, scale=given.get("scale", "dataset"))
         for settings in all_settings:
             before = database.find("encoder", settings.id)
             if before is not None and before.status == "finished":
@@ -175,8 +182,9 @@ def _train(
             with output.progress(label, epochs, "epochs") as progress:
                 records.append(train_encoder(settings, states, database, progress, device=train_on))
     display.show_encoders(records, output)
-    first = planned[tasks[0]][0]
-    command = f"jbench train --task {first.task} --encoder {first.kind}:{first.latents}"
+    first = next(iter(planned.values()))[0]
+    draws = " --encoder-seeds each" if len(planned) > len(tasks) else ""
+    command = f"jbench train --task {first.task} --encoder {first.representation}{draws}"
     output.say(f"Next: {with_results(command, results)}")
     output.document({"encoders": [display.described(record) for record in records]})
 

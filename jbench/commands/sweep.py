@@ -11,6 +11,7 @@ from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
+    FinalEpisodesOption,
     JobsOption,
     JsonOption,
     KeepStateOption,
@@ -104,6 +105,7 @@ def sweep(
         float, typer.Option(min=0, help="Minimum seconds between checkpoints of a run.")
     ] = names.CHECKPOINT_EVERY,
     keep_state: KeepStateOption = False,
+    final_episodes: FinalEpisodesOption = None,
     log: LogOption = None,
     jobs: JobsOption = 0,
     results: ResultsOption = RESULTS,
@@ -139,12 +141,14 @@ def sweep(
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = parsing.processes(jobs, train_on)
 
+    options = checkpoint_every, final_episodes, keep_state
+
     def make() -> "Executor":
         if executor == "local":
-            return Local(database, at_a_time, train_on, checkpoint_every, keep_state)
+            return Local(database, at_a_time, train_on, *options)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(database, address, jobs, gpus_per_task, checkpoint_every, keep_state)
+        return Ray(database, address, jobs, gpus_per_task, *options)
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.

@@ -9,6 +9,7 @@ from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
     AugmentOption,
+    FinalEpisodesOption,
     JobsOption,
     JsonOption,
     KeepStateOption,
@@ -43,6 +44,14 @@ def train(
             "DAE, the id of an encoder, or ofeN (N features learned with the agent).",
         ),
     ] = "none",
+    encoder_seeds: Annotated[
+        str,
+        typer.Option(
+            help="Encoder of each agent: the newest, or each: the one trained with the agent's "
+            "seed (train-encoder --seed 0-9).",
+            autocompletion=complete(*names.ENCODER_SEEDS),
+        ),
+    ] = "newest",
     seeds: Annotated[str, typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7.")] = "0-9",
     steps: Annotated[
         str, typer.Option(help="Number of control steps of each run, such as 100k or 5e6.")
@@ -72,6 +81,7 @@ def train(
     evaluate_episodes: Annotated[
         int, typer.Option(help="Episodes per evaluation (0 disables it).")
     ] = 10,
+    final_episodes: FinalEpisodesOption = None,
     augment: AugmentOption = None,
     robots: Annotated[
         int,
@@ -141,6 +151,7 @@ def train(
         algo=algo,
         task=names.known("task", task, names.TASKS),
         encoder=encoder,
+        encoder_seeds=names.known("value of --encoder-seeds", encoder_seeds, names.ENCODER_SEEDS),
         seeds=parse_seeds(seeds),
         steps=parsing.count("--steps", steps),
         base=base,
@@ -157,11 +168,12 @@ def train(
     if keep_state:
         check_state_can_be_kept(runs[:1])
     display.warn_of_short_runs(runs[:1], output)
+    options = checkpoint_every, final_episodes, keep_state
     with logged(log, database, runs, output):
         failures = sweep(
             [Cell(task, algo, runs[0].representation, runs, base)],
             database,
-            lambda: Local(database, processes, train_on, checkpoint_every, keep_state),
+            lambda: Local(database, processes, train_on, *options),
             TrainingView(output),
             retry_failed=retry_failed,
             wait=False,

@@ -29,6 +29,7 @@ def run_batch(
     keep_state: bool = False,
     until: int | None = None,
     groups: int | None = None,
+    final_episodes: int | None = None,
     progress: Progress = lambda run, steps, episode_return: None,
     notice: Notice = lambda run, steps, sentence, continues="": None,
 ) -> dict[str, WorkError]:
@@ -53,6 +54,7 @@ def run_batch(
             unfinished; None to finish them.
         groups: number of groups that are trained in antiphase, with the same results as in one;
             None for what suits the device.
+        final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
         progress: called after each training episode.
 
     Returns:
@@ -65,8 +67,9 @@ def run_batch(
     found = find_device(device)
     with contextlib.ExitStack() as locks:
         members, failures = _begin_all(runs, results, encoder, found, notice, locks)
+        sharing = len(members)
         trainer = _Trainer(
-            device, checkpoint_every, keep_state, groups, progress, sharing=len(members)
+            device, checkpoint_every, keep_state, groups, progress, sharing, final_episodes
         )
         while members := [member for member in members if member.is_behind(until)]:
             with _failed_on_error(members):
@@ -136,6 +139,7 @@ class _Trainer(NamedTuple):
     groups: int | None
     progress: Progress
     sharing: int
+    final_episodes: int | None
 
     def train(self, members: Sequence[Member], until: int | None) -> dict[str, WorkError]:
         """Trains members at the same control step, and returns the error of each failed run."""
@@ -156,6 +160,7 @@ class _Trainer(NamedTuple):
             self.device,
             self.checkpoint_every,
             self.sharing,
+            self.final_episodes,
             keep_state=self.keep_state,
         )
         return (yield from group.train(until, self.progress, in_turns=in_turns))

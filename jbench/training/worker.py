@@ -112,6 +112,7 @@ def _train(
             [encoders[run.encoder] for run in runs],
             device=request["device"],
             checkpoint_every=request["checkpoint_every"],
+            final_episodes=request["final_episodes"],
             keep_state=request["keep_state"],
             progress=report,
             notice=report_resumed,
@@ -122,7 +123,13 @@ def _train(
     record = results.find("run", run.id)
     if record is not None and record.status != "finished":
         report_resumed(run, 0, "")
-    sb3_run.run(run, results, encoders[run.encoder], partial(report, run))
+    sb3_run.run(
+        run,
+        results,
+        encoders[run.encoder],
+        partial(report, run),
+        final_episodes=request["final_episodes"],
+    )
     return failures
 
 

@@ -141,20 +141,22 @@ def test_run_that_finds_no_room_for_its_copy_does_not_begin(left, tmp_path, monk
     assert train(tmp_path, [whole]) == [(1, 100, "", short.id)]
 
 
-def test_continued_run_drops_more_episodes_of_last_evaluation(tmp_path):
+def test_last_evaluation_of_shorter_run_is_shortened(tmp_path):
     short, whole = lengths("td3", 300, 450, evaluate_episodes=2)
-    train(tmp_path / "twice", [short])
-    record = Results(tmp_path / "twice").find("run", short.id)
-    evaluations = record.read("evaluations").to_pylist()
-    more = [{**row, "episode": 2} for row in evaluations if row["evaluation"] == 1]
-    # An evaluation of three episodes begins with the two of an evaluation of two.
-    rows_now = record.read("evaluations").from_pylist(
-        evaluations + more[:1], record.read("evaluations").schema
-    )
-    record.append({"evaluations": rows_now}, replace=["evaluations"])
+    train(tmp_path / "twice", [short], final_episodes=5)
+    # At step 150, and at the end.
+    assert Results(tmp_path / "twice").find("run", short.id).rows("evaluations") == 2 + 5
     train(tmp_path / "twice", [whole])
     train(tmp_path / "once", [whole])
     assert outcome(tmp_path / "twice", whole) == outcome(tmp_path / "once", whole)
+
+
+def test_evaluation_after_last_updates_is_the_longer_final_one(tmp_path):
+    (run,) = lengths("ppo", 100, evaluate_episodes=2)
+    train(tmp_path, [run], final_episodes=5)
+    evaluations = Results(tmp_path).find("run", run.id).read("evaluations")
+    # The third rollout of 48 steps ends at step 144, before the first evaluation would be due.
+    assert evaluations["control_steps"].to_pylist() == [144] * 5
 
 
 def test_state_is_no_difference_between_merged_results(tmp_path):

@@ -99,8 +99,8 @@ class Engine(Closing):
             self._store(observations, actions, step)
             yield step.episode_returns
 
-    def is_complete(self, steps: int) -> bool:
-        """Returns whether `learn` makes no more control steps, but for due updates."""
+    def has_made(self, steps: int) -> bool:
+        """Returns whether `learn` makes no more control steps, but for the last updates."""
         return self.control_steps >= steps and self._collected in (0, self._rollout_steps)
 
     def begin_updates(self) -> bool:

@@ -12,6 +12,7 @@ from jbench.commands.options import (
     FinalEpisodesOption,
     JobsOption,
     JsonOption,
+    KeepStateOption,
     LogOption,
     ResultsOption,
     RetryOption,
@@ -116,6 +117,7 @@ def train(
         float,
         typer.Option(min=0, help="Minimum seconds between checkpoints of the batched engine."),
     ] = names.CHECKPOINT_EVERY,
+    keep_state: KeepStateOption = False,
     log: LogOption = None,
     retry_failed: RetryOption = False,
     jobs: JobsOption = 0,
@@ -130,6 +132,7 @@ def train(
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
+    from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.request import request_runs, training_device
     from jbench.training.status import failures_among, run_statuses
 
@@ -162,12 +165,15 @@ def train(
         precision=chosen_precision,
         parallel=environments,
     )
+    if keep_state:
+        check_state_can_be_kept(runs[:1])
     display.warn_of_short_runs(runs[:1], output)
+    options = checkpoint_every, final_episodes, keep_state
     with logged(log, database, runs, output):
         failures = sweep(
             [Cell(task, algo, runs[0].representation, runs, base)],
             database,
-            lambda: Local(database, processes, train_on, checkpoint_every, final_episodes),
+            lambda: Local(database, processes, train_on, *options),
             TrainingView(output),
             retry_failed=retry_failed,
             wait=False,

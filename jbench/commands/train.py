@@ -66,8 +66,12 @@ def train(
         ),
     ] = "bootstrap",
     evaluate_every: Annotated[
-        str, typer.Option(help="Control steps between evaluations.")
-    ] = "50000",
+        str | None,
+        typer.Option(
+            help="Control steps between evaluations (default: a tenth of --steps, in whole "
+            "thousands, at most 50,000)."
+        ),
+    ] = None,
     evaluate_episodes: Annotated[
         int, typer.Option(help="Episodes per evaluation (0 disables it).")
     ] = 10,
@@ -139,11 +143,11 @@ def train(
         task=names.known("task", task, names.TASKS),
         encoder=encoder,
         seeds=parse_seeds(seeds),
-        steps=parsing.count("--steps", steps),
+        steps=(control_steps := parsing.count("--steps", steps)),
         base=base,
         overrides=parsing.parse_overrides(set_ or []),
         time_limit=names.known("value of --time-limit", time_limit, names.TIME_LIMITS),
-        evaluate_every=parsing.count("--evaluate-every", evaluate_every),
+        evaluate_every=parsing.evaluate_every(evaluate_every, control_steps),
         evaluate_episodes=evaluate_episodes,
         augment=parsing.augmented(augment),
         robots=robots,

@@ -112,6 +112,20 @@ def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, t
 
 
 @pytest.mark.parametrize(
+    ("text", "steps", "every"),
+    [
+        (None, 5_000_000, 50_000),
+        (None, 500_000, 50_000),
+        (None, 25_000, 2000),  # at least ten evaluations
+        (None, 5000, 1000),
+        ("7e3", 5000, 7000),
+    ],
+)
+def test_evaluations_are_a_tenth_of_short_run_apart(text, steps, every):
+    assert parsing.evaluate_every(text, steps) == every
+
+
+@pytest.mark.parametrize(
     ("arguments", "typed"),
     [
         (("runs", "--results", ""), "--results"),

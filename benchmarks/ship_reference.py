@@ -3,7 +3,7 @@
 Copies the rows of the finished runs of a results directory into `jbench/reference/`, with the
 encoders that they use. `jbench report --reference` shows them. Of each cell (settings without seed
 and steps) one policy is kept, that of the run whose last evaluation has the highest mean return:
-`jbench render --policy reference/ID` shows it. Checkpoints are left out, and so is the command of
+`jbench render reference/ID` shows it. Checkpoints are left out, and so is the command of
 a run, which names directories. A run whose manifest still names one is refused.
 
 Shipped runs stay, except for the policy of a run that another run of its cell surpasses. Run the

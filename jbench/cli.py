@@ -75,9 +75,9 @@ _COMMANDS: dict[str, dict[Callable[..., None], str]] = {
         report.report: "report --results reference --claims",
     },
     "Policies": {
-        policies.evaluate: "evaluate --policy reference/face_direction/ddpg/full",
-        policies.render: "render --policy heuristic --task move_to_pose --out pose.gif",
-        policies.view: "view --policy heuristic --task move_to_pose",
+        policies.evaluate: "evaluate reference/face_direction/ddpg/full",
+        policies.render: "render heuristic --task move_to_pose --out pose.gif",
+        policies.view: "view heuristic --task move_to_pose",
         export.export: "export reference/face_direction/ddpg/full --out policy.onnx",
     },
     "Lists": {

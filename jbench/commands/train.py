@@ -16,6 +16,8 @@ from jbench.commands.options import (
     RetryOption,
     TaskOption,
     complete,
+    complete_encoders,
+    complete_settings,
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
@@ -40,6 +42,7 @@ def train(
             help="Representation of the observation: none (or full), a kind with its number of "
             "latents, such as dae12 or dae:12 (the newest encoder), the number of latents of a "
             "DAE, the id of an encoder, or ofeN (N features learned with the agent).",
+            autocompletion=complete_encoders,
         ),
     ] = "none",
     seeds: Annotated[str, typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7.")] = "0-9",
@@ -56,7 +59,12 @@ def train(
     ] = "published",
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="Set a hyperparameter; repeatable."),
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Set a hyperparameter; repeatable.",
+            autocompletion=complete_settings,
+        ),
     ] = None,
     time_limit: Annotated[
         str,

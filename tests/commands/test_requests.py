@@ -283,6 +283,32 @@ def test_help_and_completion_import_no_heavy_library():
     assert not imported & {"torch", "mujoco", "pandas", "numpy", "pyarrow"}
 
 
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("evaluate --results {0} face_direction/td3/full/s01", ["face_direction/td3/full/s01-"]),
+        ("evaluate reference/face_direction/ddpg/f", ["reference/face_direction/ddpg/full/s0"]),
+        ("export --results {0} face_direction/td3/full/s00", ["face_direction/td3/full/s00-"]),
+        ("reproduce --results {0} face_direction/td3/dae12/s00", ["face_direction/td3/dae12/s00-"]),
+        ("train --results {0} --encoder d", ["dae12"]),
+        ("train --results {0} --encoder face_direction/", ["face_direction/dae12/s00-cfb70956"]),
+        ("train-dae --results {0} --dataset r", ["random/s00-"]),
+        ("train --set l", ["last_layer_bound=", "learning_rate=", "learning_starts="]),
+        ("train --algo ppo --set n_ep", ["n_epochs="]),
+    ],
+)
+def test_ids_and_settings_are_completed(words, offered, demo_results, monkeypatch, capsys):
+    typed = f"jbench {words.format(demo_results.path)}"
+    for name, value in (("WORDS", typed), ("CWORD", str(typed.count(" ")))):
+        monkeypatch.setenv(f"COMP_{name}", value)
+    monkeypatch.setenv("_JBENCH_COMPLETE", "complete_bash")
+    with pytest.raises(SystemExit):
+        main([])
+    completed = sorted(capsys.readouterr().out.split())
+    assert len(completed) == len(offered)
+    assert all(one.startswith(begin) for one, begin in zip(completed, offered, strict=True))
+
+
 def test_train_with_defaults_prints_forecast_first(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "jbench", "train", "--results", str(tmp_path)],

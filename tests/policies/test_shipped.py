@@ -1,4 +1,4 @@
-"""Tests of `benchmarks/ship_reference.py`, and of the shipped policies that `--policy` finds."""
+"""Tests of `benchmarks/ship_reference.py`, and of the shipped policies that POLICY finds."""
 
 import importlib.util
 import json
@@ -157,7 +157,7 @@ class TestShippedTwoCells:
         printed = []
         for policy, results in ((name.removeprefix("reference/"), "own"), (cell, "other")):
             capsys.readouterr()
-            assert main([*evaluate, "--policy", policy, "--results", str(tmp_path / results)]) == 0
+            assert main([*evaluate, policy, "--results", str(tmp_path / results)]) == 0
             printed.append(json.loads(capsys.readouterr().out))
         assert printed[1]["summary"] == printed[0]["summary"]
         assert printed[1]["summary"]["median"] > 1
@@ -173,16 +173,16 @@ class TestShippedTwoCells:
     )
     def test_ambiguous_name_is_refused_with_choices(self, database, name, message, refused):
         there = ", ".join(find.shipped_policies())
-        assert message.format(name, there) in refused("evaluate", "--policy", name)
+        assert message.format(name, there) in refused("evaluate", name)
 
     def test_run_without_policy_is_refused(self, database, refused):
         (rows, *_) = [run.id for run in database.scan("run")[0] if not has_policy(run)]
-        error = refused("evaluate", "--policy", rows, results=database.path)
+        error = refused("evaluate", rows, results=database.path)
         assert f"The run {rows} in {database.path} was saved without its policy." in error
 
     def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, refused):
         monkeypatch.setattr(find, "shipped_results", lambda: Results(tmp_path / "none"))
-        error = refused("evaluate", "--policy", "reference/face_direction/td3/full")
+        error = refused("evaluate", "reference/face_direction/td3/full")
         assert "this version of jbench ships none" in error
 
     def test_missing_encoder_of_shipped_runs_is_added(self, script, database, demo_results):

@@ -169,7 +169,7 @@ def test_saved_policy_equals_actor(finished, copy, capsys):
     kept = load_agent(Results(results), id)
     np.testing.assert_allclose(kept.act(observations), wanted, atol=1e-6)
     arguments = ("--episodes", "2", "--seed", "5", "--results", str(copy), "--json")
-    assert main(["evaluate", "--policy", id, *arguments]) == 0
+    assert main(["evaluate", id, *arguments]) == 0
     episodes = jbench.open(copy).query("FROM policy_episodes ORDER BY episode")
     starts = resets.draw_starts("face_direction", [resets.episode_generator(5, i) for i in (0, 1)])
     total = np.zeros(2)

@@ -183,7 +183,7 @@ def show_final_returns(cells: Sequence[Mapping[str, Any]], output: Output) -> No
                 "" if published is None else f"{published:.0f} ({name_of_figure(figure)})",
             )
         )
-    header = ("task", "algo", "representation", "seeds", "control steps")
+    header = ("task", "algo", "representation", "seeds", "steps")
     more = ("final evaluation return", "final training return", "published (training)")
     title = "Final returns across seeds: median [10th, 90th percentile]"
     output.table(title, (*header, *more), rows)

@@ -192,7 +192,7 @@ def _kind_and_number(name: str, task: str) -> tuple[str | None, str]:
         sizes = find_kind(name).latent_sizes(task)
         raise RequestError(
             f"Encoders of the kind {name} have {sizes[0]} to {sizes[-1]} latents on {task}; type "
-            f"--encoder {name}:12, or another number."
+            f"--encoder {name}12, or another number."
         )
     if name.isdecimal():
         return "dae", name

@@ -68,7 +68,7 @@ def test_kind_of_fixed_size_is_found_by_name(trained, results):
     ("expected", "message"),
     [
         ("planar:11", "planar of face_direction has 12 latents; type --encoder planar."),
-        ("dae", "dae have 1 to 16 latents on face_direction; type --encoder dae:12, or another"),
+        ("dae", "dae have 1 to 16 latents on face_direction; type --encoder dae12, or another"),
         ("planar", "type jbench train-encoder --kind planar --task face_direction "),
         ("planar:12", "type jbench train-encoder --kind planar --task face_direction "),
     ],

@@ -143,7 +143,7 @@ class TestShippedTwoCells:
         assert found.records == 5  # four runs and their encoder, without its dataset
         assert len(find.shipped_policies()) == 2
 
-    @pytest.mark.parametrize("representation", ["full", "dae12"])
+    @pytest.mark.parametrize("representation", ["full", "dae14"])
     def test_shipped_policy_equals_policy_of_run(
         self, database, representation, demo_results, tmp_path, monkeypatch, capsys
     ):

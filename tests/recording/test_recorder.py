@@ -275,8 +275,8 @@ def test_environment_is_encoded(demo_results, tmp_path):
         raise KeyboardInterrupt
     record = record_of(tmp_path / "results", it.id)
     assert record.status == "unfinished"
-    assert record.settings["representation"] == "dae12"
-    assert record.settings["encoder"].startswith("face_direction/dae12/")
+    assert record.settings["representation"] == "dae14"
+    assert record.settings["encoder"].startswith("face_direction/dae14/")
 
 
 class Residual(nn.Module):

@@ -77,6 +77,12 @@ JsonOption = Annotated[
     bool,
     typer.Option("--json", help="Print one JSON document to stdout, everything else to stderr."),
 ]
+DryRunOption = Annotated[
+    bool,
+    typer.Option(
+        "--dry-run", help="Show the status of the runs and the time left, and train nothing."
+    ),
+]
 TaskOption = Annotated[
     str,
     typer.Option(help=f"Task: {', '.join(names.TASKS)}.", autocompletion=complete(*names.TASKS)),
@@ -108,7 +114,8 @@ OneStatusOption = Annotated[
     ),
 ]
 SomeSeedsOption = Annotated[
-    str | None, typer.Option(help="Only these seeds, such as 0-9 or 0,2,5-7.")
+    str | None,
+    typer.Option("--seeds", "--seed", help="Only these seeds, such as 0-9 or 0,2,5-7."),
 ]
 LogOption = Annotated[
     str | None,

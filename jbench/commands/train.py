@@ -9,6 +9,7 @@ from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
     AugmentOption,
+    DryRunOption,
     JobsOption,
     JsonOption,
     LogOption,
@@ -40,12 +41,14 @@ def train(
         str,
         typer.Option(
             help="Representation of the observation: none (or full), a kind with its number of "
-            "latents, such as dae12 or dae:12 (the newest encoder), the number of latents of a "
-            "DAE, the id of an encoder, or ofeN (N features learned with the agent).",
+            "latents, such as dae12 (the newest encoder), the id of an encoder, or ofeN (N "
+            "features learned with the agent).",
             autocompletion=complete_encoders,
         ),
     ] = "none",
-    seeds: Annotated[str, typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7.")] = "0-9",
+    seeds: Annotated[
+        str, typer.Option("--seeds", "--seed", help="Seeds to train, such as 0-9 or 0,2,5-7.")
+    ] = "0-9",
     steps: Annotated[
         str, typer.Option(help="Number of control steps of each run, such as 100k or 5e6.")
     ] = "5e6",
@@ -119,6 +122,7 @@ def train(
         typer.Option(min=0, help="Minimum seconds between checkpoints of the batched engine."),
     ] = names.CHECKPOINT_EVERY,
     log: LogOption = None,
+    dry_run: DryRunOption = False,
     retry_failed: RetryOption = False,
     jobs: JobsOption = 0,
     results: ResultsOption = RESULTS,
@@ -129,6 +133,7 @@ def train(
     from jbench.commands import display
     from jbench.commands.live_view import TrainingView
     from jbench.commands.log import logged
+    from jbench.commands.sweep_view import show_dry_run
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
@@ -164,9 +169,13 @@ def train(
         parallel=environments,
     )
     display.warn_of_short_runs(runs[:1], output)
+    cells = [Cell(task, algo, runs[0].representation, runs, base)]
+    if dry_run:
+        show_dry_run(cells, database, processes, train_on, output)
+        return
     with logged(log, database, runs, output):
         failures = sweep(
-            [Cell(task, algo, runs[0].representation, runs, base)],
+            cells,
             database,
             lambda: Local(database, processes, train_on, checkpoint_every),
             TrainingView(output),

@@ -138,7 +138,8 @@ def train_encoder(
         if options.get(name) is not None:
             raise RequestError(f"{name} is given twice; type it once.")
         options[name] = value
-    kinds = list(dict.fromkeys(kind.split(",")))
+    typed = (one.lower() if one.lower() in names.ENCODER_KINDS else one for one in kind.split(","))
+    kinds = list(dict.fromkeys(typed))
     _train(kinds, options, task, latent, dataset, seed, device, verbose, results, Output(json))
 
 

@@ -146,6 +146,8 @@ def test_small_dataset_has_epochs_of_enough_updates(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("--kind", "VEA"), "Unknown kind of encoder 'VEA'; did you mean vae?"),
+        (("--kind", "DAE", "--latent", "0"), "latents of the encoder can't be 0"),
         (("--kind", "dea"), "Unknown kind of encoder 'dea'; did you mean dae?"),
         (("--kind", "dae,"), "Unknown kind of encoder ''; choose dae, ae,"),
         (("--kind", "pca", "--noise", "0.1"), "pca has no option noise; it has none."),

@@ -1,6 +1,7 @@
 """Names that users type. There are no heavy imports here, so help and completion are fast."""
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar, get_args
@@ -23,6 +24,7 @@ ALGORITHMS = ("ddpg", "ppo", "sac", "td3")
 
 ENCODER_KINDS = {
     "dae": "jbench.encoders.kinds.dae:DenoisingAutoencoder",
+    "dae-yaw": "jbench.encoders.kinds.dae:DenoisingAutoencoderWithYawRate",
     "ae": "jbench.encoders.kinds.ae:Autoencoder",
     "ddae": "jbench.encoders.kinds.ddae:DynamicDenoisingAutoencoder",
     "vae": "jbench.encoders.kinds.vae:VariationalAutoencoder",
@@ -31,7 +33,11 @@ ENCODER_KINDS = {
     "random": "jbench.encoders.kinds.random_projection:RandomProjection",
     "scaled": "jbench.encoders.kinds.scaled:Scaled",
     "planar": "jbench.encoders.kinds.planar:PlanarReduction",
+    "planar-no-yaw": "jbench.encoders.kinds.planar:PlanarWithoutYawRate",
+    "heading": "jbench.encoders.kinds.planar:HeadingFrame",
+    "raw": "jbench.encoders.kinds.raw:Raw",
     "forward": "jbench.encoders.kinds.forward:ForwardModel",
+    "inverse": "jbench.encoders.kinds.inverse:InverseModel",
     "dmd": "jbench.encoders.kinds.dmd:DynamicModes",
     "contrastive": "jbench.encoders.kinds.contrastive:Contrastive",
     "random-features": "jbench.encoders.kinds.random_features:RandomFeatures",
@@ -61,6 +67,10 @@ Base = Literal["published", "script", "sb3"]
 BASES: tuple[Base, ...] = get_args(Base)
 """Sources of hyperparameters: Table 1, completed by the paper's library (published) or by
 stable-baselines3 (sb3), or the authors' script, which differs from Table 1."""
+
+EncoderSeeds = Literal["newest", "each"]
+ENCODER_SEEDS: tuple[EncoderSeeds, ...] = get_args(EncoderSeeds)
+"""Whether all seeds of an agent have the newest encoder, or each the encoder with its own seed."""
 
 Order = Literal["quantile-first", "smooth-first"]
 ORDERS: tuple[Order, ...] = get_args(Order)
@@ -125,9 +135,18 @@ OFE = "ofe"
 """Prefix of the representation of an agent whose features are learned online, such as ofe12."""
 
 
+REPRESENTATION = re.compile(
+    r"(?P<kind>[a-z][a-z0-9-]*?):?(?P<latents>[0-9]+)?"
+    r"(?:-(?P<scale>observation|sd))?(?:-(?P<rescale>whitened|extremes))?"
+)
+"""A representation: a kind of encoder, its number of latents, and its scales if not the defaults,
+such as dae12 or dae12-observation-whitened."""
+
+
 def kind_of(representation: str) -> str:
     """Returns the kind of a representation, such as `scaled` for scaled16."""
-    return representation.rstrip("0123456789")
+    match = REPRESENTATION.fullmatch(representation)
+    return representation.rstrip("0123456789") if match is None else match["kind"]
 
 
 def number_in_name(digits: str) -> int:

@@ -90,6 +90,10 @@ class PluginEngine(Closing):
         """Ends the threads of the robots."""
         self.environments.close()
 
+    def has_made(self, steps: int) -> bool:
+        """Returns whether `learn` makes no more control steps."""
+        return self.control_steps >= steps
+
     def learn(self, steps: int) -> Iterator[NDArray[np.float64] | None]:
         """Trains until `steps` control steps are made; see `Engine.learn`.
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 # in minutes.
 _AGENTS = (
     "train --algo td3 --seeds 0-1 --steps 20000 --set hidden_layers=[128,128] "
-    "--set batch_size=64 --set learning_rate=1e-3 --set learning_starts=5000 --evaluate-episodes 2"
+    "--set batch_size=64 --set learning_rate=1e-3 --set learning_starts=5000 --evaluate-episodes 2 "
+    "--final-episodes 2"
 )
 
 COMMANDS = (

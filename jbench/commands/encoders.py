@@ -10,7 +10,7 @@ from jbench.commands import parsing
 from jbench.commands.options import RESULTS, DatasetOption, JsonOption, ResultsOption, complete
 from jbench.commands.output import Output
 from jbench.errors import RequestError
-from jbench.seeds import parse_numbers
+from jbench.seeds import parse_numbers, parse_seeds
 from jbench.wording import counted, with_results
 
 if TYPE_CHECKING:
@@ -63,7 +63,11 @@ SetOption = Annotated[
     typer.Option("--set", metavar="NAME=VALUE", help="Set an option of the kind; repeatable."),
 ]
 SeedOption = Annotated[
-    int, typer.Option(help="Random seed of weights, minibatches, noise and the held-out split.")
+    str,
+    typer.Option(
+        help="Random seed of weights, minibatches, noise and the held-out split, or several, such "
+        "as 0-9: an encoder for each."
+    ),
 ]
 VerboseOption = Annotated[bool, typer.Option("--verbose", help="Also print the errors as tables.")]
 DeviceOption = Annotated[
@@ -83,7 +87,7 @@ def train_dae(
     epochs: EpochsOption = None,
     batch: BatchOption = None,
     learning_rate: RateOption = None,
-    seed: SeedOption = 0,
+    seed: SeedOption = "0",
     device: DeviceOption = "auto",
     verbose: VerboseOption = False,
     results: ResultsOption = RESULTS,
@@ -115,7 +119,7 @@ def train_encoder(
     batch: BatchOption = None,
     learning_rate: RateOption = None,
     set_: SetOption = None,
-    seed: SeedOption = 0,
+    seed: SeedOption = "0",
     device: DeviceOption = "auto",
     verbose: VerboseOption = False,
     results: ResultsOption = RESULTS,
@@ -149,13 +153,13 @@ def _train(
     task: str,
     latent: str | None,
     dataset: str | None,
-    seed: int,
+    seed: str,
     device: str,
     verbose: bool,
     results: Path,
     output: Output,
 ) -> None:
-    """Trains an encoder for each task, kind and number of latents; reads the dataset once."""
+    """Trains an encoder for each task, seed, kind and number of latents."""
     from jbench.commands import display
     from jbench.datasets import find_dataset
     from jbench.devices import find_device
@@ -165,25 +169,33 @@ def _train(
     database = parsing.results_to_write(results)
     tasks = names.TASKS if task == "all" else (names.known("task", task, (*names.TASKS, "all")),)
     train_on = find_device(device)
-    source, seed = find_dataset(database, dataset), parsing.seed(seed)
+    source = find_dataset(database, dataset)
     given = {name: value for name, value in options.items() if value is not None}
-    complete = {kind: options_with_epochs(kind, given, source.episodes, seed) for kind in kinds}
     planned = [
         encoder_settings(
-            kind, complete[kind], task=name, latents=size, dataset=source.id, seed=seed
+            kind,
+            options_with_epochs(kind, given, source.episodes, number),
+            task=name,
+            latents=size,
+            dataset=source.id,
+            seed=number,
         )
         for name in tasks
+        for number in parse_seeds(seed)
         for kind, size in _sizes(kinds, name, latent)
     ]
     records = []
     states: States | None = None
     for settings in planned:
-        if states is None or states.task != settings.task:
-            states = States(source, settings.task, seed)
+        # Kinds share the states, which are read once: they all have the given scale.
+        if states is None or (states.task, states.seed) != (settings.task, settings.seed):
+            scale = given.get("scale", "dataset")
+            states = States(source, settings.task, settings.seed, scale=scale)
         records.append(_train_one(settings, states, database, train_on, output))
     display.show_encoders(records, output, verbose=verbose)
     first = planned[0]
-    command = f"jbench train --task {first.task} --encoder {first.representation}"
+    draws = " --encoder-seeds each" if planned[-1].seed != first.seed else ""
+    command = f"jbench train --task {first.task} --encoder {first.representation}{draws}"
     output.say(f"Next: {with_results(command, results)}")
     output.document({"encoders": [display.described(record) for record in records]})
 

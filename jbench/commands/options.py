@@ -137,6 +137,14 @@ JobsOption = Annotated[
     int,
     typer.Option(min=0, help="Number of worker processes (0: one per core, or one for a GPU)."),
 ]
+FinalEpisodesOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="Episodes of a run's last evaluation (default: 100, but not more than the run has "
+        "training episodes).",
+    ),
+]
 RetryOption = Annotated[bool, typer.Option("--retry-failed", help="Retry runs that failed before.")]
 PolicyArgument = Annotated[
     str | None,

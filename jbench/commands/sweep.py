@@ -12,6 +12,7 @@ from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
     DryRunOption,
+    FinalEpisodesOption,
     JobsOption,
     JsonOption,
     LogOption,
@@ -102,6 +103,7 @@ def sweep(
     checkpoint_every: Annotated[
         float, typer.Option(min=0, help="Minimum seconds between checkpoints of a run.")
     ] = names.CHECKPOINT_EVERY,
+    final_episodes: FinalEpisodesOption = None,
     log: LogOption = None,
     jobs: JobsOption = 0,
     results: ResultsOption = RESULTS,
@@ -138,10 +140,10 @@ def sweep(
 
     def make() -> "Executor":
         if executor == "local":
-            return Local(database, at_a_time, train_on, checkpoint_every)
+            return Local(database, at_a_time, train_on, checkpoint_every, final_episodes)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(database, address, jobs, gpus_per_task, checkpoint_every)
+        return Ray(database, address, jobs, gpus_per_task, checkpoint_every, final_episodes)
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.

@@ -10,6 +10,7 @@ from jbench.commands.options import (
     RESULTS,
     AugmentOption,
     DryRunOption,
+    FinalEpisodesOption,
     JobsOption,
     JsonOption,
     LogOption,
@@ -46,6 +47,14 @@ def train(
             autocompletion=complete_encoders,
         ),
     ] = "none",
+    encoder_seeds: Annotated[
+        str,
+        typer.Option(
+            help="Encoder of each agent: the newest, or each: the one trained with the agent's "
+            "seed (train-encoder --seed 0-9).",
+            autocompletion=complete(*names.ENCODER_SEEDS),
+        ),
+    ] = "newest",
     seeds: Annotated[
         str, typer.Option("--seeds", "--seed", help="Seeds to train, such as 0-9 or 0,2,5-7.")
     ] = "0-9",
@@ -86,6 +95,7 @@ def train(
     evaluate_episodes: Annotated[
         int, typer.Option(help="Episodes per evaluation (0 disables it).")
     ] = 10,
+    final_episodes: FinalEpisodesOption = None,
     augment: AugmentOption = None,
     robots: Annotated[
         int,
@@ -155,6 +165,7 @@ def train(
         algo=algo,
         task=names.known("task", task, names.TASKS),
         encoder=encoder,
+        encoder_seeds=names.known("value of --encoder-seeds", encoder_seeds, names.ENCODER_SEEDS),
         seeds=parse_seeds(seeds),
         steps=(control_steps := parsing.count("--steps", steps)),
         base=base,
@@ -177,7 +188,7 @@ def train(
         failures = sweep(
             cells,
             database,
-            lambda: Local(database, processes, train_on, checkpoint_every),
+            lambda: Local(database, processes, train_on, checkpoint_every, final_episodes),
             TrainingView(output),
             retry_failed=retry_failed,
             wait=False,

@@ -64,7 +64,7 @@ def evaluate_encoder(
     """
     augment = states.dataset.record.settings.get("augment")
     observations, *actions_and_rewards = heuristic_episodes(states.task, augment)
-    scaled = states.scale(observations)
+    scaled = states.scaled(observations)
     shard = Shard(*map(torch.from_numpy, (scaled, *actions_and_rewards))).to(states.device)
     on_device = {n: torch.from_numpy(v).to(states.device) for n, v in weights.items()}
     data = {"test": (states.test(), states.held_out), "heuristic": ([shard], Moments.of(scaled))}
@@ -95,7 +95,7 @@ def reconstruction_errors(
         ahead = kind.steps_ahead if kind.decodes_later else 0
         for batch in shard.blocks(ahead):
             target = batch.later.double()
-            error = kind.decode(weights, kind.encode(weights, batch.now)) - batch.later
+            error = kind.from_latents(weights, kind.to_latents(weights, batch.now)) - batch.later
             summed = (error.double().square(), target, target.square())
             sums = sums + torch.stack([values.sum(0) for values in summed]).cpu().numpy()
             count += len(batch.now)

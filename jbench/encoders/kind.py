@@ -6,7 +6,7 @@ moments of the data. `docs/your-own-encoder.md` explains how to add a kind in an
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -14,18 +14,24 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
+from jbench.encoders import latent_scaling
 from jbench.encoders.batch import Batch
 from jbench.encoders.moments import Moments
-from jbench.encoders.states import States
-from jbench.settings.base import Settings
+from jbench.encoders.states import Scale, States
+from jbench.settings.base import Settings, omissible
 from jbench.tasks.features import TASK_SPECS, Array
 
 Weights = Mapping[str, Any]
 """Named float32 arrays, either all numpy or all torch."""
 
+Rescale = Literal["whitened", "extremes"]
+
 
 class Kind(Settings):
     """Base class of all kinds. The fields of a kind are its options and enter the encoder's id.
+
+    A kind implements `encode` and `decode`. Callers use `to_latents` and `from_latents`, which
+    also apply the option `rescale`.
 
     Attributes:
         uses_actions: whether training uses actions and rewards.
@@ -34,6 +40,17 @@ class Kind(Settings):
 
     uses_actions: ClassVar[bool] = False
     decodes_later: ClassVar[bool] = False
+
+    scale: Scale = omissible(
+        "dataset",
+        description="of the inputs: extremes over the dataset to [-1, 1] (authors' script), the "
+        "observation as it is (authors' last environment), or unit variance",
+    )
+    rescale: Rescale | None = omissible(
+        None,
+        description="of the latents over the dataset: mean 0 and every principal direction to a "
+        "standard deviation of 1/3 (whitened), or extremes to [-1, 1]; ours",
+    )
 
     @property
     def steps_ahead(self) -> int:
@@ -55,6 +72,17 @@ class Kind(Settings):
     def decode(self, weights: Weights, latents: Array) -> Array:
         """Returns scaled states (..., size) for latents (..., latents), of the same array type."""
         raise NotImplementedError
+
+    def to_latents(self, weights: Weights, scaled: Array) -> Array:
+        """Returns the latents (..., latents) of an encoder; see `encode`."""
+        latents = self.encode(weights, scaled)
+        return latents if self.rescale is None else latent_scaling.apply(weights, latents)
+
+    def from_latents(self, weights: Weights, latents: Array) -> Array:
+        """Returns the decoded states (..., size) of an encoder's latents; see `decode`."""
+        if self.rescale is not None:
+            latents = latent_scaling.invert(weights, latents)
+        return self.decode(weights, latents)
 
     def summary(self, weights: Weights) -> dict[str, Any]:
         """Returns entries for the summary of an encoder's manifest; empty by default."""

@@ -6,6 +6,7 @@ of the next state and the reward from latents and action.
 """
 
 import itertools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from torch import Tensor
 
 from jbench.encoders.kind import Kind, Weights
 from jbench.encoders.kinds.planar import physical_scaling, to_planar
+from jbench.encoders.moments import Moments
 from jbench.encoders.states import Shard, States
 
 TARGETS = ("yaw_rate", "tilt_rate", "forward_speed", "reward")
@@ -25,19 +27,37 @@ _LEARNED_ROWS, _TEST_ROWS = 60_000, 30_000
 _HIDDEN, _BATCH, _EPOCHS, _RATE = 64, 512, 15, 3e-3
 _SEED = 20200419
 
+_LINEAR = 0.5  # R² from which a direction of the latents stands for a target
+
+
+class Prediction(NamedTuple):
+    """How well, and from how large a signal, a target is predicted.
+
+    Attributes:
+        r2: held-out explained fraction of the variance; None for a constant target.
+        linear_r2: the same of a linear regression.
+        amplitude: standard deviation of the latents along the direction in which this regression
+            predicts the target (for several axes, of their mean square); None if it explains less
+            than half of the variance.
+    """
+
+    r2: float | None
+    linear_r2: float | None
+    amplitude: float | None
+
 
 class Probe(NamedTuple):
     """Accuracy of predicting the next control step from latents and action.
 
     Attributes:
-        r2: held-out explained fraction of the variance by target; None for a constant target.
+        predictions: by target.
         learned_rows: number of training states.
         test_rows: number of held-out states.
         effective_rank: of the held-out latents: exp of the entropy of their singular values (Roy
             and Vetterli, 2007).
     """
 
-    r2: dict[str, float | None]
+    predictions: dict[str, Prediction]
     learned_rows: int
     test_rows: int
     effective_rank: float
@@ -60,18 +80,26 @@ def probe(kind: Kind, weights: Weights, states: States) -> Probe:
     learned = _rows_of(kind, weights, states, next(states.learn()), _LEARNED_ROWS)
     test = _rows_of(kind, weights, states, next(states.test()), _TEST_ROWS)
     rank = effective_rank(test.inputs[:, :-1].numpy())
+    linear, amplitudes = _regression(learned)
+    linear_errors = (linear(test.inputs) - test.targets).square().mean(0)
     scaling = [_standard(part) for part in learned]
+    raw_variance = test.targets.var(0, correction=0)
     learned, test = (
         _Rows(*((part - mean) / sd for part, (mean, sd) in zip(rows, scaling, strict=True)))
         for rows in (learned, test)
     )
     errors = (_trained(learned)(test.inputs) - test.targets).square().mean(0)
     variance = test.targets.var(0, correction=0)
-    r2 = {
-        target: _r2(errors[columns], variance[columns])
-        for target, columns in zip(TARGETS, _COLUMNS, strict=True)
-    }
-    return Probe(r2, len(learned.inputs), len(test.inputs), rank)
+    predictions = {}
+    for target, columns in zip(TARGETS, _COLUMNS, strict=True):
+        linear_r2 = _r2(linear_errors[columns], raw_variance[columns])
+        amplitude = float(amplitudes[columns].square().mean().sqrt())
+        predictions[target] = Prediction(
+            _r2(errors[columns], variance[columns]),
+            linear_r2,
+            amplitude if linear_r2 is not None and linear_r2 >= _LINEAR else None,
+        )
+    return Probe(predictions, len(learned.inputs), len(test.inputs), rank)
 
 
 def effective_rank(rows: NDArray[np.floating]) -> float:
@@ -101,11 +129,29 @@ def _rows_of(kind: Kind, weights: Weights, states: States, shard: Shard, max_row
     # Rates in the heading frame, in which the robot faces -y.
     rates = np.stack([later[:, 8], later[:, 6], later[:, 7], -later[:, 4]], axis=1)
     targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
-    latents = np.asarray(kind.encode(weights, batch.now.numpy()), np.float32)
+    latents = np.asarray(kind.to_latents(weights, batch.now.numpy()), np.float32)
     assert batch.actions is not None
     return _Rows(
         torch.cat([torch.from_numpy(latents), batch.actions], 1), torch.from_numpy(targets)
     )
+
+
+def _regression(rows: _Rows) -> tuple[Callable[[Tensor], Tensor], Tensor]:
+    """Returns a linear regression of the targets on the inputs, and its amplitudes (columns,)."""
+    inputs, targets = (part.double() for part in rows)
+    moments = Moments.of(torch.cat([inputs, targets], 1).numpy())
+    size = inputs.shape[1]
+    covariance = moments.covariance
+    weights = np.linalg.pinv(covariance[:size, :size], rcond=1e-12, hermitian=True)
+    slopes = weights @ covariance[:size, size:]
+    offset = moments.mean[size:] - moments.mean[:size] @ slopes
+    # Without the action, which is the last input.
+    along, latents = slopes[:-1], covariance[: size - 1, : size - 1]
+    sd = np.sqrt(np.maximum(np.einsum("it,ij,jt->t", along, latents, along), 0))
+    norms = np.linalg.norm(along, axis=0)
+    amplitudes = np.divide(sd, norms, out=np.zeros_like(sd), where=norms > 0)
+    slope, shift = (torch.from_numpy(value) for value in (slopes, offset))
+    return lambda values: values.double() @ slope + shift, torch.from_numpy(amplitudes)
 
 
 def _standard(rows: Tensor) -> tuple[Tensor, Tensor]:

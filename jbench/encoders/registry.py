@@ -8,12 +8,12 @@ import importlib
 import re
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint
-from typing import Any
+from typing import Any, NamedTuple
 
 from jbench import plugins
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
-from jbench.errors import WorkError
-from jbench.names import ENCODER_KINDS, OFE, known
+from jbench.errors import RequestError, WorkError
+from jbench.names import ENCODER_KINDS, OFE, REPRESENTATION, known, number_in_name
 from jbench.settings.base import settings_with
 
 GROUP = "jbench.encoders"
@@ -56,6 +56,68 @@ def only_size(kind: str, task: str) -> int | None:
     """
     sizes = find_kind(kind).latent_sizes(task)
     return sizes[0] if len(sizes) == 1 else None
+
+
+SCALES = ("scale", "rescale")
+"""The options of every kind that are part of a representation's name."""
+
+
+class Wanted(NamedTuple):
+    """An encoder that a name such as dae12-observation asks for.
+
+    Attributes:
+        options: the scales in the name; those that it leaves out are the defaults.
+    """
+
+    kind: str
+    latents: int
+    options: dict[str, str]
+
+
+def wanted_encoder(name: str, task: str) -> Wanted | None:
+    """Returns what a representation asks for; None for other names, such as an id.
+
+    Args:
+        name: KIND:LATENTS or KINDLATENTS as tables write it, or KIND if the task determines the
+            size; scales that are not the defaults follow, as in dae12-observation-whitened.
+
+    Raises:
+        RequestError: if an encoder of the kind can't have this size, or has several sizes and the
+            name has none.
+    """
+    match = REPRESENTATION.fullmatch(name)
+    kind, colon, _ = name.partition(":")
+    number, words = "", {}
+    if match is not None:
+        kind, number = match["kind"], match["latents"] or ""
+        words = {name: match[name] for name in SCALES if match[name]}
+    if not colon and (match is None or kind not in kind_names()):
+        return None
+    sizes = find_kind(kind).latent_sizes(task)
+    ending = "".join(f"-{word}" for word in words.values())
+    if not number and not colon and len(sizes) != 1:
+        raise RequestError(
+            f"Encoders of the kind {kind} have {sizes[0]} to {sizes[-1]} latents on {task}; choose "
+            f"{kind}12{ending}, or another number."
+        )
+    latents = number_in_name(number) if number else sizes[0] if not colon else 0
+    if latents not in sizes:
+        if len(sizes) == 1:
+            raise RequestError(f"{kind} of {task} has {sizes[0]} latents; choose {kind}{ending}.")
+        raise RequestError(
+            f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents; choose "
+            f"{kind}{min(12, sizes[-1])}{ending}, for example."
+        )
+    return Wanted(kind, latents, words)
+
+
+def representation(kind: str, latents: int, options: Mapping[str, Any]) -> str:
+    """Returns the name of latents: kind, size, and scales if not the defaults.
+
+    For example, dae12 or dae12-observation-whitened; see `jbench.names.REPRESENTATION`.
+    """
+    words = (options[name] for name in SCALES if name in options)
+    return "-".join([f"{kind}{latents}", *words])
 
 
 def make_kind(name: str, options: Mapping[str, Any]) -> Kind:

@@ -1,6 +1,7 @@
 """The encoder protocol, saved encoders, and finding them in the results."""
 
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,10 +13,18 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.encoders.kind import Kind
-from jbench.encoders.registry import find_kind, kind_names, make_kind, only_size
+from jbench.encoders.registry import (
+    SCALES,
+    Wanted,
+    make_kind,
+    only_size,
+    representation,
+    wanted_encoder,
+)
 from jbench.encoders.scaling import Scaling
+from jbench.encoders.settings import EncoderSettings
 from jbench.errors import RequestError, WorkError
-from jbench.names import TASKS, known, number_in_name
+from jbench.names import TASKS, known, one_of
 from jbench.store import Record, Results
 from jbench.store.shipped import results_to_read
 from jbench.tasks.features import Array
@@ -58,7 +67,7 @@ class SavedEncoder:
         encoded = np.shape(self.encode(np.zeros((1, size), np.float32)))
         if encoded != (1, latents):
             raise ValueError(f"encode returns the shape {encoded}, not {(1, latents)}")
-        decoded = np.shape(kind.decode(weights, np.zeros((1, latents), np.float32)))
+        decoded = np.shape(kind.from_latents(weights, np.zeros((1, latents), np.float32)))
         if decoded != (1, size):
             raise ValueError(f"decode returns the shape {decoded}, not {(1, size)}")
 
@@ -98,9 +107,9 @@ class SavedEncoder:
         """
         if isinstance(batch, Tensor):
             weights, gain, offset = self._torch(batch.dtype, batch.device)
-            return self._kind.encode(weights, batch * gain + offset)
+            return self._kind.to_latents(weights, batch * gain + offset)
         scaled = batch.astype(np.float32, copy=False) * self._gain + self._offset
-        return self._kind.encode(self._weights, scaled)
+        return self._kind.to_latents(self._weights, scaled)
 
     def _torch(
         self, dtype: torch.dtype, device: torch.device
@@ -148,59 +157,71 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
     """Returns the id of an encoder for a task.
 
     Args:
-        name: KIND:LATENTS, or KINDLATENTS as tables write it, for the newest encoder of that kind
-            and size trained on this task and the plain robot; KIND if the task determines the size;
-            a number of latents for a denoising autoencoder; or the id of an encoder, or the
-            beginning of a single one.
+        name: a representation (see `wanted_encoder`) for its newest encoder trained on this task
+            and the plain robot; a number of latents for a denoising autoencoder; or the id of an
+            encoder, or the beginning of a single one.
 
     Raises:
         RequestError: if there is none, or it encodes the observations of another task.
     """
     results = results_to_read(results)
     known("task", task, TASKS)
-    kind, number = _kind_and_number(name, task)
-    if kind is None:
+    encoder = wanted_encoder(f"dae{name}" if name.isdecimal() else name, task)
+    if encoder is None:
         return _find_id(results, name, task)
-    kind = known("kind of encoder", kind, kind_names())
-    latents = number_in_name(number) if number.isdecimal() else 0
-    _check_size(kind, latents, task)
-    wanted = {"kind": kind, "task": task, "latents": latents}
     matches = [
         record
         for record in results.scan("encoder")[0]
         if record.status == "finished"
-        and wanted.items() <= record.settings.items()
+        and _is_wanted(record.settings, encoder, task)
         and _of_plain_robot(results, record)
     ]
     if not matches:
+        size = representation(encoder.kind, encoder.latents, encoder.options)
         raise RequestError(
-            f"No {kind} of {latents} latents for {task} in {results.name}; type "
-            f"{with_results(_command(kind, task, latents), results.name)} to make one."
+            f"No {size} for {task} in {results.name}; type "
+            f"{with_results(_command(encoder.kind, task, encoder), results.name)} to make one."
         )
     return max(matches, key=lambda record: record.manifest.updated).id
 
 
-def _kind_and_number(name: str, task: str) -> tuple[str | None, str]:
-    """Returns the kind and the number of latents that a name asks for; no kind for an id.
+def find_draws(
+    results: Results, name: str, task: str, seeds: Sequence[int]
+) -> tuple[str, dict[int, str]]:
+    """Returns the encoders of each seed that have the settings of the named one otherwise.
+
+    Args:
+        name: see `find_encoder`.
+
+    Returns:
+        The hash of the settings without the seed, and the id of each seed's encoder.
 
     Raises:
-        RequestError: if the name is a kind of several sizes.
+        RequestError: if there is none for one of the seeds.
     """
-    if name in kind_names():
-        if (size := only_size(name, task)) is not None:
-            return name, str(size)
-        sizes = find_kind(name).latent_sizes(task)
+    record = results.find("encoder", find_encoder(results, name, task))
+    assert record is not None
+    settings = EncoderSettings(**record.settings)
+    ids = {seed: settings.model_copy(update={"seed": seed}).id for seed in seeds}
+    finished = {r.id for r in results.scan("encoder")[0] if r.status == "finished"}
+    missing = [str(seed) for seed, id in ids.items() if id not in finished]
+    if missing:
+        wanted = Wanted(settings.kind, settings.latents, settings.scales)
         raise RequestError(
-            f"Encoders of the kind {name} have {sizes[0]} to {sizes[-1]} latents on {task}; type "
-            f"--encoder {name}12, or another number."
+            f"There is no encoder with the settings of {record.id} and the seed "
+            f"{one_of(missing)} in {results.name}; type "
+            f"{with_results(_command(settings.kind, task, wanted), results.name)} "
+            f"--seed {','.join(missing)} to make it, with the same options."
         )
-    if name.isdecimal():
-        return "dae", name
-    kind, colon, number = name.rpartition(":")
-    if colon:
-        return kind, number
-    kind = name.rstrip("0123456789")
-    return (kind, name.removeprefix(kind)) if kind in kind_names() else (None, "")
+    return settings.draws, ids
+
+
+def _is_wanted(settings: Mapping[str, Any], encoder: Wanted, task: str) -> bool:
+    """Returns whether recorded settings are of this kind, task, size and scales."""
+    options = settings.get("options", {})
+    return (settings.get("kind"), settings.get("task"), settings.get("latents")) == (
+        *(encoder.kind, task, encoder.latents),
+    ) and all(options.get(name) == encoder.options.get(name) for name in SCALES)
 
 
 def _find_id(results: Results, name: str, task: str) -> str:
@@ -219,25 +240,14 @@ def _find_id(results: Results, name: str, task: str) -> str:
     return id
 
 
-def _check_size(kind: str, latents: int, task: str) -> None:
-    """Raises `RequestError` unless an encoder of a kind can have this number of latents."""
-    sizes = find_kind(kind).latent_sizes(task)
-    if latents in sizes:
-        return
-    if len(sizes) == 1:
-        raise RequestError(f"{kind} of {task} has {sizes[0]} latents; type --encoder {kind}.")
-    raise RequestError(
-        f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents; type --encoder "
-        f"{kind}{min(12, sizes[-1])}, for example."
-    )
-
-
-def _command(kind: str, task: str, latents: int | None = None) -> str:
+def _command(kind: str, task: str, encoder: Wanted | None = None) -> str:
     """Returns the command that trains an encoder; omits the size of kinds with only one size."""
-    verb = "train-dae" if kind == "dae" else f"train-encoder --kind {kind}"
-    has_size = latents is not None and only_size(kind, task) is None
-    size = f" --latent {latents}" if has_size else ""
-    return f"jbench {verb} --task {task}{size}"
+    options = {} if encoder is None else encoder.options
+    verb = "train-dae" if kind == "dae" and not options else f"train-encoder --kind {kind}"
+    has_size = encoder is not None and only_size(kind, task) is None
+    size = f" --latent {encoder.latents}" if encoder is not None and has_size else ""
+    scales = "".join(f" --set {name}={value}" for name, value in options.items())
+    return f"jbench {verb} --task {task}{size}{scales}"
 
 
 def _of_plain_robot(results: Results, record: Record) -> bool:

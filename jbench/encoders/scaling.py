@@ -1,18 +1,20 @@
-"""The scaling of an encoder's inputs to [-1, 1], saved with the encoder."""
+"""The scaling of an encoder's inputs, saved with the encoder."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jbench.encoders.moments import Moments
+
 
 @dataclass(frozen=True)
 class Scaling:
-    """Maps each feature from its range over a dataset to [-1, 1].
+    """Maps a range of each feature to [-1, 1].
 
     Attributes:
-        minimum: (dim(O),) of each feature.
-        maximum: (dim(O),) of each feature.
+        minimum: (dim(O),) of the ranges, such as the extremes over a dataset.
+        maximum: (dim(O),) of the ranges.
     """
 
     minimum: NDArray[np.float32]
@@ -23,6 +25,17 @@ class Scaling:
         """Returns the scaling of a dataset (..., dim(O))."""
         rows = observations.reshape(-1, observations.shape[-1])
         return cls(rows.min(axis=0), rows.max(axis=0))
+
+    @classmethod
+    def none(cls, size: int) -> "Scaling":
+        """Returns the scaling that changes nothing."""
+        return cls(np.full(size, -1, np.float32), np.full(size, 1, np.float32))
+
+    @classmethod
+    def to_unit_variance(cls, moments: Moments) -> "Scaling":
+        """Returns the scaling to mean 0 and variance 1."""
+        sd = np.sqrt(moments.variance)
+        return cls((moments.mean - sd).astype(np.float32), (moments.mean + sd).astype(np.float32))
 
     def merged(self, other: "Scaling") -> "Scaling":
         """Returns the scaling of both datasets together."""

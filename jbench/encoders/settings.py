@@ -7,10 +7,10 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from jbench.encoders.kind import Learned
-from jbench.encoders.registry import find_kind, make_kind
+from jbench.encoders.registry import SCALES, find_kind, make_kind, representation
 from jbench.encoders.states import split_episodes
 from jbench.names import EPISODE_STEPS, TASKS, known
-from jbench.settings.base import Seed, Settings, validated
+from jbench.settings.base import Seed, Settings, settings_hash, validated
 from jbench.tasks.features import TASK_SPECS
 
 
@@ -44,13 +44,23 @@ class EncoderSettings(Settings):
 
     @property
     def representation(self) -> str:
-        """What the report calls observations encoded by it, such as dae12."""
-        return f"{self.kind}{self.latents}"
+        """What the report calls observations encoded by it; see `representation`."""
+        return representation(self.kind, self.latents, self.options)
 
     @property
     def id(self) -> str:
         """The encoder's id, such as face_direction/dae12/s00-1f9a2c4e."""
         return f"{self.task}/{self.representation}/s{self.seed:02d}-{self.hash}"
+
+    @property
+    def scales(self) -> dict[str, str]:
+        """The scales of inputs and latents that are not the defaults."""
+        return {name: self.options[name] for name in SCALES if name in self.options}
+
+    @property
+    def draws(self) -> str:
+        """A hash that is equal for encoders that differ only in their seeds."""
+        return settings_hash(self.model_dump(mode="json", exclude={"seed"}))
 
 
 def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> EncoderSettings:

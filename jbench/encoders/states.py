@@ -5,7 +5,8 @@ that does not fit in memory is read in each epoch, file by file in random order.
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from functools import reduce
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -30,6 +31,9 @@ _TEST_SHARE = 0.2  # of the episodes (paper, section 5.2: 20% of the data)
 _STATES = EPISODE_STEPS + 1  # per episode: one before each action, and the last
 
 _MAX_PAIRS = 65536  # in a block
+
+Scale = Literal["dataset", "observation", "sd"]
+"""Scale of the features: extremes over the dataset to [-1, 1], as observed, or unit variance."""
 
 _Arrays = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 """States, actions and rewards of some episodes."""
@@ -86,14 +90,15 @@ class Shard(NamedTuple):
 
 
 class States:
-    """A dataset as one task sees it, scaled to [-1, 1], with episodes held out.
+    """A dataset as one task sees it, scaled, with episodes held out.
 
     Attributes:
         task: the states are observations of this task.
         seed: of the choice of held-out episodes.
+        scale: of the features.
         size: number of features.
         device: of the states.
-        scaling: of all observations; available after `read`, like the following ones.
+        scaling: of the observations; available after `read`, like the following ones.
         learned: moments of the scaled training states.
         held_out: moments of the scaled held-out states.
         sample: up to 128 held-out episodes.
@@ -105,7 +110,14 @@ class States:
     sample: Shard
     _whole: Shard
 
-    def __init__(self, dataset: Dataset, task: str, seed: int, memory: int = MEMORY) -> None:
+    def __init__(
+        self,
+        dataset: Dataset,
+        task: str,
+        seed: int,
+        memory: int = MEMORY,
+        scale: Scale = "dataset",
+    ) -> None:
         """Prepares to read a dataset.
 
         Args:
@@ -121,7 +133,7 @@ class States:
                 f"The dataset {dataset.id} has one episode, and one is held out; type "
                 "jbench collect with more --steps."
             )
-        self.dataset, self.task, self.seed = dataset, task, seed
+        self.dataset, self.task, self.seed, self.scale = dataset, task, seed, scale
         self.size = TASK_SPECS[task].observation_size
         learned, held_out = split_episodes(dataset.episodes, seed)
         # Training episodes first, then the held-out ones.
@@ -166,8 +178,8 @@ class States:
         """Yields all episodes."""
         return self._episodes(slice(None))
 
-    def scale(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns observations (..., size) with the dataset's scaling."""
+    def scaled(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns scaled observations (..., size)."""
         gain, offset = self.scaling.gain_and_offset()
         return observations * gain + offset
 
@@ -182,20 +194,22 @@ class States:
         states = np.empty((last - first, _STATES, self.size), np.float32)
         actions, rewards = np.empty((2, last - first, EPISODE_STEPS), np.float32)
         moments = [Moments.none(self.size), Moments.none(self.size)]
-        scaling: Scaling | None = None
+        extremes: list[Scaling] = []
         for episodes, block in zip(self.dataset.parts, self.dataset.blocks(self.task), strict=True):
             block_order = order[episodes.start : episodes.stop]
-            extremes = Scaling.of(block.observations)
-            scaling = extremes if scaling is None else scaling.merged(extremes)
+            extremes.append(Scaling.of(block.observations))
             for i, mask in enumerate((block_order < first_held_out, block_order >= first_held_out)):
                 moments[i] = moments[i].merged(Moments.of(block.observations[mask]))
             mask = (block_order >= first) & (block_order < last)
             states[block_order[mask] - first] = block.observations[mask]
             actions[block_order[mask] - first] = block.actions[mask]
             rewards[block_order[mask] - first] = block.rewards[mask]
-        assert scaling is not None
-        self.scaling = scaling
-        gain, offset = scaling.gain_and_offset()
+        self.scaling = {
+            "dataset": lambda: reduce(Scaling.merged, extremes),
+            "observation": lambda: Scaling.none(self.size),
+            "sd": lambda: Scaling.to_unit_variance(moments[0].merged(moments[1])),
+        }[self.scale]()
+        gain, offset = self.scaling.gain_and_offset()
         self.learned, self.held_out = (part.scaled(gain, offset) for part in moments)
         states *= gain
         states += offset
@@ -221,7 +235,7 @@ class States:
             if held and held + mask.sum() > max_episodes:
                 yield self._shard(gathered)
                 gathered, held = [], 0
-            scaled = self.scale(block.observations[mask])
+            scaled = self.scaled(block.observations[mask])
             gathered.append((scaled, block.actions[mask], block.rewards[mask]))
             held += int(mask.sum())
         if held:

@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from jbench.encoders.batch import Batch
 from jbench.encoders.evaluation import Errors, evaluate_encoder
 from jbench.encoders.kind import ClosedForm, Fitted, Kind, Learned
 from jbench.encoders.kind_check import check_kind
+from jbench.encoders.latent_scaling import RESCALINGS
 from jbench.encoders.loop import EncoderLearner
 from jbench.encoders.predictions import Probe, probe
 from jbench.encoders.registry import make_kind
@@ -55,18 +56,18 @@ def train_encoder(
         commit_every: minimum seconds between checkpoints, which are written after an epoch.
 
     Raises:
-        ValueError: if the states are not those of the settings.
+        ValueError: if the states are not those of the settings, or have another scale.
         WorkError: if another process trains it, the dataset is damaged, a method of its kind fails,
             or the training diverges.
     """
-    if (states.dataset.id, states.task, states.seed) != (
-        *(settings.dataset, settings.task, settings.seed),
+    kind = make_kind(settings.kind, settings.options)
+    if (states.dataset.id, states.task, states.seed, states.scale) != (
+        *(settings.dataset, settings.task, settings.seed, kind.scale),
     ):
         raise ValueError(f"these are not the states of {settings.id}")
     with results.locked("encoder", settings.id) as record:
         if record is not None and record.status == "finished":
             return record
-        kind = make_kind(settings.kind, settings.options)
         states.read(device)
         if isinstance(kind, Learned) and settings.kind not in ENCODER_KINDS:
             check_kind(kind, settings.kind, states, settings.latents, device)
@@ -75,6 +76,8 @@ def train_encoder(
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
             weights = _weights(kind, settings, states, record, device, progress, commit_every)
+            if kind.rescale is not None:
+                weights |= RESCALINGS[kind.rescale](_latents(kind, weights, states))
             try:
                 SavedEncoder(kind, weights, states.scaling, settings.latents)
             except ValueError as error:
@@ -86,6 +89,13 @@ def train_encoder(
                 record.append(_tables(record, settings, errors) | predictions)
         _finish(record, settings, kind, states, weights, device)
     return record
+
+
+def _latents(kind: Kind, weights: WeightArrays, states: States) -> Iterator[NDArray[np.float32]]:
+    """Yields the latents (rows, latents) of the training states."""
+    for shard in states.learn():
+        for batch in shard.blocks(0):
+            yield kind.encode(weights, batch.now.cpu().numpy())
 
 
 def _weights(
@@ -220,7 +230,10 @@ def _predictions(record: Record, probe: Probe) -> dict[str, pa.Table]:
         "learned_rows": probe.learned_rows,
         "test_rows": probe.test_rows,
     }
-    rows = [{"target": target, "r2": r2, **shared} for target, r2 in probe.r2.items()]
+    rows = [
+        {"target": target, **prediction._asdict(), **shared}
+        for target, prediction in probe.predictions.items()
+    ]
     return {"encoder_predictions": pa.Table.from_pylist(rows, encoder_schema.ENCODER_PREDICTIONS)}
 
 

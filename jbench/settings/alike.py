@@ -15,7 +15,7 @@ Flat = dict[tuple[str, ...], Any]
 SEED = ("seed",)
 """Runs that differ only in this form one cell, and can be trained in one process."""
 
-_STACK = ("task", "representation", "encoder", *SEED)
+_STACK = ("task", "representation", "encoder", "encoder_draws", *SEED)
 
 VARIANT = ("seed", "steps")
 """Runs that differ only in these form one variant, and one learning curve."""
@@ -23,14 +23,14 @@ VARIANT = ("seed", "steps")
 COMPARED = (*VARIANT, "evaluate_every", "evaluate_episodes")
 """Runs that differ in these are comparable: evaluation does not affect training."""
 
-COST = ("task", "representation", "encoder", "seed", "steps", "augment", "robots")
+COST = (*_STACK, "steps", "augment", "robots")
 """Runs that differ only in these take about the same time per control step."""
 
 ENCODER_VARIANT = ("task", "kind", "latents", "seed")
 """Encoders that differ only in these have the same options."""
 
 _IMPLIED = {
-    "representation": ("encoder", "ofe"),
+    "representation": ("encoder", "encoder_draws", "ofe"),
     "algo": ("hyperparameters", "parallel", "package"),
     "augment": ("robots",),
 }
@@ -39,7 +39,14 @@ _IMPLIED = {
 
 def variant(values: Mapping[str, Any]) -> str:
     """Returns the hash of a run's recorded settings without seed and steps."""
-    return settings_hash({name: v for name, v in values.items() if name not in VARIANT})
+    return settings_hash({n: v for n, v in _shared(values).items() if n not in VARIANT})
+
+
+def _shared(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns settings without the encoder if it follows from the seed."""
+    if values.get("encoder_draws") is None:
+        return values
+    return {name: value for name, value in values.items() if name != "encoder"}
 
 
 def alike(run: Run, free: Collection[str]) -> str:
@@ -88,10 +95,13 @@ def with_implied(*names: str) -> set[str]:
 
 
 def flatten(settings: Run | Mapping[str, Any]) -> Flat:
-    """Returns settings by path; settings that a run omits are filled with their defaults."""
+    """Returns settings by path; settings that a run omits are filled with their defaults.
+
+    The encoder of a run is left out if it follows from the seed.
+    """
     if isinstance(settings, Mapping):
         return _flat(_sorted(settings), ())
-    values = _sorted(settings.values)
+    values = _sorted(_shared(settings.values))
     ours = settings.engine != EXTERNAL and settings.algo in SETTINGS
     if ours and isinstance(values.get("hyperparameters"), dict):
         omitted = SETTINGS[str(settings.algo)].omitted()

@@ -43,7 +43,7 @@ class RunSettings(Settings):
     task: str
     algo: str
     representation: str = Field(
-        default=FULL, description="full, an encoder's kind and size such as dae12, or ofe12"
+        default=FULL, description="full, that of an encoder such as dae12, or ofe12"
     )
     encoder: str | None = Field(default=None, description="id of the encoder")
     seed: Seed
@@ -74,6 +74,11 @@ class RunSettings(Settings):
         description="parallel environments per seed; None for the algorithm's default",
     )
     ofe: OFESettings | None = omissible(None, description="features learned with the agent")
+    encoder_draws: str | None = omissible(
+        None,
+        description="if each seed has an encoder trained with that seed: the hash of the encoders' "
+        "settings without their seeds",
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -13,7 +13,8 @@ from jbench.settings.run import Run, RunSettings
 _HYPERPARAMETERS = "hyperparameters"
 _NAMED_SETTINGS = 4
 _VALUE_LENGTH = 34
-_SAME_NAME = (*COMPARED, "task", "encoder")  # settings that a name on all tasks leaves out
+# Settings that a name on all tasks leaves out.
+_SAME_NAME = (*COMPARED, "task", "encoder", "encoder_draws")
 _BASE = "settings"  # the option of `jbench train` that selects all hyperparameters
 
 _WORDS = {

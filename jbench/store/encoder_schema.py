@@ -65,6 +65,8 @@ ENCODER_PREDICTIONS = pa.schema(
         field("encoder", pa.string()),
         field("target", pa.string()),
         field("r2", pa.float64(), "fraction of the variance"),
+        field("linear_r2", pa.float64(), "fraction of the variance; of a linear regression"),
+        field("amplitude", pa.float64(), "of the latents; null if linear_r2 is below 0.5"),
         field("effective_rank", pa.float64(), "of the latents, the same for every target"),
         field("learned_rows", pa.int64()),
         field("test_rows", pa.int64()),
@@ -73,8 +75,10 @@ ENCODER_PREDICTIONS = pa.schema(
 """How well an encoder's latents and the action predict the next control step.
 
 `r2` of a small network with fixed settings on held-out episodes, with a row per `target`:
-`yaw_rate`, `tilt_rate`, `forward_speed` and `reward`. It is null for a constant target. Encoders
-that were trained before this table existed have no rows.
+`yaw_rate`, `tilt_rate`, `forward_speed` and `reward`. It is null for a constant target.
+`amplitude` is the standard deviation of the latents along the direction in which a linear
+regression predicts the target. Encoders that were trained before this table existed have no rows,
+and those before version 5 have neither `linear_r2` nor `amplitude`.
 """
 
 ENCODER_TABLES = {

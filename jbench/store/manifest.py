@@ -15,7 +15,7 @@ from pydantic import (
 from jbench.errors import WorkError
 from jbench.settings.base import canonical_json
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 """Version of manifests and tables; incremented when either changes its meaning.
 
 A record keeps the version with which it was created; `older.py` upgrades rows of older ones.

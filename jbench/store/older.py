@@ -6,6 +6,8 @@ of encoder minimizes a squared error; encoders are compared with PCA and a rando
 Version 3 (of version 2): `episodes` and `evaluations` have `processor_time`.
 
 Version 4 (of version 3): `episodes` has `prediction_loss`.
+
+Version 5 (of version 4): `encoder_predictions` has `linear_r2` and `amplitude`.
 """
 
 import pyarrow as pa

@@ -17,9 +17,9 @@ class Cell(NamedTuple):
         representation: as typed by the user: full, dae12, or the id of an encoder.
         runs: one per seed.
         settings: source of the default hyperparameters.
-        encoder: settings of the encoder, which is trained if it is missing; None for the full
-            observation, and for an encoder given by its id.
-        dataset: training data of this encoder.
+        encoders: settings of the runs' encoders, which are trained if they are missing; empty for
+            the full observation, and for an encoder given by its id.
+        dataset: training data of these encoders.
     """
 
     task: str
@@ -27,7 +27,7 @@ class Cell(NamedTuple):
     representation: str
     runs: list[RunSettings]
     settings: Base
-    encoder: EncoderSettings | None = None
+    encoders: tuple[EncoderSettings, ...] = ()
     dataset: DatasetSettings | None = None
 
 

@@ -59,6 +59,7 @@ class Local:
         jobs: int = 0,
         device: str = "cpu",
         checkpoint_every: float = CHECKPOINT_EVERY,
+        final_episodes: int | None = None,
     ) -> None:
         """Starts no process yet.
 
@@ -67,16 +68,18 @@ class Local:
             jobs: processes at a time; 0 for `default_jobs`.
             device: `cpu`, `cuda` or such as `cuda:1`.
             checkpoint_every: minimum seconds between two checkpoints of a run.
+            final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
         """
         self.jobs, self.device = jobs or default_jobs(device), device
-        self._results, self._checkpoint_every = results, checkpoint_every
+        self._results = results
+        self._options = {"checkpoint_every": checkpoint_every, "final_episodes": final_episodes}
         self._lock = threading.Lock()
         self._processes: set[subprocess.Popen[str]] = set()
         self._stopped = False
 
     def train(self, runs: Sequence[RunSettings]) -> Iterator[Message]:
         """Trains runs in one process; see `Executor`."""
-        return self.run(worker_request(runs, self._results, self.device, self._checkpoint_every))
+        return self.run(worker_request(runs, self._results, self.device, **self._options))
 
     def run(self, request: str) -> Iterator[Message]:
         """Starts a worker and yields its messages as they arrive; none after `stop`.
@@ -159,16 +162,19 @@ def _grouped(
 
 
 def worker_request(
-    runs: Sequence[RunSettings], results: Results, device: str, checkpoint_every: float
+    runs: Sequence[RunSettings], results: Results, device: str, **options: Any
 ) -> str:
     """Returns the request to a worker as one line of JSON.
 
     It includes the command line of this process, which the worker writes into the records.
+
+    Args:
+        options: checkpoint_every and final_episodes of `jbench.training.batched_run.run_batch`.
     """
     request = {
         "results": str(results.path),
         "device": device,
-        "checkpoint_every": checkpoint_every,
+        **options,
         "command": sys.argv,
         "runs": [run.values for run in runs],
     }

@@ -5,7 +5,6 @@ is the encoder with the file's dataset and options, even if the results contain 
 same matrix always gives the same runs.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Annotated, Any, Literal, get_args, get_origin
@@ -20,8 +19,8 @@ from pydantic import (
 )
 
 from jbench.agents.algorithms import algorithm_fields, check_name, settings_of
-from jbench.encoders.registry import find_kind, kind_names, only_size
-from jbench.encoders.settings import encoder_settings
+from jbench.encoders.registry import Wanted, find_kind, kind_names, wanted_encoder
+from jbench.encoders.settings import EncoderSettings, encoder_settings
 from jbench.errors import RequestError
 from jbench.names import (
     ALGORITHMS,
@@ -33,7 +32,6 @@ from jbench.names import (
     Precision,
     TimeLimit,
     known,
-    number_in_name,
 )
 from jbench.seeds import parse_seeds
 from jbench.settings.base import Count, Seed, Settings, validated, whole
@@ -48,9 +46,6 @@ from jbench.training.request import (
     requested_ofe,
     runs_of,
 )
-
-_REPRESENTATION = re.compile(r"([a-z][a-z0-9-]*?):?([0-9]+)")
-
 
 # TOML parses 5e6 as a float.
 _Count = Annotated[Count, BeforeValidator(whole)]
@@ -81,7 +76,9 @@ class DatasetPart(Settings):
 class EncoderPart(Settings):
     """The table [encoder]: how missing encoders are trained."""
 
-    seed: Seed = 0
+    seed: Seed | Literal["each"] = Field(
+        default=0, description="of all encoders, or each: the seed of the agent"
+    )
     options: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="options by kind that differ from the defaults"
     )
@@ -248,20 +245,16 @@ def _check_names(matrix: Matrix) -> None:
             raise RequestError(f"the encoder {name} is of {task}, which is not among the tasks.")
         if not slash and name != FULL and requested_ofe(name, matrix.ofe) is None:
             for each in matrix.tasks:
-                _kind_and_latents(name, each)
+                _wanted(name, each)
 
 
-def _kind_and_latents(name: str, task: str) -> tuple[str, int]:
-    """Returns kind and size of a representation such as dae12, dae:12 or planar."""
-    if name in kind_names() and (size := only_size(name, task)) is not None:
-        return name, size
-    match = _REPRESENTATION.fullmatch(name)
-    if match is None:  # such as a kind without a number
+def _wanted(name: str, task: str) -> Wanted:
+    """Returns the encoder of a representation such as dae12, dae12-observation or planar."""
+    encoder = wanted_encoder(name, task)
+    if encoder is None:
         known("representation", name, (FULL, *(f"{kind}12" for kind in (*kind_names(), OFE))))
-    assert match is not None
-    kind, latents = match.groups()
-    find_kind(kind)
-    return kind, number_in_name(latents)
+    assert encoder is not None
+    return encoder
 
 
 def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> Cell:
@@ -272,22 +265,35 @@ def _cell(matrix: Matrix, results: Results, task: str, algo: str, name: str) -> 
         "encoder": None,
         "ofe": requested_ofe(name, matrix.ofe),
     }
-    encoder = None
+    encoders: dict[int, EncoderSettings] = {}
     if fields["ofe"] is not None:
         fields["representation"] = fields["ofe"].representation
     elif "/" in name:
         fields |= {"encoder": name, "representation": representation_of(results, name)}
     elif name != FULL:
-        kind, latents = _kind_and_latents(name, task)
-        encoder = encoder_settings(
-            kind,
-            matrix.encoder.options.get(kind, {}),
+        encoders = _encoders(matrix, task, _wanted(name, task))
+        first = encoders[matrix.seeds[0]]
+        fields["representation"] = first.representation
+        if matrix.encoder.seed == "each":
+            fields["encoder_draws"] = first.draws
+    dataset = matrix.dataset_settings if encoders else None
+    runs = runs_of(matrix.seeds, {seed: e.id for seed, e in encoders.items()}, **fields)
+    different = tuple({encoder.id: encoder for encoder in encoders.values()}.values())
+    return Cell(task, algo, name, runs, matrix.settings, different, dataset)
+
+
+def _encoders(matrix: Matrix, task: str, wanted: Wanted) -> dict[int, EncoderSettings]:
+    """Returns the encoder of each seed."""
+    options = {**matrix.encoder.options.get(wanted.kind, {}), **wanted.options}
+    seed = matrix.encoder.seed
+    return {
+        agent_seed: encoder_settings(
+            wanted.kind,
+            options,
             task=task,
             dataset=matrix.dataset_settings.id,
-            latents=latents,
-            seed=matrix.encoder.seed,
+            latents=wanted.latents,
+            seed=agent_seed if seed == "each" else seed,
         )
-        fields |= {"encoder": encoder.id, "representation": encoder.representation}
-    dataset = None if encoder is None else matrix.dataset_settings
-    runs = runs_of(matrix.seeds, **fields)
-    return Cell(task, algo, name, runs, matrix.settings, encoder, dataset)
+        for agent_seed in matrix.seeds
+    }

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
 from jbench.devices import find_device
+from jbench.encoders.registry import make_kind
 from jbench.encoders.settings import EncoderSettings
-from jbench.encoders.states import States
+from jbench.encoders.states import Scale, States
 from jbench.encoders.training import train_encoder
 from jbench.errors import RequestError, WorkError
 from jbench.settings.dataset import DatasetSettings
@@ -23,7 +24,7 @@ _LOOK_EVERY = 2.0  # s between two looks at what another process is making
 
 def missing_encoders(cells: Iterable[Cell], results: Results) -> list[EncoderSettings]:
     """Returns the encoders of cells that are not finished, each once."""
-    wanted = {cell.encoder.id: cell.encoder for cell in cells if cell.encoder is not None}
+    wanted = {encoder.id: encoder for cell in cells for encoder in cell.encoders}
     return [each for id, each in wanted.items() if not _is_finished(results, "encoder", id)]
 
 
@@ -42,8 +43,8 @@ def clean(cells: Sequence[Cell], results: Results) -> None:
     for id in _datasets(cells):
         results.clean("dataset", id)
     for cell in cells:
-        if cell.encoder is not None:
-            results.clean("encoder", cell.encoder.id)
+        for encoder in cell.encoders:
+            results.clean("encoder", encoder.id)
 
 
 def prepare(
@@ -66,7 +67,7 @@ def prepare(
         A sentence for each run whose encoder can't be made, by run id.
     """
     needed = {run.encoder for run in runs}
-    encoders = missing_encoders((c for c in cells if c.runs[0].encoder in needed), results)
+    encoders = [e for e in missing_encoders(cells, results) if e.id in needed]
     failures: dict[str, str] = {}
     for dataset in _datasets(cells).values():
         its = [encoder for encoder in encoders if encoder.dataset == dataset.id]
@@ -114,13 +115,15 @@ def _train(
 def _with_states(
     encoders: Sequence[EncoderSettings], dataset: DatasetSettings, results: Results
 ) -> Iterator[tuple[EncoderSettings, States]]:
-    """Yields encoders with their training states, which are read once per task."""
+    """Yields encoders with their training states; those of the same states are consecutive."""
     source = find_dataset(results, dataset.id)
-    states: States | None = None
-    for settings in sorted(encoders, key=lambda settings: settings.task):
-        if states is None or states.task != settings.task:
-            states = States(source, settings.task, settings.seed)
-        yield settings, states
+    states: dict[tuple[str, int, Scale], States] = {}
+    for settings in sorted(encoders, key=lambda settings: (settings.task, settings.seed)):
+        scale = make_kind(settings.kind, settings.options).scale
+        key = settings.task, settings.seed, scale
+        if key not in states:
+            states = {key: States(source, settings.task, settings.seed, scale=scale)}
+        yield settings, states[key]
 
 
 def _when_free(make: Callable[[], object], watcher: Watcher) -> None:

@@ -28,6 +28,7 @@ def run_batch(
     checkpoint_every: float = CHECKPOINT_EVERY,
     until: int | None = None,
     groups: int | None = None,
+    final_episodes: int | None = None,
     progress: Progress = lambda run, steps, episode_return: None,
     notice: Notice = lambda run, steps, sentence: None,
 ) -> dict[str, WorkError]:
@@ -49,6 +50,7 @@ def run_batch(
             unfinished; None to finish them.
         groups: number of groups that are trained in antiphase, with the same results as in one;
             None for what suits the device.
+        final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
         progress: called after each training episode.
 
     Returns:
@@ -61,7 +63,8 @@ def run_batch(
     found = find_device(device)
     with contextlib.ExitStack() as locks:
         members, failures = _begin_all(runs, results, encoder, found, notice, locks)
-        trainer = _Trainer(device, checkpoint_every, groups, progress, sharing=len(members))
+        sharing = len(members)
+        trainer = _Trainer(device, checkpoint_every, groups, progress, sharing, final_episodes)
         while members := [member for member in members if member.is_behind(until)]:
             with _failed_on_error(members):
                 failures |= trainer.train(*_furthest_behind(members, until))
@@ -129,6 +132,7 @@ class _Trainer(NamedTuple):
     groups: int | None
     progress: Progress
     sharing: int
+    final_episodes: int | None
 
     def train(self, members: Sequence[Member], until: int | None) -> dict[str, WorkError]:
         """Trains members at the same control step, and returns the error of each failed run."""
@@ -144,5 +148,7 @@ class _Trainer(NamedTuple):
         self, members: Sequence[Member], until: int | None, *, in_turns: bool
     ) -> Generator[None, None, dict[str, WorkError]]:
         # Made at the first turn, on the group's stream.
-        group = TrainingGroup(members, self.device, self.checkpoint_every, self.sharing)
+        group = TrainingGroup(
+            members, self.device, self.checkpoint_every, self.sharing, self.final_episodes
+        )
         return (yield from group.train(until, self.progress, in_turns=in_turns))

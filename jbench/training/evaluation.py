@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from jbench.agents.batched.environments import Cell
 from jbench.agents.plugin_engine import Trainer
+from jbench.names import EPISODE_STEPS
 from jbench.settings.external import ExternalSettings
 from jbench.settings.run import RunSettings
 from jbench.simulation import Robots, rollout
@@ -17,6 +18,23 @@ from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
 from jbench.simulation.rollout import Act
 from jbench.tasks import resets
 from jbench.tasks.robots import load_model
+
+FINAL_EPISODES = 100
+"""Episodes of the last evaluation, with which runs are compared. Ten are enough for a curve, but
+the returns of an agent's episodes vary more than the expected returns of agents."""
+
+
+def final_evaluation_episodes(settings: RunSettings, requested: int | None) -> int:
+    """Returns the number of episodes of the last evaluation of a run.
+
+    Args:
+        requested: None for `FINAL_EPISODES`, but not more than the run has training episodes, and
+            not fewer than in its other evaluations.
+    """
+    if not settings.evaluate_episodes:
+        return 0
+    most = min(FINAL_EPISODES, settings.steps // EPISODE_STEPS)
+    return max(settings.evaluate_episodes, most) if requested is None else requested
 
 
 def seeds_of(seed: int) -> tuple[int, int]:
@@ -40,7 +58,7 @@ class Evaluation(NamedTuple):
     """An evaluation of one policy.
 
     Attributes:
-        returns: (evaluate_episodes,) of its episodes.
+        returns: (episodes,) of its episodes.
         length: control steps of an episode.
         path: of the robot in the first episode; None without episodes.
     """
@@ -123,7 +141,8 @@ class Evaluator(EvaluationSchedule):
     """Evaluates the deterministic policies of all runs of a batch in parallel episodes.
 
     It uses the robot that the agents currently train on, and as many threads as training.
-    Evaluation k of a run has its own generator, independent of earlier evaluations.
+    Evaluation k of a run has its own generator, independent of earlier evaluations. An evaluation
+    of more episodes begins with those of one with fewer, bit for bit.
     """
 
     def __init__(self, settings: RunSettings, seeds: Sequence[int]) -> None:
@@ -134,26 +153,42 @@ class Evaluator(EvaluationSchedule):
         """Resumes after `done` evaluations, the last of them at `last_steps` control steps."""
         self._done, self.last_steps = done, last_steps
 
-    def __call__(self, engine: Trainer) -> list[Evaluation]:
-        """Returns an evaluation of each run."""
+    def __call__(self, engine: Trainer, episodes: int | None = None) -> list[Evaluation]:
+        """Returns an evaluation of each run.
+
+        Args:
+            episodes: None for the number in the settings.
+        """
         if not self._settings.evaluate_episodes:
             return [Evaluation(np.zeros(0), 0, None) for _ in self._seeds]
+        episodes = self._settings.evaluate_episodes if episodes is None else episodes
         evaluations: list[Evaluation] = []
         for cell in engine.environments.cells:
-            evaluations += self._of_cell(engine, cell, len(evaluations))
+            evaluations += self._evaluate_cell(engine, cell, len(evaluations), episodes)
         self._done += 1
         return evaluations
 
-    def _of_cell(self, engine: Trainer, cell: Cell, first: int) -> list[Evaluation]:
+    def _evaluate_cell(
+        self, engine: Trainer, cell: Cell, first: int, episodes: int
+    ) -> list[Evaluation]:
         """Returns an evaluation of each run of a cell, the first of which has this index."""
-        episodes = self._settings.evaluate_episodes
-        shape = (len(cell.generators), episodes)
-        seeds = self._seeds[first : first + shape[0]]
+        count = len(cell.generators)
+        seeds = self._seeds[first : first + count]
         generators = [resets.episode_generator(seed, self._done) for seed in seeds]
 
         def act(observations: NDArray[np.float32]) -> NDArray[np.floating]:
-            return engine.act(observations.reshape(*shape, -1), first).reshape(-1, 1)
+            actions = engine.act(observations.reshape(count, -1, observations.shape[-1]), first)
+            return actions.reshape(-1, 1)
 
         robot = robot_model(self._settings, self._settings.robot_at(engine.control_steps))
         threads = engine.environments.threads
-        return _evaluations(cell.task, robot, generators, episodes, act, threads)
+        # As many at a time as in other evaluations: a matrix product rounds by its size.
+        block = self._settings.evaluate_episodes
+        blocks = [
+            _evaluations(cell.task, robot, generators, min(block, episodes - done), act, threads)
+            for done in range(0, episodes, block)
+        ]
+        return [
+            parts[0]._replace(returns=np.concatenate([part.returns for part in parts]))
+            for parts in zip(*blocks, strict=True)
+        ]

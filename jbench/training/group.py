@@ -16,7 +16,7 @@ from jbench.settings.run import RunSettings
 from jbench.training.batch_member import Member
 from jbench.training.checkpoints import read_replay, save
 from jbench.training.engines import make_trainer
-from jbench.training.evaluation import Evaluator, seeds_of
+from jbench.training.evaluation import Evaluator, final_evaluation_episodes, seeds_of
 from jbench.training.log import CommitTimer, Position, ProcessorClock
 
 Progress = Callable[[RunSettings, int, float], None]
@@ -32,6 +32,7 @@ class TrainingGroup:
         device: str,
         checkpoint_every: float,
         sharing: int,
+        final_episodes: int | None = None,
     ) -> None:
         """Makes the engine, and restores it from the checkpoints of the runs.
 
@@ -39,6 +40,7 @@ class TrainingGroup:
             device: see `jbench.devices.find_device`.
             checkpoint_every: minimum seconds between two checkpoints.
             sharing: number of runs that share the process, those of other groups among them.
+            final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
         """
         self._sharing = sharing
         self._members, self._timer = members, CommitTimer(checkpoint_every)
@@ -47,6 +49,7 @@ class TrainingGroup:
         # Of the last evaluation, by index.
         self._evaluated: dict[int, Policy | Network | None] = {}
         self._settings = settings = members[0].settings
+        self._final_episodes = final_evaluation_episodes(settings, final_episodes)
         self._engine = make_trainer(
             [m.settings for m in members], [m.encoder for m in members], device
         )
@@ -123,7 +126,8 @@ class TrainingGroup:
         self._fail_diverged(weights=True)
         if not self._active():
             return
-        evaluations = self._evaluator(self._engine)
+        is_last = self._engine.has_made(self._settings.steps)
+        evaluations = self._evaluator(self._engine, self._final_episodes if is_last else None)
         self._fail_diverged()
         self._share_processor_time()
         for index in self._active():

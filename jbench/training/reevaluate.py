@@ -86,7 +86,7 @@ def reevaluate(results: Results, record: Record) -> Reevaluation:
             "Its last evaluation was not made with the policy that was kept: with one before the "
             "last updates, as in older versions of jbench, or with a function of the caller.",
         )
-    if len(last.returns) != settings.evaluate_episodes:
+    if len(last.returns) < settings.evaluate_episodes:
         reason = f"It has {len(last.returns)} of {settings.evaluate_episodes} episodes."
         return Reevaluation(record.id, "different", reason, last.control_steps)
     try:
@@ -174,7 +174,7 @@ def _returns(
         engine.load_policy(0, agent.policy, last.control_steps)
         evaluator = Evaluator(settings, [evaluation_seed])
         evaluator.restore(last.number, last.control_steps)
-        return evaluator(engine)[0].returns
+        return evaluator(engine, len(last.returns))[0].returns
 
 
 def _of_sb3(
@@ -184,5 +184,6 @@ def _of_sb3(
 
     evaluator = sb3_run.SB3Evaluator(settings, agent.encoder, seed)
     evaluator.skip(last.number)
+    evaluator.final_episodes = len(last.returns)
     outcome, _ = evaluator(agent.policy.act, last.control_steps)
     return np.array([episode_return for episode_return, _ in outcome])

@@ -6,13 +6,15 @@ from typing import Any
 
 from jbench.agents.algorithms import algorithm_fields, algorithm_of
 from jbench.devices import find_device
-from jbench.encoders import find_encoder, load_encoder
+from jbench.encoders import find_draws, find_encoder, load_encoder
+from jbench.encoders.registry import representation
 from jbench.errors import RequestError
 from jbench.names import (
     EPISODE_STEPS,
     NO_ENCODER,
     OFE,
     Base,
+    EncoderSeeds,
     Engine,
     Precision,
     known,
@@ -38,6 +40,7 @@ def request_runs(
     base: Base,
     overrides: Mapping[str, Any],
     engine: Engine | None = None,
+    encoder_seeds: EncoderSeeds = "newest",
     **fields: Any,
 ) -> list[RunSettings]:
     """Returns the settings of one run per seed.
@@ -46,12 +49,13 @@ def request_runs(
         results: results that contain the encoder.
         algo: one of `jbench.names.ALGORITHMS`, an installed agent or rule, or MODULE:CLASS.
         task: one of `jbench.names.TASKS`.
-        encoder: "none" or "full", "ofeN" for N features learned with the agent, a number of
-            latents, or an encoder's id.
+        encoder: "none" or "full", "ofeN" for N features learned with the agent, or an encoder's
+            name or id; see `jbench.encoders.find_encoder`.
         seeds: one per run.
         base: "published", "script" or "sb3"; see `algorithm_settings`.
         overrides: hyperparameters by name; ofe.NAME is a setting of ofeN.
         engine: None for the engine that follows from the algorithm.
+        encoder_seeds: whether all agents have one encoder, or each the one with its own seed.
         fields: the other fields of `RunSettings`.
 
     Raises:
@@ -64,6 +68,7 @@ def request_runs(
         if name.startswith(_PREFIX)
     }
     of_algorithm = {n: value for n, value in overrides.items() if not n.startswith(_PREFIX)}
+    encoders: Mapping[int, str] | None = None
     fields["ofe"] = ofe = requested_ofe(encoder, of_features)
     if ofe is not None:
         fields["representation"] = ofe.representation
@@ -74,19 +79,34 @@ def request_runs(
     elif encoder not in NO_ENCODER:
         fields["encoder"] = encoder_id = find_encoder(results, encoder, task)
         fields["representation"] = representation_of(results, encoder_id)
+        if encoder_seeds == "each":
+            fields["encoder_draws"], encoders = find_draws(results, encoder, task, seeds)
     algorithm = algorithm_fields(algo, engine, base, of_algorithm)
-    return runs_of(seeds, task=task, **algorithm, **fields)
+    return runs_of(seeds, encoders, task=task, **algorithm, **fields)
 
 
-def runs_of(seeds: Sequence[int], **fields: Any) -> list[RunSettings]:
-    """Returns the settings of one run per seed; `fields` are the other fields of `RunSettings`.
+def runs_of(
+    seeds: Sequence[int], encoders: Mapping[int, str] | None = None, **fields: Any
+) -> list[RunSettings]:
+    """Returns the settings of one run per seed.
+
+    Args:
+        encoders: id of each seed's encoder, if they differ.
+        fields: the other fields of `RunSettings`.
 
     Raises:
         RequestError: if a value is invalid, or the steps are not enough for an episode, or the
             environments can't share the updates, or a class of stable-baselines3's interface
             refuses its settings.
     """
-    runs = [validated(RunSettings, "the run", seed=seed, **fields) for seed in seeds]
+    runs = [
+        validated(
+            RunSettings,
+            "the run",
+            **{**fields, "seed": seed, **({"encoder": encoders[seed]} if encoders else {})},
+        )
+        for seed in seeds
+    ]
     count, steps = runs[0].environments, runs[0].steps
     min_steps = EPISODE_STEPS * count
     if steps < min_steps:
@@ -114,7 +134,8 @@ def representation_of(results: Results, encoder: str) -> str:
         RequestError: if there is no such encoder.
     """
     _, description = load_encoder(results, encoder)
-    return f"{description['kind']}{description['latents']}"
+    options = description.get("options", {})
+    return representation(description["kind"], description["latents"], options)
 
 
 def requested_ofe(name: str, options: Mapping[str, Any]) -> OFESettings | None:

@@ -23,7 +23,7 @@ from jbench.settings.run import RunSettings
 from jbench.simulation.paths import PATH_EVERY, Path, path_of, path_point
 from jbench.store import Record, Results
 from jbench.training.environment import make_env
-from jbench.training.evaluation import EvaluationSchedule, seeds_of
+from jbench.training.evaluation import EvaluationSchedule, final_evaluation_episodes, seeds_of
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
 _COMMIT_EVERY = 15.0  # s
@@ -35,6 +35,7 @@ def run(
     encoder: Encoder | None,
     progress: Callable[[int, float], None] = lambda steps, episode_return: None,
     until: int | None = None,
+    final_episodes: int | None = None,
 ) -> Record:
     """Trains and evaluates one agent, and saves the results.
 
@@ -46,6 +47,7 @@ def run(
         progress: called after each training episode with the control steps so far and its return.
         until: control step at the end of an episode, where training stops and the run remains
             unfinished; None to finish it.
+        final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
 
     Raises:
         WorkError: if another process is training this run, its agent diverges, or its results
@@ -57,7 +59,7 @@ def run(
         made_on = {"device": "cpu", **code_of(settings.algo)}
         record = results.create("run", settings.id, settings.values, made_on)
         try:
-            _train(settings, record, encoder, progress, until)
+            _train(settings, record, encoder, progress, until, final_episodes)
         except DivergedError as error:
             record.fail(str(error), error.divergence.to_summary())
             raise
@@ -74,12 +76,14 @@ def _train(
     encoder: Encoder | None,
     progress: Callable[[int, float], None],
     until: int | None,
+    final_episodes: int | None,
 ) -> None:
     log, clock = RunLog(record), ProcessorClock()
     agent_seed, evaluation_seed = seeds_of(settings.seed)
     env = DummyVecEnv([lambda: RobotSequence(settings, encoder)] * settings.environments)
     agent = _build(settings, env, agent_seed)
     evaluator = SB3Evaluator(settings, encoder, evaluation_seed)
+    evaluator.final_episodes = final_evaluation_episodes(settings, final_episodes)
     recorder = _Recorder(settings, log, clock, evaluator, progress, until)
     try:
         agent.learn(settings.steps, recorder, log_interval=None)  # type: ignore[arg-type]
@@ -162,12 +166,15 @@ class SB3Evaluator(EvaluationSchedule):
     """Evaluates a deterministic policy in a separate environment with its own seed.
 
     It uses the robot that the agent currently trains on.
+
+    Attributes:
+        final_episodes: number of episodes when all control steps are made.
     """
 
     def __init__(self, settings: RunSettings, encoder: Encoder | None, seed: int) -> None:
         super().__init__(settings)
         self._settings, self._encoder, self._robot = settings, encoder, 0
-        self._episodes = settings.evaluate_episodes
+        self._episodes = self.final_episodes = settings.evaluate_episodes
         self._env = make_env(settings, encoder)
         self._env.reset(seed=seed)
 
@@ -190,7 +197,8 @@ class SB3Evaluator(EvaluationSchedule):
             self._robot = robot
         outcome, path = [], None
         robot_env: Any = self._env.unwrapped
-        for _ in range(self._episodes):
+        is_last = control_steps >= self._settings.steps
+        for _ in range(self.final_episodes if is_last else self._episodes):
             observation, info = self._env.reset()
             ended, total, length = False, 0.0, 0
             points = [path_point(robot_env.state)]

@@ -12,6 +12,7 @@ from jbench.settings.algorithms import OffPolicySettings, PPOSettings
 from jbench.settings.run import RunSettings
 from jbench.training.engines import make_trainer
 from jbench.training.environment import make_env
+from jbench.training.evaluation import final_evaluation_episodes
 
 _STEPS, _UPDATES = 300, 20
 
@@ -31,9 +32,9 @@ def seconds_per_step(runs: Sequence[RunSettings], device: str = "cpu") -> float:
     settings = runs[0]
     if not settings.is_ours and settings.engine != "batched":
         raise WorkError(f"The speed of {settings.algo} is not measured.")
-    evaluation_steps = settings.evaluate_episodes * EPISODE_STEPS
-    evaluations = max(1, settings.steps // settings.evaluate_every)
-    share = len(runs) * evaluations * evaluation_steps / settings.steps
+    evaluations = max(1, settings.steps // settings.evaluate_every) - 1
+    episodes = evaluations * settings.evaluate_episodes + final_evaluation_episodes(settings, None)
+    share = len(runs) * episodes * EPISODE_STEPS / settings.steps
     learning = _batched(runs, device) if settings.engine == "batched" else _on_sb3(settings)
     return learning + share * _stepping(settings)
 

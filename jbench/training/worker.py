@@ -110,6 +110,7 @@ def _train(
             [encoders[run.encoder] for run in runs],
             device=request["device"],
             checkpoint_every=request["checkpoint_every"],
+            final_episodes=request["final_episodes"],
             progress=report,
             notice=report_resumed,
         )
@@ -119,7 +120,13 @@ def _train(
     record = results.find("run", run.id)
     if record is not None and record.status != "finished":
         report_resumed(run, 0, "")
-    sb3_run.run(run, results, encoders[run.encoder], partial(report, run))
+    sb3_run.run(
+        run,
+        results,
+        encoders[run.encoder],
+        partial(report, run),
+        final_episodes=request["final_episodes"],
+    )
     return failures
 
 

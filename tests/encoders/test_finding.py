@@ -109,7 +109,7 @@ def test_kind_and_number_without_colon_are_accepted(results):
     assert find_encoder(results, "dae12", "face_direction") == "face_direction/dae12/a"
     assert find_encoder(results, "lld-vae8", "face_direction") == "face_direction/lld-vae8/b"
     assert refusal(results, "pca12") == (
-        f"No pca of 12 latents for face_direction in {results.path}; type "
+        f"No pca12 for face_direction in {results.path}; type "
         "jbench train-encoder --kind pca --task face_direction --latent 12 "
         f"--results {results.path} to make one."
     )
@@ -130,12 +130,12 @@ def test_encoder_of_other_task_is_refused_with_command_to_type(trained):
 def test_missing_size_is_refused_with_command_to_type(results):
     add(results, "face_direction/dae11/a", "2020", latents=11)
     assert refusal(results, "12") == (
-        f"No dae of 12 latents for face_direction in {results.path}; type "
+        f"No dae12 for face_direction in {results.path}; type "
         "jbench train-dae --task face_direction --latent 12 "
         f"--results {results.path} to make one."
     )
     assert refusal(results, "lld-vae:8") == (
-        f"No lld-vae of 8 latents for face_direction in {results.path}; type "
+        f"No lld-vae8 for face_direction in {results.path}; type "
         "jbench train-encoder --kind lld-vae --task face_direction --latent 8 "
         f"--results {results.path} to make one."
     )
@@ -161,9 +161,7 @@ def test_unknown_id_is_refused_with_known_ids(results):
     "expected", ["dae:0", "dae17", "dae:17", "dae:", "dae:-1", "pca:1.5", "ae:x"]
 )
 def test_kind_with_invalid_number_is_refused_with_range(results, expected):
-    assert "encoder of face_direction has 1 to 16 latents; type --encoder " in refusal(
-        results, expected
-    )
+    assert "encoder of face_direction has 1 to 16 latents; choose " in refusal(results, expected)
 
 
 def test_unknown_kind_is_refused_with_suggestion(results):

@@ -25,7 +25,7 @@ def reconstructions(record, trained, data):
         "test": observations_of(trained.dataset)[split_episodes(5, 2)[1]],
         "heuristic": heuristic_episodes("face_direction", None)[0],
     }[data]
-    scaled = trained.states.scale(episodes)
+    scaled = trained.states.scaled(episodes)
     ahead = kind.steps_ahead if kind.decodes_later else 0
     now, later = scaled[:, : 1001 - ahead], scaled[:, ahead:]
     weights = weights_of(record)

@@ -9,7 +9,14 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbench.encoders.kinds.planar import PlanarReduction, planar_weights, to_planar
+from jbench.encoders.kinds.planar import (
+    HeadingFrame,
+    PlanarReduction,
+    PlanarWithoutYawRate,
+    features_in,
+    planar_weights,
+    to_planar,
+)
 from jbench.encoders.scaling import Scaling
 from jbench.names import TASKS
 from jbench.tasks import features, model
@@ -234,3 +241,44 @@ def test_physics_is_invariant_to_position_and_heading(cone, angle):
     at_home = next_numbers(physics, 0.0, np.zeros(3))
     elsewhere = next_numbers(physics, angle, np.array([0.3, -0.2, 0.0]))
     np.testing.assert_allclose(elsewhere, at_home, atol=1e-9)
+
+
+@given(robots, tasks)
+def test_heading_keeps_all_features_but_sign_of_quaternion(pair, task):
+    state, target = pair[0], at_origin(task, pair[1])
+    physical = features_in(task, state, target)
+    numbers = HeadingFrame().reduce(task, physical)
+    assert len(numbers) in HeadingFrame.latent_sizes(task)
+    np.testing.assert_array_equal(numbers[: SIZES[task]], to_planar(task, physical))
+    restored = HeadingFrame().restore(task, numbers, OFFSET)
+    sign = np.sign(restored[3:7] @ physical[3:7])
+    restored[3:7] *= sign
+    np.testing.assert_allclose(restored, physical, atol=1e-6, rtol=1e-6)
+
+
+@given(robots, angles)
+def test_heading_of_turned_robot_differs_in_heading_and_place(pair, angle):
+    before, after = (
+        HeadingFrame().reduce("move_in_direction", features_in("move_in_direction", *pair))
+        for pair in (pair, moved(*pair, angle, np.zeros(3)))
+    )
+    np.testing.assert_allclose(after[:12], before[:12], atol=1e-6)
+    turned = horizontal(angle, np.array([*before[14:16], 0]))[:2]
+    np.testing.assert_allclose(after[14:16], turned, atol=1e-6)
+    np.testing.assert_allclose(after[16:], before[16:], atol=1e-6)
+
+
+@given(robots, tasks)
+def test_planar_without_yaw_rate_leaves_out_only_that(pair, task):
+    state, target = pair[0], at_origin(task, pair[1])
+    physical = features_in(task, state, target)
+    planar = to_planar(task, physical)
+    numbers = PlanarWithoutYawRate().reduce(task, physical)
+    np.testing.assert_array_equal(numbers, np.delete(planar, 8))
+    # The rate about the vertical, whatever the tilt: that of the rotation by the heading.
+    upright = state._replace(
+        position=np.array([*state.position[:3], *turned_by(0.3, np.array([1.0, 0, 0, 0]))])
+    )
+    assert to_planar(task, features_in(task, upright, target))[8] == pytest.approx(
+        state.velocity[5]
+    )

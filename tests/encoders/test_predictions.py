@@ -54,7 +54,7 @@ def test_forward_predicts_yaw_rate_better_than_autoencoder(simulated):
     cheap = {"epochs": 12, "batch": 256}
     forward, dae = (make_kind(name, cheap) for name in ("forward", "dae"))
     found = {
-        type(kind): probe(kind, learned(kind, simulated), simulated).r2["yaw_rate"]
+        type(kind): probe(kind, learned(kind, simulated), simulated).predictions["yaw_rate"].r2
         for kind in (forward, dae)
     }
     assert found[type(forward)] > found[type(dae)] + 0.1
@@ -70,12 +70,12 @@ def test_probe_uses_only_information_in_latents(simulated):
             return scaled[..., 14:15] * self.seen
 
     whole, one = probe(Scaled(), {}, simulated), probe(MotorSpeed(), {}, simulated)
-    assert list(whole.r2) == list(TARGETS)
-    assert whole.r2["yaw_rate"] > max(0.5, one.r2["yaw_rate"] + 0.1)
+    assert list(whole.predictions) == list(TARGETS)
+    assert whole.predictions["yaw_rate"].r2 > max(0.5, one.predictions["yaw_rate"].r2 + 0.1)
     nothing = probe(MotorSpeed(seen=False), {}, simulated)
     # The action alone predicts part of the yaw rate, but not the reward.
-    assert nothing.r2["yaw_rate"] < whole.r2["yaw_rate"] - 0.1
-    assert nothing.r2["reward"] < 0.1
+    assert nothing.predictions["yaw_rate"].r2 < whole.predictions["yaw_rate"].r2 - 0.1
+    assert nothing.predictions["reward"].r2 < 0.1
     assert (one.effective_rank, nothing.effective_rank) == (pytest.approx(1), 0)
     assert (whole.learned_rows, whole.test_rows) == (6000, 2000)
     # The result does not depend on the global random state.
@@ -256,7 +256,7 @@ def test_encoder_with_more_latents_than_features_is_evaluated(trained, results):
 def test_many_random_features_reconstruct_almost_all(trained):
     kind = RandomFeatures()
     weights = kind.fit(trained.states, 64)
-    seen = trained.states.scale(observations_of(trained.dataset)).reshape(-1, 16)
+    seen = trained.states.scaled(observations_of(trained.dataset)).reshape(-1, 16)
     latents = kind.encode(weights, seen)
     assert latents.shape == (5005, 64)
     inputs = np.arctanh(latents)

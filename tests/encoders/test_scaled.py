@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from jbench.encoders import find_encoder
+from jbench.encoders import find_encoder, load_encoder
 from jbench.encoders.kinds.planar import PlanarReduction
+from jbench.encoders.kinds.raw import Raw
 from jbench.encoders.kinds.scaled import Scaled
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import MEMORY, States
 from jbench.errors import RequestError
+from jbench.tasks.features import denormalize
 from tests.encoders.encoder_data import observations_of
 from tests.encoders.test_training import rows, train
 
@@ -67,8 +69,8 @@ def test_kind_of_fixed_size_is_found_by_name(trained, results):
 @pytest.mark.parametrize(
     ("expected", "message"),
     [
-        ("planar:11", "planar of face_direction has 12 latents; type --encoder planar."),
-        ("dae", "dae have 1 to 16 latents on face_direction; type --encoder dae12, or another"),
+        ("planar:11", "planar of face_direction has 12 latents; choose planar."),
+        ("dae", "dae have 1 to 16 latents on face_direction; choose dae12, or another"),
         ("planar", "type jbench train-encoder --kind planar --task face_direction "),
         ("planar:12", "type jbench train-encoder --kind planar --task face_direction "),
     ],
@@ -76,3 +78,25 @@ def test_kind_of_fixed_size_is_found_by_name(trained, results):
 def test_invalid_size_is_refused_with_option_to_type(results, expected, message):
     with pytest.raises(RequestError, match=message):
         find_encoder(results, expected, "face_direction")
+
+
+@pytest.mark.parametrize("task", SIZES)
+def test_raw_is_observation_in_si_units(trained, task):
+    states = states_of(trained, task)
+    size = SIZES[task][0]
+    weights = {n: v.astype(np.float32) for n, v in Raw().fit(states, size).items()}
+    encoder = SavedEncoder(Raw(), weights, states.scaling, size)
+    seen = observations_of(trained.dataset, task)
+    np.testing.assert_allclose(encoder.encode(seen), denormalize(task, seen), rtol=1e-3, atol=1e-3)
+
+
+def test_dae_with_yaw_rate_appends_scaled_yaw_rate(trained, results):
+    options = {"epochs": 2, "batch": 500}
+    record = train(trained.states, results, "dae-yaw", 4, options=options)
+    plain = train(trained.states, results, "dae", 3, options=options)
+    observations = observations_of(trained.dataset)
+    latents, inner = (load_encoder(results, r.id)[0].encode(observations) for r in (record, plain))
+    np.testing.assert_array_equal(latents[..., :3], inner)
+    np.testing.assert_allclose(
+        latents[..., 3], trained.states.scaled(observations)[..., 12], atol=1e-6
+    )

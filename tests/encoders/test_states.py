@@ -79,7 +79,7 @@ def test_states_are_scaled_by_extremes_of_dataset(dataset, scaled):
     np.testing.assert_allclose(found, scaled[learned], atol=1e-5)
     np.testing.assert_array_equal(actions, random_actions(10)[learned])
     np.testing.assert_allclose(gathered(states.test())[0], scaled[held_out], atol=1e-5)
-    np.testing.assert_allclose(states.scale(observations), scaled, atol=1e-5)
+    np.testing.assert_allclose(states.scaled(observations), scaled, atol=1e-5)
 
 
 def test_moments_equal_those_of_scaled_states(dataset, scaled):

@@ -287,7 +287,7 @@ def test_loaded_encoder_equals_trained_network(trained):
     assert encoder.latent_size == description["latents"] == 3
     observations = observations_of(trained.dataset)[0]
     weights = safetensors.numpy.load(trained.record.read_file(WEIGHTS))
-    scaled = trained.states.scale(observations)
+    scaled = trained.states.scaled(observations)
     hidden = np.tanh(scaled @ weights["encoder.weight"].T + weights["encoder.bias"])
     np.testing.assert_allclose(encoder.encode(observations), hidden, atol=1e-5)
 
@@ -382,8 +382,8 @@ def test_invalid_number_of_latents_is_refused(task, latents, message):
         ("ddae", {"horizon": 0}, "horizon of ddae can't be 0"),
         ("ddae", {"horizon": 1000}, "horizon of ddae can't be 1000"),
         ("dae", {"horizon": 2}, "dae has no option horizon; it has batch, epochs,"),
-        ("ae", {"noise": 0.1}, "ae has no option noise; it has batch, epochs, learning_rate"),
-        ("pca", {"epochs": 3}, "pca has no option epochs; it has none"),
+        ("ae", {"noise": 0.1}, "ae has no option noise; it has batch, epochs, initial_weights"),
+        ("pca", {"epochs": 3}, "pca has no option epochs; it has rescale, scale"),
         ("daee", {}, "Unknown kind of encoder 'daee'; did you mean dae"),
     ],
 )

@@ -53,9 +53,10 @@ def test_figures_7_and_8_compare_ddpg_with_12_latents(tmp_path):
         full, encoded = cells_of(name, tmp_path)
         assert {run.task for cell in (full, encoded) for run in cell.runs} == {task}
         assert {cell.algo for cell in (full, encoded)} == {"ddpg"}
-        assert full.encoder is None
-        assert (encoded.encoder.kind, encoded.encoder.latents) == ("dae", 12)
-        assert {run.encoder for run in encoded.runs} == {encoded.encoder.id}
+        assert full.encoders == ()
+        (encoder,) = encoded.encoders
+        assert (encoder.kind, encoder.latents) == ("dae", 12)
+        assert {run.encoder for run in encoded.runs} == {encoder.id}
 
 
 def test_question_matrix_contains_shipped_runs(tmp_path):
@@ -203,8 +204,8 @@ KEYS = {
 
 @pytest.mark.parametrize("field", RunSettings.model_fields)
 def test_every_run_setting_can_be_set_in_matrix(field, tmp_path):
-    if field in ("task", "algo", "package", "representation", "encoder", "seed"):  # of the cell
-        return
+    if field in ("task", "algo", "package", "representation", "encoder", "encoder_draws", "seed"):
+        return  # of the cell
     line, typed = KEYS[field]
     file = tmp_path / "field.toml"
     file.write_text(
@@ -223,7 +224,7 @@ def test_every_run_setting_can_be_set_in_matrix(field, tmp_path):
 def test_every_run_setting_is_option_of_train():
     options = inspect.signature(train).parameters.keys() | {"seed", "representation"}
     others = {"seed": "seeds", "hyperparameters": "set_", "representation": "encoder"}
-    others |= {"ofe": "encoder", "package": "algo"}
+    others |= {"ofe": "encoder", "package": "algo", "encoder_draws": "encoder_seeds"}
     for name, field in RunSettings.model_fields.items():
         assert others.get(name, field.title or name) in options
 
@@ -252,7 +253,8 @@ def test_encoder_uses_dataset_and_options_of_file(tmp_path):
         )
         (cell,) = cells_of(str(file), tmp_path)
         assert cell.runs[0].representation == "dae5"
-        return cell.encoder
+        (encoder,) = cell.encoders
+        return encoder
 
     plain = encoder("")
     assert encoder("") == plain
@@ -301,13 +303,13 @@ DIGITS = "9" * 5000  # more than Python reads as a number
         ('engine = "bached"', "Unknown engine 'bached'; did you mean batched?"),
         ('time_limit = "terminel"', "Unknown time_limit 'terminel'; did you mean terminal?"),
         ('representations = ["ful"]', "Unknown representation 'ful'; did you mean full?"),
-        ('representations = ["dae"]', "Unknown representation 'dae'; did you mean dae12?"),
-        ('representations = ["dea12"]', "Unknown kind of encoder 'dea'; did you mean dae?"),
+        ('representations = ["dae"]', "dae have 1 to 16 latents on face_direction; choose dae12"),
+        ('representations = ["dea12"]', "Unknown representation 'dea12'; did you mean dae12?"),
         ('representations = ["planar8"]', "planar of face_direction has 12 latents"),
-        (f'representations = ["dae{DIGITS}"]', "has 16 features: latents must be 1 to 16"),
+        (f'representations = ["dae{DIGITS}"]', "dae encoder of face_direction has 1 to 16 latents"),
         (f'representations = ["ofe{DIGITS}"]', "it should be less than or equal to 1000"),
         (f"steps = {DIGITS}", "is not TOML"),
-        ('representations = ["dae17"]', "face_direction has 16 features: latents must be 1 to 16"),
+        ('representations = ["dae17"]', "dae encoder of face_direction has 1 to 16 latents"),
         ('representations = ["move_to_pose/dae12/s00-12345678"]', "is of move_to_pose, which is"),
         ('representations = ["face_direction/dae12/s00-12345678"]', "No encoder face_direction/"),
         ('seeds = "3-1"', "wrong.toml: seeds 3-1: type seeds like 0-9"),

@@ -99,6 +99,10 @@ class Engine(Closing):
             self._store(observations, actions, step)
             yield step.episode_returns
 
+    def has_made(self, steps: int) -> bool:
+        """Returns whether `learn` makes no more control steps, but for the last updates."""
+        return self.control_steps >= steps and self._collected >= self._rollout_steps
+
     def begin_updates(self) -> bool:
         """Begins the updates that are due after a rollout; a GPU makes them in the background.
 

@@ -5,21 +5,31 @@ autoencoder (`dae.py`) has the same layers.
 """
 
 from collections.abc import Mapping
+from typing import Literal
 
 import torch
 from torch import Tensor
 
 from jbench.encoders.batch import Batch
 from jbench.encoders.kind import Learned, Weights, affine, layers, tanh, tanh_
+from jbench.settings.base import omissible
 from jbench.tasks.features import Array
 
 
 class Autoencoder(Learned):
     """Minimizes the mean squared reconstruction error."""
 
+    initial_weights: Literal["glorot", "normal"] = omissible(
+        "glorot", description="Glorot's, or standard normal as in the authors' script"
+    )
+
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
-        """Returns Glorot weights and zero biases."""
-        return layers({"encoder": (latents, size), "decoder": (size, latents)}, random)
+        """Returns the weights and zero biases."""
+        weights = layers({"encoder": (latents, size), "decoder": (size, latents)}, random)
+        if self.initial_weights == "normal":
+            for name in ("encoder.weight", "decoder.weight"):
+                weights[name].normal_(generator=random)
+        return weights
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns the latents, in (-1, 1)."""

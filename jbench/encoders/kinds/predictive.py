@@ -1,4 +1,4 @@
-"""The layers that the kinds `forward` and `contrastive` share; they differ in their loss.
+"""The layers that `forward`, `inverse` and `contrastive` share; they differ in their loss.
 
 The encoder is one tanh layer, as in the denoising autoencoder. A hidden tanh layer sees the latents
 of a state and the actions of the next `horizon` control steps. A linear decoder reconstructs the
@@ -35,12 +35,16 @@ class Predictive(Learned):
     def heads(self, size: int, latents: int) -> dict[str, tuple[int, int]]:
         """Returns the (outputs, inputs) of the layers after the hidden layer."""
 
+    def hidden_inputs(self, latents: int) -> int:
+        """Returns the number of inputs of the hidden layer, by default latents and actions."""
+        return latents + self.horizon
+
     def initial(self, size: int, latents: int, random: torch.Generator) -> dict[str, Tensor]:
         """Returns Glorot weights and zero biases."""
         return layers(
             {
                 "encoder": (latents, size),
-                "hidden": (self.hidden, latents + self.horizon),
+                "hidden": (self.hidden, self.hidden_inputs(latents)),
                 **self.heads(size, latents),
                 "decoder": (size, latents),
             },

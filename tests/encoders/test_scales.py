@@ -1,0 +1,125 @@
+"""Tests of the scales of inputs and latents, of their names, and of encoders with a seed each."""
+
+import numpy as np
+import pytest
+import torch
+
+from jbench.encoders import find_draws, find_encoder, load_encoder
+from jbench.encoders.batch import Batch
+from jbench.encoders.kinds.dae import DenoisingAutoencoder
+from jbench.encoders.settings import encoder_settings
+from jbench.encoders.states import States
+from jbench.encoders.training import train_encoder
+from jbench.errors import RequestError
+from jbench.store import Results
+from jbench.store.shipped import shipped
+from tests.encoders.encoder_data import observations_of
+
+TASK = "face_direction"
+CHEAP = {"epochs": 2, "batch": 500}
+
+
+def trained_with(data, results, kind="dae", latents=3, seed=2, **options):
+    """Trains an encoder, and returns its record."""
+    scale = options.get("scale", "dataset")
+    states = States(data.dataset, TASK, seed, scale=scale)
+    settings = encoder_settings(
+        kind, options, task=TASK, dataset=data.dataset.id, latents=latents, seed=seed
+    )
+    return train_encoder(settings, states, results)
+
+
+def latents_of(results, record, data):
+    """Returns the latents (rows, latents) of the training episodes."""
+    encoder, _ = load_encoder(results, record.id)
+    states = States(data.dataset, TASK, 2)
+    learned = observations_of(data.dataset)[states._order[: states._first_held_out]]
+    return encoder.encode(learned.reshape(-1, 16)).astype(np.float64)
+
+
+@pytest.mark.parametrize(
+    ("scale", "expected"),
+    [
+        ("dataset", lambda x: 2 * (x - x.min(0)) / np.ptp(x, axis=0) - 1),
+        ("observation", lambda x: x),
+        ("sd", lambda x: (x - x.mean(0)) / x.std(0)),
+    ],
+)
+def test_features_have_requested_scale(trained, scale, expected):
+    states = States(trained.dataset, TASK, 2, scale=scale)
+    states.read(torch.device("cpu"))
+    seen = observations_of(trained.dataset).reshape(-1, 16).astype(np.float64)
+    varies = np.ptp(seen, axis=0) > 1e-3
+    scaled = states.scaled(seen.astype(np.float32))
+    np.testing.assert_allclose(scaled[:, varies], expected(seen[:, varies]), atol=2e-4)
+
+
+@pytest.mark.parametrize("kind", ["dae", "pca", "forward", "vae"])
+def test_whitened_latents_have_no_mean_and_deviations_of_one_third(trained, results, kind):
+    options = {} if kind == "pca" else CHEAP
+    record = trained_with(trained, results, kind, rescale="whitened", **options)
+    latents = latents_of(results, record, trained)
+    np.testing.assert_allclose(latents.mean(0), 0, atol=1e-4)
+    np.testing.assert_allclose(np.cov(latents.T, bias=True), np.eye(3) / 9, atol=1e-4)
+
+
+def test_rescaled_latents_have_extremes_of_one(trained, results):
+    record = trained_with(trained, results, rescale="extremes", **CHEAP)
+    latents = latents_of(results, record, trained)
+    np.testing.assert_allclose(latents.min(0), -1, atol=1e-5)
+    np.testing.assert_allclose(latents.max(0), 1, atol=1e-5)
+
+
+def test_rescaling_changes_neither_training_nor_reconstruction(trained, results):
+    records = [
+        trained_with(trained, results, **CHEAP, **more)
+        for more in ({}, {"rescale": "whitened"}, {"rescale": "extremes"})
+    ]
+    errors = [record.read("encoder_errors").to_pylist()[0]["test_mse"] for record in records]
+    np.testing.assert_allclose(errors, errors[0], rtol=1e-4)
+
+
+def test_direction_without_variance_becomes_zero(trained, results):
+    """In this dataset, at most 16 directions vary; a copy of a latent adds none."""
+    record = trained_with(trained, results, "pca", 16, rescale="whitened")
+    latents = latents_of(results, record, trained)
+    variances = latents.var(0)
+    assert np.all((np.abs(variances - 1 / 9) < 1e-2) | (variances < 1e-6))
+
+
+def test_scales_are_part_of_name_and_defaults_are_not(trained, results):
+    plain = trained_with(trained, results, **CHEAP)
+    other = trained_with(trained, results, scale="observation", rescale="whitened", **CHEAP)
+    assert plain.id.split("/")[1] == "dae3"
+    assert other.id.split("/")[1] == "dae3-observation-whitened"
+    assert find_encoder(results, "dae3", TASK) == plain.id
+    assert find_encoder(results, "dae:3-observation-whitened", TASK) == other.id
+    with pytest.raises(RequestError, match=r"No dae3-sd for .*--kind dae .*--set scale=sd"):
+        find_encoder(results, "dae3-sd", TASK)
+
+
+def test_ids_of_default_options_are_those_of_older_versions():
+    settings = encoder_settings("dae", {}, task=TASK, dataset="random/s00-00000000", latents=12)
+    assert settings.options == {
+        "epochs": 200, "batch": 8192, "learning_rate": 1e-3, "noise": 0.1
+    }  # fmt: skip
+    assert settings.id == "face_direction/dae12/s00-" + settings.hash
+    for record in Results(shipped()).scan("encoder")[0]:
+        assert encoder_settings(**record.settings).id == record.id
+
+
+def test_noise_of_a_batch_is_one_vector(trained):
+    rows = torch.zeros(7, 4)
+    kind = DenoisingAutoencoder(batch=3, noise=0.5, noise_per="batch")
+    noisy = kind.prepare(Batch(rows, rows), 2, torch.Generator().manual_seed(0)).now
+    assert [len({tuple(row) for row in part.tolist()}) for part in noisy.split(3)] == [1, 1, 1]
+    assert len({tuple(row) for row in noisy.tolist()}) == 3
+
+
+def test_each_agent_can_have_encoder_of_its_seed(trained, results):
+    records = {seed: trained_with(trained, results, seed=seed, **CHEAP) for seed in (2, 5)}
+    draws, ids = find_draws(results, "dae3", TASK, [5, 2])
+    assert ids == {5: records[5].id, 2: records[2].id}
+    assert len(draws) == 8
+    with pytest.raises(RequestError, match=r"the seed 4 .*jbench train-dae .*--seed 4"):
+        find_draws(results, "dae3", TASK, [2, 4])

@@ -1,0 +1,301 @@
+"""The numbers of README and docs/ on the shipped runs, computed from the rows again.
+
+Intervals are bootstrap intervals. Those of the pages are the report's and agree with these up to
+their random resamples.
+"""
+
+import json
+import re
+from functools import cache
+from itertools import combinations, pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.stats import trim_mean
+
+import jbench
+from jbench.names import kind_of
+from tests.command_line import succeed
+from tests.documentation import ROOT
+
+TASKS = ("face_direction", "move_in_direction")
+BASELINES = ("full", "scaled")
+
+
+class Returns(NamedTuple):
+    """Numbers (seeds,) of a configuration by one kind of return.
+
+    Attributes:
+        final: final returns.
+        area: mean returns over the run.
+        error: squared standard errors of the final returns, from their episodes.
+    """
+
+    final: np.ndarray
+    area: np.ndarray
+    error: np.ndarray
+
+
+WHICH = "FROM {table} JOIN runs USING (run) WHERE engine = 'batched' AND algo IN ('td3', 'ddpg') "
+WHICH += "AND settings->>'precision' IS NULL GROUP BY ALL ORDER BY ALL"
+EVALUATIONS = "SELECT algo, task, representation, seed, evaluations.control_steps AS step, "
+EVALUATIONS += "avg(episode_return) AS mean, var_samp(episode_return) / count(*) AS error "
+LAST = "FILTER (episodes.control_steps > steps * 3 / 4)"
+EPISODES = f"SELECT algo, task, representation, seed, avg(episode_return) {LAST} AS mean, "
+EPISODES += f"var_samp(episode_return) {LAST} / count(*) {LAST} AS error, "
+EPISODES += "avg(episode_return) AS area "
+
+
+@pytest.fixture(scope="module")
+def evaluations():
+    """Returns all evaluations: algo, task, name, seed, step, mean, error."""
+    return named(jbench.open("reference").query(EVALUATIONS + WHICH.format(table="evaluations")))
+
+
+@pytest.fixture(scope="module")
+def returns(evaluations):
+    """Returns the `Returns` by ("evaluation" or "training", algo, task, name)."""
+    keys, found = ["algo", "task", "name"], {}
+    for key, rows in evaluations.groupby(keys):
+        means, errors = (rows.pivot(index="seed", columns="step")[c] for c in ("mean", "error"))
+        numbers = means.iloc[:, -1], means.mean(axis=1), errors.iloc[:, -1]
+        found["evaluation", *key] = Returns(*map(np.asarray, numbers))
+    training = named(jbench.open("reference").query(EPISODES + WHICH.format(table="episodes")))
+    for key, rows in training.groupby(keys):
+        found["training", *key] = Returns(*(rows[c].to_numpy() for c in ("mean", "area", "error")))
+    return found
+
+
+def named(frame):
+    """Adds the names of the pages: `scaled` and `planar` have no number."""
+    names = [kind_of(r) if kind_of(r) in ("scaled", "planar") else r for r in frame.representation]
+    return frame.assign(name=names)
+
+
+def chosen_from(frame, **wanted):
+    """Returns the rows whose columns have the given values."""
+    return frame[(frame[[*wanted]] == [*wanted.values()]).all(axis=1)]
+
+
+def iqm(values, axis=-1):
+    return trim_mean(values, 0.25, axis=axis)
+
+
+def interval(statistic, *samples, confidence=0.95):
+    """Returns a statistic of the resampled first sample, minus that of the second if there is."""
+    random = np.random.default_rng(0)
+    drawn = [statistic(random.choice(s, (10_000, len(s))), axis=-1) for s in samples]
+    tail = 50 * (1 - confidence)
+    return np.percentile(drawn[0] - sum(drawn[1:]), [tail, 100 - tail])
+
+
+def assert_agrees(text, statistic, *samples):
+    """Compares a text such as `+74 [+33, +122]` with a statistic, or a difference of two."""
+    value, *ends = (float(number) for number in re.findall(r"[-+]?\d+", text))
+    numbers = [statistic(sample) for sample in samples]
+    assert value == round(numbers[0] - sum(numbers[1:])), text
+    low, high = interval(statistic, *samples)
+    np.testing.assert_allclose(ends, [low, high], rtol=0, atol=2 + 0.05 * (high - low))
+
+
+def table(page, heading):
+    """Returns the rows of the only table of a page whose first line contains a text.
+
+    A row whose first cell is empty has that of the row above.
+    """
+    tables = re.findall(r"(?:^\|.*\n)+", (ROOT / page).read_text(), re.MULTILINE)
+    (lines,) = (found.splitlines() for found in tables if heading in found.split("\n")[0])
+    rows = [[cell.strip(" `") for cell in line[1:-1].split("|")] for line in lines[2:]]
+    for above, row in pairwise(rows):
+        row[0] = row[0] or above[0]
+    return rows
+
+
+def configuration(text):
+    """Returns the algorithm and task of a text such as "`face_direction`, TD3"."""
+    task, algo = re.findall(r"\w+", text)
+    return algo.lower(), task
+
+
+@pytest.mark.parametrize(
+    ("page", "heading", "count"),
+    [("README.md", "final evaluation return", 4), ("docs/answer.md", "the agent observes", 7)],
+)
+def test_main_table(returns, page, heading, count):
+    policies = {row[0]: row for row in table("docs/policies.md", "hand-written")}
+    rows = table(page, heading)
+    for first, *cells in rows[:count]:
+        name = re.search(r"\((\w+)\)", first.replace("`", ""))[1]
+        for task, value, effect in zip(TASKS, cells[::2], cells[1::2], strict=True):
+            if ("evaluation", "td3", task, name) not in returns:
+                assert (value, effect) == ("", "")
+                continue
+            final, full = (returns["evaluation", "td3", task, n].final for n in (name, "full"))
+            assert len(final) == 10
+            assert value == f"{iqm(final):.0f}"
+            if name == "full":
+                assert effect == ""
+            else:
+                assert_agrees(effect, iqm, final, full)
+    for row, column in zip(rows[count:], (1, 2), strict=True):  # random, hand-written
+        assert row[1::2] == [policies[task][column].split()[0] for task in TASKS]
+
+
+def test_all_differences(returns):
+    rows = table("docs/answer.md", "end, evaluation")
+    assert {(*configuration(row[0]), *row[1:3]) for row in rows} == {
+        (algo, task, name, baseline)
+        for kind, algo, task, name in returns
+        for baseline in {"full": (), "scaled": ("full",)}.get(name, BASELINES)
+        if (kind, algo, task, baseline) in returns
+    }
+    p_values = []
+    for first, name, baseline, *effects, _ in rows:
+        pairs = [
+            [returns[kind, *configuration(first), n] for n in (name, baseline)]
+            for kind in ("evaluation", "training")
+        ]
+        for effect, pair in zip(effects[:2], pairs, strict=True):
+            assert_agrees(effect, iqm, *(one.final for one in pair))
+        for effect, pair in zip(effects[2:], pairs, strict=True):
+            assert_agrees(effect, iqm, *(one.area for one in pair))
+        p_values.append(p_value(*(one.final for one in pairs[0])))
+    assert [row[-1] for row in rows] == [
+        f"{p:.3f}" if p >= 0.001 else "< 0.001" for p in holm(p_values)
+    ]
+
+
+def test_planar_against_scaled_is_not_decided():
+    rows = table("docs/answer.md", "end, evaluation")
+    (p,) = (
+        float(r[-1]) for r in rows if r[0].startswith(TASKS[0]) and r[1:3] == ["planar", "scaled"]
+    )
+    assert f"p is {p:.2f}, corrected" in (ROOT / "docs/answer.md").read_text()
+
+
+def p_value(ours, theirs):
+    """Returns that of the exact permutation test of two means of as many seeds, two-sided."""
+    returns = np.concatenate([ours, theirs])
+    sums = returns[relabelings(len(ours))].sum(axis=1)
+    return np.mean(np.abs(sums - returns.sum() / 2) >= abs(ours.sum() - theirs.sum()) / 2 - 1e-9)
+
+
+@cache
+def relabelings(seeds):
+    return np.array(list(combinations(range(2 * seeds), seeds)), dtype=np.int8)
+
+
+def holm(p_values):
+    """Returns Holm's adjusted p-values (1979)."""
+    order, adjusted = np.argsort(p_values), np.empty(len(p_values))
+    factors = len(p_values) - np.arange(len(p_values))
+    adjusted[order] = np.maximum.accumulate(np.array(p_values)[order] * factors)
+    return np.minimum(adjusted, 1)
+
+
+def test_forward_is_similar_to_scaled(returns):
+    forward, scaled = (
+        returns["evaluation", "td3", TASKS[0], name].final for name in ("forward12", "scaled")
+    )
+    assert np.abs(interval(iqm, forward, scaled, confidence=0.9)).max() < 50
+
+
+def test_returns_during_training(evaluations):
+    for task, name, *cells in table("docs/answer.md", "20,000 | 40,000"):
+        chosen = chosen_from(evaluations, algo="td3", task=task, name=name)
+        assert cells == [f"{iqm(rows['mean']):.0f}" for _, rows in chosen.groupby("step")]
+    dae = chosen_from(evaluations, algo="td3", task=TASKS[0], name="dae12", step=60_000)
+    at = dae["mean"]
+    assert f"{at.min():.0f} to {at.max():.0f} (the ten" in (ROOT / "docs/answer.md").read_text()
+
+
+def test_final_return_and_deviation_of_every_configuration(returns):
+    seeds, deviations = (table("docs/answer.md", h) for h in ("seeds 0, 1", "episodes alone"))
+    assert len(seeds) == len(deviations) == len(returns) / 2
+    for (first, name, finals), deviation in zip(seeds, deviations, strict=True):
+        both = [returns[kind, *configuration(first), name] for kind in ("evaluation", "training")]
+        assert finals == ", ".join(f"{value:.0f}" for value in both[0].final)
+        expected = [(np.std(one.final, ddof=1), np.sqrt(one.error.mean())) for one in both]
+        assert deviation == [first, name, *(f"{value:.0f}" for pair in expected for value in pair)]
+
+
+def test_what_representations_predict(returns):
+    rows = jbench.open("reference").query(
+        "SELECT task, representation, target, r2, errors.test_explained FROM encoder_predictions "
+        "JOIN encoders USING (encoder) JOIN encoder_errors AS errors USING (encoder)"
+    )
+    shown = table("docs/answer.md", "yaw rate")
+    assert len(shown) * 4 == len(rows)
+    for task, name, *cells in shown:
+        chosen = chosen_from(named(rows), task=task, name=name).set_index("target")
+        r2 = chosen["r2"][["yaw_rate", "tilt_rate", "forward_speed", "reward"]]
+        # planar's reconstruction leaves out position and heading on purpose
+        variance = "" if name == "planar" else f"{chosen['test_explained'].iloc[0]:.0%}"
+        final = f"{iqm(returns['evaluation', 'td3', task, name].final):.0f}"
+        assert cells == [*(f"{value:.2f}" for value in r2), variance, final]
+
+
+def test_published_figures_7_and_8():
+    published = jbench.open("reference").query("FROM published WHERE algo = 'ddpg'")
+    curve = chosen_from(published, figure="fig7").pivot(
+        index="training_steps", columns="representation", values="episode_return"
+    )[["full", "dae12"]]
+    edges = [0, 250_000, 1_000_000, 3_000_000, 5_000_000]
+    for row, low, high in zip(
+        table("docs/answer.md", "| 12 latents |"), edges[:-1], edges[1:], strict=True
+    ):
+        means = curve[(curve.index >= low) & (curve.index < high)].mean()
+        assert row[1:] == [f"{mean:.0f}" for mean in means]
+    ahead = curve["full"] > curve["dae12"]
+    assert ahead[ahead.index >= 230_000].all()
+    assert not ahead[ahead.index < 230_000].any()
+    medians = chosen_from(published, task=TASKS[1], quantile=50).sort_values("training_steps")
+    last = medians.groupby(["figure", "representation"])["episode_return"].last().round()
+    assert dict(last) == {
+        ("fig8", "full"): 295,
+        ("fig8", "dae12"): 392,
+        ("fig8-10-90", "full"): 295,
+        ("fig8-10-90", "dae12"): 392,
+        ("fig9", "full"): 632,
+    }
+
+
+@pytest.mark.slow
+def test_comparisons_that_the_sequential_test_has_decided(tmp_path):
+    succeed("merge", "reference", results=tmp_path)
+    typed = ("sweep", "question", "--until-decided", "--dry-run", "--json")
+    rows = json.loads(succeed(*typed, results=tmp_path).stdout)["comparisons"]
+    decided = {
+        (*row["comparison"].replace(" td3", "").replace("against ", "").split(), row["verdict"])
+        for row in rows
+        if row["verdict"] != "undecided"
+    }
+    lower = [(name, base) for name in ("dae12", "pca12", "random12") for base in BASELINES]
+    assert decided == {
+        *((TASKS[0], *pair, "smaller") for pair in lower),
+        (TASKS[1], "dae12", "full", "smaller"),
+        *((TASKS[1], "planar", base, "larger") for base in BASELINES),
+    }
+    for page in ("docs/answer.md", "docs/claims.md"):
+        text = " ".join((ROOT / page).read_text().split())
+        assert f"{len(decided)} of its {len(rows)} comparisons" in text
+
+
+def test_page_on_statistics_has_the_medians_of_ddpg(returns):
+    training, evaluation = (
+        np.median(returns[kind, "ddpg", TASKS[0], "full"].final)
+        for kind in ("training", "evaluation")
+    )
+    text = " ".join((ROOT / "docs/statistics.md").read_text().split())
+    assert (
+        f"training return of {training:.0f} and a median evaluation return of {evaluation:.0f}"
+        in text
+    )
+
+
+def test_page_on_recording_has_the_shipped_runs(returns):
+    rows = dict(table("docs/recording.md", "| return |"))
+    assert_agrees(
+        rows["shipped `td3"], np.median, returns["evaluation", "td3", TASKS[0], "full"].final
+    )

@@ -342,6 +342,8 @@ def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, capsys):
     document = json.loads(printed.out)
     (cell,) = document["cells"]
     assert (cell["missing"], cell["steps_left"], cell["algo"]) == (1, 1000, "td3")
+    # One run keeps one process busy.
+    assert document["seconds_left"] == pytest.approx(cell["seconds_left"])
     assert document["seconds_left"] > 0
     assert "a quick measurement" in printed.err
     assert not list(tmp_path.iterdir())

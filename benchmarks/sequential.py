@@ -1,9 +1,12 @@
-"""Measures the power of the group-sequential test: `python benchmarks/sequential.py`.
+"""Measures the group-sequential test: `python benchmarks/sequential.py`.
 
-Simulates the seeds of two cells, normally distributed with the same standard deviation, and tests
-them after each block of five, as `jbench sweep --until-decided` does. Prints how often a shift is
-found and the mean number of seeds, undecided comparisons included, and how often cells without a
-difference are found equal within the margin.
+Simulates the seeds of configurations, normally distributed with the same standard deviation, and
+tests them after each block of five, as `jbench sweep --until-decided` does. Prints
+
+- for comparisons with the same baseline, how often one or more decisions are wrong, and how many of
+  the differences are found, with Bonferroni's equal rates and with the step-down procedure;
+- how often a shift is found and the mean number of seeds, undecided comparisons included;
+- how often configurations without a difference are found equal within the margin.
 """
 
 import argparse
@@ -13,9 +16,12 @@ import numpy as np
 
 from jbench.report.analysis import sequential
 from jbench.report.analysis.claims import MARGIN
+from jbench.report.analysis.step_down import step_down
 
 SHIFTS = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # standard deviations
 SPREADS = (25.0, 35.0, 50.0, 75.0, 100.0)  # standard deviation in returns
+FAMILIES = ((0.0,) * 8, (4.0,) * 4 + (0.0,) * 4, (4.0,) * 4 + (1.5,) * 4, (4.0,) * 7 + (1.5,))
+SIGNS = {"larger": 1, "smaller": -1, "equal": 0, "undecided": 0}
 AT_A_TIME = 50  # repetitions: 60 MB for each array
 
 
@@ -34,25 +40,73 @@ def simulate(
     random = np.random.default_rng(0)
     looks = arguments.max_seeds // sequential.BLOCK
     rate = sequential.ERROR_RATE / comparisons
+    names: list[sequential.Verdict] = ["larger", "smaller", "equal"]
     decided = []
     for _ in range(0, arguments.repetitions, AT_A_TIME):
         ours, theirs = random.normal(0, spread, (2, AT_A_TIME, arguments.max_seeds))
-        pair, more = (ours + shift, theirs), {"relabelings": arguments.relabelings}
-        if np.isinf(margin):
-            sides = (pair, pair[::-1])
-            larger, smaller = (
-                sequential.first_above(*side, rate / 2, looks, **more) for side in sides
+        tested = names[:2] if np.isinf(margin) else names
+        first = [
+            sequential.first_look(
+                name, ours + shift, theirs, margin, rate, looks, relabelings=arguments.relabelings
             )
-            first = {"larger": larger, "smaller": smaller, "equal": np.zeros_like(larger)}
-        else:
-            first = sequential.first_looks(*pair, margin, rate, looks, **more)
-        decided.append(np.stack([first[name] for name in ("larger", "smaller", "equal")]))
+            for name in tested
+        ]
+        decided.append(np.stack([*first, np.zeros_like(first[0])][:3]))
     reached = np.concatenate(decided, axis=1)
     order = np.where(reached > 0, reached, looks + 1)
     which, look = order.argmin(axis=0), np.minimum(order.min(axis=0), looks)
     found = order.min(axis=0) <= looks
     seeds = float(look.mean() * sequential.BLOCK)
     return float(np.mean(found & (which < 2))), float(np.mean(found & (which == 2))), seeds
+
+
+def simulate_family(
+    shifts: tuple[float, ...], repetitions: int, looks: int = 3, relabelings: int = 4000
+) -> dict[str, tuple[float, float, float]]:
+    """Returns error rate, differences found, and small differences found, by procedure.
+
+    Args:
+        shifts: (comparisons,) of each configuration from the same baseline, in standard deviations.
+        repetitions: number of simulated families.
+        looks: planned interim analyses.
+        relabelings: see `sequential.first_above`.
+    """
+    random, count, true = np.random.default_rng(0), len(shifts), np.array(shifts)
+    theirs = random.normal(size=(repetitions, looks * sequential.BLOCK))
+    ours = random.normal(size=(count, *theirs.shape)) + true[:, None, None]
+    at: dict[tuple[str, int], np.ndarray] = {}
+    for parts in range(count + 1, 2 * count + 1):
+        rate = 2 * sequential.ERROR_RATE / parts
+        for name in ("larger", "smaller"):
+            first = [
+                sequential.first_look(name, one, theirs, 0, rate, looks, relabelings=relabelings)
+                for one in ours
+            ]
+            at[name, parts] = np.stack(first)
+    shares = [sequential.ERROR_RATE / count] * count
+    signs = {"Bonferroni": [], "step-down": []}
+    for r in range(repetitions):
+
+        def reached(i: int, verdict: sequential.Verdict, rate: float, r: int = r) -> int:
+            parts = round(2 * sequential.ERROR_RATE / rate)
+            return 0 if verdict == "equal" else int(at[verdict, parts][i, r])
+
+        steps = step_down(reached, shares, looks)
+        verdicts = ["undecided" if step is None else step.verdict for step in steps]
+        signs["step-down"].append([SIGNS[verdict] for verdict in verdicts])
+        larger, smaller = (at[name, 2 * count][:, r] > 0 for name in ("larger", "smaller"))
+        signs["Bonferroni"].append(larger.astype(int) - smaller)
+    found = {}
+    for name, rows in signs.items():
+        decided = np.array(rows)
+        right = decided == np.sign(true)
+        wrong = np.any((decided != 0) & ~right, axis=1).mean()
+        small = (true > 0) & (true == true[true > 0].min(initial=np.inf))
+        found[name] = (
+            wrong,
+            *(right[:, which].mean() if which.any() else np.nan for which in (true > 0, small)),
+        )
+    return found
 
 
 def main() -> None:
@@ -63,6 +117,11 @@ def main() -> None:
     parser.add_argument("--relabelings", type=int, default=20_000)
     arguments = parser.parse_args()
     began = time.monotonic()
+    print("shifts of comparisons with one baseline   procedure   wrong   found   smallest found")
+    for shifts in FAMILIES:
+        for name, numbers in simulate_family(shifts, arguments.repetitions).items():
+            texts = "   ".join(f"{number:6.3f}" for number in numbers)
+            print(f"{' '.join(map('{:g}'.format, shifts)):40}  {name:10}  {texts}", flush=True)
     for comparisons in arguments.comparisons:
         print(f"\n{comparisons} comparisons, at most {arguments.max_seeds} seeds")
         print("shift in standard deviations   found    seeds")

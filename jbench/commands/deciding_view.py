@@ -6,7 +6,8 @@ from typing import Any
 from jbench.commands.output import Output
 from jbench.report.analysis import sequential
 from jbench.report.analysis.claims import MARGIN
-from jbench.sweeps.deciding import Comparison, Look, Outcome, rate_of_each
+from jbench.sweeps.comparisons import Comparison
+from jbench.sweeps.deciding import Look, Outcome
 
 _VERDICTS = {
     "larger": "higher",
@@ -18,10 +19,12 @@ _VERDICTS = {
 
 def introduction(chosen: Sequence[Comparison], max_seeds: int) -> str:
     """Returns the sentence printed before the first look: the comparisons and the error rate."""
+    rates = dict.fromkeys(f"{share:.2%}" for share in sorted(one.share for one in chosen))
     return (
         f"Final returns are compared after each {sequential.BLOCK} seeds, up to {max_seeds}. Of "
         f"all {len(chosen)} decisions together one or more are wrong with a probability of at most "
-        f"{sequential.ERROR_RATE:.0%}: {rate_of_each(chosen):.2%} for each comparison."
+        f"{sequential.ERROR_RATE:.0%}: {' to '.join([*rates][:: len(rates) - 1 or 1])} for each "
+        "comparison, and more after others have found a difference."
     )
 
 
@@ -60,6 +63,8 @@ def described_outcomes(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
             "algo": one.comparison.ours.algo,
             "representation": one.comparison.ours.representation,
             "against": one.comparison.against,
+            "claim": one.comparison.claim,
+            "share": one.comparison.share,
             **one.decision._asdict(),
             "needed": [run.id for run in one.needed],
         }

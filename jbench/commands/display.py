@@ -223,18 +223,18 @@ def _short_steps(run: RunSettings) -> Iterator[str]:
     """Yields what a user may not expect of the number of control steps of a run."""
     from jbench.settings.algorithms import OffPolicySettings
 
-    if not run.is_ours or not isinstance(run.algorithm, OffPolicySettings):
+    if not run.is_ours:
         return
-    last, first_update = -(-run.steps // EPISODE_STEPS) * EPISODE_STEPS, run.algorithm.first_update
-    if run.steps < last and run.engine == "batched":
+    end, episode = run.last_step, EPISODE_STEPS * run.environments
+    if run.steps % EPISODE_STEPS:
+        middle = f"in the middle of an episode of {EPISODE_STEPS:,}, whose return is not recorded"
+        where = middle if end % episode else f"at the end of an episode of {EPISODE_STEPS:,}"
+        yield f"a run of {run.steps:,} control steps ends after {end:,}, {where}."
+    algorithm = run.algorithm
+    if isinstance(algorithm, OffPolicySettings) and end < algorithm.first_update:
         yield (
-            f"an episode has {EPISODE_STEPS:,} control steps, so a run of {run.steps:,} ends after "
-            f"{last:,}."
-        )
-    if last < first_update:
-        yield (
-            f"{run.algo} first updates its networks after {first_update:,} control steps, so a run "
-            f"of {run.steps:,} learns nothing; raise --steps, or lower that number with --set "
-            "learning_starts=N and --set train_freq=N (in a matrix file, the same keys of "
-            f"[hyperparameters.{run.algo}])."
+            f"{run.algo} first updates its networks after {algorithm.first_update:,} control "
+            f"steps, so a run of {run.steps:,} learns nothing; raise --steps, or lower that number "
+            "with --set learning_starts=N and --set train_freq=N (in a matrix file, the same keys "
+            f"of [hyperparameters.{run.algo}])."
         )

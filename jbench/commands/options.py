@@ -117,6 +117,14 @@ SomeSeedsOption = Annotated[
     str | None,
     typer.Option("--seeds", "--seed", help="Only these seeds, such as 0-9 or 0,2,5-7."),
 ]
+KeepStateOption = Annotated[
+    bool,
+    typer.Option(
+        "--keep-state",
+        help="Keep the last checkpoint of finished runs, with the replay buffer, so that the same "
+        "command with more --steps continues them.",
+    ),
+]
 LogOption = Annotated[
     str | None,
     typer.Option(

@@ -15,6 +15,7 @@ from jbench.commands.options import (
     FinalEpisodesOption,
     JobsOption,
     JsonOption,
+    KeepStateOption,
     LogOption,
     ResultsOption,
     RetryOption,
@@ -69,8 +70,8 @@ def sweep(
         bool,
         typer.Option(
             "--until-decided",
-            help="Add seeds in blocks of five until it is decided how each representation compares "
-            "with full and scaled.",
+            help="Add seeds in blocks of five until the comparisons of the matrix are decided, by "
+            "default those of each representation with full and scaled.",
         ),
     ] = False,
     max_seeds: Annotated[
@@ -103,6 +104,7 @@ def sweep(
     checkpoint_every: Annotated[
         float, typer.Option(min=0, help="Minimum seconds between checkpoints of a run.")
     ] = names.CHECKPOINT_EVERY,
+    keep_state: KeepStateOption = False,
     final_episodes: FinalEpisodesOption = None,
     log: LogOption = None,
     jobs: JobsOption = 0,
@@ -122,6 +124,7 @@ def sweep(
     from jbench.sweeps.cell_status import cell_statuses, seconds_left
     from jbench.sweeps.executors import Local
     from jbench.sweeps.matrix import matrix_cells, read_matrix
+    from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.status import failures_among, run_statuses
 
     output, database = Output(json), parsing.results_to_write(results)
@@ -138,12 +141,14 @@ def sweep(
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = parsing.processes(jobs, train_on)
 
+    options = checkpoint_every, final_episodes, keep_state
+
     def make() -> "Executor":
         if executor == "local":
-            return Local(database, at_a_time, train_on, checkpoint_every, final_episodes)
+            return Local(database, at_a_time, train_on, *options)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(database, address, jobs, gpus_per_task, checkpoint_every, final_episodes)
+        return Ray(database, address, jobs, gpus_per_task, *options)
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.
@@ -159,6 +164,8 @@ def sweep(
             )
 
     cells = matrix_cells(parts, database)
+    if keep_state:
+        check_state_can_be_kept(cell.runs[0] for cell in cells)
     warn_of_short_runs([cell.runs[0] for cell in cells], output)
     if until_decided:
         limit = _MAX_SEEDS if max_seeds is None else max_seeds
@@ -201,10 +208,11 @@ def _decide(
     from jbench.commands.deciding_view import described_outcomes, introduction, show_look
     from jbench.report.analysis.sequential import BLOCK
     from jbench.sweeps.cell import all_runs
-    from jbench.sweeps.deciding import comparisons, looks
+    from jbench.sweeps.comparisons import comparisons, read_comparisons
+    from jbench.sweeps.deciding import looks
     from jbench.training.status import failures_among, run_statuses
 
-    chosen = comparisons(cells, claims)
+    chosen = comparisons(cells, read_comparisons(matrix), claims)
     if max_seeds < BLOCK or max_seeds % BLOCK:
         raise RequestError(f"--max-seeds {max_seeds}: type a multiple of {BLOCK}.")
     output.say(introduction(chosen, max_seeds))

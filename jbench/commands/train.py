@@ -13,6 +13,7 @@ from jbench.commands.options import (
     FinalEpisodesOption,
     JobsOption,
     JsonOption,
+    KeepStateOption,
     LogOption,
     ResultsOption,
     RetryOption,
@@ -131,6 +132,7 @@ def train(
         float,
         typer.Option(min=0, help="Minimum seconds between checkpoints of the batched engine."),
     ] = names.CHECKPOINT_EVERY,
+    keep_state: KeepStateOption = False,
     log: LogOption = None,
     dry_run: DryRunOption = False,
     retry_failed: RetryOption = False,
@@ -147,6 +149,7 @@ def train(
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
+    from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.request import request_runs, training_device
     from jbench.training.status import failures_among, run_statuses
 
@@ -179,16 +182,19 @@ def train(
         precision=chosen_precision,
         parallel=environments,
     )
+    if keep_state:
+        check_state_can_be_kept(runs[:1])
     display.warn_of_short_runs(runs[:1], output)
     cells = [Cell(task, algo, runs[0].representation, runs, base)]
     if dry_run:
         show_dry_run(cells, database, processes, train_on, output)
         return
+    options = checkpoint_every, final_episodes, keep_state
     with logged(log, database, runs, output):
         failures = sweep(
             cells,
             database,
-            lambda: Local(database, processes, train_on, checkpoint_every, final_episodes),
+            lambda: Local(database, processes, train_on, *options),
             TrainingView(output),
             retry_failed=retry_failed,
             wait=False,

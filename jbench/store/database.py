@@ -4,7 +4,7 @@ results/
 datasets/<id>/  encoders/<id>/  runs/<id>/  evaluations/<id>/  imports/<id>/
 manifest.json                      settings, status and list of files
 <table>-<n>-<hash>.parquet, *.safetensors, *.json
-<role>-<hash>.*                    checkpoints of unfinished work
+<role>-<hash>.*                    checkpoints
 """
 
 import contextlib
@@ -133,7 +133,7 @@ class Results:
         """
         records, problems = [], []
         root = self.path / f"{kind}s"
-        for folder in walk(root):
+        for folder in walk(root / beginning.rpartition("/")[0]):
             if folder.problem is not None:
                 problems.append(f"{folder.path} {folder.problem}.")
             id = folder.path.relative_to(root).as_posix()

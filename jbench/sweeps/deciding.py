@@ -4,47 +4,21 @@ Looks are at 5, 10, 15 ... seeds from seed 0. They depend only on the finished r
 state is stored, and an interrupted command reaches the same decisions again.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from jbench.errors import RequestError, WorkError
-from jbench.names import kind_of, known
+from jbench.errors import WorkError
 from jbench.report.analysis import sequential
 from jbench.report.analysis.claims import MARGIN
-from jbench.report.analysis.reduction import BASELINES
+from jbench.report.analysis.step_down import Decision, decide
 from jbench.report.data.curves import FloatArray, final_returns
-from jbench.settings.alike import SEED, alike, with_implied
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.sweeps.cell import Cell, all_runs
+from jbench.sweeps.comparisons import Claim, Comparison
 from jbench.training.status import run_status
-
-
-class Comparison(NamedTuple):
-    """Two cells that differ only in their representation.
-
-    Attributes:
-        ours: cell of a reduced representation.
-        theirs: cell of a baseline.
-        against: name of the baseline, one of `BASELINES`.
-    """
-
-    ours: Cell
-    theirs: Cell
-    against: str
-
-    @property
-    def name(self) -> str:
-        """Name in tables."""
-        cell = self.ours
-        return f"{cell.task} {cell.algo} {cell.representation} against {self.against}"
-
-    @property
-    def claims(self) -> tuple[str, str]:
-        """What a user types for all comparisons of this representation, and for this one only."""
-        return self.ours.representation, f"{self.ours.representation}/{self.against}"
 
 
 class Outcome(NamedTuple):
@@ -56,7 +30,7 @@ class Outcome(NamedTuple):
     """
 
     comparison: Comparison
-    decision: sequential.Decision
+    decision: Decision
     needed: list[RunSettings]
 
 
@@ -74,49 +48,51 @@ class Look(NamedTuple):
 
 
 class Numbers:
-    """The final return of each seed; a finished run is read once."""
+    """The compared return of each seed; a finished run is read once."""
 
     def __init__(self, results: Results) -> None:
         self._results = results
-        self._known: dict[str, float] = {}
+        self._known: dict[tuple[str, Claim], float] = {}
 
-    def of(self, cell: Cell, max_seeds: int) -> FloatArray:
-        """Returns the final returns of the first seeds, up to the first unfinished one."""
+    def of(self, cell: Cell, max_seeds: int, claim: Claim) -> FloatArray:
+        """Returns the returns of the first seeds, up to the first unfinished one."""
         returns = []
         for seed in range(max_seeds):
             run = run_of(cell, seed)
-            if run.id not in self._known:
+            if (run.id, claim) not in self._known:
                 if run_status(run, self._results).state != "finished":
                     break
                 record = self._results.find("run", run.id)
                 assert record is not None
-                self._known[run.id] = final_return(record)
-            returns.append(self._known[run.id])
+                self._known[run.id, claim] = compared_return(record, claim)
+            returns.append(self._known[run.id, claim])
         return np.array(returns)
 
 
-def final_return(record: Record) -> float:
-    """Returns the mean return of a run's last evaluation.
+def compared_return(record: Record, claim: Claim = "a") -> float:
+    """Returns the mean return of a run's last evaluation (a), or of all evaluations (c).
 
-    Without evaluations, it is the mean over the last training episodes; see `final_returns`.
+    Without evaluations, it is the mean over the last training episodes (see `final_returns`), or
+    over all.
 
     Raises:
         WorkError: if the rows can't be read, or the return is not finite.
     """
     rows = record.read("evaluations")
     if rows.num_rows:
-        which = rows["evaluation"].to_numpy()
-        returns = rows["episode_return"].to_numpy()[which == which.max()]
-        mean = float(returns.mean())
+        which, returns = (rows[name].to_numpy() for name in ("evaluation", "episode_return"))
+        points = [returns[which == evaluation].mean() for evaluation in np.unique(which)]
+        mean = float(points[-1] if claim == "a" else np.mean(points))
     else:
         rows = record.read("episodes")
         returns, steps = (
             rows[name].to_numpy().astype(np.float64)[None]
             for name in ("episode_return", "control_steps")
         )
-        mean = float(final_returns(returns, steps, np.array([rows.num_rows]))[0][0])
+        final = final_returns(returns, steps, np.array([rows.num_rows]))[0][0]
+        mean = float(final if claim == "a" else returns.mean())
     if not np.isfinite(mean):
-        raise WorkError(f"The final return of the run {record.id} is {mean}; it can't be compared.")
+        raise WorkError(f"The return of the run {record.id} is {mean}; it can't be compared.")
     return mean
 
 
@@ -125,76 +101,37 @@ def run_of(cell: Cell, seed: int) -> RunSettings:
     return cell.runs[0].model_copy(update={"seed": seed})
 
 
-def comparisons(cells: Sequence[Cell], claims: Collection[str] = ()) -> list[Comparison]:
-    """Returns the comparisons of each reduced representation with each baseline, in order.
-
-    Args:
-        claims: representations such as `dae12`, or pairs such as `dae12/full`; empty for all.
-
-    Raises:
-        RequestError: if there are no comparisons, or a claim matches none of them.
-    """
-    every = list(_all_comparisons(cells))
-    if not every:
-        raise RequestError(
-            "No two cells of this matrix differ only in a representation and full or scaled, so "
-            "there is nothing to decide; leave --until-decided out."
-        )
-    names = list(dict.fromkeys(name for one in every for name in one.claims))
-    for claim in claims:
-        known("comparison", claim, names)
-    return [one for one in every if not claims or {*one.claims} & {*claims}]
-
-
-def _all_comparisons(cells: Sequence[Cell]) -> Iterator[Comparison]:
-    by_kind = {(_key(cell), _kind(cell)): cell for cell in cells}
-    for cell in cells:
-        for against in BASELINES:
-            theirs = by_kind.get((_key(cell), against))
-            if _kind(cell) not in BASELINES and theirs is not None:
-                yield Comparison(cell, theirs, against)
-
-
-def _kind(cell: Cell) -> str:
-    return kind_of(cell.runs[0].representation)
-
-
-def _key(cell: Cell) -> str:
-    """Returns a key that is equal for cells that differ only in their representation."""
-    return alike(cell.runs[0], {*SEED, *with_implied("representation")})
-
-
 def outcomes(
     chosen: Sequence[Comparison], numbers: Numbers, results: Results, max_seeds: int
 ) -> list[Outcome]:
     """Returns the outcome of each comparison with the finished seeds.
 
-    The error rate is divided equally among the comparisons (Bonferroni). It therefore holds for
-    all of them together, although they share cells.
-
     Args:
         chosen: all comparisons that share the error rate.
-        max_seeds: maximum number of seeds per cell, a multiple of the block size.
+        max_seeds: maximum number of seeds per cell where a comparison has none, a multiple of the
+            block size.
     """
-    return [_outcome(one, numbers, results, max_seeds, rate_of_each(chosen)) for one in chosen]
+    most = [one.max_seeds or max_seeds for one in chosen]
+    pairs = [
+        (numbers.of(one.ours, limit, one.claim), numbers.of(one.theirs, limit, one.claim))
+        for one, limit in zip(chosen, most, strict=True)
+    ]
+    looks = [limit // sequential.BLOCK for limit in most]
+    decisions = decide(pairs, [one.share for one in chosen], looks, MARGIN)
+    return [
+        Outcome(one, decision, _needed(one, decision, limit, results))
+        for one, decision, limit in zip(chosen, decisions, most, strict=True)
+    ]
 
 
-def rate_of_each(chosen: Sequence[Comparison]) -> float:
-    """Returns the error rate of each comparison."""
-    return sequential.ERROR_RATE / len(chosen)
-
-
-def _outcome(
-    one: Comparison, numbers: Numbers, results: Results, max_seeds: int, error_rate: float
-) -> Outcome:
-    ours, theirs = numbers.of(one.ours, max_seeds), numbers.of(one.theirs, max_seeds)
-    decision = sequential.compare(ours, theirs, MARGIN, error_rate, max_seeds // sequential.BLOCK)
-    needed = []
-    if decision.verdict == "undecided":
-        seeds = range(min(decision.seeds + sequential.BLOCK, max_seeds))
-        runs = (run_of(cell, seed) for cell in (one.ours, one.theirs) for seed in seeds)
-        needed = [run for run in runs if run_status(run, results).state != "finished"]
-    return Outcome(one, decision, needed)
+def _needed(
+    one: Comparison, decision: Decision, max_seeds: int, results: Results
+) -> list[RunSettings]:
+    if decision.verdict != "undecided":
+        return []
+    seeds = range(min(decision.seeds + sequential.BLOCK, max_seeds))
+    runs = (run_of(cell, seed) for cell in (one.ours, one.theirs) for seed in seeds)
+    return [run for run in runs if run_status(run, results).state != "finished"]
 
 
 def next_cells(outcomes: Sequence[Outcome], tried: Mapping[str, RunSettings]) -> list[Cell]:

@@ -39,7 +39,7 @@ from jbench.settings.dataset import DatasetSettings
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.sweeps.cell import Cell
-from jbench.sweeps.matrix_file import PART, named, parts_of, read_content
+from jbench.sweeps.matrix_file import COMPARISON, PART, named, parts_of, read_content
 from jbench.training.request import (
     check_options,
     representation_of,
@@ -150,7 +150,7 @@ def read_matrix(name: str, **changes: Any) -> list[Matrix]:
     content = read_content(name)
     with named(name):
         for key in content:
-            known("key", key, (*Matrix.model_fields, PART))
+            known("key", key, (*Matrix.model_fields, PART, COMPARISON))
     parts = [_matrix({**part, **changes}, where) for where, part in parts_of(content, name).items()]
     trained = {algo for part in parts for algo in part.algos}
     for algo in (algo for part in parts for algo in part.hyperparameters if algo not in trained):

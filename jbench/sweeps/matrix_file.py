@@ -13,6 +13,9 @@ from jbench.names import SWEEPS, known
 PART = "part"
 """Key of the parts, an array of tables."""
 
+COMPARISON = "comparison"
+"""Key of the comparisons of `--until-decided`, an array of tables."""
+
 
 def read_content(name: str) -> dict[str, Any]:
     """Returns the content of a matrix's file.
@@ -38,7 +41,7 @@ def parts_of(content: Mapping[str, Any], name: str) -> dict[str, dict[str, Any]]
     Raises:
         RequestError: if the parts are not an array of tables.
     """
-    defaults = {key: value for key, value in content.items() if key != PART}
+    defaults = {key: value for key, value in content.items() if key not in (PART, COMPARISON)}
     if PART not in content:
         return {name: defaults}
     parts = content[PART]

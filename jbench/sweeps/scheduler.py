@@ -33,6 +33,7 @@ from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.executors import Executor, Local, Message, batches
 from jbench.sweeps.prepare import clean, prepare
 from jbench.sweeps.watcher import Watcher
+from jbench.training.continuation import new_beginnings
 from jbench.training.memory import memory_sentence
 from jbench.training.status import is_being_trained, plan, record_failure, run_status
 
@@ -75,9 +76,10 @@ def sweep(
     watcher = watcher or Watcher()
     clean(cells, results)
     planned = plan(list(all_runs(cells)), results)
-    for sentence in planned.sentences(retry_failed):
-        watcher.note(sentence)
     to_do = planned.to_do(retry_failed)
+    new = (run for run in to_do if planned.statuses[run.id].state == "missing")
+    for sentence in (*planned.sentences(retry_failed), *new_beginnings(new, results)):
+        watcher.note(sentence)
     if not to_do:
         return {}
     check_writable(results.record("run", to_do[0].id).path)
@@ -273,9 +275,13 @@ class _Scheduler:
 
 
 def _resume_sentence(run: RunSettings, message: Message) -> str:
-    steps = message["resumed_at"]
-    how = f"resumes at control step {steps:,}" if steps else "starts again from the beginning"
-    return f"The run {run.id} was interrupted or failed; it {how}. {message['reason']}".rstrip()
+    steps, other = message["resumed_at"], message.get("continues")
+    if other is None:
+        how = "was interrupted or failed; it " + ("resumes at" if steps else "starts again from")
+    else:
+        how = f"continues {other} from" if steps else f"can't continue {other}; it trains from"
+    where = f"control step {steps:,}" if steps else "the beginning"
+    return f"The run {run.id} {how} {where}. {message['reason']}".rstrip()
 
 
 def _named(runs: Sequence[RunSettings]) -> str:

@@ -8,7 +8,7 @@ import pytest
 
 from jbench.errors import RequestError, WorkError
 from jbench.store import Results, schema
-from jbench.sweeps import deciding
+from jbench.sweeps import comparisons, deciding
 from jbench.sweeps.matrix import matrix_cells, read_matrix
 from tests.command_line import succeed
 
@@ -90,56 +90,119 @@ def fill(results, cell, numbers):
 
 
 def outcomes_of(results, cells, claims=(), most=30):
-    asked = deciding.comparisons(cells, claims)
+    asked = comparisons.comparisons(cells, claims=claims)
     return deciding.outcomes(asked, deciding.Numbers(results), results, most)
 
 
 def test_final_return_is_mean_of_last_evaluation(results, cells):
     run = deciding.run_of(cells[0], 0)
-    assert deciding.final_return(finish(results, run, [400.0, 500.0])) == 450
+    assert deciding.compared_return(finish(results, run, [400.0, 500.0])) == 450
     # Without evaluations: the mean of the last quarter of the training episodes, 60 and 70.
     run = deciding.run_of(cells[0], 1)
-    assert deciding.final_return(finish(results, run, [], evaluations=0)) == 65
+    assert deciding.compared_return(finish(results, run, [], evaluations=0)) == 65
     run = deciding.run_of(cells[0], 2)
     with pytest.raises(WorkError, match="can't be compared"):
-        deciding.final_return(finish(results, run, [float("nan")]))
+        deciding.compared_return(finish(results, run, [float("nan")]))
 
 
 def test_representations_are_compared_with_full_observation(cells):
-    asked = deciding.comparisons(cells)
+    asked = comparisons.comparisons(cells)
     assert [one.name for one in asked] == [
         "face_direction td3 pca3 against full",
         "face_direction td3 random2 against full",
     ]
-    assert deciding.rate_of_each(asked) == 0.025
-    assert [one.name for one in deciding.comparisons(cells, ["random2/full"])] == [asked[1].name]
+    assert [one.share for one in asked] == [0.025, 0.025]
+    assert [one.name for one in comparisons.comparisons(cells, claims=["random2/full"])] == [
+        asked[1].name
+    ]
     with pytest.raises(RequestError, match=r"Unknown comparison 'pca4'; did you mean pca3\?"):
-        deciding.comparisons(cells, ["pca4"])
+        comparisons.comparisons(cells, claims=["pca4"])
     with pytest.raises(RequestError, match="there is nothing to decide"):
-        deciding.comparisons(cells[3:])
+        comparisons.comparisons(cells[3:])
 
 
-def test_question_matrix_compares_reductions_with_full_and_scaled(results):
-    asked = deciding.comparisons(matrix_cells(read_matrix("question"), results))
-    reductions = ("planar", "dae12", "pca12", "random12", "forward12", "ofe12", "ofe240")
-    td3 = {
-        f"face_direction td3 {name} against {one}"
-        for name in reductions
-        for one in ("full", "scaled")
-    }
-    ddpg = {
-        f"face_direction ddpg {name} against {one}"
-        for name in ("planar", "dae12")
-        for one in ("full", "scaled")
-    }
-    harder = {
-        f"move_in_direction td3 {name} against {one}"
-        for name in ("planar", "dae12")
-        for one in ("full", "scaled")
-    }
-    others = {"move_to_position sac planar against full"}
-    assert {one.name for one in asked} == td3 | ddpg | harder | others
-    assert len(asked) == 23
+def test_comparisons_of_question_matrix_share_the_error_rate(results):
+    cells = matrix_cells(read_matrix("question"), results)
+    asked = comparisons.comparisons(cells, comparisons.read_comparisons("question"))
+    assert 0 < sum(one.share for one in asked) <= 0.05
+    names = {one.name for one in asked}
+    assert len(names) == len(asked)
+    assert "face_direction td3 dae12 against scaled" in names
+    assert "move_in_direction td3 planar against full" in names
+
+
+LISTED = """
+[[comparison]]
+task = "face_direction"
+algo = "td3"
+first = "pca3"
+second = "random2"
+share = 0.01
+max_seeds = 5
+
+[[comparison]]
+task = "face_direction"
+algo = "td3"
+first = "pca3"
+second = "full"
+claim = "c"
+"""
+
+
+@pytest.fixture
+def listed(tmp_path, results):
+    """Returns a function that reads the comparisons of a matrix with these entries."""
+
+    def read(entries, content=MATRIX):
+        file = tmp_path / "listed.toml"
+        file.write_text(content + entries)
+        planned = comparisons.read_comparisons(str(file))
+        return comparisons.comparisons(matrix_cells(read_matrix(str(file)), results), planned)
+
+    return read
+
+
+def test_listed_comparisons_replace_those_with_baselines(listed, results, cells):
+    asked = listed(LISTED)
+    assert [one.name for one in asked] == [
+        "face_direction td3 pca3 against random2",
+        "face_direction td3 pca3 against full, over the run",
+    ]
+    assert [one.share for one in asked] == pytest.approx([0.01, 0.04])
+    full, pca, random, _ = cells
+    for cell, final in ((full, 300.0), (pca, 100.0), (random, 100.0)):
+        for seed in range(5):
+            finish(results, deciding.run_of(cell, seed), [final + seed])
+    found = deciding.outcomes(asked, deciding.Numbers(results), results, 30)
+    assert [one.decision.difference for one in found] == [0, -100]  # (c): the first is -1 for all
+    assert [len(one.needed) for one in found] == [0, 10]  # the first has its maximum
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("max_seeds = 5", "max_seed = 5", "Unknown key of [[comparison]] 'max_seed'"),
+        ("max_seeds = 5", "max_seeds = 7", "max_seeds is 7; write a multiple of 5."),
+        ("share = 0.01", "share = 0.05", "add up to 0.05, and 1 without a share need a rest"),
+        ("share = 0.01", "share = -0.01", "share is -0.01; write a number above 0"),
+        ('algo = "td3"\n', "", "the key algo is missing"),
+        ('algo = "td3"', 'algo = "td4"', "Unknown algorithm on face_direction 'td4'"),
+        ('algo = "td3"', 'algo = "ddpg"', "Unknown representation of ddpg on face_direction"),
+        ('"random2"', '"random3"', "Unknown representation of td3 on face_direction 'random3'"),
+        ('"random2"', '"pca3"', "first and second are both pca3"),
+        ('claim = "c"', 'claim = "b"', "Unknown claim 'b'"),
+        ('claim = "c"', "steps = 2e3", "with 2000 control steps that differ only"),
+        ('second = "full"\nclaim = "c"', 'second = "random2"', "is listed twice"),
+        ("[[comparison]]", "[comparison]", "write [[comparison]] above each"),
+    ],
+)
+def test_invalid_comparison_is_refused(old, new, message, listed):
+    entries = LISTED.replace(old, new, 1)
+    if old == "[[comparison]]":
+        entries = "[comparison]\nshare = 1"
+    with pytest.raises(RequestError) as refused:
+        listed(entries)
+    assert message in str(refused.value)
 
 
 def test_only_undecided_comparisons_get_more_seeds(results, cells):

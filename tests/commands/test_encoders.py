@@ -143,16 +143,23 @@ def test_small_dataset_has_epochs_of_enough_updates(
     assert [message for message in messages if message not in printed] == []
 
 
+def test_mirror_of_mixed_latents_is_refused_before_training(filled, refused):
+    mirror = ("--algo", "td3", "--set", "mirror=true")
+    error = refused("train", "--encoder", "dae:2", *mirror, results=filled)
+    assert "mirror=true needs inputs of which a mirror changes only signs" in error
+    assert not (filled / "runs").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("--kind", "VEA"), "Unknown kind of encoder 'VEA'; did you mean vae?"),
         (("--kind", "DAE", "--latent", "0"), "latents of the encoder can't be 0"),
         (("--kind", "dea"), "Unknown kind of encoder 'dea'; did you mean dae?"),
-        (("--kind", "dae,"), "Unknown kind of encoder ''; choose dae, ae,"),
-        (("--kind", "pca", "--noise", "0.1"), "pca has no option noise; it has none."),
+        (("--kind", "dae,"), "Unknown kind of encoder ''; choose dae, dae-yaw,"),
+        (("--kind", "pca", "--noise", "0.1"), "pca has no option noise; it has rescale, scale."),
         (("--kind", "dae,pca", "--epochs", "3"), "pca has no option epochs"),
-        (("--horizon", "3"), "dae has no option horizon; it has batch, epochs, learning_rate,"),
+        (("--horizon", "3"), "dae has no option horizon; it has batch, epochs, "),
         (("--kind", "vae", "--set", "depth=3"), "vae has no option depth; it has batch, epochs,"),
         (("--kind", "vae", "--set", "hidden=0"), "hidden of vae can't be 0"),
         (("--noise", "-0.1"), "noise of dae can't be -0.1"),
@@ -172,7 +179,7 @@ def test_small_dataset_has_epochs_of_enough_updates(
             ("--device", "gpu"),
             "Unknown device 'gpu'; choose auto, cpu, cuda or cuda:1.",
         ),
-        (("--seed", "-1"), "type a whole number from 0 up"),
+        (("--seed", "-1"), "type seeds like 0-9"),
         (("--dataset", "random/s00-00000000"), "No dataset random/s00-00000000"),
     ],
 )

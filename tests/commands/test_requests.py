@@ -61,6 +61,11 @@ from tests.command_line import jbench, succeed, wait_until
             ("train", "--algo", "ppo", "--set", "shared_layers=true", "--engine", "sb3"),
             "stable-baselines3 has no shared_layers: choose the batched engine",
         ),
+        (("train", "--set", "mirror=maybe"), "mirror of ddpg can't be 'maybe'"),
+        (
+            ("train", "--set", "mirror=true", "--engine", "sb3"),
+            "stable-baselines3 has no mirror: choose the batched engine",
+        ),
         (("train", "--time-limit", "never"), "Unknown value of --time-limit 'never'"),
         (("train", "--algo", "sac", "--set", "ent_coef=-1"), "of sac can't be -1: .*or equal to 0"),
         (
@@ -412,7 +417,7 @@ def test_run_too_short_to_learn_prints_warning(tmp_path, capsys):
     steps = ["--steps", "1500", "--seeds", "0", "--evaluate-episodes", "0"]
     assert main(["train", "--algo", "td3", *steps, "--results", str(tmp_path)]) == 0
     output = capsys.readouterr().err
-    assert "an episode has 1,000 control steps, so a run of 1,500 ends after 2,000" in output
+    assert "a run of 1,500 control steps ends after 2,000, at the end of an episode" in output
     assert "td3 first updates its networks after 11,000 control steps" in output
     assert (
         main(["train", "--steps", "1k", "--seeds", "0", *steps[4:], "--results", str(tmp_path)])

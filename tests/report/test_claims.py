@@ -69,6 +69,44 @@ def test_larger_gain_on_harder_task_is_supported(fabric):
     assert gain.verdict == "supported"
 
 
+def test_gain_that_is_none_tests_no_larger_gain(fabric):
+    learn(fabric, NARROW)
+    learn(fabric, NARROW - 200, representation="dae12")
+    learn(fabric, NARROW, task="move_in_direction")
+    learn(fabric, NARROW - 20, task="move_in_direction", representation="dae12")
+    (gain,) = findings(fabric, "d")  # +90, but -10 on the harder task
+    assert gain.effect.low > 0
+    assert (gain.verdict, gain.seeds_needed) == ("undecided", None)
+    assert "nothing is gained on move_in_direction (-10)" in gain.remark
+
+
+@pytest.mark.parametrize(("final", "verdict"), [(270, "undecided"), (271, "supported")])
+def test_agents_close_to_random_actions_test_no_gain(fabric, final, verdict):
+    # Random actions have a median return of 220 on face_direction.
+    learn(fabric, [final] * 10)
+    learn(fabric, [final] * 10, representation="dae12")
+    learn(fabric, NARROW, task="move_in_direction")
+    learn(fabric, NARROW + 100, task="move_in_direction", representation="dae12")
+    (gain,) = findings(fabric, "d")
+    assert gain.effect.low > 0
+    assert gain.verdict == verdict
+    assert ("within 50 of random actions (220)" in gain.remark) == (verdict == "undecided")
+
+
+@pytest.mark.parametrize(("swing", "verdict"), [(0.0, "supported"), (250.0, "undecided")])
+def test_ratio_that_episodes_explain_is_undecided(fabric, swing, verdict):
+    # The means of full have a deviation of 67. Twenty episodes that swing by 250 cause 57 of it,
+    # which leaves 35 for the agents, and their interval begins at 0.
+    for seed, mean in enumerate(700 + np.linspace(-100, 100, 10)):
+        fabric.run(mean + np.resize([swing, -swing], 80), seed)
+    learn(fabric, NARROW, algo="td3", representation="dae12")
+    (spread,) = findings(fabric, "b")
+    assert spread.effect.value == pytest.approx(0.1)
+    assert spread.effect.high < 1
+    assert spread.verdict == verdict
+    assert ("of the agents alone: difference -28 [" in spread.remark) == (verdict == "undecided")
+
+
 def test_off_policy_algorithms_are_compared_with_ppo(fabric):
     learn(fabric, WIDE + 200, algo="td3")
     learn(fabric, NARROW, algo="ppo")

@@ -64,7 +64,7 @@ def test_each_representation_is_compared_with_both_baselines(fabric):
     }
     higher, lower = "higher by more than 50", "lower by more than 50"
     assert outcomes["planar12", "full"] == [higher, "undecided", "faster"]
-    assert outcomes["dae12", "full"] == [lower, "more spread", "slower"]
+    assert outcomes["dae12", "full"] == [lower, "more variable", "slower"]
     assert outcomes["pca4", "scaled"][0] == "similar"
     planar = found["planar12", "scaled"].findings
     assert planar[0].effect.value == pytest.approx(180)  # 800 - 620

@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jbench.report.analysis.sequential import compare, first_above, first_looks, interval, spent
+from jbench.report.analysis.sequential import first_above, first_look, interval, spent
+from jbench.report.analysis.step_down import decide
 
 LOOKS = 6  # at 5, 10 ... 30 seeds
+
+
+def compare(ours, theirs, margin, rate, looks):
+    """Returns the decision on a single comparison."""
+    (decision,) = decide([(ours, theirs)], [rate], [looks], margin)
+    return decision
 
 
 def normal(random, shape):
@@ -131,10 +138,10 @@ def test_cells_that_differ_by_margin_are_rarely_equal(difference):
     random, repetitions = np.random.default_rng(3), 500
     # The spread is small enough compared with the margin that equality can be found.
     ours, theirs = (random.normal(500, 25, (repetitions, 30)) for _ in range(2))
-    looks = first_looks(ours + difference, theirs, 50, 0.05, LOOKS, relabelings=1000)
-    assert np.mean(looks["equal"] > 0) < 0.025 + 3 * np.sqrt(0.025 / repetitions)
-    same = first_looks(ours, theirs, 50, 0.05, LOOKS, relabelings=1000)
-    assert np.mean(same["equal"] > 0) > 0.9
+    looks = first_look("equal", ours + difference, theirs, 50, 0.05, LOOKS, relabelings=1000)
+    assert np.mean(looks > 0) < 0.025 + 3 * np.sqrt(0.025 / repetitions)
+    same = first_look("equal", ours, theirs, 50, 0.05, LOOKS, relabelings=1000)
+    assert np.mean(same > 0) > 0.9
 
 
 def test_identical_seeds_never_reject():

@@ -9,12 +9,14 @@ import numpy as np
 
 from jbench.names import FULL
 from jbench.report.analysis import statistics as st
+from jbench.report.analysis.agents import difference
 from jbench.report.analysis.claims import (
     EASIER,
     HARDER,
     MARGIN,
     OFF_POLICY,
     ON_POLICY,
+    RANDOM_RETURNS,
     REDUCED,
     Finding,
     SeedsNeeded,
@@ -164,16 +166,35 @@ def _of_representation(cells: Sequence[Cell]) -> Iterator[Finding]:
         seeds = min(len(one.area) for one in scores)
         full = harder[1]
         compared = " ".join(filter(None, (full.algo, full.label)))
+        untested = _no_gain_to_compare(scores)
+        verdict, needed = decide(effect, seeds, 0)
         yield Finding(
             "d",
             f"{compared}: {HARDER} against {EASIER}",
             effect,
             seeds,
-            *decide(effect, seeds, 0),
+            "undecided" if untested else verdict,
+            None if untested else needed,
             returns=full.kind.name,
             control_steps=min(one.control_steps for one in scores),
-            remark="; ".join(filter(None, (_cut(*harder), _cut(*easier)))),
+            remark="; ".join(filter(None, (untested, _cut(*harder), _cut(*easier)))),
         )
+
+
+def _no_gain_to_compare(scores: Sequence[Scores]) -> str:
+    """Returns why the gains of two tasks test nothing on claim (d); else an empty text.
+
+    Args:
+        scores: of the harder task's reduced order and full observation, then of the easier task's.
+    """
+    for task, pair in ((HARDER, scores[:2]), (EASIER, scores[2:])):
+        random = RANDOM_RETURNS[task]
+        if all(abs(np.median(one.final) - random) <= MARGIN for one in pair if len(one.final)):
+            return (
+                f"no verdict, on {task} both are within {MARGIN:g} of random actions ({random:g})"
+            )
+    gain = _gain([scores[0].area], [scores[1].area])
+    return "" if gain > 0 else f"no verdict, nothing is gained on {HARDER} ({gain:+.0f})"
 
 
 def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
@@ -186,14 +207,10 @@ def reduction_findings(baseline: Cell, reduced: Cell) -> list[Finding]:
     final = [ours.final], [theirs.final]
     inner = st.estimate(iqm, *final, confidence=0.9)
     outer, spread = st.estimates([iqm, st.ratio(st.standard_deviation)], *final)
-    smaller, needed = decide(spread, seeds, 1.0, logarithmic=True)
-    alone = _ratio_by_episodes(ours, theirs)
     faster = st.estimate(iqm, [ours.area], [theirs.area])
     return [
         Finding("a", compared, inner, seeds, *decide_similar(inner, outer, seeds), **more),
-        Finding(
-            "b", compared, spread, seeds, _opposite(smaller), needed, by_episodes=alone, **more
-        ),
+        _on_variability("b", compared, spread, (ours, theirs), more),
         Finding("c", compared, faster, seeds, *decide(faster, seeds, 0), **more),
     ]
 
@@ -211,9 +228,39 @@ def _of_algorithms(cells: Sequence[Cell]) -> Iterator[Finding]:
         statistics = [st.difference(st.median), st.ratio(st.standard_deviation)]
         higher, wider = st.estimates(statistics, [ours.final], [theirs.final])
         yield Finding("e", compared, higher, seeds, *decide(higher, seeds, 0), **more)
-        verdict = decide(wider, seeds, 1.0, logarithmic=True)
-        alone = _ratio_by_episodes(ours, theirs)
-        yield Finding("f", compared, wider, seeds, *verdict, by_episodes=alone, **more)
+        yield _on_variability("f", compared, wider, (ours, theirs), more)
+
+
+def _on_variability(
+    letter: str,
+    compared: str,
+    ratio: st.Estimate,
+    scores: tuple[Scores, Scores],
+    more: dict[str, Any],
+) -> Finding:
+    """Returns the finding that the first agents vary less (b) or more (f) than the second ones.
+
+    It is undecided if the variation of the episodes may explain the ratio.
+    """
+    ours, theirs = scores
+    seeds = min(len(ours.final), len(theirs.final))
+    verdict, needed = decide(ratio, seeds, 1.0, logarithmic=True)
+    agents = difference(ours.agents, theirs.agents)
+    shown = {"supported": agents.low > 0, "contradicted": agents.high < 0}
+    remark = more["remark"]
+    if not shown.get(verdict, True):
+        interval = f"{agents.value:+.0f} [{agents.low:+.0f}, {agents.high:+.0f}]"
+        known = math.isfinite(agents.value)
+        reason = f"difference {interval}" if known else "unknown"
+        verdict, remark = (
+            "undecided",
+            "; ".join(filter(None, (f"of the agents alone: {reason}", remark))),
+        )
+    if letter == "b":
+        verdict = _opposite(verdict)
+    alone = _ratio_by_episodes(ours, theirs)
+    more = {**more, "remark": remark}
+    return Finding(letter, compared, ratio, seeds, verdict, needed, by_episodes=alone, **more)
 
 
 def _ratio_by_episodes(ours: Scores, theirs: Scores) -> float:
@@ -233,14 +280,16 @@ def _harder(one: Cell, other: Cell) -> bool:
     return named and one.algo == other.algo and one.same_but(other, "task")
 
 
+_gain = st.difference(st.interquartile_mean)
+
+
 def _gain_of_gains(
     harder_reduced: st.Strata,
     harder_full: st.Strata,
     easier_reduced: st.Strata,
     easier_full: st.Strata,
 ) -> FloatArray:
-    iqm = st.interquartile_mean
-    return iqm(harder_reduced) - iqm(harder_full) - (iqm(easier_reduced) - iqm(easier_full))
+    return _gain(harder_reduced, harder_full) - _gain(easier_reduced, easier_full)
 
 
 def _opposite(verdict: Verdict) -> Verdict:

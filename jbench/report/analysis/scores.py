@@ -10,6 +10,7 @@ import pandas as pd
 
 from jbench.names import FULL
 from jbench.report.analysis import statistics as st
+from jbench.report.analysis.agents import Agents
 from jbench.report.data.cells import IMPORTED, SOLVED, Cell, LearnedCurve
 from jbench.report.data.curves import (
     FloatArray,
@@ -43,18 +44,25 @@ class Scores(NamedTuple):
         area: (seeds,) mean return over the run.
         variances: (seeds,) variance of each final return if its episodes are independent: the
             sample variance of their returns over their number; NaN if unknown.
+        episodes: (seeds,) number of these episodes.
         control_steps: maximum control steps of the scores.
     """
 
     final: FloatArray
     area: FloatArray
     variances: FloatArray
+    episodes: FloatArray
     control_steps: int
 
     @property
     def deviation_by_episodes(self) -> float:
         """Standard deviation of the final returns if all agents had the same expected return."""
         return float(np.sqrt(np.mean(self.variances))) if len(self.variances) else np.nan
+
+    @property
+    def agents(self) -> Agents:
+        """The final returns with the variances that are due to their episodes."""
+        return Agents(self.final, self.variances, self.episodes)
 
 
 class Statistic(NamedTuple):
@@ -123,7 +131,16 @@ def _scores(cell: Cell, control_steps: int | None) -> Scores:
     )
     known = np.isfinite(final) & np.isfinite(area)
     variances = _variances(cell, returns, lengths)
-    return Scores(final[known], area[known], variances[known], control_steps)
+    episodes = _episodes(cell, lengths)
+    return Scores(final[known], area[known], variances[known], episodes[known], control_steps)
+
+
+def _episodes(cell: Cell, lengths: IntArray) -> FloatArray:
+    """Returns the number of episodes (seeds,) of each final return."""
+    if cell.kind is EVALUATION:
+        planned = cell.settings.evaluate_episodes or np.nan
+        return np.full(len(lengths), float(planned))
+    return final_episodes(lengths, cell.kind.final_points).astype(np.float64)
 
 
 def _variances(cell: Cell, returns: FloatArray, lengths: IntArray) -> FloatArray:

@@ -1,35 +1,35 @@
-"""A group-sequential test, which compares two cells while seeds are still being added.
+"""A group-sequential test, which compares two configurations while seeds are still being added.
 
-Seeds come in blocks of five. After each block there is a look at the data, and the comparison stops
-as soon as it is decided. The test is a permutation test whose labels are exchanged within blocks,
-as in AdaStop (Mathieu et al., *AdaStop: adaptive statistical testing for sound comparisons of Deep
-RL agents*, TMLR 2024, section 4), so that it is valid for five seeds and for any distribution. The
-share of the error rate spent up to each look is fixed in advance: it grows in proportion to the
-seeds (Lan and DeMets, *Discrete sequential boundaries for clinical trials*, Biometrika 70, 1983;
-this spending function: Kim and DeMets, *Design and analysis of group sequential tests based on the
-type I error spending rate function*, Biometrika 74, 1987). The tests of all shifts together give
-repeated confidence intervals (Jennison and Turnbull, *Interim analyses: the repeated confidence
-interval approach*, J. R. Statist. Soc. B 51, 1989), on which decisions are based.
+Seeds come in blocks of five, and an interim analysis (a look) follows each block; the comparison
+stops as soon as it is decided. The test is a permutation test whose labels are exchanged within
+blocks, as in AdaStop (Mathieu et al., *AdaStop: adaptive statistical testing for sound comparisons
+of Deep RL agents*, TMLR 2024, section 4), so that it is valid for five seeds and for any
+distribution. The share of the error rate spent up to each analysis grows in proportion to the seeds
+(Lan and DeMets, *Discrete sequential boundaries for clinical trials*, Biometrika 70, 1983; Kim and
+DeMets, *Design and analysis of group sequential tests based on the type I error spending rate
+function*, Biometrika 74, 1987). The tests of all shifts together give repeated confidence intervals
+(Jennison and Turnbull, *Interim analyses: the repeated confidence interval approach*, J. R.
+Statist. Soc. B 51, 1989), on which decisions are based.
 
-If the distributions of two cells differ only in a shift, the intervals of all looks contain that
-shift with probability 1 - error rate. The probability of a wrong decision is therefore at most the
-error rate. For distributions that differ in more than a shift this holds approximately, since both
-cells have equally many seeds in each block.
+If the distributions of two configurations differ only in a shift, the intervals of all looks
+contain that shift with probability 1 - error rate. For distributions that differ in more than a
+shift this holds approximately, since both have equally many seeds in each block. `step_down`
+divides the error rate of several comparisons.
 """
 
 import itertools
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from jbench.report.data.curves import BoolArray, FloatArray, IntArray
 
 BLOCK = 5
-"""Seeds of each cell between two looks."""
+"""Seeds of each configuration between two interim analyses (looks)."""
 
 ERROR_RATE = 0.05
-"""Probability of any wrong decision, over all looks and all requested comparisons."""
+"""Probability of any wrong decision, over all looks and all comparisons together."""
 
 RELABELINGS = 63_504
 """Relabelings of a test: all of two blocks of 5 + 5 seeds; with more blocks, a random sample."""
@@ -39,56 +39,8 @@ _BISECTIONS = 16  # per end of an interval: precision of 1e-4 of the range of th
 Verdict = Literal["larger", "smaller", "equal", "undecided"]
 
 
-class Decision(NamedTuple):
-    """Outcome of a comparison at the deciding look, or at the last one so far.
-
-    Attributes:
-        verdict: ours is larger or smaller than theirs, equal within the margin, or undecided.
-        seeds: number of seeds per cell at that look; 0 before the first block is complete.
-        difference: difference of the means, ours minus theirs; NaN without seeds.
-        low: lower end of the repeated confidence interval; -inf if it is unbounded.
-        high: upper end.
-        spent: part of the error rate spent up to that look.
-    """
-
-    verdict: Verdict
-    seeds: int
-    difference: float
-    low: float
-    high: float
-    spent: float
-
-
-def compare(
-    ours: FloatArray, theirs: FloatArray, margin: float, error_rate: float, looks: int
-) -> Decision:
-    """Compares two cells block by block, and stops at the look that decides.
-
-    Only blocks that are complete in both cells count.
-
-    Args:
-        ours: (seeds,) a number per seed, in the order of the seeds.
-        theirs: (seeds,) the same for the other cell.
-        margin: two cells that differ by less are equal.
-        error_rate: two-sided error rate of this comparison over all looks.
-        looks: number of planned looks.
-    """
-    blocks = min(len(ours) // BLOCK, len(theirs) // BLOCK, looks)
-    if not blocks:
-        return Decision("undecided", 0, np.nan, -np.inf, np.inf, 0.0)
-    ours, theirs = ours[: blocks * BLOCK], theirs[: blocks * BLOCK]
-    first = first_looks(ours, theirs, margin, error_rate, looks)
-    decided: dict[Verdict, int] = {name: int(look) for name, look in first.items() if look}
-    decided |= {} if decided else {"undecided": blocks}
-    verdict = min(decided, key=lambda name: decided[name])
-    look = decided[verdict]
-    seeds = look * BLOCK
-    low, high = interval(ours[:seeds], theirs[:seeds], error_rate, looks)
-    difference = float(ours[:seeds].mean() - theirs[:seeds].mean())
-    return Decision(verdict, seeds, difference, low, high, spent(look, error_rate, looks))
-
-
-def first_looks(
+def first_look(
+    verdict: Verdict,
     ours: FloatArray,
     theirs: FloatArray,
     margin: float,
@@ -96,12 +48,13 @@ def first_looks(
     looks: int,
     *,
     relabelings: int = RELABELINGS,
-) -> dict[Verdict, IntArray]:
-    """Returns the look (...) at which each verdict is reached; 0 if at none.
+) -> IntArray:
+    """Returns the look (...) at which a verdict is reached; 0 if at none.
 
     Args:
+        verdict: larger, smaller or equal.
         ours: (..., seeds) numbers of the seeds in complete blocks; `theirs` likewise.
-        margin: two cells that differ by less are equal.
+        margin: two configurations that differ by less are equal.
         error_rate: two-sided error rate over all looks.
         looks: number of planned looks.
         relabelings: see `first_above`.
@@ -110,12 +63,10 @@ def first_looks(
     def above(one: FloatArray, other: FloatArray) -> IntArray:
         return first_above(one, other, error_rate / 2, looks, relabelings=relabelings)
 
-    lower, upper = above(ours + margin, theirs), above(theirs + margin, ours)
-    return {
-        "larger": above(ours, theirs),
-        "smaller": above(theirs, ours),
-        "equal": np.where((lower > 0) & (upper > 0), np.maximum(lower, upper), 0),
-    }
+    if verdict == "equal":
+        lower, upper = above(ours + margin, theirs), above(theirs + margin, ours)
+        return np.where((lower > 0) & (upper > 0), np.maximum(lower, upper), 0)
+    return above(ours, theirs) if verdict == "larger" else above(theirs, ours)
 
 
 def spent(look: int, error_rate: float, looks: int) -> float:
@@ -134,7 +85,7 @@ def first_above(
 ) -> IntArray:
     """Returns the look (...) at which ours is found to be above theirs, one-sided; 0 if at none.
 
-    The statistic is the difference of the means. If both cells have the same distribution, the
+    The statistic is the difference of the means. If both have the same distribution, the
     labels within a block are exchangeable. A look rejects if the observed labels are among the
     relabelings with the largest differences. Their number is what the error rate spent so far
     allows, minus those that earlier looks reject. Ties at the boundary do not reject.

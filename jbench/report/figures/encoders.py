@@ -27,6 +27,7 @@ _LOOKS = {
     "random": ("#888888", "X"),
     "scaled": ("#b8a200", "h"),
     "planar": ("#7a3e9d", "*"),
+    "planar-mirror": ("#b04a8f", "$M$"),
     "forward": ("#c00000", "<"),
     "dmd": ("#6b4c2a", ">"),
     "contrastive": ("#005f3c", "d"),

@@ -14,7 +14,7 @@ from jbench.report.views import View
 
 _OUTCOMES = {
     "a": {"higher": f"higher by more than {MARGIN:g}", "lower": f"lower by more than {MARGIN:g}"},
-    "b": {"supported": "less spread", "contradicted": "more spread"},
+    "b": {"supported": "less variable", "contradicted": "more variable"},
     "c": {"supported": "faster", "contradicted": "slower"},
 }
 _MEASURES = {

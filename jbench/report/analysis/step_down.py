@@ -1,0 +1,167 @@
+"""Holm's step-down procedure for group-sequential comparisons that share an error rate.
+
+A comparison that is decided passes its share of the error rate on to the others (S. Holm, *A simple
+sequentially rejective multiple test procedure*, Scand. J. Statist. 6, 1979). With group-sequential
+tests this holds at the same and at later interim analyses, with earlier ones included (W. Maurer,
+F. Bretz, *Multiple testing in group sequential trials using graphical approaches*, Stat. Biopharm.
+Res. 5, 2013; Y. Ye, A. Li, L. Liu, B. Yao, *A group sequential Holm procedure with multiple primary
+endpoints*, Stat. Med. 32, 2013).
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jbench.report.analysis import sequential
+from jbench.report.analysis.sequential import Verdict
+from jbench.report.data.curves import FloatArray
+
+
+class Decision(NamedTuple):
+    """Outcome of a comparison at the deciding look, or at the last one so far.
+
+    Attributes:
+        verdict: ours is larger or smaller than theirs, equal within the margin, or undecided.
+        seeds: of each configuration at that look; 0 before the first block is complete.
+        difference: difference of the means, ours minus theirs; NaN without seeds.
+        low: lower end of the repeated confidence interval at `rate`; -inf if it is unbounded.
+        high: upper end.
+        rate: two-sided error rate at which it was decided, or is tested now.
+        spent: part of this rate spent up to that look.
+    """
+
+    verdict: Verdict
+    seeds: int
+    difference: float
+    low: float
+    high: float
+    rate: float
+    spent: float
+
+
+class Step(NamedTuple):
+    """When and at which rate a comparison was decided.
+
+    Attributes:
+        look: at which it was decided.
+        rate: two-sided error rate of the comparison at that time.
+    """
+
+    verdict: Verdict
+    look: int
+    rate: float
+
+
+Reached = Callable[[int, Verdict, float], int]
+"""Look at which a comparison (its index) reaches a verdict at a two-sided rate; 0 if at none."""
+
+
+def step_down(reached: Reached, shares: Sequence[float], looks: int) -> list[Step | None]:
+    """Decides comparisons together, at an error rate of at most the sum of their shares.
+
+    Each comparison consists of two one-sided hypotheses (not larger, not smaller) with half of its
+    share each. A decision that one configuration is larger or smaller rejects one of them, whose
+    share then goes to the undecided comparisons in proportion to theirs, at the same look and at
+    later ones. The other hypothesis and those of comparisons that are equal within the margin may
+    be true, so they keep theirs. So a wrong decision, a wrong direction and a wrong equality
+    included, rejects a true hypothesis, and is the first to do so at a rate that is no larger than
+    its share among the true hypotheses alone (Holm, 1979; Maurer and Bretz, 2013).
+
+    This needs tests that reject at every rate above one at which they reject. A permutation test,
+    whose rates are whole numbers of relabelings, can fail to, so rates are limited to the sum of
+    the shares over whole numbers, and a verdict has to be reached at all larger ones, too.
+
+    Args:
+        reached: finds verdicts in the seeds that exist so far.
+        shares: (comparisons,) two-sided error rates.
+        looks: largest number of looks of a comparison.
+
+    Returns:
+        One step per comparison; None if it is undecided.
+    """
+    steps: list[Step | None] = [None] * len(shares)
+    for look in range(1, looks + 1):
+        new = True
+        while new:
+            new = False
+            for i, parts in enumerate(_parts(steps, shares)):
+                if steps[i] is None and (verdict := _verdict(reached, i, parts, shares, look)):
+                    steps[i], new = Step(verdict, look, 2 * sum(shares) / parts), True
+    return steps
+
+
+def _rates(steps: Sequence[Step | None], shares: Sequence[float]) -> list[float]:
+    """Returns the two-sided rate of each comparison: when it was decided, or now."""
+    now = (2 * sum(shares) / parts for parts in _parts(steps, shares))
+    return [rate if step is None else step.rate for step, rate in zip(steps, now, strict=True)]
+
+
+def _parts(steps: Sequence[Step | None], shares: Sequence[float]) -> list[int]:
+    """Returns into how many parts the error rate is divided, of which each side gets one."""
+    directed = [step is not None and step.verdict != "equal" for step in steps]
+    left = sum(s * (1 if one else 2) for s, one in zip(shares, directed, strict=True))
+    return [math.ceil(left / share - 1e-6) for share in shares]
+
+
+def _verdict(
+    reached: Reached, i: int, parts: int, shares: Sequence[float], look: int
+) -> Verdict | None:
+    """Returns the first verdict up to a look that also holds at all larger rates; else None."""
+    total = sum(shares)
+    names: tuple[Verdict, ...] = ("larger", "smaller", "equal")
+    at = {name: reached(i, name, 2 * total / parts) for name in names}
+    for name in sorted((name for name in names if 0 < at[name] <= look), key=at.__getitem__):
+        fewest = math.ceil(total / shares[i] + 1 - 1e-6)  # if all others have a direction
+        larger = (reached(i, name, 2 * total / n) for n in range(fewest, parts))
+        if all(0 < one <= look for one in larger):
+            return name
+    return None
+
+
+def decide(
+    pairs: Sequence[tuple[FloatArray, FloatArray]],
+    shares: Sequence[float],
+    looks: Sequence[int],
+    margin: float,
+) -> list[Decision]:
+    """Compares pairs of configurations, each pair up to the look that decides it.
+
+    Only blocks that are complete in both configurations count.
+
+    Args:
+        pairs: for each comparison, a number per seed of ours (seeds,) and of theirs (seeds,), in
+            the order of the seeds.
+        shares: (comparisons,) two-sided error rates, whose sum is that of all together.
+        looks: (comparisons,) planned looks.
+        margin: two configurations that differ by less are equal.
+    """
+    complete = [
+        min(len(ours) // sequential.BLOCK, len(theirs) // sequential.BLOCK, most)
+        for (ours, theirs), most in zip(pairs, looks, strict=True)
+    ]
+    cut = [
+        (ours[: n * sequential.BLOCK], theirs[: n * sequential.BLOCK])
+        for (ours, theirs), n in zip(pairs, complete, strict=True)
+    ]
+    known: dict[tuple[int, Verdict, float], int] = {}
+
+    def reached(i: int, verdict: Verdict, rate: float) -> int:
+        key = i, verdict, rate
+        if key not in known:
+            one = complete[i] and sequential.first_look(verdict, *cut[i], margin, rate, looks[i])
+            known[key] = int(one)
+        return known[key]
+
+    steps = step_down(reached, shares, max(looks, default=0))
+    found = []
+    for i, (step, rate) in enumerate(zip(steps, _rates(steps, shares), strict=True)):
+        verdict, look = (step.verdict, step.look) if step else ("undecided", complete[i])
+        seeds = look * sequential.BLOCK
+        ours, theirs = (side[:seeds] for side in cut[i])
+        low, high = sequential.interval(ours, theirs, rate, looks[i]) if look else (-np.inf, np.inf)
+        difference = float(ours.mean() - theirs.mean()) if look else np.nan
+        used = sequential.spent(look, rate, looks[i])
+        found.append(Decision(verdict, seeds, difference, low, high, rate, used))
+    return found

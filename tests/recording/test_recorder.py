@@ -269,9 +269,9 @@ def test_callback_records_model_of_stable_baselines3(tmp_path):
 
 def test_environment_is_encoded(demo_results, tmp_path):
     shutil.copytree(demo_results.path, tmp_path / "results")
-    with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "results", encoder=12) as it:
+    with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "results", encoder=14) as it:
         env = it.env()
-        assert env.observation_space.shape == env.reset()[0].shape == (12,)
+        assert env.observation_space.shape == env.reset()[0].shape == (14,)
         raise KeyboardInterrupt
     record = record_of(tmp_path / "results", it.id)
     assert record.status == "unfinished"

@@ -118,7 +118,7 @@ class TrainingView(Watcher):
         """Returns the table of the processes."""
         table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False)
         for name, right in (
-            *(("running", False), ("control steps", True), ("steps/s", True)),
+            *(("running", False), ("steps", True), ("steps/s", True)),
             *(("returns", False), ("last returns", False), ("left", True)),
         ):
             table.add_column(name, justify="right" if right else "left", overflow="fold")

@@ -11,6 +11,7 @@ from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
+    DryRunOption,
     FinalEpisodesOption,
     JobsOption,
     JsonOption,
@@ -46,21 +47,20 @@ def sweep(
     claims: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[COMPARISON]...",
+            metavar="COMPARISON",
             help="With --until-decided: what to decide, such as dae12/full, or dae12 for all its "
             "comparisons (default: all).",
         ),
     ] = None,
-    dry_run: Annotated[
-        bool,
-        typer.Option(
-            "--dry-run", help="Show the status of the runs and the time left, and train nothing."
-        ),
-    ] = False,
+    dry_run: DryRunOption = False,
     retry_failed: RetryOption = False,
     seeds: Annotated[
         str | None,
-        typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7 (default: those of the matrix)."),
+        typer.Option(
+            "--seeds",
+            "--seed",
+            help="Seeds to train, such as 0-9 or 0,2,5-7 (default: those of the matrix).",
+        ),
     ] = None,
     steps: Annotated[
         str | None,

@@ -6,6 +6,7 @@ In Python, a sweep is:
     from jbench.sweeps.matrix import matrix_cells, read_matrix
     from jbench.sweeps.scheduler import sweep
     from jbench.store import Results
+from jbench.store.files import check_writable
 
     results = Results(Path("results"))
     failures = sweep(matrix_cells(read_matrix("smoke"), results), results)
@@ -26,6 +27,7 @@ from contextlib import closing, suppress
 
 from jbench.settings.run import RunSettings
 from jbench.store import Results
+from jbench.store.files import check_writable
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.executors import Executor, Local, Message, batches
@@ -68,7 +70,7 @@ def sweep(
         A sentence for each run that failed, by run id.
 
     Raises:
-        RequestError: if the executor can't be made.
+        RequestError: if the executor can't be made, or the results can't be written to.
         WorkError: if a process can't be started.
     """
     watcher = watcher or Watcher()
@@ -80,6 +82,7 @@ def sweep(
         watcher.note(sentence)
     if not to_do:
         return {}
+    check_writable(results.record("run", to_do[0].id).path)
     with closing(make_executor() if make_executor else Local(results)) as executor:
         failures = prepare(cells, to_do, results, device, watcher)
         runs = [run for run in to_do if run.id not in failures]

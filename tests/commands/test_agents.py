@@ -270,6 +270,6 @@ def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
 
 
 def test_installed_policy_is_evaluated(installed, tmp_path):
-    typed = ("evaluate", "--policy", "bang-bang", "--task", "face_direction", "--episodes", "1")
+    typed = ("evaluate", "bang-bang", "--task", "face_direction", "--episodes", "1")
     printed = json.loads(succeed(*typed, "--json", results=tmp_path, short=True).stdout)
     assert printed["settings"]["code"] == "random-search-agent 1.0"

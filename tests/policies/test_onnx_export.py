@@ -63,7 +63,7 @@ def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     results = tmp_path / "results"
     where = ("--results", str(results))
-    evaluate = ("evaluate", "--policy", RUN, "--episodes", "1", "--seed", "5", "--states")
+    evaluate = ("evaluate", RUN, "--episodes", "1", "--seed", "5", "--states")
     assert main([*evaluate, *where]) == 0
     assert main(["export", RUN, "--out", str(tmp_path / "policy.onnx"), *where]) == 0
     (record,) = Results(results).scan("evaluation")[0]

@@ -1,4 +1,4 @@
-"""Tests of `benchmarks/ship_reference.py`, and of the shipped policies that `--policy` finds."""
+"""Tests of `benchmarks/ship_reference.py`, and of the shipped policies that POLICY finds."""
 
 import importlib.util
 import json
@@ -14,6 +14,7 @@ from jbench.cli import main
 from jbench.policies import find
 from jbench.policies.saved import Policy, has_policy, policy_files
 from jbench.settings.base import settings_hash
+from jbench.settings.evaluation import EvaluationSettings
 from jbench.store import Results, schema
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
@@ -68,12 +69,13 @@ def target(tmp_path):
 
 def test_finished_runs_keep_policies_and_evaluations(script, source, target):
     runs = [add_run(source, seed, [500]) for seed in range(3)]
-    evaluation = source.create(
-        "evaluation", "face_direction/x/s00-12345678", {"policy": runs[1].id, "seed": 0}
+    evaluation, _ = (
+        source.create("evaluation", settings.id, settings.model_dump())
+        for policy in (runs[1].id, "heuristic")
+        for settings in [EvaluationSettings(task="face_direction", policy=policy)]
     )
-    evaluation.finish({"median": 1.0})
-    other = source.create("evaluation", "face_direction/y/s00-12345678", {"policy": "heuristic"})
-    other.finish({"median": 1.0})
+    for record in source.scan("evaluation")[0]:
+        record.finish({"median": 1.0})
     assert script.ship(source, target) == []
     assert with_policies(target) == {0, 1, 2}
     assert [record.id for record in target.scan("evaluation")[0]] == [evaluation.id]
@@ -141,7 +143,7 @@ class TestShippedTwoCells:
         assert found.records == 5  # four runs and their encoder, without its dataset
         assert len(find.shipped_policies()) == 4
 
-    @pytest.mark.parametrize("representation", ["full", "dae12"])
+    @pytest.mark.parametrize("representation", ["full", "dae14"])
     def test_shipped_policy_equals_policy_of_run(
         self, database, representation, demo_results, tmp_path, monkeypatch, capsys
     ):
@@ -155,7 +157,7 @@ class TestShippedTwoCells:
         printed = []
         for policy, results in ((name.removeprefix("reference/"), "own"), (cell, "other")):
             capsys.readouterr()
-            assert main([*evaluate, "--policy", policy, "--results", str(tmp_path / results)]) == 0
+            assert main([*evaluate, policy, "--results", str(tmp_path / results)]) == 0
             printed.append(json.loads(capsys.readouterr().out))
         assert printed[1]["summary"] == printed[0]["summary"]
         assert printed[1]["summary"]["median"] > 1
@@ -165,13 +167,13 @@ class TestShippedTwoCells:
     @pytest.mark.parametrize(
         ("name", "message"),
         [
-            ("reference/face_direction/sac", "No policy is shipped as {}; type one of {}."),
+            ("reference/face_direction/sac", "No policy is shipped as {}; type one of "),
             ("reference/face_direction/td3", "Error: {} is not unique; type one of {}"),
         ],
     )
     def test_ambiguous_name_is_refused_with_choices(self, database, name, message, refused):
         there = ", ".join(find.shipped_policies())
-        assert message.format(name, there) in refused("evaluate", "--policy", name)
+        assert message.format(name, there) in refused("evaluate", name)
 
     def test_run_without_policy_is_refused(self, database, refused):
         run = database.scan("run")[0][0]
@@ -180,13 +182,12 @@ class TestShippedTwoCells:
         text = json.loads((run.path / "manifest.json").read_text())
         text["files"] = [entry for entry in text["files"] if "policy" not in entry["name"]]
         (run.path / "manifest.json").write_text(json.dumps(text))
-        rows = run.id
-        error = refused("evaluate", "--policy", rows, results=database.path)
-        assert f"The run {rows} in {database.path} was saved without its policy." in error
+        error = refused("evaluate", run.id, results=database.path)
+        assert f"The run {run.id} in {database.path} was saved without its policy." in error
 
     def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, refused):
         monkeypatch.setattr(find, "shipped_results", lambda: Results(tmp_path / "none"))
-        error = refused("evaluate", "--policy", "reference/face_direction/td3/full")
+        error = refused("evaluate", "reference/face_direction/td3/full")
         assert "this version of jbench ships none" in error
 
     def test_missing_encoder_of_shipped_runs_is_added(self, script, database, demo_results):

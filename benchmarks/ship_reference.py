@@ -1,13 +1,12 @@
 """Adds finished runs to the package: `python benchmarks/ship_reference.py RESULTS`.
 
-Copies the rows of the finished runs of a results directory into `jbench/reference/`, with the
-encoders that they use. `jbench report --reference` shows them. Of each cell (settings without seed
-and steps) one policy is kept, that of the run whose last evaluation has the highest mean return:
-`jbench render --policy reference/ID` shows it. Checkpoints are left out, and so is the command of
-a run, which names directories. A run whose manifest still names one is refused.
+Copies the rows and policies of the finished runs of a results directory into `jbench/reference/`,
+with all finished encoders and the evaluations of shipped policies (`jbench evaluate RUN`).
+`jbench report --results reference` shows them, and `jbench render reference/ID` a policy.
+Checkpoints are left out, and so is the command of a run, which names directories. A run whose
+manifest still names one is refused.
 
-Shipped runs stay, except for the policy of a run that another run of its cell surpasses. Run the
-script again after more runs have finished.
+Shipped runs stay as they are. Run the script again after more runs have finished.
 """
 
 import argparse
@@ -18,14 +17,13 @@ from pathlib import Path
 from typing import Any
 
 from jbench.policies.saved import DESCRIPTION, WEIGHTS, has_policy
-from jbench.settings.alike import variant
 from jbench.store import Record, Results, files
 from jbench.store.manifest import MANIFEST, FileEntry, Manifest
 from jbench.store.shipped import shipped
 from jbench.store.verify import examine
 
 POLICY = {DESCRIPTION, WEIGHTS}
-LARGEST_PACKAGE = 30_000_000  # bytes
+LARGEST_PACKAGE = 40_000_000  # bytes
 _LOCAL_PATH = re.compile(r"""(?:^|[\s"'=:(])(?:~?/\w|[A-Za-z]:\\)""")
 
 
@@ -63,16 +61,6 @@ def last_return(run: Record) -> float | None:
     if rows.empty:
         return None
     return float(rows.loc[rows["evaluation"] == rows["evaluation"].max(), "episode_return"].mean())
-
-
-def best(runs: list[Record]) -> set[str]:
-    """Returns the ids of the runs whose policies are shipped: the best run of each cell."""
-    found: dict[str, tuple[float, str]] = {}
-    for run in filter(has_policy, runs):
-        value, cell = last_return(run), variant(run.settings)
-        if value is not None and (cell not in found or value > found[cell][0]):
-            found[cell] = value, run.id
-    return {id for _, id in found.values()}
 
 
 def copy(record: Record, target: Results, listed: tuple[FileEntry, ...]) -> None:
@@ -113,10 +101,8 @@ def ship(source: Results, target: Results) -> list[str]:
     """Adds the finished runs of the source to the target; returns a sentence for each exception."""
     records, notes = source.scan("run")
     before = {run.id: run for run in target.scan("run")[0]}
-    for run in before.values():
-        ship_encoder(run.settings["encoder"], source, target)
-    new = {}
-    candidates = list(before.values())
+    for encoder in source.scan("encoder")[0]:
+        ship_encoder(encoder.id, source, target)
     for run in records:
         if run.id in before:
             continue
@@ -125,16 +111,15 @@ def ship(source: Results, target: Results) -> list[str]:
         except ValueError as reason:
             notes.append(f"{run.id} is left out: {reason}.")
             continue
-        new[run.id] = run
-        if ship_encoder(run.settings["encoder"], source, target):
-            candidates.append(run)
-        else:
-            notes.append(f"{run.id}: without its policy, as the shipped encoder is another one.")
-    chosen = best(candidates)
-    surpassed = {id: run for id, run in before.items() if has_policy(run) and id not in chosen}
-    for id, run in (new | surpassed).items():
         listed = public(run.manifest).files
-        copy(run, target, tuple(e for e in listed if id in chosen or e.name not in POLICY))
+        if not ship_encoder(run.settings["encoder"], source, target):
+            notes.append(f"{run.id}: without its policy, as the shipped encoder is another one.")
+            listed = tuple(entry for entry in listed if entry.name not in POLICY)
+        copy(run, target, listed)
+    evaluable = {run.id for run in target.scan("run")[0] if has_policy(run)}
+    for evaluation in source.scan("evaluation")[0]:
+        if evaluation.status == "finished" and evaluation.settings["policy"] in evaluable:
+            copy(evaluation, target, public(evaluation.manifest).files)
     return notes
 
 

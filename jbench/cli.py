@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from jbench import __version__
+from jbench import __version__, names
 from jbench.commands import (
     algorithms,
     checking,
@@ -28,18 +28,19 @@ from jbench.commands import (
     tail,
     train,
 )
-from jbench.commands.grouped_help import GroupedCommands
+from jbench.commands.grouped_help import Command, GroupedCommands
 from jbench.errors import RequestError, WorkError
 
 app = typer.Typer(
     name="jbench",
     cls=GroupedCommands,
     help="The Jitterbug problem: one motor, five tasks, full or reduced-order observations.",
-    epilog="The commands collect, train-dae, train --encoder 12 and report, in this order, are the "
-    "paper's experiment on one task; --steps and --seeds make it shorter.",
+    epilog="The commands collect, train-dae, train --encoder dae12 and report, in this order, are "
+    "the paper's experiment on one task; --steps and --seeds make it shorter.",
     invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    suggest_commands=False,
 )
 
 
@@ -64,20 +65,23 @@ def _root(
         print(context.get_help())
 
 
+_OLD_NAME = "train-agent"
+"""How older versions called `train`."""
+
 _COMMANDS: dict[str, dict[Callable[..., None], str]] = {
     "Experiment": {
         demo.demo: "demo --results demo-results",
         data.collect: "collect --steps 100k",
         encoders.train_dae: "train-dae --task face_direction --latent 12",
         encoders.train_encoder: "train-encoder --kind pca --latent 12",
-        train.train: "train --algo td3 --encoder 12 --seeds 0-4 --steps 1M",
+        train.train: "train --algo td3 --encoder dae12 --seeds 0-4 --steps 1M",
         sweep.sweep: "sweep question --dry-run",
         report.report: "report --results reference --claims",
     },
     "Policies": {
-        policies.evaluate: "evaluate --policy reference/face_direction/ddpg/full",
-        policies.render: "render --policy heuristic --task move_to_pose --out pose.gif",
-        policies.view: "view --policy heuristic --task move_to_pose",
+        policies.evaluate: "evaluate reference/face_direction/ddpg/full",
+        policies.render: "render heuristic --task move_to_pose --out pose.gif",
+        policies.view: "view heuristic --task move_to_pose",
         export.export: "export reference/face_direction/ddpg/full --out policy.onnx",
     },
     "Lists": {
@@ -102,10 +106,15 @@ _COMMANDS: dict[str, dict[Callable[..., None], str]] = {
 for heading, commands in _COMMANDS.items():
     for command, example in commands.items():
         name = command.__name__.rstrip("_").replace("_", "-")
-        add = partial(app.command, epilog=f"Example: jbench {example}", rich_help_panel=heading)
+        add = partial(
+            app.command,
+            cls=Command,
+            epilog=f"Example: jbench {example}",
+            rich_help_panel=heading,
+        )
         add(name)(command)
         if command is train.train:
-            add("train-agent", hidden=True)(command)
+            add(_OLD_NAME, hidden=True)(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -155,12 +164,24 @@ _OPTIONS_ELSEWHERE = {
 """Options of similar tools, and what to type here."""
 
 
+_COMMANDS_ELSEWHERE = {
+    **{"enjoy": "render", "play": "render", "eval": "evaluate", "test": "evaluate"},
+    **{"list": "runs", "ls": "runs", "plot": "report", "sql": "query"},
+    **{f"train-{kind}": f"train-encoder --kind {kind}" for kind in names.ENCODER_KINDS},
+}
+"""Commands of similar tools, and what to type here."""
+
+
 def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
     """Returns what is wrong with the arguments, and the help that lists the right ones."""
     context = getattr(error, "ctx", None)
     message = error.format_message()
     if context is None or context.parent is None:
         verb = arguments[0] if arguments and arguments[0] in _verbs() else ""
+        if not verb and (here := _command_here(message.partition("'")[2].partition("'")[0])):
+            message = f"{message.rstrip('.')}; type jbench {here} instead"
+    elif (context.info_name, getattr(error, "option_name", "")) == ("collect", "--task"):
+        return "No such option: --task; leave it out, since one dataset serves all tasks."
     else:
         verb = context.info_name
         options = {option for each in context.command.params for option in each.opts}
@@ -174,6 +195,12 @@ def _refusal(error: typer.TyperException, arguments: Sequence[str]) -> str:
 
 def _verbs() -> set[str | None]:
     return {command.name for command in app.registered_commands}
+
+
+def _command_here(elsewhere: str) -> str:
+    """Returns the command for one of another tool or a misspelled one; empty if there is none."""
+    shown = sorted(str(name) for name in _verbs() - {_OLD_NAME})
+    return _COMMANDS_ELSEWHERE.get(elsewhere) or names.closest(elsewhere, shown) or ""
 
 
 def _option_here(elsewhere: str) -> str:

@@ -33,9 +33,10 @@ ENCODER_KINDS = {
     "random": "jbench.encoders.kinds.random_projection:RandomProjection",
     "scaled": "jbench.encoders.kinds.scaled:Scaled",
     "planar": "jbench.encoders.kinds.planar:PlanarReduction",
-    "planar-no-yaw": "jbench.encoders.kinds.planar:PlanarWithoutYawRate",
-    "heading": "jbench.encoders.kinds.planar:HeadingFrame",
+    "planar-no-yaw": "jbench.encoders.kinds.planar_controls:PlanarWithoutYawRate",
+    "heading": "jbench.encoders.kinds.planar_controls:HeadingFrame",
     "raw": "jbench.encoders.kinds.raw:Raw",
+    "planar-mirror": "jbench.encoders.kinds.planar_mirror:PlanarMirror",
     "forward": "jbench.encoders.kinds.forward:ForwardModel",
     "inverse": "jbench.encoders.kinds.inverse:InverseModel",
     "dmd": "jbench.encoders.kinds.dmd:DynamicModes",
@@ -196,7 +197,7 @@ def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
 def closest(value: str, names: Sequence[str]) -> str | None:
     """Returns the name that was probably meant, also by its initials: lr is learning_rate."""
     by_initials = {"".join(word[:1] for word in name.split("_")): name for name in names}
-    close = difflib.get_close_matches(value, names, 1)
+    close = difflib.get_close_matches(value.lower(), names, 1)
     return by_initials.get(value) or next(iter(close), None)
 
 

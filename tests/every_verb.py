@@ -35,7 +35,7 @@ _VERBS = (
     (["runs"], f"{_RUN}-"),
     (["tail", "--once"], f"{_RUN}-"),
     (["query", "SELECT count(*) AS episodes FROM episodes"], "2"),
-    (["evaluate", "--policy", _RUN, "--episodes", "1"], "face_direction"),
+    (["evaluate", _RUN, "--episodes", "1"], "face_direction"),
     (["reproduce", _RUN, "--episodes", "1"], "equal"),
     (["import", "--from", "csv", "--seed-column", "seed", "--algo", "mine"], "mine"),
     (["merge"], "Merged into "),

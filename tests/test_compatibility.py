@@ -72,7 +72,7 @@ def test_reading_commands_accept_old_results(results, tmp_path, monkeypatch, cap
         ("datasets",),
         ("query", "SELECT run, status FROM runs"),
         ("verify",),
-        ("evaluate", "--policy", finished["sac"].id, "--episodes", "1"),
+        ("evaluate", finished["sac"].id, "--episodes", "1"),
         ("export",),
         ("report", "--format", "svg", "--out", str(tmp_path / "report")),
     ):

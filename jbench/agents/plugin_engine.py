@@ -127,9 +127,11 @@ class PluginEngine(Closing):
 
     def act(self, observations: NDArray[np.float32], first: int = 0) -> NDArray[np.floating]:
         """Returns deterministic actions (1, N, 1) for observations (1, N, dim(O)) of the task."""
-        inputs = self.environments.encode(torch.from_numpy(observations))[0].numpy()
+        seen = torch.from_numpy(observations)
+        inputs = self.environments.encode(seen)[0].numpy()
         with torch.no_grad(), _kept_generators(self._device):
-            return self._actions(self._agent.act, inputs)[None]
+            actions = self._actions(self._agent.act, inputs)[None]
+        return actions * self.environments.action_signs(seen)
 
     def policy(self, seed: int) -> Network | None:
         """Returns a copy of the policy, or None if the agent does not offer it.

@@ -8,7 +8,7 @@ import typer
 
 from jbench import names
 from jbench.commands import parsing
-from jbench.commands.options import RESULTS, JsonOption, ReadResultsOption
+from jbench.commands.options import RESULTS, JsonOption, ReadResultsOption, complete_policies
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
 from jbench.wording import counted
@@ -23,8 +23,10 @@ def reproduce(
     run: Annotated[
         str,
         typer.Argument(
+            metavar="RUN",
             help="The id of a run or its beginning, or reference/ID of a run that is shipped with "
-            "jbench."
+            "jbench.",
+            autocompletion=complete_policies,
         ),
     ],
     episodes: Annotated[

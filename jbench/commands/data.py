@@ -66,7 +66,7 @@ def datasets(results: ReadResultsOption = RESULTS, json: JsonOption = False) -> 
     output = Output(json)
     listed, problems = list_datasets(parsing.existing_results(results))
     if listed or problems:
-        header = ("dataset", "status", "control steps", "robot", "MB", "last written (UTC)")
+        header = ("dataset", "status", "steps", "robot", "MB", "last written (UTC)")
         output.table(
             f"{counted(len(listed), 'dataset')} in {results}",
             header,

@@ -1,29 +1,35 @@
 """The demo command."""
 
 import contextlib
+import io
 import shlex
 import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from jbench.commands.options import ResultsOption
 from jbench.commands.output import Output
 
+if TYPE_CHECKING:
+    from jbench.store import Results
+
 # Smaller networks and batches, and fewer random first steps than the paper's TD3, so that it learns
 # in minutes.
 _AGENTS = (
-    "train --algo td3 --seeds 0-1 --steps 25000 --set hidden_layers=[128,128] "
-    "--set batch_size=64 --set learning_rate=1e-3 --set learning_starts=5000 --evaluate-episodes 5"
+    "train --algo td3 --seeds 0-1 --steps 20000 --set hidden_layers=[128,128] "
+    "--set batch_size=64 --set learning_rate=1e-3 --set learning_starts=5000 --evaluate-episodes 2 "
+    "--final-episodes 2"
 )
 
 COMMANDS = (
     "collect --steps 50000",
-    "train-dae --latent 12 --epochs 100 --batch 256",
+    "train-dae --latent 14",
     f"{_AGENTS} --encoder none",
-    f"{_AGENTS} --encoder 12",
+    f"{_AGENTS} --encoder dae14",
     "report --window 5",
 )
 """The commands of the demo, without `jbench` and `--results`."""
@@ -36,26 +42,74 @@ def demo(context: typer.Context, results: ResultsOption = _RESULTS) -> None:
 
     It collects a dataset, trains an encoder and agents, and writes a report.
     """
-    output = Output()
+    from jbench.commands.parsing import results_to_write
+
+    output, database = Output(), results_to_write(results)
     output.say(
-        "jbench demo: TD3 on face_direction, full and encoded, 2 seeds; networks of [128, 128]\n"
-        "instead of the paper's [350, 250], 25,000 steps instead of 5,000,000."
+        "jbench demo: TD3 on face_direction, on the full observation and on 14 latents of an\n"
+        "autoencoder; networks of [128, 128] instead of the paper's [350, 250], 20,000 steps "
+        "instead of 5,000,000."
     )
     for command in COMMANDS:
-        arguments = [*command.split(), "--results", str(results)]
-        output.say(f"\n$ {shlex.join(['jbench', *arguments])}")
-        with _recorded_as(arguments):
+        _run(context, [*command.split(), "--results", str(results)], output)
+    _show_curves(database, output)
+    output.say(
+        f"Open {results / 'report' / 'index.html'} in a browser. The paper's experiment on one "
+        "task takes days:\n"
+        "  jbench collect && jbench train-dae && jbench train --encoder dae12 && jbench report"
+    )
+
+
+def _run(context: typer.Context, arguments: list[str], output: Output) -> None:
+    """Runs a command; what it prints for people is printed only if it fails."""
+    output.say(f"$ {shlex.join(['jbench', *arguments])}")
+    said = io.StringIO()
+    try:
+        with _recorded_as(arguments), contextlib.redirect_stdout(said):
             answer = context.find_root().command.main(
                 arguments, prog_name="jbench", standalone_mode=False
             )
-        if answer == 128 + signal.SIGINT:  # typer returns this on Ctrl-C
-            raise KeyboardInterrupt
-    output.say(
-        f"\nThe report: {results / 'report' / 'index.html'}\n"
-        "Next, the paper's experiment on one task (it takes days; --steps and --seeds make it "
-        "shorter):\n"
-        "  jbench collect && jbench train-dae &&\n"
-        "  jbench train --algo ddpg --encoder 12 && jbench report"
+    except BaseException:
+        output.say(said.getvalue().rstrip())
+        raise
+    if answer == 128 + signal.SIGINT:  # typer returns this on Ctrl-C
+        raise KeyboardInterrupt
+
+
+_CURVES = """
+    WITH means AS (
+        SELECT run, control_steps, avg(episode_return) AS episode_return
+        FROM evaluations GROUP BY ALL
+    )
+    SELECT representation, control_steps, median(episode_return) AS median,
+        min(episode_return) AS lowest, max(episode_return) AS highest, count(*) AS seeds
+    FROM means JOIN runs USING (run) WHERE task = 'face_direction' AND algo = 'td3'
+    GROUP BY ALL ORDER BY representation, control_steps
+"""
+
+
+def _show_curves(results: "Results", output: Output) -> None:
+    """Prints the evaluation returns of each representation as a row with a sparkline."""
+    from jbench.commands.live_batch import sparkline
+    from jbench.store.query import query_results
+
+    rows = []
+    for representation, curve in query_results(results, _CURVES).rows.groupby("representation"):
+        last = curve.iloc[-1]
+        rows.append(
+            (
+                representation,
+                sparkline(curve["median"].tolist()),
+                f"{last['median']:.0f}",
+                int(last["seeds"]),
+                f"{last['lowest']:.0f} and {last['highest']:.0f}",
+            )
+        )
+    if not rows:
+        return
+    title = "Evaluation returns as the agents learn, median over seeds (a full bar is 1,000)"
+    output.table(
+        title, ("representation", "learning curve", "last", "seeds", "lowest and highest"), rows
     )
 
 

@@ -10,6 +10,7 @@ from jbench.names import EPISODE_STEPS
 from jbench.returns import final_return
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
+from jbench.wording import counted
 
 if TYPE_CHECKING:
     from jbench.report.table import Table
@@ -33,41 +34,69 @@ def show_table(table: "Table", output: Output) -> None:
     output.table(table.title, [str(name) for name in texts], rows)
 
 
-def show_encoders(records: Sequence[Record], output: Output) -> None:
-    """Prints the errors of trained encoders; a single encoder is shown in detail."""
+def show_encoders(records: Sequence[Record], output: Output, *, verbose: bool) -> None:
+    """Prints what encoders explain and predict: a sentence on a single one, a table of several.
+
+    Args:
+        verbose: whether to print their errors as tables first.
+    """
+    if verbose:
+        _show_errors(records, output)
+    rows = [_encoder_row(record) for record in records]
+    if len(records) > 1:
+        title = "Variance explained and R² of the next control step, on held-out episodes"
+        output.table(title, list(rows[0]), [list(row.values()) for row in rows])
+        return
+    (row,), latents = rows, records[0].settings["latents"]
+    predicted = ", ".join(f"{target} {r2}" for target, r2 in list(row.items())[3:] if r2)
+    output.say(
+        f"On held-out episodes it explains {row['explained']} of the variance (PCA with "
+        f"{counted(latents, 'latent')}: {row['PCA']})"
+        + (f" and predicts the next control step with R² {predicted}." if predicted else ".")
+    )
+
+
+def _encoder_row(record: Record) -> dict[str, str]:
+    """Returns the cells of an encoder by column."""
+    (errors,) = record.read("encoder_errors").to_pylist()
+    # Encoders trained before this table existed have no rows.
+    predictions = record.read("encoder_predictions").to_pylist()
+    return {
+        "encoder": record.id,
+        "explained": f"{errors['test_explained']:.3f}",
+        "PCA": f"{errors['pca_explained']:.3f}",
+        **{
+            row["target"].replace("_", " "): "" if row["r2"] is None else f"{row['r2']:.3f}"
+            for row in predictions
+        },
+    }
+
+
+def _show_errors(records: Sequence[Record], output: Output) -> None:
+    """Prints the errors of encoders; those of a single one by epoch and feature."""
     if len(records) == 1:
         _show_encoder(records[0], output)
     rows = []
     for record in records:
         (errors,) = record.read("encoder_errors").to_pylist()
-        explained = ("test", "pca", "random", "heuristic", "pca_heuristic")
+        predictions = record.read("encoder_predictions").to_pylist()
+        explained = ("random", "heuristic", "pca_heuristic")
         rows.append(
             (
                 record.id,
                 f"{errors['test_mse']:.5f}",
                 *(f"{errors[f'{which}_explained']:.3f}" for which in explained),
+                f"{predictions[0]['effective_rank']:.1f}" if predictions else "",
             )
         )
-    for record in records:
         _show_singular_values(record, output)
-    _show_predictions(records, output)
-    header = ("encoder", "error", "explained", "PCA", "random", "heuristic's data", "PCA")
-    output.table("Variance explained on held-out episodes, and on the heuristic's", header, rows)
-
-
-def _show_predictions(records: Sequence[Record], output: Output) -> None:
-    """Prints how well the latents predict the next control step."""
-    rows, targets = [], []
-    for record in records:
-        predictions = record.read("encoder_predictions").to_pylist()
-        # Encoders trained before this table existed have no rows.
-        if predictions:
-            targets = [row["target"].replace("_", " ") for row in predictions]
-            r2 = ("" if row["r2"] is None else f"{row['r2']:.3f}" for row in predictions)
-            rows.append((record.id, *r2, f"{predictions[0]['effective_rank']:.1f}"))
-    if rows:
-        title = "R² of the next control step from latents and action, on held-out episodes"
-        output.table(title, ("encoder", *targets, "effective rank"), rows)
+    header = ("encoder", "error", "random directions", "on the heuristic", "PCA", "effective rank")
+    output.table(
+        "Error on held-out episodes; variance that random directions explain there; variance "
+        "explained on episodes of the hand-written policy; effective rank of the latents",
+        header,
+        rows,
+    )
 
 
 def _show_singular_values(record: Record, output: Output) -> None:
@@ -96,8 +125,9 @@ def _show_encoder(record: Record, output: Output) -> None:
             ],
         )
     output.table(
-        "Mean squared error of each scaled feature on held-out episodes, and on the heuristic's",
-        ("feature", "error", "PCA", "variance", "explained", "heuristic's data", "PCA"),
+        "Mean squared error of each scaled feature on held-out episodes, and (last two columns) on "
+        "episodes of the hand-written policy",
+        ("feature", "error", "PCA", "variance", "explained", "error", "PCA"),
         [
             (
                 row["feature"],
@@ -151,18 +181,18 @@ def _short_steps(run: RunSettings) -> Iterator[str]:
     """Yields what a user may not expect of the number of control steps of a run."""
     from jbench.settings.algorithms import OffPolicySettings
 
-    if not run.is_ours or not isinstance(run.algorithm, OffPolicySettings):
+    if not run.is_ours:
         return
-    last, first_update = -(-run.steps // EPISODE_STEPS) * EPISODE_STEPS, run.algorithm.first_update
-    if run.steps < last and run.engine == "batched":
+    end, episode = run.last_step, EPISODE_STEPS * run.environments
+    if run.steps % EPISODE_STEPS:
+        middle = f"in the middle of an episode of {EPISODE_STEPS:,}, whose return is not recorded"
+        where = middle if end % episode else f"at the end of an episode of {EPISODE_STEPS:,}"
+        yield f"a run of {run.steps:,} control steps ends after {end:,}, {where}."
+    algorithm = run.algorithm
+    if isinstance(algorithm, OffPolicySettings) and end < algorithm.first_update:
         yield (
-            f"an episode has {EPISODE_STEPS:,} control steps, so a run of {run.steps:,} ends after "
-            f"{last:,}."
-        )
-    if last < first_update:
-        yield (
-            f"{run.algo} first updates its networks after {first_update:,} control steps, so a run "
-            f"of {run.steps:,} learns nothing; raise --steps, or lower that number with --set "
-            "learning_starts=N and --set train_freq=N (in a matrix file, the same keys of "
-            f"[hyperparameters.{run.algo}])."
+            f"{run.algo} first updates its networks after {algorithm.first_update:,} control "
+            f"steps, so a run of {run.steps:,} learns nothing; raise --steps, or lower that number "
+            "with --set learning_starts=N and --set train_freq=N (in a matrix file, the same keys "
+            f"of [hyperparameters.{run.algo}])."
         )

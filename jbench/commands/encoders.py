@@ -1,7 +1,7 @@
 """Commands that train encoders: train-dae, train-encoder."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,7 +11,16 @@ from jbench.commands.options import RESULTS, DatasetOption, JsonOption, ResultsO
 from jbench.commands.output import Output
 from jbench.errors import RequestError
 from jbench.seeds import parse_numbers, parse_seeds
-from jbench.wording import with_results
+from jbench.wording import counted, with_results
+
+if TYPE_CHECKING:
+    import torch
+
+    from jbench.encoders.settings import EncoderSettings
+    from jbench.encoders.states import States
+    from jbench.store import Record, Results
+
+_FAR_LESS = 0.1  # of the variance
 
 TasksOption = Annotated[
     str,
@@ -38,7 +47,8 @@ HorizonOption = Annotated[
 EpochsOption = Annotated[
     int | None,
     typer.Option(
-        help="Number of passes over the training rows (default: that of the kind; dae has 200)."
+        help="Number of passes over the training rows (default: that of the kind, such as dae's "
+        "200; more for a small dataset, so that it has 4,000 updates)."
     ),
 ]
 BatchOption = Annotated[
@@ -59,6 +69,7 @@ SeedOption = Annotated[
         "as 0-9: an encoder for each."
     ),
 ]
+VerboseOption = Annotated[bool, typer.Option("--verbose", help="Also print the errors as tables.")]
 DeviceOption = Annotated[
     str,
     typer.Option(
@@ -78,6 +89,7 @@ def train_dae(
     learning_rate: RateOption = None,
     seed: SeedOption = "0",
     device: DeviceOption = "auto",
+    verbose: VerboseOption = False,
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
@@ -86,7 +98,7 @@ def train_dae(
     An interrupted training resumes.
     """
     options = {"noise": noise, "epochs": epochs, "batch": batch, "learning_rate": learning_rate}
-    _train(["dae"], options, task, latent, dataset, seed, device, results, Output(json))
+    _train(["dae"], options, task, latent, dataset, seed, device, verbose, results, Output(json))
 
 
 def train_encoder(
@@ -109,6 +121,7 @@ def train_encoder(
     set_: SetOption = None,
     seed: SeedOption = "0",
     device: DeviceOption = "auto",
+    verbose: VerboseOption = False,
     results: ResultsOption = RESULTS,
     json: JsonOption = False,
 ) -> None:
@@ -129,8 +142,9 @@ def train_encoder(
         if options.get(name) is not None:
             raise RequestError(f"{name} is given twice; type it once.")
         options[name] = value
-    kinds = list(dict.fromkeys(kind.split(",")))
-    _train(kinds, options, task, latent, dataset, seed, device, results, Output(json))
+    typed = (one.lower() if one.lower() in names.ENCODER_KINDS else one for one in kind.split(","))
+    kinds = list(dict.fromkeys(typed))
+    _train(kinds, options, task, latent, dataset, seed, device, verbose, results, Output(json))
 
 
 def _train(
@@ -141,6 +155,7 @@ def _train(
     dataset: str | None,
     seed: str,
     device: str,
+    verbose: bool,
     results: Path,
     output: Output,
 ) -> None:
@@ -148,45 +163,90 @@ def _train(
     from jbench.commands import display
     from jbench.datasets import find_dataset
     from jbench.devices import find_device
-    from jbench.encoders.settings import encoder_settings
+    from jbench.encoders.settings import encoder_settings, options_with_epochs
     from jbench.encoders.states import States
-    from jbench.encoders.training import CHECKPOINT, train_encoder
 
     database = parsing.results_to_write(results)
     tasks = names.TASKS if task == "all" else (names.known("task", task, (*names.TASKS, "all")),)
     train_on = find_device(device)
-    given = {name: value for name, value in options.items() if value is not None}
     source = find_dataset(database, dataset)
-    planned = {
-        (name, number): [
-            encoder_settings(
-                kind, given, task=name, latents=latents, dataset=source.id, seed=number
-            )
-            for kind, latents in _sizes(kinds, name, latent)
-        ]
+    given = {name: value for name, value in options.items() if value is not None}
+    planned = [
+        encoder_settings(
+            kind,
+            options_with_epochs(kind, given, source.episodes, number),
+            task=name,
+            latents=size,
+            dataset=source.id,
+            seed=number,
+        )
         for name in tasks
         for number in parse_seeds(seed)
-    }
+        for kind, size in _sizes(kinds, name, latent)
+    ]
     records = []
-    for (name, number), all_settings in planned.items():
+    states: States | None = None
+    for settings in planned:
         # Kinds share the states, which are read once: they all have the given scale.
-        states = States(source, name, number, scale=given.get("scale", "dataset"))
-        for settings in all_settings:
-            before = database.find("encoder", settings.id)
-            if before is not None and before.status == "finished":
-                output.say(f"The encoder {settings.id} is already finished; nothing to do.")
-            elif before is not None:
-                how = "resumes" if CHECKPOINT in before.roles() else "starts over"
-                output.say(f"The encoder {settings.id} was interrupted; it {how}.")
-            label, epochs = f"{settings.representation} {name}", settings.options.get("epochs", 1)
-            with output.progress(label, epochs, "epochs") as progress:
-                records.append(train_encoder(settings, states, database, progress, device=train_on))
-    display.show_encoders(records, output)
-    first = next(iter(planned.values()))[0]
-    draws = " --encoder-seeds each" if len(planned) > len(tasks) else ""
+        if states is None or (states.task, states.seed) != (settings.task, settings.seed):
+            scale = given.get("scale", "dataset")
+            states = States(source, settings.task, settings.seed, scale=scale)
+        records.append(_train_one(settings, states, database, train_on, output))
+    display.show_encoders(records, output, verbose=verbose)
+    first = planned[0]
+    draws = " --encoder-seeds each" if planned[-1].seed != first.seed else ""
     command = f"jbench train --task {first.task} --encoder {first.representation}{draws}"
     output.say(f"Next: {with_results(command, results)}")
     output.document({"encoders": [display.described(record) for record in records]})
+
+
+def _train_one(
+    settings: "EncoderSettings",
+    states: "States",
+    database: "Results",
+    device: "torch.device",
+    output: Output,
+) -> "Record":
+    """Trains an encoder and says what was trained, or that it is finished already."""
+    from jbench.encoders.training import CHECKPOINT, train_encoder
+
+    epochs = settings.options.get("epochs")
+    before = database.find("encoder", settings.id)
+    if before is not None and before.status != "finished":
+        how = "resumes" if CHECKPOINT in before.roles() else "starts over"
+        output.say(f"The encoder {settings.id} was interrupted; it {how}.")
+    label = f"{settings.representation} {settings.task}"
+    with output.progress(label, epochs or 1, "epochs") as progress:
+        record = train_encoder(settings, states, database, progress, device=device)
+    if before is not None and before.status == "finished":
+        output.say(f"The encoder {settings.id} is already finished; nothing to do.")
+    else:
+        passes = "" if epochs is None else f", {counted(epochs, 'epoch')}"
+        output.say(
+            f"Encoder {settings.id}: {counted(settings.latents, 'latent')} of {states.size} "
+            f"features, from {settings.dataset}{passes}."
+        )
+    _warn_of_error(record, output)
+    return record
+
+
+def _warn_of_error(record: "Record", output: Output) -> None:
+    """Warns if an encoder that learns to reconstruct states explains far less than PCA."""
+    from jbench.encoders.kind import Learned
+    from jbench.encoders.kinds.predictive import Predictive
+    from jbench.encoders.registry import find_kind
+
+    kind = find_kind(record.settings["kind"])
+    if not issubclass(kind, Learned) or issubclass(kind, Predictive):
+        return
+    (errors,) = record.read("encoder_errors").to_pylist()
+    explained, pca = errors["test_explained"], errors["pca_explained"]
+    if explained < pca - _FAR_LESS:
+        output.warn(
+            f"{record.id} explains {explained:.3f} of the variance and PCA of the same size "
+            f"{pca:.3f}; train it longer, with --epochs of more than "
+            f"{record.settings['options']['epochs']:,}, or on more steps."
+        )
 
 
 def _sizes(kinds: list[str], task: str, latent: str | None) -> list[tuple[str, int]]:

@@ -14,6 +14,7 @@ from jbench.commands.options import (
     JsonOption,
     ReadResultsOption,
     complete,
+    complete_policies,
     path,
 )
 from jbench.commands.output import Output
@@ -31,7 +32,9 @@ def export(
     run: Annotated[
         str | None,
         typer.Argument(
-            metavar="[RUN]", help="Id of a run, to export its policy (default: export a dataset)."
+            metavar="RUN",
+            help="Id of a run, to export its policy (default: export a dataset).",
+            autocompletion=complete_policies,
         ),
     ] = None,
     dataset: DatasetOption = None,

@@ -27,7 +27,7 @@ class Batch:
         self.done = {run.id: 0 for run in runs}
         self._returns: dict[str, float] = {}
         self._curve: list[float] = []
-        self._total = sum(run.steps for run in runs)
+        self._total = sum(run.last_step for run in runs)
         self._cells = len({(run.task, run.representation) for run in runs})
         self._first: tuple[float, int] | None = None
 
@@ -51,7 +51,7 @@ class Batch:
 
     def update(self, run: RunSettings, steps: int, resumed: bool = False) -> None:
         """Sets the control steps of a run; the speed is measured from the step of resumption."""
-        self.done[run.id] = min(steps, run.steps)
+        self.done[run.id] = min(steps, run.last_step)
         if self._first is None or resumed:
             self._first = time.monotonic(), self.steps
 

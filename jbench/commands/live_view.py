@@ -31,7 +31,7 @@ class TrainingView(Watcher):
 
     def _reset(self, runs: Sequence[RunSettings]) -> None:
         self._runs, self._ended = len(runs), set[str]()
-        self._total = sum(run.steps for run in runs)
+        self._total = sum(run.last_step for run in runs)
         self._done, self._gained = dict.fromkeys((run.id for run in runs), 0), 0
         self._batches: list[Batch] = []
         self._began = self._printed = time.monotonic()
@@ -95,9 +95,9 @@ class TrainingView(Watcher):
             self._ended.add(run.id)
         steps = message.get("control_steps", message.get("resumed_at"))
         if "finished" in message:
-            steps = run.steps
+            steps = run.last_step
         if steps is not None:
-            self._done[run.id] = min(steps, run.steps)
+            self._done[run.id] = min(steps, run.last_step)
         batch = next((each for each in self._batches if run.id in each.done), None)
         if batch is not None and steps is not None:
             batch.update(run, steps, resumed="resumed_at" in message)
@@ -118,7 +118,7 @@ class TrainingView(Watcher):
         """Returns the table of the processes."""
         table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False)
         for name, right in (
-            *(("running", False), ("control steps", True), ("steps/s", True)),
+            *(("running", False), ("steps", True), ("steps/s", True)),
             *(("returns", False), ("last returns", False), ("left", True)),
         ):
             table.add_column(name, justify="right" if right else "left", overflow="fold")

@@ -14,6 +14,46 @@ def complete(*known: str) -> Callable[[str], list[str]]:
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
 
+def complete_records(kind: str, *known: str) -> Callable[[typer.Context, str], list[str]]:
+    """Returns a completion that offers the names, and the ids of records in --results."""
+
+    def offer(context: typer.Context, incomplete: str) -> list[str]:
+        ids = _ids(Path(context.params.get("results") or names.RESULTS), kind)
+        return complete(*known, *ids)(incomplete)
+
+    return offer
+
+
+def complete_policies(context: typer.Context, incomplete: str) -> list[str]:
+    """Offers hand-written policies, runs of --results, and shipped policies."""
+    shipped = _ids(Path(names.REFERENCE), "run", "policy*.json")
+    known = names.HEURISTIC, "random", "constant:1", *(f"{names.REFERENCE}/{id}" for id in shipped)
+    return complete_records("run", *known)(context, incomplete)
+
+
+def complete_encoders(context: typer.Context, incomplete: str) -> list[str]:
+    """Offers the representations of the encoders in --results, and their ids after a slash."""
+    ids = complete_records("encoder")(context, incomplete if "/" in incomplete else "")
+    representations = sorted({id.split("/")[1] for id in ids if id.count("/") > 1})
+    return ids if "/" in incomplete else complete("none", *representations)(incomplete)
+
+
+def complete_settings(context: typer.Context, incomplete: str) -> list[str]:
+    """Offers the hyperparameters of the typed algorithm of jbench."""
+    from jbench.settings.algorithms import SETTINGS
+
+    settings = SETTINGS.get(context.params.get("algo") or "ddpg")
+    return complete(*(f"{name}=" for name in getattr(settings, "model_fields", ())))(incomplete)
+
+
+def _ids(results: Path, kind: str, file: str = "manifest.json") -> list[str]:
+    """Returns the ids of records with such a file; results need not exist."""
+    if names.is_reference(results):
+        results = Path(__file__).parents[1] / names.REFERENCE
+    root = results / f"{kind}s"
+    return sorted(found.parent.relative_to(root).as_posix() for found in root.rglob(file))
+
+
 def path(text: str | Path) -> Path:
     """Returns a path as typed; an empty one, as of an unset shell variable, is refused."""
     if not str(text):
@@ -36,6 +76,12 @@ ReadResultsOption = Annotated[
 JsonOption = Annotated[
     bool,
     typer.Option("--json", help="Print one JSON document to stdout, everything else to stderr."),
+]
+DryRunOption = Annotated[
+    bool,
+    typer.Option(
+        "--dry-run", help="Show the status of the runs and the time left, and train nothing."
+    ),
 ]
 TaskOption = Annotated[
     str,
@@ -68,7 +114,16 @@ OneStatusOption = Annotated[
     ),
 ]
 SomeSeedsOption = Annotated[
-    str | None, typer.Option(help="Only these seeds, such as 0-9 or 0,2,5-7.")
+    str | None,
+    typer.Option("--seeds", "--seed", help="Only these seeds, such as 0-9 or 0,2,5-7."),
+]
+KeepStateOption = Annotated[
+    bool,
+    typer.Option(
+        "--keep-state",
+        help="Keep the last checkpoint of finished runs, with the replay buffer, so that the same "
+        "command with more --steps continues them.",
+    ),
 ]
 LogOption = Annotated[
     str | None,
@@ -78,7 +133,12 @@ LogOption = Annotated[
         autocompletion=complete(*names.LOGGERS),
     ),
 ]
-DatasetOption = Annotated[str | None, typer.Option(help="Id of the dataset (default: the newest).")]
+DatasetOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Id of the dataset (default: the newest).", autocompletion=complete_records("dataset")
+    ),
+]
 CsvOption = Annotated[bool, typer.Option("--csv", help="Print CSV to standard output.")]
 ThreadsOption = Annotated[int, typer.Option(min=0, help="Number of threads (0: one per core).")]
 JobsOption = Annotated[
@@ -94,13 +154,16 @@ FinalEpisodesOption = Annotated[
     ),
 ]
 RetryOption = Annotated[bool, typer.Option("--retry-failed", help="Retry runs that failed before.")]
-PolicyOption = Annotated[
-    str,
-    typer.Option(
-        help=f"Policy: {names.POLICY_NAMES}.",
-        autocompletion=complete(names.HEURISTIC, "random", "constant:1"),
+PolicyArgument = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="POLICY",
+        help=f"Policy: {names.POLICY_NAMES}.  [default: {names.HEURISTIC}]",
+        autocompletion=complete_policies,
     ),
 ]
+PolicyOption = Annotated[str | None, typer.Option("--policy", hidden=True)]
+"""How POLICY was typed in older versions."""
 CameraOption = Annotated[
     str,
     typer.Option(

@@ -13,6 +13,7 @@ from jbench.commands.options import (
     AugmentOption,
     CameraOption,
     JsonOption,
+    PolicyArgument,
     PolicyOption,
     PolicyTaskOption,
     ReadResultsOption,
@@ -29,7 +30,8 @@ PoseSeedOption = Annotated[int, typer.Option(help="Random seed of the pose and t
 
 
 def evaluate(
-    policy: PolicyOption = names.HEURISTIC,
+    policy: PolicyArgument = None,
+    policy_option: PolicyOption = None,
     task: PolicyTaskOption = None,
     episodes: Annotated[int, typer.Option(help="Number of episodes.")] = 100,
     seed: Annotated[int, typer.Option(help="Random seed of poses, targets and actions.")] = 0,
@@ -54,7 +56,8 @@ def evaluate(
     from jbench.settings.evaluation import EvaluationSettings
     from jbench.tasks.features import TASK_SPECS
 
-    output, (database, policy) = Output(json), database_and_policy(results, policy)
+    output = Output(json)
+    database, policy = database_and_policy(results, _chosen(policy, policy_option))
     if target_yaw is not None and not math.isfinite(target_yaw):
         raise RequestError(f"--target-yaw {target_yaw}: type degrees, such as 45.")
     policy = full_name(database, policy)
@@ -92,10 +95,11 @@ def evaluate(
 
 
 def render(
+    policy: PolicyArgument = None,
+    policy_option: PolicyOption = None,
     out: Annotated[
         Path, typer.Option(help="Output file: FILE.mp4, FILE.gif, or FILE.png (a strip of frames).")
     ] = Path("jitterbug.mp4"),
-    policy: PolicyOption = names.HEURISTIC,
     task: PolicyTaskOption = None,
     camera: CameraOption = "tracking",
     seed: PoseSeedOption = 0,
@@ -120,7 +124,8 @@ def render(
     from jbench.rendering.episode import Scene
     from jbench.rendering.write import default_size, render_to_file
 
-    output, (database, policy) = Output(json), database_and_policy(results, policy)
+    output = Output(json)
+    database, policy = database_and_policy(results, _chosen(policy, policy_option))
     width, height = default_size(out)
     task = _task(database, policy, task, "move_to_pose")
     scene = Scene(task, parsing.seed(seed), camera, width, height, augment)
@@ -133,7 +138,8 @@ def render(
 
 
 def view(
-    policy: PolicyOption = names.HEURISTIC,
+    policy: PolicyArgument = None,
+    policy_option: PolicyOption = None,
     task: PolicyTaskOption = None,
     seed: PoseSeedOption = 0,
     augment: AugmentOption = None,
@@ -147,13 +153,21 @@ def view(
     from jbench.rendering.episode import Scene
     from jbench.rendering.viewer import view as open_viewer
 
-    database, policy = database_and_policy(results, policy)
+    database, policy = database_and_policy(results, _chosen(policy, policy_option))
     task = _task(database, policy, task, "move_to_pose")
     parsing.augmented(augment)
     runner = find_policy(database, policy, task, parsing.seed(seed))
     _say_other_robot(Output(), database, policy, augment)
     steps = open_viewer(runner, Scene(task, seed, augment=augment))
     Output().say(f"Watched {steps} control steps.")
+
+
+def _chosen(policy: str | None, option: str | None) -> str:
+    """Returns the policy that was typed as an argument or with --policy."""
+    if policy is not None and option is not None:
+        raise RequestError(f"Two policies, {policy} and {option}: type one.")
+    typed = policy if option is None else option
+    return names.HEURISTIC if typed is None else typed
 
 
 def database_and_policy(results: Path, policy: str) -> tuple["Results", str]:

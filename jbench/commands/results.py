@@ -60,7 +60,7 @@ def runs(
         what: [line.run for line in lines],
         "status": [line.status for line in lines],
         "points" if imports else "episodes": [f"{line.episodes:,}" for line in lines],
-        "control steps": [done_of(line.steps_done, line.steps) for line in lines],
+        "steps": [done_of(line.steps_done, line.steps) for line in lines],
         "wall time": ["" if line.wall_time is None else duration(line.wall_time) for line in lines],
         "created": [line.created[:16].replace("T", " ") for line in lines],
     }

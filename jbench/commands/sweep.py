@@ -11,9 +11,11 @@ from jbench import names
 from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
+    DryRunOption,
     FinalEpisodesOption,
     JobsOption,
     JsonOption,
+    KeepStateOption,
     LogOption,
     ResultsOption,
     RetryOption,
@@ -45,21 +47,20 @@ def sweep(
     claims: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[COMPARISON]...",
+            metavar="COMPARISON",
             help="With --until-decided: what to decide, such as dae12/full, or dae12 for all its "
             "comparisons (default: all).",
         ),
     ] = None,
-    dry_run: Annotated[
-        bool,
-        typer.Option(
-            "--dry-run", help="Show the status of the runs and the time left, and train nothing."
-        ),
-    ] = False,
+    dry_run: DryRunOption = False,
     retry_failed: RetryOption = False,
     seeds: Annotated[
         str | None,
-        typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7 (default: those of the matrix)."),
+        typer.Option(
+            "--seeds",
+            "--seed",
+            help="Seeds to train, such as 0-9 or 0,2,5-7 (default: those of the matrix).",
+        ),
     ] = None,
     steps: Annotated[
         str | None,
@@ -103,6 +104,7 @@ def sweep(
     checkpoint_every: Annotated[
         float, typer.Option(min=0, help="Minimum seconds between checkpoints of a run.")
     ] = names.CHECKPOINT_EVERY,
+    keep_state: KeepStateOption = False,
     final_episodes: FinalEpisodesOption = None,
     log: LogOption = None,
     jobs: JobsOption = 0,
@@ -122,6 +124,7 @@ def sweep(
     from jbench.sweeps.cell_status import cell_statuses, seconds_left
     from jbench.sweeps.executors import Local
     from jbench.sweeps.matrix import matrix_cells, read_matrix
+    from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.status import failures_among, run_statuses
 
     output, database = Output(json), parsing.results_to_write(results)
@@ -138,12 +141,14 @@ def sweep(
     train_on = _device(executor, address, gpus_per_task, parts[0].engine, device)
     at_a_time = parsing.processes(jobs, train_on)
 
+    options = checkpoint_every, final_episodes, keep_state
+
     def make() -> "Executor":
         if executor == "local":
-            return Local(database, at_a_time, train_on, checkpoint_every, final_episodes)
+            return Local(database, at_a_time, train_on, *options)
         from jbench.sweeps.cluster import Ray
 
-        return Ray(database, address, jobs, gpus_per_task, checkpoint_every, final_episodes)
+        return Ray(database, address, jobs, gpus_per_task, *options)
 
     def train(cells: "Sequence[Cell]") -> dict[str, str]:
         # Ray prints to standard output, which is only for the JSON document.
@@ -159,6 +164,8 @@ def sweep(
             )
 
     cells = matrix_cells(parts, database)
+    if keep_state:
+        check_state_can_be_kept(cell.runs[0] for cell in cells)
     warn_of_short_runs([cell.runs[0] for cell in cells], output)
     if until_decided:
         limit = _MAX_SEEDS if max_seeds is None else max_seeds

@@ -5,8 +5,8 @@ from typing import Any
 
 from jbench.commands.output import Output, duration
 from jbench.store import Results
-from jbench.sweeps.cell import Cell
-from jbench.sweeps.cell_status import CellStatus, seconds_left
+from jbench.sweeps.cell import Cell, all_runs
+from jbench.sweeps.cell_status import CellStatus, cell_statuses, seconds_left
 from jbench.sweeps.prepare import missing_datasets, missing_encoders
 from jbench.wording import counted
 
@@ -61,6 +61,17 @@ def _settings(cell: Cell) -> dict[str, str]:
         "time_limit": run.time_limit,
         "steps": f"{run.steps:,}",
     }
+
+
+def show_dry_run(
+    cells: Sequence[Cell], results: Results, jobs: int, device: str, output: Output
+) -> None:
+    """Prints the status of the runs of `jbench train`, and the time left."""
+    runs = list(all_runs(cells))
+    jobs = min(jobs, len(runs))
+    statuses = cell_statuses(cells, results, jobs, device)
+    show_matrix(counted(len(runs), "run"), statuses, jobs, True, output)
+    output.document({"cells": described(statuses), "seconds_left": seconds_left(statuses, jobs)})
 
 
 def described(statuses: Sequence[CellStatus]) -> list[dict[str, Any]]:

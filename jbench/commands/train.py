@@ -9,14 +9,18 @@ from jbench.commands import parsing
 from jbench.commands.options import (
     RESULTS,
     AugmentOption,
+    DryRunOption,
     FinalEpisodesOption,
     JobsOption,
     JsonOption,
+    KeepStateOption,
     LogOption,
     ResultsOption,
     RetryOption,
     TaskOption,
     complete,
+    complete_encoders,
+    complete_settings,
 )
 from jbench.commands.output import Output
 from jbench.errors import RequestError, WorkError
@@ -39,8 +43,9 @@ def train(
         str,
         typer.Option(
             help="Representation of the observation: none (or full), a kind with its number of "
-            "latents, such as dae12 or dae:12 (the newest encoder), the number of latents of a "
-            "DAE, the id of an encoder, or ofeN (N features learned with the agent).",
+            "latents, such as dae12 (the newest encoder), the id of an encoder, or ofeN (N "
+            "features learned with the agent).",
+            autocompletion=complete_encoders,
         ),
     ] = "none",
     encoder_seeds: Annotated[
@@ -51,7 +56,9 @@ def train(
             autocompletion=complete(*names.ENCODER_SEEDS),
         ),
     ] = "newest",
-    seeds: Annotated[str, typer.Option(help="Seeds to train, such as 0-9 or 0,2,5-7.")] = "0-9",
+    seeds: Annotated[
+        str, typer.Option("--seeds", "--seed", help="Seeds to train, such as 0-9 or 0,2,5-7.")
+    ] = "0-9",
     steps: Annotated[
         str, typer.Option(help="Number of control steps of each run, such as 100k or 5e6.")
     ] = "5e6",
@@ -65,7 +72,12 @@ def train(
     ] = "published",
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="Set a hyperparameter; repeatable."),
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Set a hyperparameter; repeatable.",
+            autocompletion=complete_settings,
+        ),
     ] = None,
     time_limit: Annotated[
         str,
@@ -75,8 +87,12 @@ def train(
         ),
     ] = "bootstrap",
     evaluate_every: Annotated[
-        str, typer.Option(help="Control steps between evaluations.")
-    ] = "50000",
+        str | None,
+        typer.Option(
+            help="Control steps between evaluations (default: a tenth of --steps, in whole "
+            "thousands, at most 50,000)."
+        ),
+    ] = None,
     evaluate_episodes: Annotated[
         int, typer.Option(help="Episodes per evaluation (0 disables it).")
     ] = 10,
@@ -116,7 +132,9 @@ def train(
         float,
         typer.Option(min=0, help="Minimum seconds between checkpoints of the batched engine."),
     ] = names.CHECKPOINT_EVERY,
+    keep_state: KeepStateOption = False,
     log: LogOption = None,
+    dry_run: DryRunOption = False,
     retry_failed: RetryOption = False,
     jobs: JobsOption = 0,
     results: ResultsOption = RESULTS,
@@ -127,9 +145,11 @@ def train(
     from jbench.commands import display
     from jbench.commands.live_view import TrainingView
     from jbench.commands.log import logged
+    from jbench.commands.sweep_view import show_dry_run
     from jbench.sweeps.cell import Cell
     from jbench.sweeps.executors import Local
     from jbench.sweeps.scheduler import sweep
+    from jbench.training.continuation import check_state_can_be_kept
     from jbench.training.request import request_runs, training_device
     from jbench.training.status import failures_among, run_statuses
 
@@ -150,11 +170,11 @@ def train(
         encoder=encoder,
         encoder_seeds=names.known("value of --encoder-seeds", encoder_seeds, names.ENCODER_SEEDS),
         seeds=parse_seeds(seeds),
-        steps=parsing.count("--steps", steps),
+        steps=(control_steps := parsing.count("--steps", steps)),
         base=base,
         overrides=parsing.parse_overrides(set_ or []),
         time_limit=names.known("value of --time-limit", time_limit, names.TIME_LIMITS),
-        evaluate_every=parsing.count("--evaluate-every", evaluate_every),
+        evaluate_every=parsing.evaluate_every(evaluate_every, control_steps),
         evaluate_episodes=evaluate_episodes,
         augment=parsing.augmented(augment),
         robots=robots,
@@ -162,12 +182,19 @@ def train(
         precision=chosen_precision,
         parallel=environments,
     )
+    if keep_state:
+        check_state_can_be_kept(runs[:1])
     display.warn_of_short_runs(runs[:1], output)
+    cells = [Cell(task, algo, runs[0].representation, runs, base)]
+    if dry_run:
+        show_dry_run(cells, database, processes, train_on, output)
+        return
+    options = checkpoint_every, final_episodes, keep_state
     with logged(log, database, runs, output):
         failures = sweep(
-            [Cell(task, algo, runs[0].representation, runs, base)],
+            cells,
             database,
-            lambda: Local(database, processes, train_on, checkpoint_every, final_episodes),
+            lambda: Local(database, processes, train_on, *options),
             TrainingView(output),
             retry_failed=retry_failed,
             wait=False,

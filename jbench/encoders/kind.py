@@ -84,6 +84,14 @@ class Kind(Settings):
             latents = latent_scaling.invert(weights, latents)
         return self.decode(weights, latents)
 
+    def action_signs(self, weights: Weights, scaled: Array) -> Array | None:
+        """Returns what the action of a policy on the latents is multiplied by for the robot.
+
+        A kind that encodes the mirror image of some states returns (..., 1), -1 for those states
+        and 1 for the others; None, the default, means 1 for all.
+        """
+        return None
+
     def summary(self, weights: Weights) -> dict[str, Any]:
         """Returns entries for the summary of an encoder's manifest; empty by default."""
         return {}

@@ -116,6 +116,9 @@ def effective_rank(rows: NDArray[np.floating]) -> float:
 _COLUMNS = ([0], [1, 2], [3], [4])
 """Columns of each target; the tilt rate has two axes."""
 
+_MIRROR_SIGNS = (-1, 1, -1, 1)
+"""Of yaw rate, tilt rates and forward speed."""
+
 
 def _rows_of(kind: Kind, weights: Weights, states: States, shard: Shard, max_rows: int) -> _Rows:
     """Returns up to `max_rows` random rows of a shard."""
@@ -128,12 +131,15 @@ def _rows_of(kind: Kind, weights: Weights, states: States, shard: Shard, max_row
     assert batch.rewards is not None
     # Rates in the heading frame, in which the robot faces -y.
     rates = np.stack([later[:, 8], later[:, 6], later[:, 7], -later[:, 4]], axis=1)
+    assert batch.actions is not None
+    actions = batch.actions.numpy()
+    signs = kind.action_signs(weights, batch.now.numpy())
+    if signs is not None:  # these latents are predicted what the mirrored robot does
+        actions, rates = actions * signs, np.where(signs < 0, rates * _MIRROR_SIGNS, rates)
     targets = np.concatenate([rates, batch.rewards.numpy()], axis=1).astype(np.float32)
     latents = np.asarray(kind.to_latents(weights, batch.now.numpy()), np.float32)
-    assert batch.actions is not None
-    return _Rows(
-        torch.cat([torch.from_numpy(latents), batch.actions], 1), torch.from_numpy(targets)
-    )
+    inputs = np.concatenate([latents, actions], axis=1)
+    return _Rows(torch.from_numpy(inputs), torch.from_numpy(targets))
 
 
 def _regression(rows: _Rows) -> tuple[Callable[[Tensor], Tensor], Tensor]:

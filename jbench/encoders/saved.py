@@ -1,7 +1,7 @@
 """The encoder protocol, saved encoders, and finding them in the results."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from jbench.encoders.kind import Kind
+from jbench.encoders.kind import Kind, Weights
 from jbench.encoders.registry import (
     SCALES,
     Wanted,
@@ -105,11 +105,18 @@ class SavedEncoder:
 
         Numpy arrays are encoded in float32, torch tensors in their own precision on their device.
         """
+        return self._kind.to_latents(*self._scaled(batch))
+
+    def action_signs(self, batch: Array) -> Array | None:
+        """Returns the signs of the actions for observations (..., dim(O)); see `action_signs`."""
+        return self._kind.action_signs(*self._scaled(batch))
+
+    def _scaled(self, batch: Array) -> tuple[Weights, Array]:
+        """Returns the weights and the scaled observations, of the same array type."""
         if isinstance(batch, Tensor):
             weights, gain, offset = self._torch(batch.dtype, batch.device)
-            return self._kind.to_latents(weights, batch * gain + offset)
-        scaled = batch.astype(np.float32, copy=False) * self._gain + self._offset
-        return self._kind.to_latents(self._weights, scaled)
+            return weights, batch * gain + offset
+        return self._weights, batch.astype(np.float32, copy=False) * self._gain + self._offset
 
     def _torch(
         self, dtype: torch.dtype, device: torch.device
@@ -123,6 +130,35 @@ class SavedEncoder:
             weights = {name: tensor(value) for name, value in self._weights.items()}
             self._tensors[dtype, device] = weights, tensor(self._gain), tensor(self._offset)
         return self._tensors[dtype, device]
+
+
+def action_signs(encoder: Encoder | None, observations: Array) -> Array | None:
+    """Returns what the actions of a policy on an encoder's latents are multiplied by for the robot.
+
+    Args:
+        encoder: None for the full observation. Only one with a method `action_signs`, such as a
+            `SavedEncoder`, can mirror observations.
+        observations: (..., dim(O)), not encoded.
+
+    Returns:
+        (..., 1), -1 where the encoder encodes the mirror image of the observation and 1 elsewhere;
+        None for an encoder that never does.
+    """
+    method = getattr(encoder, "action_signs", None)
+    return None if method is None else method(observations)
+
+
+def on_observations(encoder: Encoder | None, act: Callable[[Array], Array]) -> Callable[..., Array]:
+    """Returns a policy on observations (..., dim(O)), given one on the latents of an encoder."""
+    if encoder is None:
+        return act
+
+    def act_on_observations(observations: Array) -> Array:
+        actions = act(encoder.encode(observations))
+        signs = action_signs(encoder, observations)
+        return actions if signs is None else actions * signs
+
+    return act_on_observations
 
 
 def load_encoder(results: Results | Path | str, id: str) -> tuple[Encoder, dict[str, Any]]:

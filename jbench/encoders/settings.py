@@ -1,12 +1,15 @@
 """The settings of an encoder."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from pydantic import Field, model_validator
 
+from jbench.encoders.kind import Learned
 from jbench.encoders.registry import SCALES, find_kind, make_kind, representation
-from jbench.names import TASKS, known
+from jbench.encoders.states import split_episodes
+from jbench.names import EPISODE_STEPS, TASKS, known
 from jbench.settings.base import Seed, Settings, settings_hash, validated
 from jbench.tasks.features import TASK_SPECS
 
@@ -72,3 +75,26 @@ def encoder_settings(kind: str, options: Mapping[str, Any], **values: Any) -> En
     """
     full = make_kind(kind, options).model_dump(mode="json")
     return validated(EncoderSettings, "the encoder", kind=kind, options=full, **values)
+
+
+MIN_UPDATES = 4000
+"""Fewest updates of an encoder whose number of epochs is not given; docs/encoders.md has errors."""
+
+
+def options_with_epochs(
+    kind: str, options: Mapping[str, Any], episodes: int, seed: int
+) -> dict[str, Any]:
+    """Returns options with a number of epochs that suits the size of the dataset.
+
+    The default of a kind is meant for the paper's 5,000 episodes. A small dataset has few batches,
+    so it is given more epochs: as many as `MIN_UPDATES` need. Epochs that are given stay.
+
+    Raises:
+        RequestError: see `make_kind`.
+    """
+    made = make_kind(kind, options)
+    if "epochs" in options or not isinstance(made, Learned):
+        return dict(options)
+    learned, _ = split_episodes(episodes, seed)
+    batches = math.ceil(len(learned) * EPISODE_STEPS / made.batch)
+    return {**options, "epochs": max(made.epochs, math.ceil(MIN_UPDATES / batches))}

@@ -84,7 +84,7 @@ def _constant(name: str) -> float:
     # Python also reads 0_1 and +1, but the name is part of an evaluation's id.
     if not _NUMBER.fullmatch(text) or not -1 <= float(text) <= 1:
         raise RequestError(
-            f"--policy {name}: a constant command lies in [-1, 1]; type constant:0.5, for example."
+            f"{name}: a constant command lies in [-1, 1]; type constant:0.5, for example."
         )
     return float(text)
 

@@ -11,7 +11,7 @@ import safetensors
 import safetensors.numpy
 from numpy.typing import NDArray
 
-from jbench.encoders import Encoder, load_encoder
+from jbench.encoders import Encoder, load_encoder, on_observations
 from jbench.errors import RequestError, WorkError
 from jbench.policies.feature_map import FeatureMap
 from jbench.policies.network import Network
@@ -121,8 +121,8 @@ class TrainedAgent:
                 f"The agent was trained on {self.task}: pass observations of the shape "
                 f"(..., {size}), not {observations.shape}."
             )
-        inputs = observations if self.encoder is None else self.encoder.encode(observations)
-        return self.policy.act(inputs)
+        actions: NDArray[np.float32] = on_observations(self.encoder, self.policy.act)(observations)
+        return actions
 
 
 def has_policy(record: Record) -> bool:

@@ -222,7 +222,7 @@ class Recording:
             return writer.evaluate(act, self.control_steps)
 
     def keep_policy(self, actor: Actor) -> None:
-        """Keeps a copy of a policy, which `jbench evaluate --policy` can run; replaces the last.
+        """Keeps a copy of a policy, which `jbench evaluate` can run; replaces the last.
 
         Args:
             actor: a torch module that applies its layers one after another, or a

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.cores import cores
-from jbench.encoders import Encoder
+from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError, WorkError, sentence_of_failure
 from jbench.policies.network import Network
 from jbench.policies.saved import policy_files
@@ -80,12 +80,8 @@ class RunWriter:
         Returns:
             The returns (evaluate_episodes,).
         """
-        encoder = self._encoder
-
-        def encoded(observations: NDArray[np.float32]) -> NDArray[np.floating]:
-            return act(observations if encoder is None else encoder.encode(observations))
-
-        made = evaluate_policy(self._settings, self._seed, self._log.evaluations, encoded, cores())
+        act = on_observations(self._encoder, act)
+        made = evaluate_policy(self._settings, self._seed, self._log.evaluations, act, cores())
         self._clock.share([self._log])
         self._log.evaluation(control_steps, made.episodes, made.path)
         return made.returns

@@ -30,6 +30,10 @@ class AlgorithmSettings(Settings):
         description="ReLU units of each hidden layer, in actor and critic; Table 1",
     )
 
+    def rollout_steps(self, environments: int) -> int:
+        """Returns the control steps of each environment between learning phases."""
+        raise NotImplementedError
+
 
 class OffPolicySettings(AlgorithmSettings):
     """Settings of DDPG, TD3, SAC and the rules of other packages: replay buffer and action noise.
@@ -56,11 +60,20 @@ class OffPolicySettings(AlgorithmSettings):
     noise_sigma: float = Field(default=0.2, ge=0, description="of the action noise; Table 1")
     noise_theta: float = Field(default=0.15, ge=0, description="Ornstein-Uhlenbeck; Table 1")
     noise_dt: float = Field(default=0.01, gt=0, description="s; stable-baselines 2")
+    mirror: bool = omissible(
+        False,
+        description="whether half of each minibatch are mirror images of transitions, x to -x and "
+        "the action negated; ours",
+    )
 
     @property
     def first_update(self) -> int:
         """Control steps before the first update, with one environment."""
         return self.train_freq * (self.learning_starts // self.train_freq + 1)
+
+    def rollout_steps(self, environments: int) -> int:
+        """Returns the control steps of each environment between learning phases."""
+        return max(1, self.train_freq // environments)
 
     def schedule(self, environments: int) -> tuple[int, int]:
         """Returns the steps per environment between learning phases, and the updates per phase.
@@ -71,7 +84,7 @@ class OffPolicySettings(AlgorithmSettings):
         Raises:
             RequestError: if the number of updates per phase is not an integer.
         """
-        steps = max(1, self.train_freq // environments)
+        steps = self.rollout_steps(environments)
         updates, remainder = divmod(self.gradient_steps * steps * environments, self.train_freq)
         if remainder:
             raise RequestError(
@@ -181,6 +194,13 @@ class PPOSettings(AlgorithmSettings):
         description="squared error of the clipped value, or the maximum of those of the clipped "
         "and the unclipped; script: max",
     )
+
+    def rollout_steps(self, environments: int) -> int:
+        """Returns the control steps of each environment between updates.
+
+        The number of transitions does not depend on the number of environments.
+        """
+        return max(1, self.n_steps * self.n_envs // environments)
 
 
 SETTINGS: dict[str, type[AlgorithmSettings]] = {

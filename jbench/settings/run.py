@@ -202,6 +202,14 @@ class RunSettings(Settings):
         return self.parallel or int(own)
 
     @property
+    def last_step(self) -> int:
+        """Number of control steps at the end: `steps`, or more to complete a rollout."""
+        if not self.is_ours:
+            return self.steps
+        rollout = self.algorithm.rollout_steps(self.environments) * self.environments
+        return -(-self.steps // rollout) * rollout
+
+    @property
     def episodes_on_each(self) -> int:
         """Number of episodes of each environment with each robot."""
         return self.steps // (self.robots * self.environments * EPISODE_STEPS)

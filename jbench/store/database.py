@@ -4,7 +4,7 @@ results/
 datasets/<id>/  encoders/<id>/  runs/<id>/  evaluations/<id>/  imports/<id>/
 manifest.json                      settings, status and list of files
 <table>-<n>-<hash>.parquet, *.safetensors, *.json
-<role>-<hash>.*                    checkpoints of unfinished work
+<role>-<hash>.*                    checkpoints
 """
 
 import contextlib
@@ -79,10 +79,13 @@ class Results:
     def complete_id(self, kind: Kind, text: str) -> str:
         """Returns the id of the only record whose id begins with a text; else the text itself.
 
+        Args:
+            text: id or its beginning, or the path of the record's directory.
+
         Raises:
             RequestError: if the text is no part of an id, or the beginning of several ids.
         """
-        text = text.rstrip("/")
+        text = self._id_of_path(kind, text.rstrip("/"))
         if (self.record(kind, text).path / MANIFEST).exists():
             return text
         ids = [record.id for record in self.scan(kind, text)[0]]
@@ -93,6 +96,11 @@ class Results:
                 f"Several {kind}s begin with {text}: {shown}{more}; type more of it."
             )
         return ids[0] if ids else text
+
+    def _id_of_path(self, kind: Kind, text: str) -> str:
+        """Returns the id of the record in a directory of these results; else the text itself."""
+        folder, root = Path(text).resolve(), (self.path / f"{kind}s").resolve()
+        return folder.relative_to(root).as_posix() if root in folder.parents else text
 
     @contextlib.contextmanager
     def locked(self, kind: Kind, id: str) -> Iterator[Record | None]:
@@ -125,7 +133,7 @@ class Results:
         """
         records, problems = [], []
         root = self.path / f"{kind}s"
-        for folder in walk(root):
+        for folder in walk(root / beginning.rpartition("/")[0]):
             if folder.problem is not None:
                 problems.append(f"{folder.path} {folder.problem}.")
             id = folder.path.relative_to(root).as_posix()

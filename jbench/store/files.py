@@ -83,6 +83,20 @@ def make_directory(path: Path) -> None:
         raise RequestError(f"{path} is not writable; name a directory that you may write to.")
 
 
+def check_writable(directory: Path) -> None:
+    """Creates a directory if it is missing, before work whose result is written there.
+
+    Raises:
+        RequestError: if it can't be written to.
+        WorkError: see `make_directory`.
+    """
+    make_directory(directory)
+    if not os.access(directory, os.W_OK):
+        raise RequestError(
+            f"{directory} can't be written to; name a directory that you may write to."
+        )
+
+
 def check_output(path: Path) -> None:
     """Checks that a file can be written, or replaced, before work whose result it will hold.
 

@@ -130,9 +130,13 @@ def _choice(own: Record, other: Record) -> Outcome:
 
 
 def _other_files(own: Record, other: Record) -> str | None:
-    """Returns which files other than tables differ, or None."""
+    """Returns which files other than tables and checkpoints differ, or None."""
     contents = [
-        {entry.name: entry.sha256 for entry in record.manifest.files if entry.table is None}
+        {
+            entry.name: entry.sha256
+            for entry in record.manifest.files
+            if entry.table is None and entry.role is None
+        }
         for record in (own, other)
     ]
     names = sorted({name for name, _ in contents[0].items() ^ contents[1].items()})

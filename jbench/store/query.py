@@ -87,6 +87,7 @@ def published() -> pa.Table:
     rows = pd.read_csv(io.BytesIO(source))
     names = rows["representation"].str.replace(r"^full-\d+", FULL, regex=True)
     rows["representation"] = names.str.replace("dae-", "dae", regex=False)
+    rows = rows.rename(columns={"training_steps": "control_steps"})
     return pa.Table.from_pandas(rows, schema.PUBLISHED, preserve_index=False, nthreads=1)
 
 
@@ -100,16 +101,19 @@ def query_results(results: Results, sql: str) -> Answer:
     pa.set_memory_pool(pa.system_memory_pool())
     # Only tables whose names occur in the SQL are read. If the SQL builds a name, DuckDB does not
     # find the table, and all tables are read.
-    words = set(re.findall(r"\w+", sql.lower()))
-    named = words & set(schema.TABLES) or set(schema.TABLES)
-    loaded = load(results, named, coded=True)
+    loaded = load(results, _named(sql) or set(schema.TABLES), coded=True)
     try:
         return Answer(_select(sql, loaded.tables), loaded.problems)
     except duckdb.CatalogException:
         loaded = load(results, coded=True)
         return Answer(run_sql(sql, loaded.tables), loaded.problems)
     except duckdb.Error as error:
-        raise _refusal(error, schema.TABLES) from None
+        raise _refusal(error, schema.TABLES, sql) from None
+
+
+def _named(sql: str) -> set[str]:
+    """Returns the tables whose names occur in the SQL."""
+    return set(re.findall(r"\w+", sql.lower())) & set(schema.TABLES)
 
 
 def run_sql(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
@@ -121,7 +125,7 @@ def run_sql(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
     try:
         return _select(sql, tables)
     except duckdb.Error as error:
-        raise _refusal(error, tables) from None
+        raise _refusal(error, tables, sql) from None
 
 
 def _select(sql: str, tables: Mapping[str, pa.Table]) -> pd.DataFrame:
@@ -180,14 +184,23 @@ def _with_types(frame: pd.DataFrame, types: Sequence[str]) -> pd.DataFrame:
     return frame
 
 
+def _sharing_a_word(message: str, tables: Iterable[str]) -> str:
+    """Returns the columns that share a word with the missing one, such as steps, and a comma."""
+    missing = re.search(r'column "(\w+)" not found', message)
+    words = set(missing[1].lower().split("_")) if missing else set()
+    columns = {name for table in tables for name in schema.TABLES[table].names}
+    return "".join(f'"{name}", ' for name in sorted(columns) if words & set(name.split("_")))
+
+
 _COLUMN_HINT = "DESCRIBE with a table lists its columns; text is in single quotes, such as 'td3'."
 
 
-def _refusal(error: duckdb.Error, tables: Iterable[str]) -> RequestError:
+def _refusal(error: duckdb.Error, tables: Iterable[str], sql: str) -> RequestError:
     message, *more = str(error).splitlines()
     for line in more:
         if line.startswith("Candidate bindings"):
             nearest = line.partition(":")[2].strip(": ")
+            nearest = f"{_sharing_a_word(message, _named(sql))}{nearest}"
             message += f" The nearest columns: {nearest}. {_COLUMN_HINT}"
         elif line.startswith(("Did you mean", "Either add")):
             message += f" {line}"

@@ -106,14 +106,17 @@ class Record(RecordReader):
         summary: Mapping[str, Any],
         new_files: Mapping[str, bytes] | None = None,
         compact: bool = True,
+        keep: Collection[str] = (),
     ) -> None:
         """Marks the record as finished and removes its checkpoints.
 
         Args:
             new_files: content of additional files by name.
             compact: whether to join each table into one file, which must fit in memory.
+            keep: roles of checkpoints that are not removed.
         """
-        kept = tuple(e for e in self.manifest.files if e.table is None and e.role is None)
+        files = (entry for entry in self.manifest.files if entry.table is None)
+        kept = tuple(entry for entry in files if entry.role is None or entry.role in keep)
         tables = dict.fromkeys(entry.table for entry in self.manifest.files if entry.table)
         if compact:
             joined = tuple(self._join(table) for table in tables)

@@ -255,7 +255,7 @@ PUBLISHED = pa.schema(
     [
         field("figure", pa.string()),
         *_CELL,
-        field("training_steps", pa.float64(), "control steps, center of the window"),
+        field("control_steps", pa.float64(), "control steps, center of the window"),
         field("quantile", pa.int64(), "percent"),
         _RETURN,
         field("source", pa.string()),

@@ -39,6 +39,7 @@ class Ray:
         gpus_per_task: float = 0.0,
         checkpoint_every: float = CHECKPOINT_EVERY,
         final_episodes: int | None = None,
+        keep_state: bool = False,
     ) -> None:
         """Joins a cluster, or starts one on this machine.
 
@@ -49,6 +50,7 @@ class Ray:
             gpus_per_task: number of GPUs per task; may be a fraction.
             checkpoint_every: minimum seconds between two checkpoints of a run.
             final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
+            keep_state: whether longer runs can continue these.
 
         Raises:
             RequestError: if Ray is not installed, there is no such cluster, or it lacks GPUs.
@@ -56,7 +58,11 @@ class Ray:
         """
         self._ray = _imported()
         self._results = Results(results.path.resolve())
-        self._options = {"checkpoint_every": checkpoint_every, "final_episodes": final_episodes}
+        self._options = {
+            "checkpoint_every": checkpoint_every,
+            "final_episodes": final_episodes,
+            "keep_state": keep_state,
+        }
         self._stopped = threading.Event()
         self._tasks: set[Any] = set()
         self._held = contextlib.ExitStack()

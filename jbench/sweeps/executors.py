@@ -60,6 +60,7 @@ class Local:
         device: str = "cpu",
         checkpoint_every: float = CHECKPOINT_EVERY,
         final_episodes: int | None = None,
+        keep_state: bool = False,
     ) -> None:
         """Starts no process yet.
 
@@ -69,10 +70,15 @@ class Local:
             device: `cpu`, `cuda` or such as `cuda:1`.
             checkpoint_every: minimum seconds between two checkpoints of a run.
             final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
+            keep_state: whether longer runs can continue these.
         """
         self.jobs, self.device = jobs or default_jobs(device), device
         self._results = results
-        self._options = {"checkpoint_every": checkpoint_every, "final_episodes": final_episodes}
+        self._options = {
+            "checkpoint_every": checkpoint_every,
+            "final_episodes": final_episodes,
+            "keep_state": keep_state,
+        }
         self._lock = threading.Lock()
         self._processes: set[subprocess.Popen[str]] = set()
         self._stopped = False
@@ -169,7 +175,8 @@ def worker_request(
     It includes the command line of this process, which the worker writes into the records.
 
     Args:
-        options: checkpoint_every and final_episodes of `jbench.training.batched_run.run_batch`.
+        options: checkpoint_every, final_episodes and keep_state of
+            `jbench.training.batched_run.run_batch`.
     """
     request = {
         "results": str(results.path),

@@ -6,6 +6,7 @@ In Python, a sweep is:
     from jbench.sweeps.matrix import matrix_cells, read_matrix
     from jbench.sweeps.scheduler import sweep
     from jbench.store import Results
+from jbench.store.files import check_writable
 
     results = Results(Path("results"))
     failures = sweep(matrix_cells(read_matrix("smoke"), results), results)
@@ -26,11 +27,13 @@ from contextlib import closing, suppress
 
 from jbench.settings.run import RunSettings
 from jbench.store import Results
+from jbench.store.files import check_writable
 from jbench.sweeps.cell import Cell, all_runs
 from jbench.sweeps.cell_status import cell_statuses
 from jbench.sweeps.executors import Executor, Local, Message, batches
 from jbench.sweeps.prepare import clean, prepare
 from jbench.sweeps.watcher import Watcher
+from jbench.training.continuation import new_beginnings
 from jbench.training.memory import memory_sentence
 from jbench.training.status import is_being_trained, plan, record_failure, run_status
 
@@ -67,17 +70,19 @@ def sweep(
         A sentence for each run that failed, by run id.
 
     Raises:
-        RequestError: if the executor can't be made.
+        RequestError: if the executor can't be made, or the results can't be written to.
         WorkError: if a process can't be started.
     """
     watcher = watcher or Watcher()
     clean(cells, results)
     planned = plan(list(all_runs(cells)), results)
-    for sentence in planned.sentences(retry_failed):
-        watcher.note(sentence)
     to_do = planned.to_do(retry_failed)
+    new = (run for run in to_do if planned.statuses[run.id].state == "missing")
+    for sentence in (*planned.sentences(retry_failed), *new_beginnings(new, results)):
+        watcher.note(sentence)
     if not to_do:
         return {}
+    check_writable(results.record("run", to_do[0].id).path)
     with closing(make_executor() if make_executor else Local(results)) as executor:
         failures = prepare(cells, to_do, results, device, watcher)
         runs = [run for run in to_do if run.id not in failures]
@@ -270,9 +275,13 @@ class _Scheduler:
 
 
 def _resume_sentence(run: RunSettings, message: Message) -> str:
-    steps = message["resumed_at"]
-    how = f"resumes at control step {steps:,}" if steps else "starts again from the beginning"
-    return f"The run {run.id} was interrupted or failed; it {how}. {message['reason']}".rstrip()
+    steps, other = message["resumed_at"], message.get("continues")
+    if other is None:
+        how = "was interrupted or failed; it " + ("resumes at" if steps else "starts again from")
+    else:
+        how = f"continues {other} from" if steps else f"can't continue {other}; it trains from"
+    where = f"control step {steps:,}" if steps else "the beginning"
+    return f"The run {run.id} {how} {where}. {message['reason']}".rstrip()
 
 
 def _named(runs: Sequence[RunSettings]) -> str:

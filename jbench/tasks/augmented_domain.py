@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Unpack
 
-from dm_control.mujoco import wrapper
 from dm_control.rl import control
 from dm_control.utils import containers
 
@@ -21,10 +20,8 @@ def _factory(task: str, description: str) -> Callable[..., control.Environment]:
         vary_masses: bool = False,
         **settings: Unpack[jitterbug.TaskSettings],
     ) -> control.Environment:
-        # The compiled model, since XML has only six digits of each number.
         robot = load_model(augment, vary_masses=vary_masses)
-        physics = jitterbug.Physics.from_model(wrapper.MjModel(robot))
-        return jitterbug.environment(task, physics, **settings)
+        return jitterbug.environment(task, robot, **settings)
 
     make.__name__, make.__doc__ = task, description
     return make

@@ -4,9 +4,11 @@ from collections import OrderedDict
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
+from mujoco import MjModel
 
 try:
     from dm_control import mujoco
+    from dm_control.mujoco import wrapper
     from dm_control.rl import control
     from dm_control.suite import base
     from dm_control.utils import containers
@@ -18,6 +20,7 @@ except ModuleNotFoundError as error:
 
 from jbench.names import CONTROL_TIMESTEP
 from jbench.tasks import features, model, resets, rewards
+from jbench.tasks.robots import load_model
 
 # Length of an episode in seconds (paper, section 4.1).
 _DEFAULT_TIME_LIMIT = 10
@@ -42,11 +45,6 @@ class TaskSettings(TypedDict, total=False):
     random_pose: bool
     random: np.random.RandomState | int | None
     environment_kwargs: dict[str, Any] | None
-
-
-def get_model_and_assets() -> tuple[str, dict[str, bytes]]:
-    """Returns a tuple containing the model XML string and a dict of assets."""
-    return model.xml(), {}
 
 
 @SUITE.add("benchmarking", "easy")
@@ -81,12 +79,12 @@ def move_to_pose(**settings: Unpack[TaskSettings]) -> control.Environment:
 
 def _environment(task: str, **settings: Unpack[TaskSettings]) -> control.Environment:
     """Returns the environment of a task with the plain robot."""
-    return environment(task, Physics.from_xml_string(*get_model_and_assets()), **settings)
+    return environment(task, load_model(), **settings)
 
 
 def environment(
     task: str,
-    physics: "Physics",
+    robot: MjModel,
     time_limit: float = _DEFAULT_TIME_LIMIT,
     control_timestep: float = CONTROL_TIMESTEP,
     random_pose: bool = True,
@@ -96,7 +94,7 @@ def environment(
     """Returns the environment of a task for a robot; see `TaskSettings`."""
     settings = {"control_timestep": control_timestep, **(environment_kwargs or {})}
     return control.Environment(
-        physics,
+        Physics.from_model(wrapper.MjModel(robot)),
         Jitterbug(task, random_pose=random_pose, random=random),
         time_limit=time_limit,
         **settings,

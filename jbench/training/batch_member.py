@@ -1,20 +1,32 @@
 """A run of a batch: its record, its rows and the checkpoint from which it resumes."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 from jbench.encoders import Encoder
 from jbench.errors import WorkError
 from jbench.settings.run import RunSettings
 from jbench.store import Record, Results
 from jbench.store.files import UnreadableError
-from jbench.store.provenance import sentence_of
-from jbench.training.checkpoints import Checkpoint, load
+from jbench.store.provenance import provenance, sentence_of
+from jbench.training.checkpoints import Checkpoint, copied, load
+from jbench.training.continuation import kept_runs
 from jbench.training.engines import restart_reason
 from jbench.training.log import RunLog
 
-Notice = Callable[[RunSettings, int, str], None]
-"""Called for each resumed run with the run, its control steps so far, and a sentence."""
+
+class Notice(Protocol):
+    """Called for each run that does not simply begin."""
+
+    def __call__(self, run: RunSettings, steps: int, sentence: str, continues: str = "") -> None:
+        """Reports a run.
+
+        Args:
+            steps: control steps of the checkpoint from which it resumes; 0 without one.
+            sentence: what else there is to say, or empty.
+            continues: id of the finished run with this checkpoint; empty if it is the run's own.
+        """
 
 
 @dataclass
@@ -45,27 +57,86 @@ def begin(
     made_on: Mapping[str, str | None],
     notice: Notice,
 ) -> Member | None:
-    """Returns a run to train from its last checkpoint or from scratch; None if it is finished."""
+    """Returns a run to train from a checkpoint or from scratch; None if it is finished.
+
+    The checkpoint is its own last one, or that of the longest run that it can continue.
+    """
     if record is not None and record.status == "finished":
         return None
+    refused: list[str] = []
     if record is not None:
-        checkpoint, refused = load(record)
-        try:
-            log = None if checkpoint is None else RunLog(record, checkpoint.position)
-        except UnreadableError:
-            raise  # the rows may be intact: keep them
-        except WorkError as error:  # rows are damaged
-            log, refused = None, [str(error).partition(";")[0] + "."]
-        if checkpoint is not None and log is not None:
-            steps = checkpoint.position.control_steps
-            changed = record.resume({"control_steps": steps}, made_on)
-            if changed:
-                refused.append(
-                    f"Since it began, {sentence_of(changed)}: results may differ from those of an "
-                    "uninterrupted run."
-                )
-            notice(run, steps, " ".join(refused))
-            return Member(run, encoder, record, log, checkpoint, steps)
-        notice(run, 0, " ".join([*refused, *restart_reason(run)]))
+        member = _resumed(run, encoder, record, made_on, notice, refused)
+        if member is not None:
+            return member
+    shorter = kept_runs(run, results)
+    for other in shorter:
+        copy = _copy(run, other, results, refused)
+        if copy is not None:
+            return _resumed(run, encoder, copy, made_on, notice, refused, other.id)
+    if record is not None or refused:
+        sentence = " ".join([*refused, *restart_reason(run)])
+        notice(run, 0, sentence, *(other.id for other in shorter[:1] if record is None))
     record = results.create("run", run.id, run.values, made_on)
     return Member(run, encoder, record, RunLog(record))
+
+
+def _resumed(
+    run: RunSettings,
+    encoder: Encoder | None,
+    record: Record,
+    made_on: Mapping[str, str | None],
+    notice: Notice,
+    refused: list[str],
+    continues: str = "",
+) -> Member | None:
+    """Returns a run to train from the last checkpoint in its record; None if there is none.
+
+    Args:
+        refused: sentences on checkpoints that can't be used, to which this adds.
+        continues: see `Notice`.
+    """
+    checkpoint, damaged = load(record)
+    refused += damaged
+    if checkpoint is None:
+        return None
+    try:
+        log = RunLog(record, checkpoint.position)
+    except UnreadableError:
+        raise  # the rows may be intact: keep them
+    except WorkError as error:  # rows are damaged
+        refused[:] = [_reason(error)]
+        return None
+    steps = checkpoint.position.control_steps
+    other_run = {"run": continues} if continues else {}
+    changed = record.resume({"control_steps": steps, **other_run}, made_on)
+    if changed:
+        refused.append(
+            f"Since it began, {sentence_of(changed)}: results may differ from those of an "
+            "uninterrupted run."
+        )
+    notice(run, steps, " ".join(refused), *other_run.values())
+    return Member(run, encoder, record, log, checkpoint, steps)
+
+
+def _copy(run: RunSettings, shorter: Record, results: Results, refused: list[str]) -> Record | None:
+    """Writes a record that begins like a shorter run; returns None if that run is damaged."""
+    checkpoint, damaged = load(shorter)
+    refused += damaged
+    if checkpoint is None:
+        return None
+    try:
+        tables, files = copied(checkpoint, shorter, run.id)
+    except UnreadableError:
+        raise
+    except WorkError as error:
+        refused.append(_reason(error))
+        return None
+    # The rows were made there and then, but by another command.
+    made_on = {**shorter.manifest.provenance, "command": provenance()["command"]}
+    record = results.create("run", run.id, run.values, made_on)
+    record.append(tables, files)
+    return record
+
+
+def _reason(error: WorkError) -> str:
+    return str(error).partition(";")[0] + "."

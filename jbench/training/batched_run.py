@@ -26,18 +26,21 @@ def run_batch(
     *,
     device: str = "auto",
     checkpoint_every: float = CHECKPOINT_EVERY,
+    keep_state: bool = False,
     until: int | None = None,
     groups: int | None = None,
     final_episodes: int | None = None,
     progress: Progress = lambda run, steps, episode_return: None,
-    notice: Notice = lambda run, steps, sentence: None,
+    notice: Notice = lambda run, steps, sentence, continues="": None,
 ) -> dict[str, WorkError]:
     """Trains and evaluates an agent for each run, and saves the results.
 
     Finished runs are skipped. A run that was interrupted or failed resumes from its last
-    checkpoint, and ends with the same rows and weights as an uninterrupted run. A run whose agent
-    diverges fails, and keeps its rows and checkpoints up to that point. Training is deterministic:
-    resumed with the same versions on the same machine, it diverges again.
+    checkpoint, and ends with the same rows and weights as an uninterrupted run. So does a new run
+    that continues the longest finished run whose settings differ only in fewer steps, and whose
+    state was kept. A run whose agent diverges fails, and keeps its rows and checkpoints up to that
+    point. Training is deterministic: resumed with the same versions on the same machine, it
+    diverges again.
 
     Args:
         runs: settings that differ only in their seeds, or that can be one stack (see
@@ -46,6 +49,7 @@ def run_batch(
         encoder: encoder of the observations of all runs, or one for each run.
         device: see `jbench.devices.find_device`.
         checkpoint_every: minimum seconds between two checkpoints; 0 for one after every episode.
+        keep_state: whether to keep the last checkpoint of each run when it finishes.
         until: control step at the end of an episode, where training stops and the runs remain
             unfinished; None to finish them.
         groups: number of groups that are trained in antiphase, with the same results as in one;
@@ -64,7 +68,9 @@ def run_batch(
     with contextlib.ExitStack() as locks:
         members, failures = _begin_all(runs, results, encoder, found, notice, locks)
         sharing = len(members)
-        trainer = _Trainer(device, checkpoint_every, groups, progress, sharing, final_episodes)
+        trainer = _Trainer(
+            device, checkpoint_every, keep_state, groups, progress, sharing, final_episodes
+        )
         while members := [member for member in members if member.is_behind(until)]:
             with _failed_on_error(members):
                 failures |= trainer.train(*_furthest_behind(members, until))
@@ -129,6 +135,7 @@ class _Trainer(NamedTuple):
 
     device: str
     checkpoint_every: float
+    keep_state: bool
     groups: int | None
     progress: Progress
     sharing: int
@@ -149,6 +156,11 @@ class _Trainer(NamedTuple):
     ) -> Generator[None, None, dict[str, WorkError]]:
         # Made at the first turn, on the group's stream.
         group = TrainingGroup(
-            members, self.device, self.checkpoint_every, self.sharing, self.final_episodes
+            members,
+            self.device,
+            self.checkpoint_every,
+            self.sharing,
+            self.final_episodes,
+            keep_state=self.keep_state,
         )
         return (yield from group.train(until, self.progress, in_turns=in_turns))

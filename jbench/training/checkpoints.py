@@ -1,6 +1,7 @@
 """Checkpoints of a run, from which it resumes bit for bit.
 
-A checkpoint is committed together with the result rows before it; the newest two are kept. The
+A checkpoint is committed together with the result rows before it; the newest two are kept, and
+with `--keep-state` the last one after the end of the run, from which a longer run continues. The
 replay buffer is stored in pieces: each checkpoint adds one with the new rows, and sixteen pieces of
 about the same size are merged into one. A row is thus written about three times in a million steps,
 and a run has a few dozen files.
@@ -12,6 +13,8 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import pyarrow as pa
+import pyarrow.compute as pc
 import safetensors
 import safetensors.torch
 import torch
@@ -25,7 +28,7 @@ from jbench.errors import WorkError
 from jbench.settings.base import Settings
 from jbench.store import Record
 from jbench.store.files import UnreadableError
-from jbench.training.log import Position, RunLog
+from jbench.training.log import Position, RunLog, rows_before
 
 FORMAT = 1
 """Version of the checkpoint format."""
@@ -106,15 +109,48 @@ def save(
         behind = row - min((int(match[2]) for match in states[-1:]), default=row)
         ended |= {other.role for other in joined}
         ended |= {other.role for other in pieces if other.end <= engine.replay.oldest - behind}
-    state, position = engine.state(index), log.position(engine.control_steps)
-    envelope = _Envelope(format=FORMAT, run=record.id, position=position, scalars=state.scalars)
-    role = f"checkpoint-{position.control_steps:012d}-{row:012d}.safetensors"
-    header = torch.frombuffer(bytearray(envelope.model_dump_json().encode()), dtype=torch.uint8)
-    files[role] = safetensors.torch.save({**state.tensors, _ENVELOPE: header})
+    position = log.position(engine.control_steps)
+    checkpoint = Checkpoint(position, engine.state(index), row, newest=True)
     tables, replace = log.pending()
+    files |= _state_file(checkpoint, record.id)
     record.append(tables, files, drop=ended, replace=replace)
     log.mark_committed()
-    return Checkpoint(position, state, row, newest=True)
+    return checkpoint
+
+
+def copied(
+    checkpoint: Checkpoint, record: Record, longer: str
+) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
+    """Returns the rows of a finished run up to a checkpoint, and its files, for a longer run.
+
+    The last evaluation of a finished run may have more episodes than the others.
+
+    Args:
+        checkpoint: from `load` of the finished run.
+        longer: id of the longer run.
+
+    Returns:
+        Rows by table, and the files of the checkpoint by role.
+
+    Raises:
+        UnreadableError: if a file can't be read now.
+        WorkError: if a file is damaged.
+    """
+    tables = rows_before(record, checkpoint.position)
+    regular = pc.field("episode") < record.settings["evaluate_episodes"]
+    tables["evaluations"] = tables["evaluations"].filter(regular)
+    for name, rows in tables.items():
+        column = rows.schema.get_field_index("run")
+        run = pa.repeat(longer, rows.num_rows)
+        tables[name] = rows.set_column(column, rows.schema.field(column), run)
+    files = {piece.role: record.read_file(piece.role) for piece in _pieces(record.roles())}
+    return tables, files | _state_file(checkpoint, longer)
+
+
+def newest(record: Record) -> set[str]:
+    """Returns the roles of a run's newest checkpoint and of its replay buffer."""
+    states = [role for role in record.roles() if _STATE.fullmatch(role)]
+    return {*states[-1:], *(piece.role for piece in _pieces(record.roles()))}
 
 
 def load(record: Record) -> tuple[Checkpoint | None, list[str]]:
@@ -178,6 +214,15 @@ def _read(record: Record, role: str) -> tuple[Position, SeedState]:
     if envelope.run != record.id:
         raise ValueError(f"it belongs to {envelope.run}")
     return envelope.position, SeedState(tensors, envelope.scalars)
+
+
+def _state_file(checkpoint: Checkpoint, run: str) -> dict[str, bytes]:
+    """Returns the file of a checkpoint of a run, without its replay buffer, by role."""
+    position, state = checkpoint.position, checkpoint.state
+    envelope = _Envelope(format=FORMAT, run=run, position=position, scalars=state.scalars)
+    header = torch.frombuffer(bytearray(envelope.model_dump_json().encode()), dtype=torch.uint8)
+    role = f"checkpoint-{position.control_steps:012d}-{checkpoint.replay_row:012d}.safetensors"
+    return {role: safetensors.torch.save({**state.tensors, _ENVELOPE: header})}
 
 
 def _tensors(record: Record, role: str) -> dict[str, Tensor]:

@@ -14,7 +14,7 @@ from jbench.policies.network import Network
 from jbench.policies.saved import Policy, policy_files
 from jbench.settings.run import RunSettings
 from jbench.training.batch_member import Member
-from jbench.training.checkpoints import read_replay, save
+from jbench.training.checkpoints import newest, read_replay, save
 from jbench.training.engines import make_trainer
 from jbench.training.evaluation import Evaluator, final_evaluation_episodes, seeds_of
 from jbench.training.log import CommitTimer, Position, ProcessorClock
@@ -33,6 +33,8 @@ class TrainingGroup:
         checkpoint_every: float,
         sharing: int,
         final_episodes: int | None = None,
+        *,
+        keep_state: bool = False,
     ) -> None:
         """Makes the engine, and restores it from the checkpoints of the runs.
 
@@ -41,9 +43,11 @@ class TrainingGroup:
             checkpoint_every: minimum seconds between two checkpoints.
             sharing: number of runs that share the process, those of other groups among them.
             final_episodes: see `jbench.training.evaluation.final_evaluation_episodes`.
+            keep_state: whether the runs, when they finish, keep a checkpoint of their last step.
         """
         self._sharing = sharing
         self._members, self._timer = members, CommitTimer(checkpoint_every)
+        self._keep_state = keep_state
         self._clock = ProcessorClock()
         self._failures: dict[int, WorkError] = {}
         # Of the last evaluation, by index.
@@ -82,7 +86,7 @@ class TrainingGroup:
                     self._evaluate()
                 if engine.control_steps == until:
                     break
-                if returns is not None and self._timer.is_due():
+                if self._is_checkpoint_due(episode_ended=returns is not None):
                     self._save()
                 if in_turns and engine.begin_updates():
                     self._share_processor_time()
@@ -93,6 +97,11 @@ class TrainingGroup:
             else:
                 self._save()
         return {self._members[index].settings.id: e for index, e in self._failures.items()}
+
+    def _is_checkpoint_due(self, *, episode_ended: bool) -> bool:
+        if self._keep_state and self._engine.has_made(self._settings.steps):
+            return True
+        return episode_ended and self._timer.is_due()
 
     def _restore(self, position: Position) -> None:
         """Restores engine and evaluator from the checkpoints of the runs."""
@@ -170,7 +179,9 @@ class TrainingGroup:
             evaluated = self._evaluated.get(index)
             is_same = evaluated is not None and self._engine.keeps_policy_exactly
             summary = {**log.summary(steps, evaluated=is_same), "together": self._sharing}
-            record.finish(summary, policy_files(evaluated or self._engine.policy(index)))
+            kept = newest(record) if self._keep_state else ()
+            policy = policy_files(evaluated or self._engine.policy(index))
+            record.finish(summary, policy, keep=kept)
 
     def _fail_diverged(self, *, weights: bool = False) -> None:
         """Fails the runs whose agents have diverged; checking the weights too takes longer."""

@@ -69,10 +69,11 @@ class RunLog:
         # Of the first evaluation and of the latest one, which replace the committed ones.
         self._paths, self._paths_changed = schema.PATHS.empty_table(), False
         if position is not None:
-            self._before = self._rows_of(position)
-            committed = record.read("paths")
-            self._paths = committed.filter(pc.less(committed["evaluation"], self.evaluations))
-            self._paths_changed = self._paths.num_rows < committed.num_rows
+            before = rows_before(record, position)
+            self._paths = before.pop("paths")
+            self._paths_changed = self._paths.num_rows < record.rows("paths")
+            if any(rows.num_rows < record.rows(name) for name, rows in before.items()):
+                self._before = before
 
     def wall_time(self) -> float:
         """Returns the seconds that the run has taken, without interruptions."""
@@ -183,22 +184,6 @@ class RunLog:
         """Returns the committed rows of episodes by table."""
         return {name: self._record.read(name) for name in schema.EPISODE_TABLES}
 
-    def _rows_of(self, position: Position) -> dict[str, pa.Table] | None:
-        """Returns these rows up to a checkpoint, or None if there are no later ones.
-
-        Rows are compared by number, since an evaluation may be at the checkpoint's control step.
-        """
-        committed = self._committed()
-        episodes, evaluations = committed["episodes"], committed["evaluations"]
-        counted = {
-            "episodes": episodes.filter(pc.less(episodes["episode"], position.episodes)),
-            "evaluations": evaluations.filter(
-                pc.less(evaluations["evaluation"], position.evaluations)
-            ),
-        }
-        same = all(counted[name].num_rows == committed[name].num_rows for name in committed)
-        return None if same else counted
-
     def _path_rows(self, control_steps: int, path: Path) -> pa.Table:
         """Returns the rows of the path of the evaluation that is being added."""
         count = len(path.points)
@@ -233,6 +218,22 @@ class RunLog:
                 **row,
             }
         )
+
+
+def rows_before(record: Record, position: Position) -> dict[str, pa.Table]:
+    """Returns the committed rows of a run up to a checkpoint, by table.
+
+    Rows are compared by number, since an evaluation may be at the checkpoint's control step.
+
+    Raises:
+        WorkError: if the rows are damaged.
+    """
+    evaluated = pc.field("evaluation") < position.evaluations
+    return {
+        "episodes": record.read("episodes").filter(pc.field("episode") < position.episodes),
+        "evaluations": record.read("evaluations").filter(evaluated),
+        "paths": record.read("paths").filter(evaluated),
+    }
 
 
 class ProcessorClock:

@@ -7,6 +7,7 @@ from typing import Any
 from jbench.agents.algorithms import algorithm_fields, algorithm_of
 from jbench.devices import find_device
 from jbench.encoders import find_draws, find_encoder, load_encoder
+from jbench.encoders.mirror import input_mirror
 from jbench.encoders.registry import representation
 from jbench.errors import RequestError
 from jbench.names import (
@@ -59,8 +60,8 @@ def request_runs(
         fields: the other fields of `RunSettings`.
 
     Raises:
-        RequestError: if the encoder is not found, a setting is invalid, or the steps are not
-            enough for an episode or can't be divided among the robots.
+        RequestError: if the encoder is not found or can't be mirrored, a setting is invalid, or the
+            steps are not enough for an episode or can't be divided among the robots.
     """
     of_features = {
         name.removeprefix(_PREFIX): value
@@ -82,6 +83,8 @@ def request_runs(
         if encoder_seeds == "each":
             fields["encoder_draws"], encoders = find_draws(results, encoder, task, seeds)
     algorithm = algorithm_fields(algo, engine, base, of_algorithm)
+    if "encoder" in fields and algorithm["hyperparameters"].get("mirror"):
+        input_mirror(task, load_encoder(results, fields["encoder"])[0])
     return runs_of(seeds, encoders, task=task, **algorithm, **fields)
 
 

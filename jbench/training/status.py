@@ -8,6 +8,7 @@ from jbench.errors import RequestError, WorkError
 from jbench.names import EPISODE_STEPS
 from jbench.settings.run import RunSettings
 from jbench.store import Results, locks
+from jbench.training.continuation import kept_runs
 from jbench.wording import are, counted
 
 State = Literal["finished", "partial", "failed", "missing"]
@@ -71,7 +72,8 @@ def run_status(run: RunSettings, results: Results) -> RunStatus:
     except WorkError as error:
         return RunStatus("failed", run.steps, str(error))
     if record is None:
-        return RunStatus("missing", run.steps)
+        kept = kept_runs(run, results)
+        return RunStatus("missing", run.steps - (kept[0].settings["steps"] if kept else 0))
     if record.status == "finished":
         return RunStatus("finished", 0)
     done = record.rows("episodes") * EPISODE_STEPS if record.roles() else 0

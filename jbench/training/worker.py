@@ -5,7 +5,8 @@ standard input, and writes messages (one line of JSON each) to standard output. 
 not used because it pickles. The process exits when its standard input is closed. Runs of the
 batched engine are those that `run_batch` takes; with the other engines there is one run.
 
-Messages: for a resumed run, {"run": id, "resumed_at": control steps, "reason": sentence or ""};
+Messages: for a resumed run, {"run": id, "resumed_at": control steps, "reason": sentence or ""}, and
+if it is a longer run of a finished one, {"continues": id of that run};
 then for each run {"run": id} with {"control_steps": n, "episode_return": r}, and finally
 {"finished": true} or {"failed": reason, "traceback": text}, the text empty if the reason says all,
 or {"failed": reason, "held": true} if another process is training it.
@@ -100,8 +101,9 @@ def _train(
     def report(run: "RunSettings", steps: int, episode_return: float) -> None:
         send({"run": run.id, "control_steps": steps, "episode_return": episode_return})
 
-    def report_resumed(run: "RunSettings", steps: int, sentence: str) -> None:
-        send({"run": run.id, "resumed_at": steps, "reason": sentence})
+    def report_resumed(run: "RunSettings", steps: int, sentence: str, continues: str = "") -> None:
+        resumed = {"run": run.id, "resumed_at": steps, "reason": sentence}
+        send({**resumed, **({"continues": continues} if continues else {})})
 
     if runs[0].engine != "sb3":
         return failures | run_batch(
@@ -111,6 +113,7 @@ def _train(
             device=request["device"],
             checkpoint_every=request["checkpoint_every"],
             final_episodes=request["final_episodes"],
+            keep_state=request["keep_state"],
             progress=report,
             notice=report_resumed,
         )

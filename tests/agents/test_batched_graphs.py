@@ -90,6 +90,7 @@ def with_replay(engine):
         *((algo, {}) for algo in ALGORITHMS),
         *(slow(*each) for each in SCRIPTS.items()),
         ("td3", {"time_limit": "terminal", "precision": "bfloat16"}),
+        ("ddpg", {"changes": {"mirror": True}}),
         ("ppo", {"changes": {"batch_size": 12}}),
         ("sac", {"changes": {"gradient_steps": 4, "train_freq": 4, "target_update_interval": 3}}),
     ],

@@ -192,6 +192,25 @@ def test_interrupted_run_without_agent_state_restarts_with_notice(installed, tmp
     assert record.read("episodes")["episode"].to_pylist() == list(range(8))
 
 
+def test_run_of_agent_with_state_is_continued(installed, tmp_path, monkeypatch):
+    shorten_episodes(monkeypatch.setattr)
+    whole = settings()
+    short = whole.model_copy(update={"steps": 225})
+    assert run_batch([whole], Results(tmp_path / "once"), None) == {}
+    assert run_batch([short], Results(tmp_path), None, keep_state=True) == {}
+    notices = []
+    run_batch([whole], Results(tmp_path), None, notice=lambda *printed: notices.append(printed))
+    assert notices == [(whole, 225, "", short.id)]
+    once, twice = (Results(path).find("run", whole.id) for path in (tmp_path / "once", tmp_path))
+    assert rows(twice) == rows(once)
+    assert twice.read_file(WEIGHTS) == once.read_file(WEIGHTS)
+
+
+def test_state_of_agent_without_it_is_refused(installed, tmp_path, refused):
+    error = refused("train", "--algo", "without-state", "--keep-state", "--results", str(tmp_path))
+    assert "the agent without-state has no state and restore; leave --keep-state out" in error
+
+
 def test_run_of_agent_without_state_is_reproduced(installed, tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     run, results = settings("without-state"), Results(tmp_path)
@@ -251,6 +270,6 @@ def test_algorithms_are_listed_with_settings_and_packages(installed, capsys):
 
 
 def test_installed_policy_is_evaluated(installed, tmp_path):
-    typed = ("evaluate", "--policy", "bang-bang", "--task", "face_direction", "--episodes", "1")
+    typed = ("evaluate", "bang-bang", "--task", "face_direction", "--episodes", "1")
     printed = json.loads(succeed(*typed, "--json", results=tmp_path, short=True).stdout)
     assert printed["settings"]["code"] == "random-search-agent 1.0"

@@ -3,6 +3,7 @@
 from jbench.cli import main
 from jbench.commands import demo
 from jbench.store import Results
+from tests.demo_results import RETURNS
 from tests.documentation import ROOT
 
 
@@ -16,12 +17,29 @@ def test_each_command_is_printed_run_and_recorded(tmp_path, monkeypatch, capsys)
     place = tmp_path / "mine"
     assert main(["demo", "--results", str(place)]) == 0
     printed = capsys.readouterr().out
-    assert f"\n$ jbench collect --steps 1000 --results {place}\n" in printed
-    assert f"1 dataset in {place}" in printed
-    assert f"The report: {place / 'report' / 'index.html'}" in printed
+    assert f"\n$ jbench collect --steps 1000 --results {place}\n$ jbench datasets" in printed
+    assert "1 dataset in" not in printed  # only a failing command is quoted
+    assert f"Open {place / 'report' / 'index.html'} in a browser." in printed
     (record,) = Results(place).scan("dataset")[0]
     typed = ["jbench", "collect", "--steps", "1000", "--results", str(place)]
     assert record.manifest.provenance["command"] == typed
+
+
+def test_curves_of_each_representation_are_shown_in_few_lines(demo_results, monkeypatch, capsys):
+    commands = tuple("datasets" for _ in demo.COMMANDS)
+    monkeypatch.setattr(demo, "COMMANDS", commands)
+    assert main(["demo", "--results", str(demo_results.path)]) == 0
+    printed = capsys.readouterr()
+    assert len((printed.out + printed.err).splitlines()) <= 30
+    # The means of the last evaluations of two seeds, and their median.
+    for representation in ("full", "dae14"):
+        low, high = sorted(RETURNS[representation, seed][1] for seed in (0, 1))
+        row = next(one for one in printed.out.splitlines() if one.split()[:1] == [representation])
+        assert row.split()[2:] == [f"{(low + high) / 2:.0f}", "2", f"{low}", "and", f"{high}"]
+        curve = row.split()[1]
+        assert len(curve) == 10
+        assert sorted(curve) == list(curve)  # the returns of these results rise
+        assert curve[0] < curve[-1]
 
 
 def test_failing_command_ends_demo(tmp_path, monkeypatch, capsys):

@@ -73,7 +73,7 @@ def test_repeated_training_is_skipped_and_json_lists_encoders(filled, capsys):
     assert main(wanted) == 0
     output = capsys.readouterr().out
     assert output.count("is already finished; nothing to do") == 2
-    assert "Next: jbench train --task face_direction --encoder pca:2" in output
+    assert "Next: jbench train --task face_direction --encoder pca2" in output
     assert main([*wanted, "--json"]) == 0
     made = json.loads(capsys.readouterr().out)["encoders"]
     assert [encoder["settings"]["latents"] for encoder in made] == [2, 16]
@@ -94,14 +94,72 @@ def test_encoders_are_reported_and_used_in_training(filled, tmp_path, capsys):
     assert "face_direction/td3/planar12/s00-" in run.stdout
 
 
+def test_people_read_three_lines_and_tables_on_request(filled, capsys):
+    one = ["train-encoder", "--kind", "pca", "--latent", "2", "--results", str(filled)]
+    assert main(one) == 0
+    what, explained, following = capsys.readouterr().out.splitlines()
+    assert what.startswith("The encoder face_direction/pca2/s00-")
+    row = load(Results(filled)).tables["encoder_errors"].to_pandas().set_index("encoder")
+    share = row.loc[what.split()[2], "test_explained"]
+    assert f"it explains {share:.3f} of the variance (PCA with 2 latents: {share:.3f})" in explained
+    assert re.search(r"R² yaw rate -?0\.\d{3}, tilt rate", explained)
+    assert following.startswith("Next: jbench train --task face_direction --encoder pca2")
+    assert main([*one, "--verbose"]) == 0
+    printed = capsys.readouterr().out
+    assert "Mean squared error of each scaled feature" in printed
+    assert re.search(r"^ *motor_velocity +0\.\d{5}", printed, re.M)
+
+
+def test_warning_of_encoder_that_explains_far_less_than_pca(results, capsys):
+    short = ["train-encoder", "--latent", "12", "--epochs", "1", "--results", str(results)]
+    assert main([*short, "--kind", "dae"]) == 0
+    warned = [one for one in capsys.readouterr().err.splitlines() if one.startswith("Warning")]
+    assert len(warned) == 1
+    assert re.search(r"dae12/s00-\S+ explains -?\d\.\d+ of the variance and PCA of", warned[0])
+    assert "--epochs of more than 1," in warned[0]
+    # The loss of forward models is no reconstruction error.
+    assert main([*short, "--kind", "forward"]) == 0
+    assert "Warning" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "messages"),
+    [
+        ((), ("4,000 epochs",)),  # 1,000 rows are one batch
+        (("--epochs", "3"), ("3 epochs",)),
+        (("--batch", "100"), ("400 epochs",)),  # of ten batches
+        (("--kind", "contrastive"), ("2,000 epochs",)),  # of two batches of 512
+        (("--kind", "dae,pca"), ("4,000 epochs", "of 16 features, from random/s00-")),
+    ],
+)
+def test_small_dataset_has_epochs_of_enough_updates(
+    results, arguments, messages, monkeypatch, capsys
+):
+    (finished,) = [main(["train-encoder", "--kind", "pca", "--results", str(results)])]
+    record = Results(results).scan("encoder")[0][0]
+    monkeypatch.setattr("jbench.encoders.training.train_encoder", lambda *_, **__: record)
+    assert main(["train-encoder", *arguments, "--results", str(results)]) == finished == 0
+    printed = capsys.readouterr().out
+    assert [message for message in messages if message not in printed] == []
+
+
+def test_mirror_of_mixed_latents_is_refused_before_training(filled, refused):
+    mirror = ("--algo", "td3", "--set", "mirror=true")
+    error = refused("train", "--encoder", "dae:2", *mirror, results=filled)
+    assert "mirror=true needs inputs of which a mirror changes only signs" in error
+    assert not (filled / "runs").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("--kind", "VEA"), "Unknown kind of encoder 'VEA'; did you mean vae?"),
+        (("--kind", "DAE", "--latent", "0"), "latents of the encoder can't be 0"),
         (("--kind", "dea"), "Unknown kind of encoder 'dea'; did you mean dae?"),
-        (("--kind", "dae,"), "Unknown kind of encoder ''; choose dae, ae,"),
-        (("--kind", "pca", "--noise", "0.1"), "pca has no option noise; it has none."),
+        (("--kind", "dae,"), "Unknown kind of encoder ''; choose dae, dae-yaw,"),
+        (("--kind", "pca", "--noise", "0.1"), "pca has no option noise; it has rescale, scale."),
         (("--kind", "dae,pca", "--epochs", "3"), "pca has no option epochs"),
-        (("--horizon", "3"), "dae has no option horizon; it has batch, epochs, learning_rate,"),
+        (("--horizon", "3"), "dae has no option horizon; it has batch, epochs, "),
         (("--kind", "vae", "--set", "depth=3"), "vae has no option depth; it has batch, epochs,"),
         (("--kind", "vae", "--set", "hidden=0"), "hidden of vae can't be 0"),
         (("--noise", "-0.1"), "noise of dae can't be -0.1"),
@@ -121,7 +179,7 @@ def test_encoders_are_reported_and_used_in_training(filled, tmp_path, capsys):
             ("--device", "gpu"),
             "Unknown device 'gpu'; choose auto, cpu, cuda or cuda:1.",
         ),
-        (("--seed", "-1"), "type a whole number from 0 up"),
+        (("--seed", "-1"), "type seeds like 0-9"),
         (("--dataset", "random/s00-00000000"), "No dataset random/s00-00000000"),
     ],
 )

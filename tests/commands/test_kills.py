@@ -63,6 +63,30 @@ def test_killed_training_is_readable_and_resumes(tmp_path):
     assert not list(tmp_path.rglob("checkpoint-*"))
 
 
+def test_longer_run_continues_or_says_why_it_begins(tmp_path):
+    arguments = train("ddpg", "none", "--seeds", "0-1", "--jobs", "1", "--evaluate-episodes", "0")
+    succeed(*arguments, "--steps", "300", results=tmp_path)
+    done = succeed(*arguments, "--steps", "400", "--keep-state", results=tmp_path)
+    assert (
+        "2 runs train from the beginning, not from the end of finished runs of 300 control steps: "
+        "the state was not kept, as --keep-state does.\n"
+    ) in done.stdout
+    done = succeed(*arguments, "--steps", "600", results=tmp_path)
+    assert done.stdout.startswith("2 runs with 400 control steps left ")
+    for record in Results(tmp_path).scan("run")[0]:
+        assert bool(record.roles()) == (record.settings["steps"] == 400)
+        if record.settings["steps"] == 600:
+            (continued,) = record.manifest.provenance["continued"]
+            assert (
+                f"The run {record.id} continues {continued['run']} from control step 400.\n"
+            ) in done.stdout
+            assert record.rows("episodes") == 6
+    succeed("verify", results=tmp_path)
+    refused = jbench(*arguments, "--engine", "sb3", "--keep-state", results=tmp_path)
+    assert refused.returncode == 2
+    assert "stable-baselines3 has no checkpoints here; leave --keep-state out" in refused.stderr
+
+
 def test_killed_run_of_stable_baselines3_restarts_with_notice(tmp_path):
     arguments = train("td3", "none", "--steps", "1000", "--seeds", "0", "--engine", "sb3")
     kill_when(lambda: any(tmp_path.rglob("manifest.json")), start(*arguments, results=tmp_path))

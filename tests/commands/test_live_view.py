@@ -49,7 +49,8 @@ def test_each_process_has_line_with_steps_and_last_returns(runs):
         (td3,) = (line for line in lines if "td3" in line)
         assert td3.startswith("face_direction td3 full seed 0,1 3,000/20,000 ")
         assert " 100 7 " in td3
-        assert any(line == "face_direction ppo full seed 0 0/10,000" for line in lines)
+        # The fifth rollout of 2,048 steps ends after 10,240.
+        assert any(line == "face_direction ppo full seed 0 0/10,240" for line in lines)
         assert any(line.startswith("0 of 4 runs ended, ") for line in lines)
 
 

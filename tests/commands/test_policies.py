@@ -30,7 +30,7 @@ def augmented(tmp_path_factory):
 
 def test_evaluation_on_other_robot_prints_notice(augmented):
     results, run = augmented
-    task = ("--task", "face_direction", "--policy", run, "--episodes", "1")
+    task = ("--task", "face_direction", run, "--episodes", "1")
     other = succeed("evaluate", *task, results=results).stdout
     assert f"{run} was trained on augmented robot 7, but this is the plain robot" in other
     assert "type --augment 7 for its robot" in other
@@ -40,7 +40,7 @@ def test_evaluation_on_other_robot_prints_notice(augmented):
 
 
 def test_recorded_episodes_equal_printed_summary(tmp_path):
-    done = succeed("evaluate", "--policy", "random", "--episodes", "3", "--json", results=tmp_path)
+    done = succeed("evaluate", "random", "--episodes", "3", "--json", results=tmp_path)
     output = json.loads(done.stdout)
     ask = "SELECT median(episode_return) AS m, count(*) AS n FROM policy_episodes"
     (row,) = json.loads(succeed("query", ask, "--json", results=tmp_path).stdout)
@@ -75,7 +75,7 @@ def test_render_writes_reported_file(tmp_path):
         (("render", "--steps", "1001"), "type 1 to 1000"),
         (("render", "--augment", "-1"), "type a whole number from 0 up"),
         (("view", "--task", "fly"), "Unknown task 'fly'"),
-        (("view", "--policy", "best"), "Unknown policy 'best'"),
+        (("view", "best"), "Unknown policy 'best'"),
         (("train", "--robots", "3", "--steps", "10000"), "steps must be 12000"),
         (("train", "--augment", "-1"), "type a whole number from 0 up"),
         (("collect", "--augment", "-1"), "type a whole number from 0 up"),
@@ -90,14 +90,14 @@ def test_invalid_request_is_refused(arguments, message, tmp_path, refused):
 def test_trained_policy_is_rendered_in_its_task(augmented, tmp_path):
     results, run = augmented  # of face_direction; move_to_pose is the default of render
     out = ("--steps", "20", "--out", str(tmp_path / "strip.png"))
-    done = succeed("render", "--policy", run, *out, results=results)
+    done = succeed("render", run, *out, results=results)
     assert f"render {run} face_direction" in done.stderr
 
 
 def test_run_of_other_task_is_refused(augmented):
     results, run = augmented
     for verb in (("evaluate",), ("render", "--steps", "20")):
-        done = jbench(*verb, "--task", "move_to_pose", "--policy", run, results=results)
+        done = jbench(*verb, "--task", "move_to_pose", run, results=results)
         assert done.returncode == 2
         assert (
             "was trained on face_direction, not move_to_pose; type --task face_direction"

@@ -31,7 +31,7 @@ def test_shipped_runs_are_listed_and_queried(capsys):
     ("arguments", "sentence"),
     [
         (("runs", "--algo", "dpg"), "did you mean ddpg? The runs in reference have ddpg, "),
-        (("evaluate", "--policy", "face_direction/x"), "Error: No policy is shipped as reference/"),
+        (("evaluate", "face_direction/x"), "Error: No policy is shipped as reference/"),
         (
             ("reproduce", "face_direction/x"),
             "There is no run face_direction/x in reference; ",

@@ -61,6 +61,11 @@ from tests.command_line import jbench, succeed, wait_until
             ("train", "--algo", "ppo", "--set", "shared_layers=true", "--engine", "sb3"),
             "stable-baselines3 has no shared_layers: choose the batched engine",
         ),
+        (("train", "--set", "mirror=maybe"), "mirror of ddpg can't be 'maybe'"),
+        (
+            ("train", "--set", "mirror=true", "--engine", "sb3"),
+            "stable-baselines3 has no mirror: choose the batched engine",
+        ),
         (("train", "--time-limit", "never"), "Unknown value of --time-limit 'never'"),
         (("train", "--algo", "sac", "--set", "ent_coef=-1"), "of sac can't be -1: .*or equal to 0"),
         (
@@ -95,8 +100,11 @@ from tests.command_line import jbench, succeed, wait_until
         (("train", "--lr", "1"), "No such option: --lr; type --set learning_rate=VALUE instead"),
         (("train", "--task", "all"), "trains one task; type jbench sweep FILE for several"),
         (("collect", "--seed", "x"), "Invalid value for '--seed'"),
-        (("query",), "Missing argument 'sql'; jbench query --help lists the options and shows an"),
-        (("trian",), r"Did you mean 'train'\? jbench --help lists the commands\."),
+        (("train-vae",), "; type jbench train-encoder --kind vae instead; jbench --help lists"),
+        (("enjoy",), "; type jbench render instead"),
+        (("collect", "--task", "face_direction"), "one dataset serves all tasks"),
+        (("query",), "Missing argument 'SQL'; jbench query --help lists the options and shows an"),
+        (("trian",), r"; type jbench train instead; jbench --help lists the commands\."),
         (
             ("train", "--set", "hidden_layers=16"),
             "hidden_layers of ddpg can't be 16: it should be a list in brackets.",
@@ -112,15 +120,29 @@ def test_invalid_request_prints_one_error_and_exits_with_2(arguments, message, t
 
 
 @pytest.mark.parametrize(
+    ("text", "steps", "every"),
+    [
+        (None, 5_000_000, 50_000),
+        (None, 500_000, 50_000),
+        (None, 25_000, 2000),  # at least ten evaluations
+        (None, 5000, 1000),
+        ("7e3", 5000, 7000),
+    ],
+)
+def test_evaluations_are_a_tenth_of_short_run_apart(text, steps, every):
+    assert parsing.evaluate_every(text, steps) == every
+
+
+@pytest.mark.parametrize(
     ("arguments", "typed"),
     [
         (("runs", "--results", ""), "--results"),
         (("collect", "--steps", "1000", "--results="), "--results"),
         (("report", "--results", "reference", "--out", ""), "--out"),
         (("export", "face_direction/td3", "--out="), "--out"),
-        (("leaderboard", ""), "directories"),
-        (("merge", "--results", "results", ""), "others"),
-        (("import", "--from=csv", "--task=face_direction", "--algo=a", ""), "files"),
+        (("leaderboard", ""), "DIR"),
+        (("merge", "--results", "results", ""), "DIR"),
+        (("import", "--from=csv", "--task=face_direction", "--algo=a", ""), "FILE"),
     ],
 )
 def test_empty_path_is_refused(arguments, typed, tmp_path, monkeypatch, refused):
@@ -186,6 +208,29 @@ def test_help_has_full_sentence_and_valid_example_per_command(capsys, monkeypatc
         assert (program, verb) == ("jbench", name)
         # Raises an error for an unknown option.
         commands[name].make_context(name, arguments)
+
+
+def test_help_of_train_begins_with_five_options_and_names_their_values(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["train", "--help"]) == 0
+    main_options, _, advanced = capsys.readouterr().out.partition("Advanced:")
+    shown = re.findall(r"^  (--.+?)  ", main_options, re.M)
+    assert shown == [
+        *("--task TASK", "--algo ALGO", "--encoder ENCODER"),
+        *("--seeds, --seed SEEDS", "--steps STEPS"),
+    ]
+    assert "--results DIR" in advanced
+    assert "--evaluate-episodes N" in advanced
+
+
+def test_help_shows_no_types(capsys):
+    placeholders = {"query": "SQL", "sweep": "MATRIX [COMPARISON]...", "leaderboard": "[DIR]..."}
+    for name in get_command(app).commands:
+        assert main([name, "--help"]) == 0
+        printed = capsys.readouterr().out
+        assert not re.search(r"<[\w\[\] ]+>|[{}]", printed), name
+        usage = f"Usage: jbench {name} [OPTIONS] {placeholders.get(name, '')}"
+        assert printed.startswith(usage.rstrip())
 
 
 @pytest.mark.parametrize(
@@ -269,6 +314,56 @@ def test_help_and_completion_import_no_heavy_library():
     assert not imported & {"torch", "mujoco", "pandas", "numpy", "pyarrow"}
 
 
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("evaluate --results {0} face_direction/td3/full/s01", ["face_direction/td3/full/s01-"]),
+        ("evaluate reference/face_direction/ddpg/f", ["reference/face_direction/ddpg/full/s0"]),
+        ("export --results {0} face_direction/td3/full/s00", ["face_direction/td3/full/s00-"]),
+        ("reproduce --results {0} face_direction/td3/dae14/s00", ["face_direction/td3/dae14/s00-"]),
+        ("train --results {0} --encoder d", ["dae14"]),
+        ("train --results {0} --encoder face_direction/", ["face_direction/dae14/s00-99f840bb"]),
+        ("train-dae --results {0} --dataset r", ["random/s00-"]),
+        ("train --set l", ["last_layer_bound=", "learning_rate=", "learning_starts="]),
+        ("train --algo ppo --set n_ep", ["n_epochs="]),
+    ],
+)
+def test_ids_and_settings_are_completed(words, offered, demo_results, monkeypatch, capsys):
+    typed = f"jbench {words.format(demo_results.path)}"
+    for name, value in (("WORDS", typed), ("CWORD", str(typed.count(" ")))):
+        monkeypatch.setenv(f"COMP_{name}", value)
+    monkeypatch.setenv("_JBENCH_COMPLETE", "complete_bash")
+    with pytest.raises(SystemExit):
+        main([])
+    completed = sorted(capsys.readouterr().out.split())
+    assert len(completed) == len(offered)
+    assert all(one.startswith(begin) for one, begin in zip(completed, offered, strict=True))
+
+
+def test_dry_run_of_train_shows_time_left_and_trains_nothing(tmp_path, capsys):
+    arguments = ["--algo", "td3", "--seed", "3", "--steps", "1000", "--results", str(tmp_path)]
+    assert main(["train", "--dry-run", "--json", *arguments]) == 0
+    printed = capsys.readouterr()
+    document = json.loads(printed.out)
+    (cell,) = document["cells"]
+    assert (cell["missing"], cell["steps_left"], cell["algo"]) == (1, 1000, "td3")
+    # One run keeps one process busy.
+    assert document["seconds_left"] == pytest.approx(cell["seconds_left"])
+    assert document["seconds_left"] > 0
+    assert "a quick measurement" in printed.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_training_in_directory_without_permission_is_refused(tmp_path, monkeypatch, refused):
+    # Root may write everywhere but in a file system that is mounted read-only.
+    monkeypatch.setattr("jbench.store.files.os.access", lambda path, mode: mode != os.W_OK)
+    short = ("--steps", "1000", "--seeds", "0-1", "--set", "hidden_layers=[4]")
+    error = refused("train", *short, results=tmp_path)
+    assert "s00-" in error
+    assert "can't be written to; name a directory that you may write to." in error
+    assert not list(tmp_path.rglob("manifest.json"))
+
+
 def test_train_with_defaults_prints_forecast_first(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "jbench", "train", "--results", str(tmp_path)],
@@ -322,7 +417,7 @@ def test_run_too_short_to_learn_prints_warning(tmp_path, capsys):
     steps = ["--steps", "1500", "--seeds", "0", "--evaluate-episodes", "0"]
     assert main(["train", "--algo", "td3", *steps, "--results", str(tmp_path)]) == 0
     output = capsys.readouterr().err
-    assert "an episode has 1,000 control steps, so a run of 1,500 ends after 2,000" in output
+    assert "a run of 1,500 control steps ends after 2,000, at the end of an episode" in output
     assert "td3 first updates its networks after 11,000 control steps" in output
     assert (
         main(["train", "--steps", "1k", "--seeds", "0", *steps[4:], "--results", str(tmp_path)])

@@ -95,7 +95,7 @@ def test_train_and_sweep_make_same_runs(swept):
 def test_trained_policy_is_evaluated_and_reevaluated(swept, installed):
     run = swept.scan("run")[0][0]
     typed = partial(succeed, results=swept.path, short=True)
-    evaluated = typed("evaluate", "--policy", run.id, "--episodes", "1", "--json")
+    evaluated = typed("evaluate", run.id, "--episodes", "1", "--json")
     assert json.loads(evaluated.stdout)["settings"]["task"] == "face_direction"
     assert "equal" in typed("verify", "--reevaluate").stdout
     typed("reproduce", run.id, "--episodes", "1")

@@ -4,8 +4,11 @@ import numpy as np
 import pyarrow as pa
 
 from jbench.datasets import Dataset, layout
+from jbench.encoders.kinds.planar import planar_size, planar_weights
+from jbench.encoders.saved import SavedEncoder
+from jbench.encoders.scaling import Scaling
 from jbench.store import schema
-from jbench.tasks.features import State
+from jbench.tasks.features import TASK_SPECS, State
 
 
 def random_states(episodes):
@@ -56,3 +59,22 @@ def make_dataset(results, id="random/a", state=None, episodes=5, each=25):
 def observations_of(dataset, task="face_direction"):
     """All observations (episodes, 1001, size), the last after the last action."""
     return np.concatenate([block.observations for block in dataset.blocks(task)])
+
+
+def planar_encoder(task, kind, inputs=None):
+    """An encoder of the kind of `planar`.
+
+    Args:
+        inputs: their scaling; by default, like that of the latents, not symmetric.
+    """
+    random = np.random.default_rng(len(task))
+
+    def scaling(size):
+        low, high = -random.uniform(0.2, 1, (2, size)).astype(np.float32)
+        return Scaling(low, high + 2)
+
+    size = planar_size(task)
+    inputs = inputs or scaling(TASK_SPECS[task].observation_size)
+    weights = planar_weights(task, inputs, scaling(size), np.array([0.001, -0.002, 0.004]))
+    weights = {name: value.astype(np.float32) for name, value in weights.items()}
+    return SavedEncoder(kind(), weights, inputs, size)

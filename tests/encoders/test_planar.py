@@ -10,13 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jbench.encoders.kinds.planar import (
-    HeadingFrame,
     PlanarReduction,
-    PlanarWithoutYawRate,
     features_in,
     planar_weights,
     to_planar,
 )
+from jbench.encoders.kinds.planar_controls import HeadingFrame, PlanarWithoutYawRate
 from jbench.encoders.scaling import Scaling
 from jbench.names import TASKS
 from jbench.tasks import features, model

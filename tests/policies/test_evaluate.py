@@ -92,8 +92,8 @@ def test_numbers_above_the_limits_are_refused(setting):
 
 
 def test_command_records_evaluation_in_database(tmp_path, capsys):
-    arguments = ["evaluate", "--policy", "random", "--episodes", "2", "--results", str(tmp_path)]
-    assert main(arguments) == 0
+    more = ["--episodes", "2", "--results", str(tmp_path)]
+    assert main(["evaluate", "random", *more]) == 0
     (row,) = run_sql(
         "SELECT policy, episodes, median, "
         "(SELECT avg(episode_return) FROM policy_episodes) AS mean FROM policy_evaluations",
@@ -102,27 +102,29 @@ def test_command_records_evaluation_in_database(tmp_path, capsys):
     assert (row["policy"], row["episodes"]) == ("random", 2)
     assert row["median"] == pytest.approx(row["mean"])  # of two
     assert f"median return {row['median']:.0f}" in capsys.readouterr().out
-    assert main(arguments) == 0
+    # The option of older versions.
+    assert main(["evaluate", "--policy", "random", *more]) == 0
     assert "already finished; nothing to do" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--policy", "fly"], "Unknown policy 'fly'; choose heuristic, random, constant:U"),
-        (["--policy", "hueristic"], "Unknown policy 'hueristic'; did you mean heuristic? Choose"),
-        (["--policy", ""], "Unknown policy ''; choose heuristic, random, constant:U"),
-        (["--policy", "constant:2"], "lies in [-1, 1]"),
-        (["--policy", "constant:+0.5"], "lies in [-1, 1]; type constant:0.5"),
-        (["--policy", "constant: 0.5"], "lies in [-1, 1]; type constant:0.5"),
-        (["--policy", "constant:0,5"], "lies in [-1, 1]; type constant:0.5"),
-        (["--policy", "constant:0_1"], "lies in [-1, 1]; type constant:0.5"),
-        (["--policy", "constant:\N{ARABIC-INDIC DIGIT ONE}"], "lies in [-1, 1]"),
-        (["--policy", "constant:"], "lies in [-1, 1]"),
-        (["--policy", "constant:nan"], "lies in [-1, 1]"),
-        (["--policy", "constant:x"], "lies in [-1, 1]"),
-        (["--policy", "face_direction/td3/full/s00-00000000"], "No run face_direction/td3"),
-        (["--policy", "../x"], "is not an id"),
+        (["fly"], "Unknown policy 'fly'; choose heuristic, random, constant:U"),
+        (["hueristic"], "Unknown policy 'hueristic'; did you mean heuristic? Choose"),
+        ([""], "Unknown policy ''; choose heuristic, random, constant:U"),
+        (["constant:2"], "lies in [-1, 1]"),
+        (["constant:+0.5"], "lies in [-1, 1]; type constant:0.5"),
+        (["constant: 0.5"], "lies in [-1, 1]; type constant:0.5"),
+        (["constant:0,5"], "lies in [-1, 1]; type constant:0.5"),
+        (["constant:0_1"], "lies in [-1, 1]; type constant:0.5"),
+        (["constant:\N{ARABIC-INDIC DIGIT ONE}"], "lies in [-1, 1]"),
+        (["constant:"], "lies in [-1, 1]"),
+        (["constant:nan"], "lies in [-1, 1]"),
+        (["constant:x"], "lies in [-1, 1]"),
+        (["face_direction/td3/full/s00-00000000"], "No run face_direction/td3"),
+        (["../x"], "is not an id"),
+        (["random", "--policy", "heuristic"], "Two policies, random and heuristic: type one."),
         (["--task", "fly"], "Unknown task 'fly'"),
         (["--episodes", "0"], "episodes of the evaluation can't be 0"),
         (["--augment", "-1"], "--augment -1: type a whole number"),

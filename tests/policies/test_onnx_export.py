@@ -11,7 +11,7 @@ import torch
 
 from jbench.cli import main
 from jbench.encoders.kind import ClosedForm, Learned
-from jbench.encoders.registry import kind_names, make_kind
+from jbench.encoders.registry import kind_names, make_kind, only_size
 from jbench.encoders.saved import SavedEncoder
 from jbench.encoders.states import States
 from jbench.errors import RequestError
@@ -63,7 +63,7 @@ def test_exported_policy_repeats_actions_of_evaluation(tmp_path, monkeypatch):
     shorten_episodes(monkeypatch.setattr)
     results = tmp_path / "results"
     where = ("--results", str(results))
-    evaluate = ("evaluate", "--policy", RUN, "--episodes", "1", "--seed", "5", "--states")
+    evaluate = ("evaluate", RUN, "--episodes", "1", "--seed", "5", "--states")
     assert main([*evaluate, *where]) == 0
     assert main(["export", RUN, "--out", str(tmp_path / "policy.onnx"), *where]) == 0
     (record,) = Results(results).scan("evaluation")[0]
@@ -101,7 +101,7 @@ def states(tmp_path_factory):
 def make_encoder(name, states):
     """An encoder with initial weights, or fitted weights if its kind is not trained."""
     kind = make_kind(name, {})
-    latents = {"scaled": 16, "planar": 12}.get(name, 3)
+    latents = only_size(name, TASK) or 3
     if isinstance(kind, Learned):
         weights = kind.initial(states.size, latents, torch.Generator().manual_seed(0))
     elif isinstance(kind, ClosedForm):

@@ -1,4 +1,4 @@
-"""Tests of `benchmarks/ship_reference.py`, and of the shipped policies that `--policy` finds."""
+"""Tests of `benchmarks/ship_reference.py`, and of the shipped policies that POLICY finds."""
 
 import importlib.util
 import json
@@ -13,11 +13,12 @@ import pytest
 from jbench.cli import main
 from jbench.policies import find
 from jbench.policies.saved import Policy, has_policy, policy_files
-from jbench.settings.alike import variant
 from jbench.settings.base import settings_hash
+from jbench.settings.evaluation import EvaluationSettings
 from jbench.store import Results, schema
 from jbench.store.shipped import shipped
 from jbench.store.verify import verify
+from jbench.tasks.features import TASK_SPECS
 from tests.training.small_runs import shorten_episodes
 
 ROOT = Path(__file__).parents[2]
@@ -66,30 +67,29 @@ def target(tmp_path):
     return Results(tmp_path / "target")
 
 
-def test_policy_with_best_last_evaluation_is_shipped(script, source, target):
-    # By the first, the best or the mean of all evaluations, seed 0 would be chosen.
-    for seed, evaluations in enumerate([(900, 990, 300), (100, 100, 800), (100, 100, 700)]):
-        add_run(source, seed, evaluations)
-    add_run(source, 7, [10], algo="sac")
+def test_finished_runs_keep_policies_and_evaluations(script, source, target):
+    runs = [add_run(source, seed, [500]) for seed in range(3)]
+    evaluation, _ = (
+        source.create("evaluation", settings.id, settings.model_dump())
+        for policy in (runs[1].id, "heuristic")
+        for settings in [EvaluationSettings(task="face_direction", policy=policy)]
+    )
+    for record in source.scan("evaluation")[0]:
+        record.finish({"median": 1.0})
     assert script.ship(source, target) == []
-    assert with_policies(target) == {1, 7}
-    assert len(target.scan("run")[0]) == 4
+    assert with_policies(target) == {0, 1, 2}
+    assert [record.id for record in target.scan("evaluation")[0]] == [evaluation.id]
     assert verify(target, 1).findings == []
 
 
-def test_better_run_replaces_shipped_policy(script, source, target):
+def test_shipped_runs_stay_as_they_are(script, source, target):
     first = add_run(source, 0, [500])
     script.ship(source, target)
-    add_run(source, 1, [400])
+    manifest = (target.find("run", first.id).path / "manifest.json").read_bytes()
+    add_run(source, 1, [600])
     script.ship(source, target)
-    assert with_policies(target) == {0}
-    add_run(source, 2, [600])
-    script.ship(source, target)
-    assert with_policies(target) == {2}
-    kept = target.find("run", first.id)
-    assert kept.read("evaluations").num_rows == 2
-    assert not list(kept.path.glob("policy*"))
-    assert verify(target, 1).findings == []
+    assert with_policies(target) == {0, 1}
+    assert (target.find("run", first.id).path / "manifest.json").read_bytes() == manifest
 
 
 def test_command_and_checkpoint_are_not_shipped(script, source, target):
@@ -141,15 +141,15 @@ class TestShippedTwoCells:
         found = verify(database, 1)
         assert found.findings == []
         assert found.records == 5  # four runs and their encoder, without its dataset
-        assert len(find.shipped_policies()) == 2
+        assert len(find.shipped_policies()) == 4
 
-    @pytest.mark.parametrize("representation", ["full", "dae12"])
+    @pytest.mark.parametrize("representation", ["full", "dae14"])
     def test_shipped_policy_equals_policy_of_run(
         self, database, representation, demo_results, tmp_path, monkeypatch, capsys
     ):
         shorten_episodes(monkeypatch.setattr)
-        cell = f"reference/face_direction/td3/{representation}"
-        (name,) = [one for one in find.shipped_policies() if one.startswith(cell)]
+        cell = f"reference/face_direction/td3/{representation}/s00"
+        (name,) = [policy for policy in find.shipped_policies() if policy.startswith(cell)]
         assert find.full_name(Results(shipped()), cell) == name
         assert find.full_name(Results(shipped()), name[:-4]) == name
         shutil.copytree(demo_results.path, tmp_path / "own")
@@ -157,7 +157,7 @@ class TestShippedTwoCells:
         printed = []
         for policy, results in ((name.removeprefix("reference/"), "own"), (cell, "other")):
             capsys.readouterr()
-            assert main([*evaluate, "--policy", policy, "--results", str(tmp_path / results)]) == 0
+            assert main([*evaluate, policy, "--results", str(tmp_path / results)]) == 0
             printed.append(json.loads(capsys.readouterr().out))
         assert printed[1]["summary"] == printed[0]["summary"]
         assert printed[1]["summary"]["median"] > 1
@@ -167,22 +167,27 @@ class TestShippedTwoCells:
     @pytest.mark.parametrize(
         ("name", "message"),
         [
-            ("reference/face_direction/sac", "No policy is shipped as {}; type one of {}."),
+            ("reference/face_direction/sac", "No policy is shipped as {}; type one of "),
             ("reference/face_direction/td3", "Error: {} is not unique; type one of {}"),
         ],
     )
     def test_ambiguous_name_is_refused_with_choices(self, database, name, message, refused):
         there = ", ".join(find.shipped_policies())
-        assert message.format(name, there) in refused("evaluate", "--policy", name)
+        assert message.format(name, there) in refused("evaluate", name)
 
     def test_run_without_policy_is_refused(self, database, refused):
-        (rows, *_) = [run.id for run in database.scan("run")[0] if not has_policy(run)]
-        error = refused("evaluate", "--policy", rows, results=database.path)
-        assert f"The run {rows} in {database.path} was saved without its policy." in error
+        run = database.scan("run")[0][0]
+        for name in ("policy.json", "policy.safetensors"):
+            (run.path / name).unlink()
+        text = json.loads((run.path / "manifest.json").read_text())
+        text["files"] = [entry for entry in text["files"] if "policy" not in entry["name"]]
+        (run.path / "manifest.json").write_text(json.dumps(text))
+        error = refused("evaluate", run.id, results=database.path)
+        assert f"The run {run.id} in {database.path} was saved without its policy." in error
 
     def test_missing_shipped_policies_are_reported(self, tmp_path, monkeypatch, refused):
         monkeypatch.setattr(find, "shipped_results", lambda: Results(tmp_path / "none"))
-        error = refused("evaluate", "--policy", "reference/face_direction/td3/full")
+        error = refused("evaluate", "reference/face_direction/td3/full")
         assert "this version of jbench ships none" in error
 
     def test_missing_encoder_of_shipped_runs_is_added(self, script, database, demo_results):
@@ -204,18 +209,17 @@ class TestShippedTwoCells:
         notes = script.ship(demo_results, database)
         assert len(notes) == 2
         assert all("the shipped encoder is another one" in note for note in notes)
-        (kept,) = [run for run in database.scan("run")[0] if has_policy(run)]
-        assert kept.settings["representation"] == "full"
+        kept = [run for run in database.scan("run")[0] if has_policy(run)]
+        assert {run.settings["representation"] for run in kept} == {"full"}
 
 
 class TestPackage:
-    def test_shipped_policies_load_and_are_one_per_cell(self):
+    def test_shipped_policies_load(self):
         results = Results(shipped())
         runs = [run for run in results.scan("run")[0] if has_policy(run)]
-        assert len({variant(run.settings) for run in runs}) == len(runs)
         for run in runs:
             found = find.find_policy(results, f"reference/{run.id}", run.settings["task"])
-            size = {"face_direction": 16, "move_in_direction": 19}[run.settings["task"]]
+            size = TASK_SPECS[run.settings["task"]].observation_size
             assert np.abs(found.act(np.zeros((3, size), np.float32))).max() <= 1
 
     def test_every_noncode_file_is_package_data(self):

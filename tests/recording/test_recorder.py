@@ -169,7 +169,7 @@ def test_saved_policy_equals_actor(finished, copy, capsys):
     kept = load_agent(Results(results), id)
     np.testing.assert_allclose(kept.act(observations), wanted, atol=1e-6)
     arguments = ("--episodes", "2", "--seed", "5", "--results", str(copy), "--json")
-    assert main(["evaluate", "--policy", id, *arguments]) == 0
+    assert main(["evaluate", id, *arguments]) == 0
     episodes = jbench.open(copy).query("FROM policy_episodes ORDER BY episode")
     starts = resets.draw_starts("face_direction", [resets.episode_generator(5, i) for i in (0, 1)])
     total = np.zeros(2)
@@ -269,14 +269,14 @@ def test_callback_records_model_of_stable_baselines3(tmp_path):
 
 def test_environment_is_encoded(demo_results, tmp_path):
     shutil.copytree(demo_results.path, tmp_path / "results")
-    with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "results", encoder=12) as it:
+    with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "results", encoder=14) as it:
         env = it.env()
-        assert env.observation_space.shape == env.reset()[0].shape == (12,)
+        assert env.observation_space.shape == env.reset()[0].shape == (14,)
         raise KeyboardInterrupt
     record = record_of(tmp_path / "results", it.id)
     assert record.status == "unfinished"
-    assert record.settings["representation"] == "dae12"
-    assert record.settings["encoder"].startswith("face_direction/dae12/")
+    assert record.settings["representation"] == "dae14"
+    assert record.settings["encoder"].startswith("face_direction/dae14/")
 
 
 class Residual(nn.Module):

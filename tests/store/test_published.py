@@ -35,7 +35,7 @@ def test_published_table_has_all_rows(tables):
 @pytest.mark.parametrize(("task", "algo", "expected"), CELLS)
 def test_figure_9_final_quantiles_match_paper(tables, task, algo, expected):
     sql = f"""
-        select arg_max(episode_return, training_steps) from published
+        select arg_max(episode_return, control_steps) from published
         where figure = 'fig9' and task = '{task}' and algo = '{algo}'
         group by quantile order by quantile
     """
@@ -67,7 +67,7 @@ def test_encoded_curves_are_of_figures_7_and_8(tables):
 def test_published_quantiles_never_cross(tables):
     sql = """
         select count(*) from published low join published high
-        using (figure, task, algo, representation, training_steps)
+        using (figure, task, algo, representation, control_steps)
         where low.quantile < high.quantile and low.episode_return > high.episode_return + 0.5
     """
     assert fetch(tables, sql) == [(0,)]
@@ -77,7 +77,7 @@ def test_figure_8_medians_have_two_pairs_of_bands(tables):
     sql = """
         select median.figure, count(*), max(abs(median.episode_return - other.episode_return))
         from published median join published other
-        using (task, algo, representation, training_steps, quantile)
+        using (task, algo, representation, control_steps, quantile)
         where median.figure = 'fig8' and other.figure = 'fig8-10-90'
         group by all
     """

@@ -37,7 +37,7 @@ COLUMNS = {
     "pca_explained random_explained heuristic_explained pca_heuristic_explained "
     "random_heuristic_explained",
     "datasets": "dataset seed steps steps_done status bytes created updated settings provenance",
-    "published": "figure task algo representation training_steps quantile episode_return source",
+    "published": "figure task algo representation control_steps quantile episode_return source",
 }
 ENCODER = "face_direction/dae12/s00-0000abcd"
 DAE = {"representation": "dae12", "encoder": ENCODER}

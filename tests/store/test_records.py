@@ -1,9 +1,11 @@
 """Tests of records: committed rows are read in order, uncommitted files are ignored."""
 
 import importlib.metadata
+import os
 import platform
 import shutil
 import sys
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -188,7 +190,7 @@ def test_missing_results_directory_reads_as_empty(tmp_path):
     assert not (tmp_path / "missing").exists()
 
 
-def test_unique_prefix_of_id_is_completed(results):
+def test_unique_prefix_of_id_is_completed(results, monkeypatch):
     for id in ("a/td3/s00-11", "a/td3/s01-22", "a/sac/s00-33", "a/td3/s00"):
         results.create("run", id, {})
     assert results.complete_id("run", "a/sac") == "a/sac/s00-33"
@@ -197,6 +199,12 @@ def test_unique_prefix_of_id_is_completed(results):
     # A complete id, although another id starts with it.
     assert results.complete_id("run", "a/td3/s00") == "a/td3/s00"
     assert results.complete_id("run", "b") == "b"
+    # A path that a shell has completed, relative or absolute.
+    monkeypatch.chdir(results.path.parent)
+    folder = results.record("run", "a/sac/s00-33").path
+    relative = Path(os.path.relpath(folder))
+    for text in (f"{folder}", f"{relative}/", f"./{relative.parent}"):
+        assert results.complete_id("run", text) == "a/sac/s00-33"
     assert results.complete_id("encoder", "a/sac") == "a/sac"
     with pytest.raises(RequestError, match="Several runs begin with a/td3: "):
         results.complete_id("run", "a/td3")

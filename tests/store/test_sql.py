@@ -113,6 +113,7 @@ def test_error_is_one_line_that_lists_tables():
     [
         ("select * from run", 'Did you mean "runs"?'),
         ("select sed from runs", 'The nearest columns: "seed". DESCRIBE with a table lists'),
+        ("select control_steps from runs", 'The nearest columns: "steps", '),
         ("from runs where algo = td3", "text is in single quotes, such as 'td3'."),
     ],
 )

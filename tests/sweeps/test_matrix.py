@@ -9,6 +9,7 @@ from jbench.commands.parsing import parse_overrides
 from jbench.commands.train import train
 from jbench.errors import RequestError
 from jbench.names import ALGORITHMS, SWEEPS, TASKS
+from jbench.settings.alike import SEED, alike, variant
 from jbench.settings.run import RunSettings
 from jbench.store import Results
 from jbench.store.shipped import shipped
@@ -25,7 +26,7 @@ def cells_of(name, path, **changes):
 
 @pytest.mark.parametrize(
     ("name", "cells", "runs"),
-    [("smoke", 8, 16), ("fig7", 2, 2), ("fig8", 2, 20), ("fig9", 20, 200), ("question", 21, 200)],
+    [("smoke", 8, 16), ("fig7", 2, 2), ("fig8", 2, 20), ("fig9", 20, 200), ("question", 53, 376)],
 )
 def test_shipped_matrices_have_expected_cells_and_runs(name, cells, runs, tmp_path):
     found = cells_of(name, tmp_path)
@@ -74,11 +75,22 @@ def test_question_matrix_contains_shipped_runs(tmp_path):
 
 def test_question_matrix_has_ppo_with_both_settings(tmp_path):
     ppo = [cell for cell in cells_of("question", tmp_path) if cell.algo == "ppo"]
-    assert [(cell.settings, cell.runs[0].steps) for cell in ppo] == [
-        ("published", 1_000_000),
-        ("script", 1_000_000),
-    ]
-    assert len({run.id for cell in ppo for run in cell.runs}) == 20
+    expected = {(task, settings) for task in TASKS for settings in ("published", "script")}
+    assert {(cell.task, cell.settings) for cell in ppo} == expected
+    assert {run.steps for cell in ppo for run in cell.runs} == {1_000_000}
+    assert len({run.id for cell in ppo for run in cell.runs}) == 20 + 8 * 3
+
+
+def test_each_agent_has_encoder_of_its_seed(tmp_path):
+    (cell,) = (
+        cell for cell in cells_of("question", tmp_path) if cell.representation == "dae-yaw13"
+    )
+    assert [encoder.seed for encoder in cell.encoders] == [run.seed for run in cell.runs]
+    assert [encoder.id for encoder in cell.encoders] == [run.encoder for run in cell.runs]
+    (draws,) = {encoder.draws for encoder in cell.encoders}
+    assert {run.encoder_draws for run in cell.runs} == {draws}
+    assert len({variant(run.values) for run in cell.runs}) == 1
+    assert len({alike(run, SEED) for run in cell.runs}) == 1
 
 
 PARTS = """

@@ -152,7 +152,7 @@ def test_run_that_kills_its_process_fails_no_other_run(tmp_path, monkeypatch):
 def test_damaged_dataset_or_encoder_is_missing_and_stops_no_other_cell(tmp_path, capsys):
     results = Results(tmp_path)
     matrix = write_matrix(tmp_path, representations='"pca3", "full"')
-    encoder = matrix_cells(read_matrix(matrix), results)[0].encoder
+    encoder = matrix_cells(read_matrix(matrix), results)[0].encoders[0]
     for kind, id in (("dataset", encoder.dataset), ("encoder", encoder.id)):
         record = results.record(kind, id)
         record.path.mkdir(parents=True)
@@ -182,4 +182,6 @@ def test_runs_without_dataset_fail_and_start_no_process(tmp_path, monkeypatch):
         "its dataset can't be collected"
     }
     assert len(warnings) == 1
-    assert warnings[0].startswith(f"the runs on {cells[0].encoder.id} are left out: its dataset")
+    assert warnings[0].startswith(
+        f"the runs on {cells[0].encoders[0].id} are left out: its dataset"
+    )

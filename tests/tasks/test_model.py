@@ -67,6 +67,12 @@ def robot():
     return load_model()
 
 
+@pytest.fixture(scope="module")
+def general():
+    """The robot of the XML: MuJoCo searches for all geoms that touch."""
+    return mujoco.MjModel.from_xml_string(model.xml())
+
+
 @pytest.fixture
 def at_rest(robot):
     data = mujoco.MjData(robot)
@@ -151,14 +157,14 @@ def test_motor_torque_is_that_of_velocity_servo(robot, at_rest, control, speed, 
     np.testing.assert_allclose(at_rest.qfrc_actuator, [0] * 14 + [torque], rtol=1e-9)
 
 
-def test_options_are_mujoco_defaults_except_timestep(robot):
+def test_options_are_mujoco_defaults_except_timestep(general):
     default = mujoco.MjModel.from_xml_string("<mujoco/>").opt
     names = [name for name in dir(default) if not name.startswith("_") and name != "timestep"]
     assert {"integrator", "solver", "cone", "tolerance", "gravity"} <= set(names)
     for name in names:
-        np.testing.assert_array_equal(getattr(robot.opt, name), getattr(default, name), name)
-    assert robot.opt.timestep == 0.0002
-    assert robot.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+        np.testing.assert_array_equal(getattr(general.opt, name), getattr(default, name), name)
+    assert general.opt.timestep == 0.0002
+    assert general.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
 
 
 @pytest.mark.parametrize(
@@ -168,13 +174,13 @@ def test_options_are_mujoco_defaults_except_timestep(robot):
         *("solmix", "margin", "gap", "priority"),
     ],
 )
-def test_contact_parameters_are_mujoco_defaults(robot, field):
+def test_contact_parameters_are_mujoco_defaults(general, field):
     plain = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><geom size="1"/></worldbody></mujoco>'
     )
     expected = getattr(plain.geom(0), field)
-    for geom in [robot.geom("floor").id, *robot_geoms(robot)]:
-        np.testing.assert_array_equal(getattr(robot.geom(geom), field), expected)
+    for geom in [general.geom("floor").id, *robot_geoms(general)]:
+        np.testing.assert_array_equal(getattr(general.geom(geom), field), expected)
 
 
 def test_target_has_neither_mass_nor_contacts(robot, at_rest):
@@ -216,14 +222,15 @@ def test_robot_stands_at_rest_on_its_four_feet(robot, at_rest):
     assert touching(robot, at_rest) == feet
 
 
-def test_robot_touches_only_floor_under_random_control(robot, at_rest):
+def test_robot_touches_only_floor_under_random_control(general):
     random = np.random.default_rng(0)
-    touched = 0
+    data, touched = mujoco.MjData(general), 0
+    model.place(data, model.UPRIGHT)
     for _ in range(60):
-        at_rest.ctrl[0] = random.uniform(-1, 1)
+        data.ctrl[0] = random.uniform(-1, 1)
         for _ in range(PHYSICS_STEPS):
-            mujoco.mj_step(robot, at_rest)
-            pairs = touching(robot, at_rest)
+            mujoco.mj_step(general, data)
+            pairs = touching(general, data)
             touched += len(pairs)
             assert all("floor" in pair for pair in pairs)
     assert touched > 3_000  # of 3,000 steps: more than one foot on the floor on average

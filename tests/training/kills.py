@@ -8,7 +8,8 @@ attempt is a fork of this process, which has imported all modules but started no
 of kills is reached. With "at": "writes" attempt n kills itself at its n-th write point (with
 "every": m at point 1 + (n - 1) m) until one finishes. Write points are before, within and after
 each write, and before and after each fsync and rename of `jbench/store/files.py`, which does all
-writing. With "encoder": n the runs have an encoder of n latents.
+writing. With "encoder": n the runs have an encoder of n latents. With "shorter": n the runs with
+kills continue runs of n control steps, which are trained without kills.
 
 Episodes have 50 control steps, so that many are completed per second.
 
@@ -113,6 +114,11 @@ class Killer:
         self._path, self._at = Path(request["path"]), request["at"]
         self._wanted, self._every = request.get("kills", 0), request.get("every", 1)
         self._runs = [RunSettings(**run) for run in request["runs"]]
+        self._shorter = [
+            run.model_copy(update={"steps": request["shorter"]})
+            for run in self._runs
+            if "shorter" in request
+        ]
         self._encoder = TanhEncoder(request["encoder"]) if request.get("encoder") else None
         self._draw, self._longest = random.Random(0), 0.0
         self.kills, self.steps, self.problems = 0, [], []
@@ -127,6 +133,8 @@ class Killer:
         """Trains the batch with kills."""
         path = self._path / folder
         self.steps.append([])
+        if self._shorter:
+            assert self._end(self._fork(path, runs=self._shorter, keep_state=True)) == 0
         while True:
             if self._at == "writes":
                 process = self._fork(path, self.kills * self._every + 1)
@@ -145,7 +153,7 @@ class Killer:
             findings = verify(results, 1).findings
             self.problems += [str(one) for one in findings if one.severity == "damaged"]
 
-    def _fork(self, path, write_point=None):
+    def _fork(self, path, write_point=None, runs=None, keep_state=False):
         process = os.fork()
         if process:
             return process
@@ -153,7 +161,13 @@ class Killer:
         try:
             if write_point is not None:
                 files.os = KillingModule(os, write_point)
-            failures = run_batch(self._runs, Results(path), self._encoder, checkpoint_every=0)
+            failures = run_batch(
+                runs or self._runs,
+                Results(path),
+                self._encoder,
+                checkpoint_every=0,
+                keep_state=keep_state,
+            )
             code = 3 if failures else 0
         except BaseException:
             traceback.print_exc()

@@ -17,6 +17,7 @@ from jbench.sweeps.executors import batches
 from jbench.training import engines, evaluation, group, speed
 from jbench.training.batched_run import run_batch
 from jbench.training.evaluation import evaluate_policy, robot_model, seeds_of
+from jbench.training.reevaluate import reevaluate
 from jbench.training.request import training_device
 from jbench.training.speed import _short_schedule, seconds_per_step
 from jbench.training.status import plan
@@ -270,3 +271,38 @@ def test_measuring_speed_does_not_change_results(algo, tmp_path):
     assert seconds_per_step([run]) > 0
     run_batch([run], again, None)
     assert rows(once.find("run", run.id)) == rows(again.find("run", run.id))
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "ppo"])
+def test_last_evaluation_of_more_episodes_begins_with_those_of_fewer(algo, tmp_path):
+    run = settings(algo, steps=3 * EPISODE)
+    few, many = (Results(tmp_path / name) for name in ("few", "many"))
+    run_batch([run], few, None, final_episodes=2)
+    run_batch([run], many, None, final_episodes=5)
+    records = [results.find("run", run.id) for results in (few, many)]
+    made = [record.read("evaluations").to_pandas() for record in records]
+    count = made[1].groupby("evaluation").size().tolist()
+    assert count == [2] * (len(count) - 1) + [5]
+    shared = made[1][made[1]["episode"] < 2].reset_index(drop=True)
+    columns = ["evaluation", "episode", "control_steps", "episode_return"]
+    assert shared[columns].equals(made[0][columns])
+    assert made[1]["episode_return"].tail(3).nunique() > 1
+    assert reevaluate(many, records[1]).verdict == "equal"
+    assert records[0].read_file(WEIGHTS) == records[1].read_file(WEIGHTS)
+
+
+@pytest.mark.parametrize(
+    ("steps", "each", "requested", "expected"),
+    [
+        (5_000_000, 10, None, 100),
+        (25_000, 10, None, 25),
+        (2_000, 10, None, 10),
+        (100_000, 10, 7, 7),
+        (100_000, 0, None, 0),
+    ],
+)
+def test_default_of_last_evaluation_is_at_most_its_training_episodes(
+    steps, each, requested, expected
+):
+    run = settings(steps=steps, evaluate_episodes=each)
+    assert evaluation.final_evaluation_episodes(run, requested) == expected

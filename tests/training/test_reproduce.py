@@ -172,7 +172,7 @@ def test_policies_of_older_versions_are_not_compared(trained, tmp_path):
 def test_run_with_encoder_needs_it(demo_results, tmp_path):
     shutil.copytree(demo_results.path / "encoders", tmp_path / "encoders")
     results = Results(tmp_path)
-    run = settings(encoder=ENCODER, representation="dae12", steps=50)
+    run = settings(encoder=ENCODER, representation="dae14", steps=50)
     assert run_batch([run], results, load_encoder_of(run, results)) == {}
     done = reproduce(results, results.find("run", run.id), 1)
     assert (done.evaluation.verdict, done.retraining.difference) == ("equal", None)

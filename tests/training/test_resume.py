@@ -85,6 +85,15 @@ def test_run_killed_at_some_writes_resumes_bit_for_bit(tmp_path):
     assert answer["kills"] > 5
 
 
+def test_run_killed_while_it_continues_a_shorter_one_loses_nothing(tmp_path):
+    run = settings("ddpg", 1, steps=150)
+    answer = kill(tmp_path, [run], at="writes", shorter=100, every=5)
+    # Some kills were before the copy of the shorter run was committed.
+    (steps,) = answer["steps"]
+    assert [0] in steps
+    assert all(at in ([0], [100], [150]) for at in steps)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("algo", ["ddpg", "ppo"])
 def test_run_killed_at_each_write_resumes_bit_for_bit(algo, tmp_path):

@@ -101,7 +101,7 @@ class Engine(Closing):
 
     def has_made(self, steps: int) -> bool:
         """Returns whether `learn` makes no more control steps, but for the last updates."""
-        return self.control_steps >= steps and self._collected >= self._rollout_steps
+        return self.control_steps >= steps and self._collected in (0, self._rollout_steps)
 
     def begin_updates(self) -> bool:
         """Begins the updates that are due after a rollout; a GPU makes them in the background.
@@ -122,7 +122,8 @@ class Engine(Closing):
             observations: (n, N, dim(O)) of the task, not encoded, of n consecutive seeds of a cell.
             first: index of the first of these seeds.
         """
-        inputs = self.environments.encode(torch.from_numpy(observations), first)
+        seen = torch.from_numpy(observations)
+        inputs = self.environments.encode(seen, first)
         seeds = slice(first, first + len(inputs))
         if len(inputs) < len(self._generators):
             of_all = inputs.new_zeros(len(self._generators), *inputs.shape[1:])
@@ -130,7 +131,10 @@ class Engine(Closing):
             inputs = of_all
         actions: NDArray[np.float32] = self._team.run(act, inputs).float().numpy()
         actions[list(self.diverged)] = 0
-        return actions[seeds]
+        robot_actions: NDArray[np.float32] = actions[seeds] * self.environments.action_signs(
+            seen, first
+        )
+        return robot_actions
 
     def policy(self, seed: int) -> Policy | Network:
         """Returns a copy of the deterministic policy of the seed with this index."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from jbench.closing import Closing
-from jbench.encoders import Encoder
+from jbench.encoders import Encoder, action_signs
 from jbench.names import EPISODE_STEPS
 from jbench.simulation import Robots
 from jbench.tasks import resets
@@ -49,6 +49,14 @@ class Cell(NamedTuple):
             return observations
         # Seed by seed, because a matrix product may round differently in a larger batch.
         return torch.stack([self.encoder.encode(batch) for batch in observations])
+
+    def action_signs(self, observations: Tensor) -> NDArray[np.float32]:
+        """Returns the signs (seeds, N, 1) that map agents' actions to robots' for observations."""
+        signs = action_signs(self.encoder, observations)
+        if signs is None:
+            return np.ones((*observations.shape[:-1], 1), np.float32)
+        found: NDArray[np.float32] = signs.numpy()
+        return found
 
 
 class Step(NamedTuple):
@@ -113,8 +121,8 @@ class Environments(Closing):
         self._robots.close()
 
     def step(self, actions: NDArray[np.floating]) -> Step:
-        """Applies actions (seeds, environments), clipped to [-1, 1], for one control step."""
-        state = self._robots.step(actions.reshape(-1))
+        """Applies the agents' actions (seeds, environments), clipped to [-1, 1]."""
+        state = self._robots.step((actions * self._signs[..., 0]).reshape(-1))
         of_cells = [reward(cell.task, at, target) for cell, at, target in self._by_cell(state)]
         rewards = np.concatenate(of_cells).reshape(self._shape)
         self._returns += rewards
@@ -137,10 +145,11 @@ class Environments(Closing):
         Returns:
             (n, N, size), padded with zeros.
         """
-        row = first * self._shape[1]
-        pairs = zip(self.cells, self._rows_of_cells, strict=True)
-        cell = next(cell for cell, rows in pairs if row < rows.stop)
-        return self._padded(cell.encode(observations))
+        return self._padded(self._cell(first).encode(observations))
+
+    def action_signs(self, observations: Tensor, first: int = 0) -> NDArray[np.float32]:
+        """Returns the signs (n, N, 1) that map agents' actions to robots'; see `encode`."""
+        return self._cell(first).action_signs(observations)
 
     def padding(self, seed: int) -> list[slice]:
         """Returns the columns of a seed's inputs that are padding."""
@@ -203,13 +212,20 @@ class Environments(Closing):
         return Robots(self._model, seeds * environments, self.threads)
 
     def _observe(self, state: State) -> Tensor:
-        """Returns the agents' inputs (seeds, environments, size)."""
-        of_cells = []
+        """Returns the agents' inputs (seeds, environments, size); notes which are mirrored."""
+        of_cells, signs = [], []
         for cell, at, target in self._by_cell(state):
             observed = np.asarray(observation(cell.task, at, target), np.float32)
-            shape = len(cell.generators), self._shape[1], -1
-            of_cells.append(self._padded(cell.encode(torch.from_numpy(observed.reshape(shape)))))
+            seen = torch.from_numpy(observed.reshape(len(cell.generators), self._shape[1], -1))
+            of_cells.append(self._padded(cell.encode(seen)))
+            signs.append(cell.action_signs(seen))
+        self._signs = np.concatenate(signs)
         return of_cells[0] if len(of_cells) == 1 else torch.cat(of_cells)
+
+    def _cell(self, seed: int) -> Cell:
+        """Returns the cell of the seed with this index."""
+        pairs = zip(self.cells, self._rows_of_cells, strict=True)
+        return next(cell for cell, rows in pairs if seed * self._shape[1] < rows.stop)
 
     def _padded(self, inputs: Tensor) -> Tensor:
         """Returns inputs (..., any) with zeros up to `size`."""

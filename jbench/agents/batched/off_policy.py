@@ -15,6 +15,7 @@ from jbench.agents.batched.padding import with_padding, without_padding
 from jbench.agents.batched.replay import ReplayBuffer
 from jbench.agents.batched.team import Team
 from jbench.agents.batched.updates import Updates
+from jbench.encoders.mirror import input_mirror
 from jbench.names import TimeLimit
 from jbench.settings.algorithms import OffPolicySettings
 
@@ -36,7 +37,8 @@ class OffPolicyEngine(Engine):
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
 
         Raises:
-            RequestError: if the number of environments does not divide the training interval.
+            RequestError: if the number of environments does not divide the training interval, or
+                `settings.mirror` is not for the encoder of a seed.
         """
         seeds, count = environments.observations.shape[:2]
         rollout_steps, self._due = settings.schedule(count)
@@ -54,8 +56,12 @@ class OffPolicyEngine(Engine):
             device=tensors.device,
             episode_steps=environments.episode_steps,
         )
+        mirror = None
+        if settings.mirror:
+            mirror = _row_mirror(environments).to(tensors.device, tensors.dtype)
         self._groups = [
-            Updates(settings, group, self.replay, time_limit, self._due) for group in team.groups
+            Updates(settings, group, self.replay, time_limit, self._due, mirror=mirror)
+            for group in team.groups
         ]
         self.replay.begin(environments.observations)
 
@@ -125,3 +131,15 @@ class OffPolicyEngine(Engine):
 
 def _explore(agent: OffPolicyLearner, observations: Tensor, noise: Tensor) -> Tensor:
     return agent.explore(observations, noise)
+
+
+def _row_mirror(environments: Environments) -> Tensor:
+    """Returns gain and offset (2, seeds, size + 2) of mirrored rows of the replay buffers."""
+    gain, offset = [], []
+    for cell in environments.cells:
+        inputs = input_mirror(cell.task, cell.encoder)
+        padding = environments.size - cell.size
+        # Then the action and the reward.
+        gain += [[*inputs.gain, *[1] * padding, -1, 1]] * len(cell.generators)
+        offset += [[*inputs.offset, *[0] * padding, 0, 0]] * len(cell.generators)
+    return torch.tensor([gain, offset], dtype=torch.float64)

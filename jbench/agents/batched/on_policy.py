@@ -36,8 +36,7 @@ class OnPolicyEngine(Engine):
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
         """
         seeds, count = environments.observations.shape[:2]
-        # The number of transitions does not depend on the number of environments.
-        steps = max(1, settings.n_steps * settings.n_envs // count)
+        steps = settings.rollout_steps(count)
         super().__init__(team, environments, steps)
         self._settings, self._bootstrap = settings, time_limit == "bootstrap"
         self._rollout = Rollout(seeds, count, steps, environments.size, team.tensors.dtype)

@@ -33,6 +33,8 @@ class Updates:
         replay: ReplayBuffer,
         time_limit: TimeLimit,
         updates: int = _RECORDED,
+        *,
+        mirror: Tensor | None = None,
     ) -> None:
         """Makes the buffers.
 
@@ -40,6 +42,8 @@ class Updates:
             replay: buffers of all seeds.
             time_limit: "bootstrap" from an episode's last state, or treat it as "terminal".
             updates: in a learning phase.
+            mirror: (2, seeds, width) of all seeds: the first half of the rows of each minibatch,
+                which are in random order, becomes gain * rows + offset; None to mirror none.
         """
         self.seeds, self._group = group.seeds, group
         self._learner, self._generators, self._replay = group.learner, group.generators, replay
@@ -48,6 +52,11 @@ class Updates:
         self._rows = replay.rows_of(group.seeds)
         scratch, width = group.learner.view.scratch, self._rows.shape[-1]
         rows, next_rows = (scratch(name, self._size, width) for name in ("rows", "next_rows"))
+        self._mirrored = (rows[..., : self._size // 2, :], next_rows[..., : self._size // 2, :])
+        self._mirror = mirror
+        if mirror is not None:
+            own = mirror[:, group.seeds.start : group.seeds.stop]
+            self._mirror = own.reshape(2, *group.learner.view.batch_shape, 1, width)
         self._together = min(_RECORDED, updates) if group.learner.view.is_stack else 1
         self._noise = self._buffer(group.learner.noise_per_transition)
         self._discounts = self._buffer(1).fill_(self._gamma)
@@ -128,6 +137,10 @@ class Updates:
     def _gather(self, update: int) -> None:
         for rows, indices in self._gathered[update]:
             torch.index_select(self._rows, 0, indices, out=rows)
+        if self._mirror is not None:
+            gain, offset = self._mirror
+            for half in self._mirrored:
+                torch.addcmul(offset, half, gain, out=half)
 
     def _sample(self, count: int) -> list[tuple[Tensor, Tensor]]:
         """Returns buffers (any, ..., size, any), each with samples (count, ..., size, any)."""

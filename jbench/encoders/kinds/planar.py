@@ -56,7 +56,6 @@ if TYPE_CHECKING:
     from jbench.encoders.states import States
 
 _ROBOT_SIZE = 11  # numbers that all tasks have
-_YAW_RATE = 8  # position of the yaw rate among them
 _UPSIDE_DOWN = 1e-12  # squared cosine of half the tilt, at the precision of float32
 
 
@@ -94,8 +93,7 @@ class PlanarReduction(Fitted):
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns the scaled numbers listed in the module's docstring."""
-        task = _task(weights)
-        physical = scaled * weights[f"{task}.gain"] + weights[f"{task}.offset"]
+        task, physical = features_of(weights, scaled)
         numbers = self.reduce(task, physical) - weights["latent.offset"]
         return _divided(numbers, weights["latent.gain"])
 
@@ -109,63 +107,6 @@ class PlanarReduction(Fitted):
         numbers = latents * weights["latent.gain"] + weights["latent.offset"]
         physical = self.restore(task, numbers, weights["center_of_mass"])
         return _divided(physical - weights[f"{task}.offset"], weights[f"{task}.gain"])
-
-
-class PlanarWithoutYawRate(PlanarReduction):
-    """`planar` without the yaw rate, to see what an agent loses that does not observe it."""
-
-    @classmethod
-    def latent_sizes(cls, task: str) -> range:
-        """Returns the size of `planar` less one."""
-        return range(planar_size(task) - 1, planar_size(task))
-
-    def reduce(self, task: str, physical: Array) -> Array:
-        """Returns the numbers of `planar` but the yaw rate."""
-        planar = to_planar(task, physical)
-        xp = array_namespace(planar)
-        return xp.concat([planar[..., :_YAW_RATE], planar[..., _YAW_RATE + 1 :]], axis=-1)
-
-    def restore(self, task: str, numbers: Array, center_of_mass: Array) -> Array:
-        """Returns features of a robot whose yaw rate is 0."""
-        xp = array_namespace(numbers)
-        zero = xp.zeros_like(numbers[..., :1])
-        planar = xp.concat([numbers[..., :_YAW_RATE], zero, numbers[..., _YAW_RATE:]], axis=-1)
-        return super().restore(task, planar, center_of_mass)
-
-
-class HeadingFrame(PlanarReduction):
-    """The numbers of `planar` and those that it leaves out: the control for its coordinates.
-
-    After the numbers of `planar` come x and y (m), cosine and sine of the heading h, and the speed
-    in the target's frame if the task observes it (m/s). Nothing but the sign of the quaternion,
-    which has no physical meaning, is left out.
-    """
-
-    @classmethod
-    def latent_sizes(cls, task: str) -> range:
-        """Returns the only possible size, 16 to 19."""
-        size = planar_size(task) + 4 + 3 * ("speed_in_target_frame" in TASK_SPECS[task].features)
-        return range(size, size + 1)
-
-    def reduce(self, task: str, physical: Array) -> Array:
-        """Returns the numbers listed above."""
-        by_name = split(task, physical)
-        position = by_name["position"]
-        xp = array_namespace(position)
-        _, _, _, cosine, sine = _swing_and_twist(position[..., 3:])
-        speed = [by_name[name] for name in ("speed_in_target_frame",) if name in by_name]
-        turn = xp.stack([cosine, sine], axis=-1)
-        return xp.concat([to_planar(task, physical), position[..., :2], turn, *speed], axis=-1)
-
-    def restore(self, task: str, numbers: Array, center_of_mass: Array) -> Array:
-        """Returns the encoded features, with a quaternion (w, x, y, z) of w >= 0."""
-        size = planar_size(task)
-        xp = array_namespace(numbers)
-        state, target = from_planar(task, numbers[..., :size], center_of_mass)
-        place, turn = numbers[..., size : size + 2], numbers[..., size + 2 : size + 4]
-        length = xp.sqrt(xp.clip(xp.sum(turn * turn, axis=-1), 1e-12, None))
-        cosine, sine = turn[..., 0] / length, turn[..., 1] / length
-        return features_in(task, *_moved(state, target, place, cosine, sine, center_of_mass))
 
 
 def planar_size(task: str) -> int:
@@ -202,13 +143,19 @@ def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArra
     return denormalize(task, offset + gain) - center, center
 
 
+def features_of(weights: Weights, scaled: Array) -> tuple[str, Array]:
+    """Returns the task of the weights, and features in SI units for scaled ones."""
+    task = _task(weights)
+    return task, scaled * weights[f"{task}.gain"] + weights[f"{task}.offset"]
+
+
 def to_planar(task: str, physical: Array) -> Array:
     """Returns unscaled latents (..., planar_size) for features (..., dim(O)) in SI units."""
     xp = array_namespace(physical)
     by_name = split(task, physical)
-    length, a, b, cosine, sine = _swing_and_twist(by_name["position"][..., 3:])
+    length, a, b, cosine, sine = swing_and_twist(by_name["position"][..., 3:])
     velocity = by_name["velocity"]
-    along, across = _rotated_in_plane(cosine, -sine, velocity[..., 0], velocity[..., 1])
+    along, across = rotated_in_plane(cosine, -sine, velocity[..., 0], velocity[..., 1])
     numbers = [
         *(by_name["position"][..., 2], a, b, along, across, velocity[..., 2]),
         *_tilted(length, a, b, velocity[..., 3:]),
@@ -218,7 +165,7 @@ def to_planar(task: str, physical: Array) -> Array:
         numbers += _tilted(length, a, b, by_name["target_in_jitterbug_frame"])[:2]
     elif TASK_SPECS[task].rewards_position:
         to_origin = -by_name["position"][..., :2]
-        numbers += _rotated_in_plane(cosine, -sine, to_origin[..., 0], to_origin[..., 1])
+        numbers += rotated_in_plane(cosine, -sine, to_origin[..., 0], to_origin[..., 1])
     if "angle_to_target" in by_name:
         numbers.append(by_name["angle_to_target"][..., 0])
     return xp.stack(numbers, axis=-1)
@@ -266,43 +213,7 @@ def features_in(task: str, state: State, target: Target) -> Array:
     return xp.concat(list(features(task, state, target).values()), axis=-1)
 
 
-def _moved(
-    state: State, target: Target, place: Array, cosine: Array, sine: Array, center_of_mass: Array
-) -> tuple[State, Target]:
-    """Returns robot and target turned about the vertical, then shifted so that it is at `place`."""
-    xp = array_namespace(place)
-
-    def turned(vector: Array) -> Array:
-        x, y = _rotated_in_plane(cosine, sine, vector[..., 0], vector[..., 1])
-        return xp.concat([xp.stack([x, y], axis=-1), vector[..., 2:]], axis=-1)
-
-    # (cos(h/2), 0, 0, sin(h/2)) times the quaternion (c, a, b, 0) of the tilt.
-    half_sine = xp.sqrt(xp.clip((1 - cosine) / 2, 0.0, None))
-    half_sine = xp.where(sine < 0, -half_sine, half_sine)
-    half_cosine = xp.sqrt(xp.clip((1 + cosine) / 2, 0.0, None))
-    c, a, b = (state.position[..., i] for i in (3, 4, 5))
-    quaternion = [
-        *(half_cosine * c, half_cosine * a - half_sine * b),
-        *(half_cosine * b + half_sine * a, half_sine * c),
-    ]
-    shift = place - turned(state.position[..., :3])[..., :2]
-    position = xp.concat([place, state.position[..., 2:3], xp.stack(quaternion, axis=-1)], axis=-1)
-    velocity = turned(state.velocity)
-    goal = turned(target.position)
-    return (
-        state._replace(
-            position=position,
-            velocity=velocity,
-            torso_velocity=center_of_mass_velocity(position, velocity, center_of_mass),
-        ),
-        Target(
-            xp.concat([goal[..., :2] + shift, goal[..., 2:]], axis=-1),
-            target.yaw + xp.atan2(sine, cosine),
-        ),
-    )
-
-
-def _swing_and_twist(quaternion: Array) -> tuple[Array, Array, Array, Array, Array]:
+def swing_and_twist(quaternion: Array) -> tuple[Array, Array, Array, Array, Array]:
     """Returns c, a and b of the tilt, and cosine and sine of the heading h; see above."""
     xp = array_namespace(quaternion)
     w, x, y, z = (quaternion[..., i] for i in range(4))
@@ -323,7 +234,7 @@ def _task(weights: Weights) -> str:
     raise KeyError("no weights of a task")
 
 
-def _rotated_in_plane(cosine: Array, sine: Array, x: Array, y: Array) -> list[Array]:
+def rotated_in_plane(cosine: Array, sine: Array, x: Array, y: Array) -> list[Array]:
     """Returns the components of a horizontal vector rotated by an angle."""
     return [cosine * x - sine * y, sine * x + cosine * y]
 

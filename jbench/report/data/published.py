@@ -121,7 +121,7 @@ def _curves(frame: pd.DataFrame) -> list[PublishedCurve]:
         ["figure", "task", "algo", "representation"]
     ):
         # pandas' pivot takes four times as long.
-        steps, column = np.unique(rows["training_steps"].to_numpy(np.float64), return_inverse=True)
+        steps, column = np.unique(rows["control_steps"].to_numpy(np.float64), return_inverse=True)
         percents, row = np.unique(rows["quantile"].to_numpy(), return_inverse=True)
         returns = np.full((len(percents), len(steps)), np.nan)
         returns[row, column] = rows["episode_return"].to_numpy(np.float64)

@@ -1,0 +1,76 @@
+"""Longer runs that continue finished ones, whose last checkpoint was kept (`--keep-state`).
+
+Steps are part of a run's settings, so the longer run has a record of its own. It begins with a copy
+of the shorter run's rows and checkpoint, and ends with the rows and weights of a run trained at
+once, since nothing but a sequence of robots depends on the number of steps. `begin` in
+`jbench.training.batch_member` makes the copy.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
+from jbench.agents.algorithms import find_agent
+from jbench.agents.plugin import is_resumable
+from jbench.errors import RequestError
+from jbench.settings.run import RunSettings, read_run
+from jbench.store import Record, Results
+
+
+def kept_runs(run: RunSettings, results: Results) -> list[Record]:
+    """Returns the finished runs that a run can continue, the longest first."""
+    if run.robots > 1:
+        return []
+    return [record for record in shorter_runs(run, results) if record.roles()]
+
+
+def shorter_runs(run: RunSettings, results: Results) -> list[Record]:
+    """Returns the finished runs that differ only in having fewer steps, the longest first."""
+    records, _ = results.scan("run", f"{run.id.rpartition('-')[0]}-")
+    settings = [(read_run(record.settings), record) for record in records]
+    shorter = [
+        (other.steps, record)
+        for other, record in settings
+        if isinstance(other, RunSettings)
+        and record.status == "finished"
+        and other.steps < run.steps
+        and other.model_copy(update={"steps": run.steps}) == run
+    ]
+    return [record for _, record in sorted(shorter, key=lambda pair: -pair[0])]
+
+
+def new_beginnings(runs: Iterable[RunSettings], results: Results) -> Iterator[str]:
+    """Yields sentences on new runs that can't continue the shorter ones that are finished."""
+    reasons: Counter[tuple[int, str]] = Counter()
+    for run in runs:
+        shorter = shorter_runs(run, results)
+        if shorter and not kept_runs(run, results):
+            why = obstacle(run) or "the state was not kept, as --keep-state does"
+            reasons[shorter[0].settings["steps"], why] += 1
+    for (steps, why), count in reasons.items():
+        if count == 1:
+            what = "1 run trains from the beginning, not from the end of a finished run"
+        else:
+            what = f"{count:,} runs train from the beginning, not from the end of finished runs"
+        yield f"{what} of {steps:,} control steps: {why}."
+
+
+def check_state_can_be_kept(runs: Iterable[RunSettings]) -> None:
+    """Raises a RequestError if no longer run could continue one of these runs."""
+    for run in runs:
+        reason = obstacle(run)
+        if reason is not None:
+            raise RequestError(
+                f"A finished run of {run.algo} can't be continued: {reason}; leave --keep-state "
+                "out."
+            )
+
+
+def obstacle(run: RunSettings) -> str | None:
+    """Returns why runs of these settings can't be continued, as a clause; None if they can."""
+    if run.robots > 1:
+        return "the steps of each robot in a sequence depend on the total"
+    if run.engine == "sb3":
+        return "stable-baselines3 has no checkpoints here"
+    if run.engine == "plugin" and not is_resumable(find_agent(run.algo)):
+        return f"the agent {run.algo} has no state and restore"
+    return None

@@ -1,0 +1,112 @@
+"""Tests of minibatches half of which are mirror images, against autograd on explicit images."""
+
+import copy
+
+import numpy as np
+import pytest
+import torch
+
+from jbench.agents.batched.batch import Batch
+from jbench.encoders.kinds.pca import PrincipalComponents
+from jbench.encoders.kinds.planar import PlanarReduction
+from jbench.encoders.kinds.planar_mirror import PlanarMirror
+from jbench.encoders.saved import SavedEncoder
+from jbench.encoders.scaling import Scaling
+from jbench.errors import RequestError
+from jbench.tasks.mirror import mirrored
+from tests.agents.plain_ddpg import PlainDDPG
+from tests.agents.plain_sac import PlainSAC
+from tests.agents.plain_td3 import PlainTD3
+from tests.agents.test_batched_engine import STEPS, engine_of, slow, trajectory
+from tests.agents.test_plain_updates import assert_equal_parameters, copy_parameters, layers_of
+from tests.encoders.encoder_data import planar_encoder
+
+TASK = "face_direction"
+# With a scaling of the inputs that is exactly symmetric, so are the latents but for theirs.
+HALF = np.full(16, 0.5, np.float32)
+PLANAR = planar_encoder(TASK, PlanarReduction, Scaling(-HALF, HALF))
+MIXING = SavedEncoder(
+    PrincipalComponents(),
+    {"components": np.tri(5, 16, dtype=np.float32), "mean": 0 * HALF},
+    Scaling(-HALF, HALF),
+    5,
+)
+MIRROR = {"changes": {"mirror": True}}
+PLAIN = {
+    "ddpg": (PlainDDPG, ["actor", "critic", "actor_target", "critic_target"]),
+    "td3": (PlainTD3, ["actor", "critics", "actor_target", "critic_targets"]),
+    "sac": (PlainSAC, ["actor", "critics", "critic_targets"]),
+}
+ROWS, UPDATES = 42, 6  # two episodes
+
+
+def replay_rows():
+    """Rows of a replay buffer and of their mirror images, without encoder."""
+    random = np.random.default_rng(0)
+    observations = torch.from_numpy(random.uniform(-1, 1, (ROWS, 16)))
+    actions, rewards = torch.from_numpy(random.uniform(-1, 1, (2, ROWS, 1)))
+    images = mirrored(TASK, observations)
+    return (observations, actions, rewards), (images, -actions, rewards)
+
+
+def encoded(encoder, observations, actions, rewards):
+    inputs = observations if encoder is None else encoder.encode(observations)
+    return torch.cat([inputs, actions, rewards], 1)
+
+
+@pytest.mark.parametrize("encoder", [None, PLANAR], ids=["full", "planar"])
+@pytest.mark.parametrize("algo", PLAIN)
+def test_updates_equal_autograd_on_explicit_mirror_images(algo, encoder):
+    rows, images = (encoded(encoder, *each) for each in replay_rows())
+    changes = {"mirror": True, "tau": 0.1, "batch_size": 15}
+    with engine_of(algo, [3], encoder=encoder, changes=changes, dtype=torch.float64) as engine:
+        engine.restore_rows(0, rows[None], ROWS)
+        settings, (learner,), (updates,) = engine._settings, engine._team.each, engine._groups
+        kind, names = PLAIN[algo]
+        plain = kind(settings, engine.environments.size)
+        copy_parameters(layers_of(learner, plain, names))
+        random = copy.deepcopy(engine._generators[0].updates)
+        updates.prepare(1, UPDATES)
+        sampled = engine.replay.sample(random, UPDATES, 15)
+        noise = random.standard_normal((UPDATES, 15, learner.noise_per_transition), np.float32)
+        for i in range(UPDATES):
+            # The first 7 of 15 transitions.
+            now, later = (
+                torch.cat([images[indices[:7]], rows[indices[7:]]])
+                for indices in (sampled.rows[i], sampled.next_rows[i])
+            )
+            discounts = torch.full((15, 1), settings.gamma, dtype=torch.float64)
+            batch = Batch(now, later, discounts, torch.from_numpy(noise[i]).double())
+            delayed = [(i + 1) % settings.policy_delay == 0] if algo == "td3" else []
+            plain.update(batch, *delayed)
+        updates.run()
+        assert_equal_parameters(layers_of(learner, plain, names))
+
+
+@pytest.mark.parametrize("algo", ["td3", slow("ddpg"), slow("sac")])
+def test_seed_in_stack_with_other_mirrors_equals_single_seed(algo):
+    tasks, encoders = [TASK, "move_from_origin", TASK], [None, None, PLANAR]
+    options = {"dtype": torch.float64, **MIRROR}
+    cells = {"task": tasks, "encoder": encoders, "stacked": True}
+    with engine_of(algo, [0, 4, 7], **cells, **options) as engine:
+        list(engine.learn(STEPS))
+        states = [engine.state(index) for index in range(3)]
+    for index, (task, encoder) in enumerate(zip(tasks, encoders, strict=True)):
+        with engine_of(algo, [[0, 4, 7][index]], task=task, encoder=encoder, **options) as single:
+            list(single.learn(STEPS))
+            expected = single.state(0)
+        assert states[index].scalars == expected.scalars
+        for name, tensor in expected.tensors.items():
+            torch.testing.assert_close(states[index].tensors[name], tensor, rtol=1e-8, atol=1e-8)
+
+
+def test_half_of_minibatches_changes_training():
+    with engine_of("sac", [0], **MIRROR) as one, engine_of("sac", [0]) as other:
+        losses = [trajectory(engine, 0)[2][-1]["critic_loss"] for engine in (one, other)]
+    assert losses[0] != losses[1]
+
+
+@pytest.mark.parametrize("encoder", [MIXING, planar_encoder(TASK, PlanarMirror)])
+def test_other_representations_are_refused(encoder):
+    with pytest.raises(RequestError, match=r"^mirror=true .*: leave it out, or choose"):
+        engine_of("td3", [0], encoder=encoder, **MIRROR)

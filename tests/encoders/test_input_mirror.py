@@ -1,0 +1,75 @@
+"""Tests of the mirror of an agent's inputs."""
+
+import numpy as np
+import pytest
+import torch
+
+from jbench.encoders.kinds.pca import PrincipalComponents
+from jbench.encoders.kinds.planar import PlanarReduction
+from jbench.encoders.kinds.planar_mirror import PlanarMirror
+from jbench.encoders.kinds.scaled import Scaled
+from jbench.encoders.mirror import input_mirror
+from jbench.encoders.saved import SavedEncoder
+from jbench.encoders.scaling import Scaling
+from jbench.errors import RequestError
+from jbench.names import TASKS
+from jbench.tasks.features import TASK_SPECS
+from jbench.tasks.mirror import mirrored
+from tests.encoders.encoder_data import planar_encoder
+
+
+def scaled_encoder(task, kind=Scaled, latents=None, **weights):
+    """An encoder of a scaling that is not symmetric, with a constant first feature."""
+    size = TASK_SPECS[task].observation_size
+    low, high = -np.random.default_rng(size).uniform(0.2, 1, (2, size)).astype(np.float32)
+    low[0] = high[0] = 0.5
+    return SavedEncoder(kind(), weights, Scaling(low, high + 2 * (low != high)), latents or size)
+
+
+def planar(task):
+    return planar_encoder(task, PlanarReduction)
+
+
+@pytest.mark.parametrize("encoder_of", [lambda task: None, scaled_encoder, planar])
+@pytest.mark.parametrize("task", TASKS)
+def test_inputs_of_mirror_images_are_gain_times_inputs_plus_offset(task, encoder_of):
+    encoder = encoder_of(task)
+    gain, offset = input_mirror(task, encoder)
+    size = TASK_SPECS[task].observation_size
+    seen = torch.from_numpy(np.random.default_rng(9).uniform(-1, 1, (50, size)))
+    inputs, images = seen, mirrored(task, seen)
+    if encoder is not None:
+        inputs, images = encoder.encode(inputs), encoder.encode(images)
+    expected = torch.from_numpy(gain) * inputs + torch.from_numpy(offset)
+    torch.testing.assert_close(images, expected, rtol=1e-5, atol=1e-5)
+    # The mirror of a mirror changes nothing.
+    assert set(np.abs(gain)) == {1}
+    np.testing.assert_array_equal(offset[gain == 1], 0)
+    assert 7 <= (gain < 0).sum() <= 10
+
+
+def test_planar_numbers_are_mirrored_as_computed_by_hand():
+    gain, _ = input_mirror("move_to_pose", planar("move_to_pose"))
+    # Height, tilt (2), velocity (3), angular velocity (3), motor (2), way to the target (2), angle.
+    assert gain.tolist() == [1, 1, -1, -1, 1, 1, 1, -1, -1, -1, -1, -1, 1, -1]
+
+
+@pytest.mark.parametrize(
+    ("encoder", "message"),
+    [
+        (
+            scaled_encoder(
+                "face_direction",
+                PrincipalComponents,
+                3,
+                components=np.eye(3, 16, dtype=np.float32) + 0.1,
+                mean=np.zeros(16, np.float32),
+            ),
+            "mirror=true needs inputs of which a mirror changes only signs, .* and this encoder mi",
+        ),
+        (planar_encoder("face_direction", PlanarMirror), "such as planar-mirror: leave it out"),
+    ],
+)
+def test_other_encoders_are_refused(encoder, message):
+    with pytest.raises(RequestError, match=message):
+        input_mirror("face_direction", encoder)

@@ -1,0 +1,214 @@
+"""Tests that every robot gets the actions that an encoder has mirrored: in training, evaluations,
+saved and exported policies, Gymnasium's environment, and recorded runs."""
+
+from types import SimpleNamespace
+
+import gymnasium
+import mujoco
+import numpy as np
+import onnxruntime
+import pytest
+from torch import nn
+
+import jbench
+from jbench.agents.batched.environments import Cell, Environments
+from jbench.encoders.kinds.planar_mirror import PlanarMirror
+from jbench.encoders.settings import encoder_settings
+from jbench.encoders.states import States
+from jbench.encoders.training import train_encoder
+from jbench.encoders.wrapper import EncodedObservation
+from jbench.policies.onnx_export import export_onnx
+from jbench.policies.saved import TrainedAgent, load_agent
+from jbench.registration import environment_id
+from jbench.store import Results
+from jbench.tasks import features
+from jbench.tasks.mirror import mirrored
+from jbench.training import sb3_run
+from jbench.training.batched_run import run_batch
+from jbench.training.environment import load_encoder_of
+from jbench.training.evaluation import evaluate_policy, seeds_of
+from jbench.training.reevaluate import reevaluate
+from tests.agents.test_batched_engine import engine_of
+from tests.agents.test_plugin_engine import engine_of as plugin_engine_of
+from tests.encoders.encoder_data import make_dataset, planar_encoder
+from tests.tasks.test_mirror import mirror_image
+from tests.training.small_runs import EPISODE, shorten_episodes, small_run
+
+TASK = "face_direction"
+OFF_POLICY = {"batch_size": 8, "train_freq": 10, "gradient_steps": 2, "learning_starts": 10}
+LENGTHS = {"steps": 2 * EPISODE, "evaluate_every": EPISODE, "evaluate_episodes": 3}
+
+
+@pytest.fixture(scope="module")
+def results(short_encoder_evaluation, tmp_path_factory):
+    """A results directory with a planar-mirror encoder of random states, and the encoder's id."""
+    results = Results(tmp_path_factory.mktemp("mirrored") / "results")
+    dataset = make_dataset(results)
+    settings = encoder_settings("planar-mirror", {}, dataset=dataset.id, latents=12)
+    train_encoder(settings, States(dataset, TASK, 0), results)
+    return results, settings.id
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_episodes(results):
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_episodes(patch.setattr)
+        yield
+
+
+def cells(*encoders):
+    """Two cells of two seeds with three environments, always with the same generators."""
+    generators = [[np.random.default_rng((i, j)) for j in range(3)] for i in range(4)]
+    tasks = (TASK, "move_to_pose")
+    return [
+        Cell(task, generators[2 * i : 2 * i + 2], encoder)
+        for i, (task, encoder) in enumerate(zip(tasks, encoders, strict=True))
+    ]
+
+
+def angle_signs(environments):
+    """Signs (4, 3) of the observed angles to the target, of environments without encoders."""
+    seen = environments.observations.numpy()
+    first = np.sign(seen[:2, :, 15])  # the last of 16 numbers
+    return np.concatenate([first, np.sign(seen[2:, :, 18])])
+
+
+def test_robots_in_training_get_negated_actions_where_target_is_on_right():
+    folded = (planar_encoder(task, PlanarMirror) for task in (TASK, "move_to_pose"))
+    random = np.random.default_rng(0)
+    with (
+        Environments(cells(None, None), episode_steps=15) as robots,
+        Environments(cells(*folded), episode_steps=15) as agents,
+    ):
+        signs = []
+        for step in range(40):
+            if step == 20:
+                agents.restore(1, agents.state(1), agents.episodes, agents.steps)
+            actions = random.uniform(-1, 1, (4, 3)).astype(np.float32)
+            signs.append(angle_signs(robots))
+            rewards = robots.step(signs[-1] * actions).rewards
+            np.testing.assert_array_equal(agents.step(actions).rewards, rewards)
+        assert -0.5 < np.mean(signs) < 0.5
+
+
+@pytest.fixture(scope="module")
+def policy():
+    """A trained agent, 200 observations of the task, and its engine's actions for them."""
+    encoder = planar_encoder(TASK, PlanarMirror)
+    observations = np.random.default_rng(1).uniform(-1, 1, (200, 16)).astype(np.float32)
+    with engine_of("td3", [3], encoder=encoder) as engine:
+        list(engine.learn(64))
+        actions = engine.act(observations[None])[0]
+        agent = TrainedAgent(TASK, engine.policy(0), encoder)
+    return SimpleNamespace(agent=agent, observations=observations, actions=actions)
+
+
+def test_saved_and_exported_policies_act_as_in_training(policy, tmp_path):
+    found = policy.agent.act(policy.observations)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, policy.actions, atol=2e-6)
+    # Actions of mirror images are the negated ones, and none is near 0.
+    images = mirrored(TASK, policy.observations)
+    np.testing.assert_allclose(policy.agent.act(images), -found, atol=1e-4)
+    assert np.abs(found).max() > 0.1
+    export_onnx(policy.agent, "a/run", tmp_path / "policy.onnx", in_si_units=False)
+    session = onnxruntime.InferenceSession(str(tmp_path / "policy.onnx"))
+    (exported,) = session.run(["action"], {"observation": policy.observations})
+    np.testing.assert_allclose(exported, policy.actions, atol=2e-5)
+
+
+def test_wrapped_environments_of_robot_and_mirror_image_stay_alike(policy):
+    envs = [
+        EncodedObservation(gymnasium.make(environment_id(TASK)), policy.agent.encoder)
+        for _ in range(2)
+    ]
+    for env in envs:
+        # With exact inertias of constraints, the simulator's mirror is exact.
+        env.unwrapped.model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
+        env.reset(seed=4, options={"target": 1.0})
+    one, other = (env.unwrapped for env in envs)
+    other.data.qpos[:], other.data.qvel[:] = mirror_image(one.data.qpos, one.data.qvel)
+    other._target = other._target._replace(yaw=np.pi - one._target.yaw)
+    # The first action is that of the observation at reset; both start on the same side.
+    actions, seen = [np.array([0.8]), np.array([0.8])], [[], []]
+    actions[1] *= -1
+    for _ in range(20):
+        for env, action, latents in zip(envs, actions, seen, strict=True):
+            latents.append(env.step(action)[0])
+        actions = [policy.agent.policy.act(latents[-1]) for latents in seen]
+    np.testing.assert_allclose(*seen, atol=1e-3)
+    headings = [float(features.heading(env.unwrapped.state)) for env in envs]
+    assert np.sin(headings[0]) == pytest.approx(np.sin(headings[1]), abs=1e-6)
+    assert np.cos(headings[0]) == pytest.approx(-np.cos(headings[1]), abs=1e-6)
+
+
+def test_agent_of_other_package_acts_for_robot(policy):
+    with (
+        plugin_engine_of(encoder=policy.agent.encoder) as engine,
+        engine.environments,
+    ):
+        images = mirrored(TASK, policy.observations)
+        actions = engine.act(policy.observations[None])
+        assert np.abs(actions).max() > 0.1
+        np.testing.assert_allclose(engine.act(images[None]), -actions, atol=1e-4)
+
+
+def assert_last_evaluation_is_repeated(results, record, settings):
+    """By the engine bit for bit, and by the saved policy, which rounds differently."""
+    again = reevaluate(results, record)
+    assert (again.verdict, again.reason) == ("equal", "")
+    act, number = load_agent(results, record.id).act, LENGTHS["steps"] // EPISODE - 1
+    made = evaluate_policy(settings, seeds_of(settings.seed)[1], number, act, 1)
+    np.testing.assert_allclose(made.returns, again.recorded, atol=1e-2)
+    assert np.ptp(again.recorded) > 0.1
+
+
+def test_evaluations_in_training_equal_those_of_saved_policy(results):
+    results, encoder = results
+    run = small_run(
+        "td3",
+        OFF_POLICY,
+        engine="batched",
+        encoder=encoder,
+        representation="planar-mirror12",
+        seed=1,
+        **LENGTHS,
+    )
+    assert run_batch([run], results, load_encoder_of(run, results)) == {}
+    assert_last_evaluation_is_repeated(results, results.find("run", run.id), run)
+
+
+def test_stable_baselines3_runs_on_mirrored_observations(results):
+    results, encoder = results
+    run = small_run(
+        "td3",
+        OFF_POLICY,
+        engine="sb3",
+        encoder=encoder,
+        representation="planar-mirror12",
+        seed=1,
+        **LENGTHS,
+    )
+    record = sb3_run.run(run, results, load_encoder_of(run, results))
+    assert reevaluate(results, record).verdict == "equal"
+
+
+def test_recorded_runs_on_mirrored_observations(results):
+    results, encoder = results
+    actor = nn.Sequential(nn.Linear(12, 1), nn.Tanh())
+    with jbench.record(
+        TASK,
+        algo="mine",
+        seed=7,
+        hyperparameters={},
+        encoder=encoder,
+        results=results.path,
+        **LENGTHS,
+    ) as recording:
+        env = recording.env()
+        for _ in range(2):
+            env.reset()
+            for step in range(EPISODE):
+                env.step(np.array([np.sin(step / 5)], np.float32))
+        recording.keep_policy(actor)
+    assert reevaluate(results, results.find("run", recording.id)).verdict == "equal"

@@ -45,8 +45,9 @@ def by_algorithm(frames: Frames) -> Chart | None:
     single = curves.groupby("task")["configuration"].transform("nunique") < 2
     curves = curves[~(single & compared.loc[curves.index])]
     published = frames.published[frames.published["kind"] == "full"]
-    first = curves.drop_duplicates("algo").set_index("algo")["series"]
-    published = published.assign(series=published["algo"].map(first).fillna(published["algo"]))
+    first = dict(zip(curves["algo"][::-1], curves["series"][::-1], strict=True))
+    names = [first.get(algo, algo) for algo in published["algo"]]
+    published = published.assign(series=names)
     looks = style.algorithm_looks(_pairs(curves, "series", "algo"))
     title = "Learning curves by algorithm" if curves["series"].nunique() > 1 else "Learning curves"
     return _chart(frames, "algorithms", title, curves, published, looks, ["task"])

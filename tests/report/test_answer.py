@@ -239,7 +239,7 @@ def test_what_representations_predict(returns):
 def test_published_figures_7_and_8():
     published = jbench.open("reference").query("FROM published WHERE algo = 'ddpg'")
     curve = chosen_from(published, figure="fig7").pivot(
-        index="training_steps", columns="representation", values="episode_return"
+        index="control_steps", columns="representation", values="episode_return"
     )[["full", "dae12"]]
     edges = [0, 250_000, 1_000_000, 3_000_000, 5_000_000]
     for row, low, high in zip(
@@ -250,7 +250,7 @@ def test_published_figures_7_and_8():
     ahead = curve["full"] > curve["dae12"]
     assert ahead[ahead.index >= 230_000].all()
     assert not ahead[ahead.index < 230_000].any()
-    medians = chosen_from(published, task=TASKS[1], quantile=50).sort_values("training_steps")
+    medians = chosen_from(published, task=TASKS[1], quantile=50).sort_values("control_steps")
     last = medians.groupby(["figure", "representation"])["episode_return"].last().round()
     assert dict(last) == {
         ("fig8", "full"): 295,

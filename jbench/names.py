@@ -197,7 +197,7 @@ def known(what: str, value: str, names: Sequence[_Name]) -> _Name:
 def closest(value: str, names: Sequence[str]) -> str | None:
     """Returns the name that was probably meant, also by its initials: lr is learning_rate."""
     by_initials = {"".join(word[:1] for word in name.split("_")): name for name in names}
-    close = difflib.get_close_matches(value.lower(), names, 1)
+    close = difflib.get_close_matches(str(value).lower(), names, 1)
     return by_initials.get(value) or next(iter(close), None)
 
 

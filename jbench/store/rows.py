@@ -72,8 +72,7 @@ def _of_run(record: Record) -> Row:
 
 
 def _of_encoder(record: Record) -> Row:
-    settings = record.settings
-    return {"representation": f"{settings.get('kind')}{settings.get('latents')}"}
+    return {"representation": record.path.parent.name}
 
 
 def _of_dataset(record: Record) -> Row:

@@ -133,7 +133,7 @@ def test_unreadable_run_is_reported_and_others_listed(results, run_command):
         ),
         (("runs", "--seed", "x"), "--seed x: type seeds like 0-9"),
         (("verify", "--threads", "-1"), "Invalid value for '--threads'"),
-        (("merge",), "Missing argument 'others'"),
+        (("merge",), "Missing argument 'DIR'"),
     ],
 )
 def test_invalid_request_is_refused(results, refused, arguments, message):

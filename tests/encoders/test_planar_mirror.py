@@ -99,6 +99,6 @@ def test_probe_predicts_mirrored_robot(results):
     for kind in (PlanarReduction(), PlanarMirror()):
         weights = kind.fit(states, 12)
         kept = {name: value.astype(np.float32) for name, value in weights.items()}
-        r2 = probe(kind, kept, states).r2
+        predictions = probe(kind, kept, states).predictions
         for target in ("yaw_rate", "tilt_rate", "forward_speed"):
-            assert r2[target] > 0.6
+            assert predictions[target].r2 > 0.6

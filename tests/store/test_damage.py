@@ -142,7 +142,7 @@ def test_broken_manifest_is_reported_and_other_records_are_read(results, record,
 @pytest.mark.parametrize("change", [{}, {"shards": []}])
 def test_newer_schema_version_is_refused_with_both_versions(results, record, change):
     alter_manifest(record, schema_version=7, **change)
-    with pytest.raises(WorkError, match="is of schema version 7, and this jbench reads up to 4"):
+    with pytest.raises(WorkError, match="is of schema version 7, and this jbench reads up to 5"):
         results.find("run", "a/b")
 
 
@@ -207,4 +207,4 @@ def test_manifest_is_plain_json(results, record):
     content = (record.path / entry["name"]).read_bytes()
     assert (entry["table"], entry["rows"]) == ("t", 2)
     assert (entry["bytes"], entry["sha256"]) == (len(content), sha256(content))
-    assert (found["schema_version"], found["kind"], found["id"]) == (4, "run", "a/b")
+    assert (found["schema_version"], found["kind"], found["id"]) == (5, "run", "a/b")

@@ -32,7 +32,8 @@ COLUMNS = {
     "test_explained effective_rank wall_time created updated settings provenance",
     "encoder_epochs": "encoder epoch train_loss test_mse test_denoising_mse wall_time",
     "encoder_features": f"encoder index feature {ERRORS}",
-    "encoder_predictions": "encoder target r2 effective_rank learned_rows test_rows",
+    "encoder_predictions": "encoder target r2 linear_r2 amplitude effective_rank learned_rows "
+    "test_rows",
     "encoder_errors": f"encoder test_states heuristic_states {ERRORS} test_explained "
     "pca_explained random_explained heuristic_explained pca_heuristic_explained "
     "random_heuristic_explained",

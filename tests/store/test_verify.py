@@ -100,7 +100,7 @@ def test_broken_manifest_is_reported(results, breaking):
 def test_manifest_of_newer_version_is_reported_as_foreign(results):
     run = add_whole_run(results)
     alter_manifest(run, schema_version=7)
-    assert_one(results, "foreign", run, "is of schema version 7, and this jbench reads up to 4")
+    assert_one(results, "foreign", run, "is of schema version 7, and this jbench reads up to 5")
 
 
 def test_id_that_contradicts_settings_is_reported(results):

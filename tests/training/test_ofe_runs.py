@@ -94,7 +94,7 @@ def write_matrix(path, algo="td3", representation="ofe12", option="layers = 3"):
 def test_matrix_accepts_ofe_as_representation(tmp_path):
     path = write_matrix(tmp_path)
     full, few = matrix_cells(read_matrix(path), Results(tmp_path))
-    assert few.encoder is None
+    assert few.encoders == ()
     assert few.runs[0].ofe == OFESettings(units=12, layers=3)
     assert full.runs[0].ofe is None
     names = [one.name for one in deciding.comparisons([full, few])]

@@ -26,9 +26,9 @@ and DDPG and TD3 on reduced observations.
 `jbench report --results reference --claims` wrote [their whole report](reference/index.html).
 `report.md` and `claims.md` explain it; `answer.md` lists the commands that trained the runs.
 
-![Learning curves of the shipped runs](reference/evaluations.svg)
+![Learning curves of the shipped runs by representation](reference/figures/representations.svg)
 
-## Verdicts on the paper's claims
+## Does reduction help?
 
 {verdicts}
 """
@@ -72,11 +72,7 @@ def shipped_runs(directory: Path) -> str:
     """Writes the report of the shipped runs; returns the page that leads to it."""
     report = [sys.executable, "-m", "jbench", "report", "--results", "reference", "--claims"]
     subprocess.run([*report, "--format", "svg", "--out", directory], check=True, stdout=sys.stderr)
-    text = RESULTS_PAGE.format(verdicts=(directory / "verdicts.md").read_text("utf-8"))
-    for file in directory.iterdir():
-        if file.name not in ("index.html", "evaluations.svg"):
-            file.unlink()
-    return text
+    return RESULTS_PAGE.format(verdicts=(directory / "tables" / "verdicts.md").read_text("utf-8"))
 
 
 def title_of(page: Path) -> str:

@@ -82,33 +82,26 @@ def wanted_encoder(name: str, task: str) -> Wanted | None:
             size; scales that are not the defaults follow, as in dae12-observation-whitened.
 
     Raises:
-        RequestError: if an encoder of the kind can't have this size, or has several sizes and the
-            name has none.
+        RequestError: if there is no such kind, or its encoders don't have this size.
     """
     match = REPRESENTATION.fullmatch(name)
-    kind, colon, _ = name.partition(":")
-    number, words = "", {}
-    if match is not None:
-        kind, number = match["kind"], match["latents"] or ""
-        words = {name: match[name] for name in SCALES if match[name]}
-    if not colon and (match is None or kind not in kind_names()):
+    kind = name.partition(":")[0] if match is None else match["kind"]
+    if kind not in kind_names() and ":" not in name:
         return None
     sizes = find_kind(kind).latent_sizes(task)
-    ending = "".join(f"-{word}" for word in words.values())
-    if not number and not colon and len(sizes) != 1:
-        raise RequestError(
-            f"Encoders of the kind {kind} have {sizes[0]} to {sizes[-1]} latents on {task}; choose "
-            f"{kind}12{ending}, or another number."
-        )
-    latents = number_in_name(number) if number else sizes[0] if not colon else 0
-    if latents not in sizes:
-        if len(sizes) == 1:
-            raise RequestError(f"{kind} of {task} has {sizes[0]} latents; choose {kind}{ending}.")
-        raise RequestError(
-            f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents; choose "
-            f"{kind}{min(12, sizes[-1])}{ending}, for example."
-        )
-    return Wanted(kind, latents, words)
+    scales = {option: match[option] for option in SCALES if match and match[option]}
+    latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
+    if match and match["latents"]:
+        latents = number_in_name(match["latents"])
+    if latents in sizes:
+        return Wanted(kind, latents, scales)
+    ending = "".join(f"-{word}" for word in scales.values())
+    if len(sizes) == 1:
+        raise RequestError(f"{kind} of {task} has {sizes[0]} latents; choose {kind}{ending}.")
+    raise RequestError(
+        f"A {kind} encoder of {task} has {sizes[0]} to {sizes[-1]} latents; choose "
+        f"{kind}{min(12, sizes[-1])}{ending}, for example."
+    )
 
 
 def representation(kind: str, latents: int, options: Mapping[str, Any]) -> str:

@@ -70,7 +70,7 @@ def test_kind_of_fixed_size_is_found_by_name(trained, results):
     ("expected", "message"),
     [
         ("planar:11", "planar of face_direction has 12 latents; choose planar."),
-        ("dae", "dae have 1 to 16 latents on face_direction; choose dae12, or another"),
+        ("dae", "A dae encoder of face_direction has 1 to 16 latents; choose dae12, for"),
         ("planar", "type jbench train-encoder --kind planar --task face_direction "),
         ("planar:12", "type jbench train-encoder --kind planar --task face_direction "),
     ],

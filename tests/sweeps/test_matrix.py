@@ -315,7 +315,10 @@ DIGITS = "9" * 5000  # more than Python reads as a number
         ('engine = "bached"', "Unknown engine 'bached'; did you mean batched?"),
         ('time_limit = "terminel"', "Unknown time_limit 'terminel'; did you mean terminal?"),
         ('representations = ["ful"]', "Unknown representation 'ful'; did you mean full?"),
-        ('representations = ["dae"]', "dae have 1 to 16 latents on face_direction; choose dae12"),
+        (
+            'representations = ["dae"]',
+            "A dae encoder of face_direction has 1 to 16 latents; choose dae12",
+        ),
         ('representations = ["dea12"]', "Unknown representation 'dea12'; did you mean dae12?"),
         ('representations = ["planar8"]', "planar of face_direction has 12 latents"),
         (f'representations = ["dae{DIGITS}"]', "dae encoder of face_direction has 1 to 16 latents"),

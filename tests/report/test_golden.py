@@ -145,7 +145,10 @@ def test_encoders_are_as_before(both):
     now, golden = both
     if len(now.encoders):
         before = golden("encoders").drop(columns="settings")
-        pd.testing.assert_frame_equal(now.encoders[before.columns], before, check_dtype=False)
+        # Those with other scales are newer.
+        scaled = now.encoders["representation"].str.contains("-observation")
+        same = now.encoders[~scaled].reset_index(drop=True)
+        pd.testing.assert_frame_equal(same[before.columns], before, check_dtype=False)
 
 
 def test_returns_beside_predictions_are_as_before(both):

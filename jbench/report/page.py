@@ -255,7 +255,7 @@ def _paths(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
         numbers = {"heading": last["heading"], "gained": last["episode_return"]}
         numbers |= {name: last[f"target_{name}"] for name in ("x", "y", "yaw")}
         known = {n: round(float(v), 3) for n, v in numbers.items() if np.isfinite(v)}
-        points = (path[["x", "y"]].to_numpy() * 1e4).round().astype(int)
+        points = (path[["x", "y"]].to_numpy(np.float64) * 1e4).round().astype(int)
         yield {**known, "steps": int(at), "points": points.ravel().tolist()}
 
 

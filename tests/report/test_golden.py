@@ -130,10 +130,13 @@ def test_verdicts_rest_on_differences_as_before(both):
 def test_claims_are_as_before(both):
     now, golden = both
     before = golden("claims")
-    assert len(now.claims) == len(before)
+    # Those of representations with other scales are newer.
+    newer = now.claims.astype(str).apply(lambda texts: texts.str.contains("-observation"))
+    claims = now.claims[~newer.any(axis=1)]
+    assert len(claims) == len(before)
     keys = ["claim", "source", "returns"]
     for name, old in before.groupby(keys):
-        new = now.claims[(now.claims[keys] == list(name)).all(axis=1)]
+        new = claims[(claims[keys] == list(name)).all(axis=1)]
         order = ["effect", "low"]
         old, new = (frame.sort_values(order) for frame in (old, new))
         close(new[["effect", "low", "high"]], old[["effect", "low", "high"]])

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import groupby
 
 from jbench.cores import cores
 from jbench.datasets import collect, find_dataset
@@ -115,15 +116,17 @@ def _train(
 def _with_states(
     encoders: Sequence[EncoderSettings], dataset: DatasetSettings, results: Results
 ) -> Iterator[tuple[EncoderSettings, States]]:
-    """Yields encoders with their training states; those of the same states are consecutive."""
+    """Yields encoders with their training states, which are read once for those that share them."""
     source = find_dataset(results, dataset.id)
-    states: dict[tuple[str, int, Scale], States] = {}
-    for settings in sorted(encoders, key=lambda settings: (settings.task, settings.seed)):
+
+    def about(settings: EncoderSettings) -> tuple[str, int, Scale]:
         scale = make_kind(settings.kind, settings.options).scale
-        key = settings.task, settings.seed, scale
-        if key not in states:
-            states = {key: States(source, settings.task, settings.seed, scale=scale)}
-        yield settings, states[key]
+        return settings.task, settings.seed, scale
+
+    for (task, seed, scale), sharing in groupby(sorted(encoders, key=about), about):
+        states = States(source, task, seed, scale=scale)
+        for settings in sharing:
+            yield settings, states
 
 
 def _when_free(make: Callable[[], object], watcher: Watcher) -> None:

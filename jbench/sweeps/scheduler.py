@@ -6,7 +6,6 @@ In Python, a sweep is:
     from jbench.sweeps.matrix import matrix_cells, read_matrix
     from jbench.sweeps.scheduler import sweep
     from jbench.store import Results
-from jbench.store.files import check_writable
 
     results = Results(Path("results"))
     failures = sweep(matrix_cells(read_matrix("smoke"), results), results)

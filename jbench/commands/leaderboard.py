@@ -53,7 +53,7 @@ def leaderboard(
     if markdown + as_csv + json > 1:
         raise RequestError("--markdown, --csv and --json exclude each other; type one of them.")
     from jbench.commands.display import show_table
-    from jbench.report.leaderboard import leaderboard_of
+    from jbench.report.leaderboard import ranked_configurations
     from jbench.report.request import Request
     from jbench.report.table import to_csv, to_markdown
     from jbench.report.tables import leaderboard_table
@@ -68,7 +68,7 @@ def leaderboard(
         algo=algo if algo in (None, names.HEURISTIC) else parsing.known_or_held("algo", algo, read),
         returns=names.known("value of --returns", returns, names.RETURNS),
     )
-    ranked, problems = leaderboard_of(databases, request)
+    ranked, problems = ranked_configurations(databases, request)
     output, table = Output(json), leaderboard_table(ranked, request.returns)
     if markdown or as_csv:
         output.raw(to_markdown(table) if markdown else to_csv(ranked))

@@ -25,7 +25,7 @@ COLUMNS = [
 ]
 
 
-def leaderboard_of(
+def ranked_configurations(
     directories: Mapping[str, Results], request: Request
 ) -> tuple[pd.DataFrame, list[str]]:
     """Returns the leaderboard of results directories, and sentences on unreadable records.

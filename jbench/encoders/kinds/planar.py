@@ -93,7 +93,7 @@ class PlanarReduction(Fitted):
 
     def encode(self, weights: Weights, scaled: Array) -> Array:
         """Returns the scaled numbers listed in the module's docstring."""
-        task, physical = features_of(weights, scaled)
+        task, physical = task_and_features(weights, scaled)
         numbers = self.reduce(task, physical) - weights["latent.offset"]
         return _divided(numbers, weights["latent.gain"])
 
@@ -143,7 +143,7 @@ def physical_scaling(task: str, scaling: Scaling) -> tuple[FloatArray, FloatArra
     return denormalize(task, offset + gain) - center, center
 
 
-def features_of(weights: Weights, scaled: Array) -> tuple[str, Array]:
+def task_and_features(weights: Weights, scaled: Array) -> tuple[str, Array]:
     """Returns the task of the weights, and features in SI units for scaled ones."""
     task = _task(weights)
     return task, scaled * weights[f"{task}.gain"] + weights[f"{task}.offset"]

@@ -11,7 +11,7 @@ component of the way to the target or, in `move_from_origin`, to the origin, in 
 from array_api_compat import array_namespace
 
 from jbench.encoders.kind import Weights
-from jbench.encoders.kinds.planar import PlanarReduction, features_of, to_planar
+from jbench.encoders.kinds.planar import PlanarReduction, task_and_features, to_planar
 from jbench.tasks.features import TASK_SPECS, Array, split
 
 # Signs of the mirrored planar numbers, in their order.
@@ -36,7 +36,7 @@ class PlanarMirror(PlanarReduction):
     def action_signs(self, weights: Weights, scaled: Array) -> Array:
         """Returns (..., 1), -1 for states whose mirror image is encoded and 1 for the others."""
         xp = array_namespace(scaled)
-        task, physical = features_of(weights, scaled)
+        task, physical = task_and_features(weights, scaled)
         # An observed angle is a feature, without the rotations that take most of the time.
         side = split(task, physical).get("angle_to_target")
         if side is None:

@@ -211,11 +211,11 @@ def _stacked(runs: Sequence[Points], kind: Returns) -> Points:
         return whole
 
     fields = list(zip(*runs, strict=True))
-    episodes = _of_one_episode(shape) if kind is TRAINING else map(stack, fields[3:])
+    episodes = _single_episodes(shape) if kind is TRAINING else map(stack, fields[3:])
     return Points(*[*map(stack, fields[:3]), *episodes])
 
 
-def _of_one_episode(shape: int | tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+def _single_episodes(shape: int | tuple[int, int]) -> tuple[FloatArray, FloatArray]:
     """Returns the deviations and counts of training episodes; they take no memory."""
     return np.broadcast_to(np.nan, shape), np.broadcast_to(1.0, shape)
 
@@ -251,7 +251,7 @@ def _in_order(episodes: pa.Table) -> Points:
     if (np.diff(number) < 0).any():  # most are in order
         order = np.argsort(number, kind="stable")
         columns = [column[order] for column in columns]
-    return Points(*[*columns, *_of_one_episode(len(number))])
+    return Points(*[*columns, *_single_episodes(len(number))])
 
 
 def _evaluation_points(evaluations: pa.Table) -> dict[str, Points]:

@@ -22,10 +22,10 @@ MAKERS = (
     shares.profiles,
     encoders.predictions,
     encoders.errors,
-    curves.of_processor_time,
+    curves.by_processor_time,
     behavior.motor,
     behavior.positions,
-    curves.of_sequences,
+    curves.augmented_sequences,
 )
 """Functions that make a figure of frames, in the order of the page; None without enough data."""
 

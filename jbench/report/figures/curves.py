@@ -53,7 +53,7 @@ def by_algorithm(frames: Frames) -> Chart | None:
     return _chart(frames, "algorithms", title, curves, published, looks, ["task"])
 
 
-def of_sequences(frames: Frames) -> Chart | None:
+def augmented_sequences(frames: Frames) -> Chart | None:
     """Returns the curves of agents that are trained on augmented robots in sequence."""
     rows = frames.sequences
     rows = rows[rows["returns"] == "training"] if not rows.empty else rows
@@ -81,7 +81,7 @@ def of_sequences(frames: Frames) -> Chart | None:
     )
 
 
-def of_processor_time(frames: Frames) -> Chart | None:
+def by_processor_time(frames: Frames) -> Chart | None:
     """Returns the median return against the processor time of a seed."""
     rows = frames.processor
     if rows.empty or rows["configuration"].nunique() < 2:

@@ -1,4 +1,4 @@
-"""Which runs end higher: pairs of configurations, and performance profiles."""
+"""Which runs reach the higher return: pairs of configurations, and performance profiles."""
 
 from collections.abc import Mapping
 from functools import partial

@@ -1,19 +1,32 @@
 """`jbench.open`: a results directory as pandas data frames."""
 
 import warnings
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from jbench.names import RETURNS, Order, ReturnsName, known
-from jbench.report.configurations import curve_points
+from jbench.report.configurations import curve_points, seed_frame
 from jbench.report.data import rows
-from jbench.report.data.cells import of_kind
+from jbench.report.data.cells import Cell, of_kind
+from jbench.report.data.curves import Curve
 from jbench.report.data.returns import KINDS
 from jbench.report.request import WINDOW, Request
+from jbench.settings.alike import flatten
+from jbench.settings.run import Run, parse_run
 from jbench.store import Results, query
 from jbench.store.shipped import results_to_read
+
+_KEY = ["source", "run"]
+_RUN = [
+    *("run", "task", "algo", "representation", "encoder", "variant", "source"),
+    *("seed", "steps", "status"),
+]
+_CURVE = ["task", "algo", "representation", "variant", "source"]
+_SEED_POINT = ["run", "seed", "returns", "window", "control_steps", "episode_return"]
 
 
 def open_results(path: Path | str = "results") -> "OpenedResults":
@@ -50,8 +63,34 @@ class OpenedResults:
             RequestError: if it is not one SELECT, or DuckDB reports an error.
         """
         answer = query.query_results(self._results, sql)
-        _warn(answer.problems)
+        for problem in answer.problems:
+            warnings.warn(problem, stacklevel=2)
         return answer.rows
+
+    def runs(self, task: str | None = None, algo: str | None = None) -> pd.DataFrame:
+        """Returns the runs with their final returns and settings; imported curves are runs as well.
+
+        Args:
+            task: only this task.
+            algo: only this algorithm.
+
+        Returns:
+            A row for each run: run, task, algo, representation, encoder, variant, source, seed,
+            steps, status, evaluation_return and training_return (final returns as in `jbench
+            report`; NaN if there is none), and a column for each other setting, such as
+            learning_rate. Settings that an algorithm does not have are missing values.
+
+        Raises:
+            RequestError: if there are no such runs.
+        """
+        found = self._rows(Request(task=task, algo=algo))
+        runs = found.runs[_RUN].reset_index(drop=True)
+        seeds = seed_frame(found.cells)
+        for name in KINDS:
+            finals = seeds[seeds["returns"] == name].set_index(["source", "run"])["final"]
+            runs[f"{name}_return"] = finals.reindex(pd.MultiIndex.from_frame(runs[_KEY])).to_numpy()
+        settings = _settings([parse_run(text) for text in found.runs["settings"]])
+        return runs.join(settings.drop(columns=runs.columns, errors="ignore"))
 
     def curves(
         self,
@@ -60,8 +99,10 @@ class OpenedResults:
         returns: ReturnsName = "evaluation",
         window: int = WINDOW,
         order: Order = "quantile-first",
+        *,
+        each_seed: bool = False,
     ) -> pd.DataFrame:
-        """Returns the learning curves that `jbench report` draws, as quantiles across seeds.
+        """Returns the learning curves that `jbench report` draws.
 
         Args:
             task: only this task.
@@ -69,22 +110,62 @@ class OpenedResults:
             returns: "evaluation" or "training".
             window: episodes in a moving average of training returns.
             order: see `jbench.names.ORDERS`.
+            each_seed: whether to return the curve of each seed instead of quantiles across seeds.
 
         Returns:
             A row for each point of each curve: task, algo, representation, variant, source,
-            returns, order, window, control_steps, seeds, q10, q25, q50, q75, q90.
+            returns, order, window, control_steps, seeds, q10, q25, q50, q75, q90; for each seed,
+            run, seed and episode_return instead of the order and quantiles. The column settings
+            names the settings that differ from the defaults, as the legends of a report do; each
+            setting that differs between the curves has a column of its own, such as learning_rate.
 
         Raises:
             RequestError: if an argument is invalid, or there are no such runs.
         """
         known("kind of returns", returns, RETURNS)
-        request = Request(task=task, algo=algo, returns=returns, window=window, order=order)
+        found = self._rows(
+            Request(task=task, algo=algo, returns=returns, window=window, order=order)
+        )
+        curves = [
+            (cell, cell.curve(order, window)) for cell in of_kind(found.cells, KINDS[returns])
+        ]
+        points = _seed_points(curves) if each_seed else curve_points(curves)
+        cells = [cell for cell, _ in curves]
+        named = pd.DataFrame([cell.key for cell in cells], columns=_CURVE)
+        named["settings"] = [cell.words for cell in cells]
+        settings = _settings([cell.settings for cell in cells])
+        differing = [
+            name for name in settings if settings[name].astype(str).nunique(dropna=False) > 1
+        ]
+        named = named.join(settings[differing].drop(columns=points.columns, errors="ignore"))
+        return points.merge(named, on=_CURVE, how="left")
+
+    def _rows(self, request: Request) -> rows.Rows:
         found = rows.joined(rows.own_and_imported(self._results, request))
-        _warn(found.problems)
-        cells = of_kind(found.cells, KINDS[returns])
-        return curve_points([(cell, cell.curve(order, window)) for cell in cells])
+        for problem in found.problems:
+            warnings.warn(problem, stacklevel=3)
+        return found
 
 
-def _warn(problems: Sequence[str]) -> None:
-    for problem in problems:
-        warnings.warn(problem, stacklevel=3)
+def _seed_points(curves: Sequence[tuple[Cell, Curve]]) -> pd.DataFrame:
+    """Returns the points of each seed's curve, (windows that the seed has completed)."""
+    parts = [pd.DataFrame(columns=[*_CURVE, *_SEED_POINT])]
+    for cell, curve in curves:
+        for run, seed, values in zip(cell.runs, cell.seeds, curve.each, strict=True):
+            present = np.isfinite(values)
+            numbers = curve.widths[present], curve.control_steps[present], values[present]
+            point = run, seed, cell.kind.name, *numbers
+            names = dict(zip(_CURVE, cell.key, strict=True))
+            parts.append(pd.DataFrame(names | dict(zip(_SEED_POINT, point, strict=True))))
+    return pd.concat(parts[1:] or parts, ignore_index=True)
+
+
+def _settings(runs: Sequence[Run]) -> pd.DataFrame:
+    """Returns a row for each run and a column for each setting, by the last part of its name."""
+    flat = [flatten(run) for run in runs]
+    paths = list(dict.fromkeys(path for one in flat for path in one))
+    last = Counter(path[-1] for path in paths)
+    names = {path: path[-1] if last[path[-1]] == 1 else ".".join(path) for path in paths}
+    columns = {name: [one.get(path) for one in flat] for path, name in names.items()}
+    # A whole number stays one beside missing values.
+    return pd.DataFrame(columns, index=range(len(flat))).convert_dtypes()

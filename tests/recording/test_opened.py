@@ -1,0 +1,63 @@
+"""Tests of results as data frames, on the shipped runs."""
+
+import numpy as np
+import pytest
+
+import jbench
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    """Returns the shipped results."""
+    return jbench.open("reference")
+
+
+def test_runs_have_final_returns_and_settings(shipped):
+    runs = shipped.runs(task="face_direction", algo="td3").set_index("run")
+    assert len(runs) == shipped.query(
+        "SELECT count(*) AS n FROM runs WHERE task = 'face_direction' AND algo = 'td3'"
+    ).iloc[0, 0]  # fmt: skip
+    last = shipped.query(
+        "SELECT run, avg(episode_return) AS mean FROM evaluations WHERE (run, evaluation) IN "
+        "(SELECT (run, max(evaluation)) FROM evaluations GROUP BY run) GROUP BY run"
+    ).set_index("run")["mean"]
+    assert np.allclose(runs["evaluation_return"], last.loc[runs.index])
+    # The final training return: 100 episodes of 1000 control steps, of which a quarter counts.
+    run = runs.index[runs["engine"] == "sb3"][0]
+    training = shipped.query(
+        f"SELECT avg(episode_return) FROM episodes WHERE run = '{run}' AND episode >= 75"
+    ).iloc[0, 0]
+    assert runs.loc[run, "training_return"] == pytest.approx(training)
+    (recorded,) = shipped.query(
+        f"SELECT settings->'hyperparameters'->>'buffer_size' AS n FROM runs WHERE run = '{run}'"
+    )["n"]
+    assert runs.loc[run, "buffer_size"] == int(recorded)
+    assert set(runs["precision"]) == {"float32", "bfloat16"}
+
+
+def test_curves_name_the_settings_that_differ(shipped):
+    curves = shipped.curves(task="face_direction", algo="td3")
+    full = curves[curves["representation"] == "full"]
+    named = full.groupby("settings")[["precision", "engine"]].first()
+    assert named.to_dict("index") == {
+        "": {"precision": "float32", "engine": "batched"},
+        "bfloat16": {"precision": "bfloat16", "engine": "batched"},
+        "stable-baselines3": {"precision": "float32", "engine": "sb3"},
+    }
+    assert "learning_rate" not in curves  # one for all
+
+
+def test_curves_of_seeds_have_the_quantiles_of_the_curves(shipped):
+    asked = {"task": "face_direction", "algo": "td3"}
+    seeds = shipped.curves(**asked, each_seed=True)
+    keys = ["representation", "variant", "control_steps"]
+    medians = seeds.groupby(keys)["episode_return"].median()
+    curves = shipped.curves(**asked).set_index(keys)["q50"]
+    assert np.allclose(medians.sort_index(), curves.sort_index())
+    # Each seed ends with its final return.
+    finals = shipped.runs(**asked).set_index("run")["evaluation_return"]
+    ends = seeds.groupby("run")["episode_return"].last()
+    assert np.allclose(ends, finals.loc[ends.index])
+    training = shipped.curves(**asked, returns="training", each_seed=True)
+    assert set(training["returns"]) == {"training"}
+    assert training.groupby("run").size().nunique() == 1

@@ -48,7 +48,8 @@ def train_encoder(
 ) -> Record:
     """Trains and saves an encoder, resumes its training, or returns the finished one.
 
-    A resumed training ends with the same weights, bit for bit, as an uninterrupted one.
+    A resumed training ends with the same weights, bit for bit, as an uninterrupted one. Rescaled
+    latents are those of the finished encoder without `rescale`, if the results contain it.
 
     Args:
         states: of the settings' dataset, task and seed; several encoders can share them.
@@ -75,7 +76,9 @@ def train_encoder(
             made_on = device_provenance(device)
             record = results.create("encoder", settings.id, settings.model_dump(), made_on)
         with one_thread():
-            weights = _weights(kind, settings, states, record, device, progress, commit_every)
+            weights = _trained_without_rescale(settings, record, results)
+            if weights is None:
+                weights = _weights(kind, settings, states, record, device, progress, commit_every)
             if kind.rescale is not None:
                 weights |= RESCALINGS[kind.rescale](_latents(kind, weights, states))
             try:
@@ -89,6 +92,23 @@ def train_encoder(
                 record.append(_tables(record, settings, errors) | predictions)
         _finish(record, settings, kind, states, weights, device)
     return record
+
+
+def _trained_without_rescale(
+    settings: EncoderSettings, record: Record, results: Results
+) -> WeightArrays | None:
+    """Returns the weights of the encoder that differs only in `rescale`, and copies its epochs."""
+    options = {name: value for name, value in settings.options.items() if name != "rescale"}
+    if len(options) == len(settings.options) or record.rows("encoder_epochs"):
+        return None
+    plain = settings.model_copy(update={"options": options})
+    trained = results.find("encoder", plain.id)
+    if trained is None or trained.status != "finished":
+        return None
+    epochs = trained.read("encoder_epochs").to_pylist()
+    rows = [{**row, "encoder": record.id} for row in epochs]
+    record.append({"encoder_epochs": pa.Table.from_pylist(rows, encoder_schema.ENCODER_EPOCHS)})
+    return safetensors.numpy.load(trained.read_file(WEIGHTS))
 
 
 def _latents(kind: Kind, weights: WeightArrays, states: States) -> Iterator[NDArray[np.float32]]:

@@ -95,7 +95,8 @@ STATUSES = ("unfinished", "finished", "failed")
 EXECUTORS = ("local", "ray")
 """Where a sweep trains: on this machine, or on a Ray cluster."""
 
-LOGGERS = ("tensorboard", "wandb", "trackio")
+LoggerName = Literal["tensorboard", "wandb", "trackio"]
+LOGGERS: tuple[LoggerName, ...] = get_args(LoggerName)
 """Experiment trackers that training can be copied to."""
 
 FIGURE_FORMATS = ("png", "svg", "pdf")

@@ -82,7 +82,7 @@ def tail(
 
 
 def _last(rows: list["Row"], episodes: int) -> list["Row"]:
-    """Returns the rows of the last training episodes and of the evaluations after them."""
+    """Returns the rows of the last training episodes and those after them."""
     first = [i for i, (table, _) in enumerate(rows) if table == "episodes"]
     if not episodes:
         return []
@@ -99,13 +99,16 @@ def _json_lines(change: "Change") -> Iterator[str]:
 
 
 def _text_lines(change: "Change") -> Iterator[str]:
-    """Yields a line for each episode and each evaluation, and one for the end of the run."""
+    """Yields a line for each episode, evaluation and logged step, and one for the run's end."""
     from jbench.store.follow import grouped
 
     run = change.run.run
     for table, rows in grouped(change.rows):
         if table == "episodes":
             yield f"{run}: {_episode(rows[0])}"
+        elif table == "metrics":
+            values = ", ".join(f"{row['name']} {_value(row['value'])}" for row in rows)
+            yield f"{run}: {rows[0]['control_steps']:,} control steps, {values}"
         else:
             yield (
                 f"{run}: evaluation {rows[0]['evaluation']} after {rows[0]['control_steps']:,} "
@@ -123,6 +126,10 @@ def _episode(row: Mapping[str, Any]) -> str:
         f"episode {row['episode']}, return {_mean([row['episode_return']])}, "
         f"{row['control_steps']:,} control steps{after}"
     )
+
+
+def _value(value: float | None) -> str:
+    return "not finite" if value is None else f"{value:.4g}"
 
 
 def _mean(returns: list[float | None]) -> str:

@@ -10,6 +10,9 @@ from jbench.errors import RequestError
 from jbench.store.follow import Change, grouped
 from jbench.store.schema import LOSSES
 
+_Rows = Sequence[Mapping[str, Any]]
+_Values = Iterator[tuple[str, float | None]]
+
 
 class Point(NamedTuple):
     """Values at a control step.
@@ -69,7 +72,7 @@ def make_logger(name: str, results: Path) -> Logger:
 
 
 def points(change: Change) -> list[Point]:
-    """Returns a point for each training episode and each evaluation; unknown values are left out.
+    """Returns a point for each episode, evaluation and logged step, without unknown values.
 
     The time is that of the run's creation plus the wall time of its training, so the time between
     the processes of a resumed run is left out.
@@ -77,19 +80,28 @@ def points(change: Change) -> list[Point]:
     created = datetime.fromisoformat(change.run.created).timestamp()
     made = []
     for table, rows in grouped(change.rows):
-        values = dict(_episode(rows[0]) if table == "episodes" else _evaluation(rows))
+        values = dict(_VALUES[table](rows))
         seconds = created + (rows[0]["wall_time"] or 0.0)
         known = {name: value for name, value in values.items() if value is not None}
         made.append(Point(rows[0]["control_steps"], seconds, known))
     return made
 
 
-def _episode(row: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
+def _episode(rows: _Rows) -> _Values:
+    (row,) = rows
     yield "training/episode_return", row["episode_return"]
     for name in LOSSES:
         yield f"losses/{name}", row[name]
 
 
-def _evaluation(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, float | None]]:
+def _evaluation(rows: _Rows) -> _Values:
     returns = [row["episode_return"] for row in rows]
     yield "evaluation/mean_return", None if None in returns else sum(returns) / len(returns)
+
+
+def _metrics(rows: _Rows) -> _Values:
+    for row in rows:
+        yield f"metrics/{row['name']}", row["value"]
+
+
+_VALUES = {"episodes": _episode, "evaluations": _evaluation, "metrics": _metrics}

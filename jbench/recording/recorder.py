@@ -11,19 +11,20 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from torch import nn
 
 from jbench.agents.divergence import DivergedError, Divergence
 from jbench.errors import RequestError, WorkError
-from jbench.names import TimeLimit
+from jbench.loggers.logger import Logger, make_logger
+from jbench.loggers.mirror import mirrored
+from jbench.names import LOGGERS, LoggerName, TimeLimit, known
 from jbench.policies.acting import Actor, acting
-from jbench.policies.copied import UnsupportedPolicyError, network_of
+from jbench.policies.copied import UnsupportedPolicyError
 from jbench.policies.network import Network
 from jbench.recording.environments import RecordedEnvironment
 from jbench.recording.request import external_settings, provenance_of_loop
-from jbench.recording.writer import RunWriter
+from jbench.recording.writer import RunWriter, copied_network
 from jbench.settings.external import ExternalSettings
-from jbench.store import Results, schema
+from jbench.store import Results
 from jbench.store.shipped import results_to_write
 from jbench.tasks import features
 from jbench.training.environment import load_encoder_of, make_env
@@ -42,7 +43,7 @@ def record(
     algo: str,
     seed: int,
     steps: int,
-    hyperparameters: Mapping[str, Any],
+    hyperparameters: Mapping[str, Any] | None = None,
     results: Path | str = "results",
     encoder: str | int = "none",
     time_limit: TimeLimit = "bootstrap",
@@ -50,6 +51,7 @@ def record(
     evaluate_every: int = 50_000,
     evaluate_episodes: int = 10,
     package: str | None = None,
+    log: LoggerName | None = None,
 ) -> "Recording":
     """Records a training loop as a run of a results directory.
 
@@ -68,10 +70,11 @@ def record(
         evaluate_every: control steps between evaluations.
         evaluate_episodes: episodes in an evaluation.
         package: distribution of the agent, whose version is recorded in the provenance.
+        log: experiment tracker that gets the rows, too, as `jbench train --log`.
 
     Raises:
-        RequestError: if a value is invalid, there is no such encoder, or the results are the
-            shipped ones.
+        RequestError: if a value is invalid, there is no such encoder, the tracker is not
+            installed, or the results are the shipped ones.
     """
     place = results_to_write(Path(results))
     settings = external_settings(
@@ -80,14 +83,15 @@ def record(
         algo=algo,
         seed=seed,
         steps=steps,
-        hyperparameters=hyperparameters,
+        hyperparameters={} if hyperparameters is None else hyperparameters,
         encoder=str(encoder),
         time_limit=time_limit,
         augment=augment,
         evaluate_every=evaluate_every,
         evaluate_episodes=evaluate_episodes,
     )
-    return Recording(settings, place, provenance_of_loop(package))
+    logger = None if log is None else make_logger(known("log", log, LOGGERS), place.path)
+    return Recording(settings, place, provenance_of_loop(package), logger)
 
 
 class Recording:
@@ -102,11 +106,16 @@ class Recording:
     """
 
     def __init__(
-        self, settings: ExternalSettings, results: Results, made_on: Mapping[str, str | None]
+        self,
+        settings: ExternalSettings,
+        results: Results,
+        made_on: Mapping[str, str | None],
+        logger: Logger | None = None,
     ) -> None:
         """Prepares the recording; nothing is written before the `with` block begins."""
         self.id, self.finished = settings.id, False
         self._settings, self._results, self._made_on = settings, results, made_on
+        self._logger = logger
         self._encoder = load_encoder_of(settings, results)
         self._lock = contextlib.ExitStack()
         self._process = os.getpid()
@@ -125,6 +134,9 @@ class Recording:
         """
         with contextlib.ExitStack() as stack:
             found = stack.enter_context(self._results.locked("run", self.id))
+            if self._logger is not None:
+                _note(self._logger.where)
+                stack.enter_context(mirrored(self._results, {self.id}, self._logger, _note))
             if found is not None and found.status == "finished":
                 self.finished = True
                 return self
@@ -133,7 +145,6 @@ class Recording:
             record = self._results.create("run", self.id, self._settings.values, self._made_on)
             self._writer = RunWriter(record, self._settings, self._encoder)
             self._environments = 0
-            self._losses: dict[str, Any] = {}
             self._kept: tuple[Network, int] | None = None
             self._lock = stack.pop_all()
         return self
@@ -192,15 +203,18 @@ class Recording:
         Raises:
             RequestError: if there is no column of such a name.
         """
-        self._running()
-        if unknown := sorted(values.keys() - schema.LOSSES):
-            raise RequestError(
-                f"There is no loss {', '.join(unknown)}; there are {', '.join(schema.LOSSES)}."
-            )
-        self._losses |= {
-            name: value.detach() if hasattr(value, "detach") else value
-            for name, value in values.items()
-        }
+        self._running().set_losses(values)
+
+    def log(self, **metrics: Any) -> None:
+        """Records metrics at the current control step, in the table `metrics`.
+
+        Args:
+            metrics: numbers, or tensors of one element, by any name. Each becomes a row.
+
+        Raises:
+            RequestError: if a value is not a number.
+        """
+        self._running().metrics(metrics)
 
     def evaluate(self, actor: Actor) -> NDArray[np.float64] | None:
         """Evaluates a policy if `evaluate_every` control steps have passed.
@@ -234,7 +248,7 @@ class Recording:
         self._running()
         size = features.TASK_SPECS[self._settings.task].observation_size
         inputs = size if self._encoder is None else self._encoder.latent_size
-        self._kept = _network(actor, inputs), self.control_steps
+        self._kept = copied_network(actor, inputs), self.control_steps
 
     def sb3_callback(self) -> "RecordingCallback":
         """Returns a callback for `learn` of a stable-baselines3 model.
@@ -258,7 +272,7 @@ class Recording:
 
     def on_episode(self, episode_return: float, length: int) -> None:
         """Called by the environments at the end of an episode."""
-        self._running().episode(episode_return, length, self._losses)
+        self._running().episode(episode_return, length)
 
     def __getstate__(self) -> NoReturn:
         """Refuses to be copied into another process."""
@@ -277,21 +291,6 @@ class Recording:
 _ONE_PROCESS = (
     "The environments of a recording run in its own process: use SyncVectorEnv or DummyVecEnv."
 )
-
-
-def _network(actor: Actor, inputs: int) -> Network:
-    """Returns a copy of a policy.
-
-    Raises:
-        UnsupportedPolicyError: if it is not a sequence of supported layers.
-    """
-    if isinstance(actor, nn.Module):
-        return network_of(actor, inputs)
-    if hasattr(actor, "predict") and hasattr(actor, "policy"):
-        from jbench.agents.sb3_policy import network_of_model
-
-        return network_of_model(actor, inputs)
-    raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")
 
 
 def _note(sentence: str) -> None:

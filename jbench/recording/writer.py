@@ -6,16 +6,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import nn
 
 from jbench.agents.divergence import DivergedError, Divergence, divergent_loss
 from jbench.cores import cores
 from jbench.encoders import Encoder, on_observations
 from jbench.errors import RequestError, WorkError, sentence_of_failure
+from jbench.policies.acting import Actor
+from jbench.policies.copied import UnsupportedPolicyError, network_of
 from jbench.policies.network import Network
 from jbench.policies.saved import policy_files
 from jbench.settings.external import ExternalSettings
 from jbench.simulation.rollout import Act
-from jbench.store import Record
+from jbench.store import Record, schema
 from jbench.training.evaluation import EvaluationSchedule, evaluate_policy, seeds_of
 from jbench.training.log import CommitTimer, ProcessorClock, RunLog
 
@@ -40,30 +43,53 @@ class RunWriter:
         self._log, self._clock = RunLog(record), ProcessorClock()
         self._pace, self._schedule = CommitTimer(_COMMIT_EVERY), EvaluationSchedule(settings)
         _, self._seed = seeds_of(settings.seed)
+        self._losses: dict[str, Any] = {}
 
     @property
     def is_complete(self) -> bool:
         """Whether the run has made its control steps."""
         return self.control_steps >= _COMPLETE * self._settings.steps
 
-    def episode(self, episode_return: float, length: int, losses: Mapping[str, Any]) -> None:
+    def set_losses(self, values: Mapping[str, Any]) -> None:
+        """Sets losses of the next episodes; tensors are read when an episode ends.
+
+        Raises:
+            RequestError: if the table `episodes` has no column of such a name.
+        """
+        if unknown := sorted(values.keys() - schema.LOSSES):
+            raise RequestError(
+                f"There is no loss {', '.join(unknown)}; there are {', '.join(schema.LOSSES)}, and "
+                "log(NAME=VALUE) takes any other metric."
+            )
+        self._losses |= {
+            name: value.detach() if hasattr(value, "detach") else value
+            for name, value in values.items()
+        }
+
+    def episode(self, episode_return: float, length: int) -> None:
         """Adds a training episode that has just ended.
 
         Raises:
             RequestError: if a loss is not a number.
             DivergedError: if a loss is not finite.
         """
-        try:
-            numbers = {name: float(value) for name, value in losses.items()}
-        except (TypeError, ValueError) as error:
-            raise RequestError(
-                f"{', '.join(losses)} must be numbers or tensors of one element ({error})."
-            ) from None
+        numbers = _numbers(self._losses)
         if (name := divergent_loss(numbers)) is not None:
             raise DivergedError(Divergence(None, self.control_steps, name))
         self._clock.share([self._log])
         self._log.episode(self.control_steps, episode_return, length, numbers)
         if self._pace.is_due():
+            self._pace.restart(self._log.commit())
+
+    def metrics(self, values: Mapping[str, Any]) -> None:
+        """Adds values that the loop logs.
+
+        Raises:
+            RequestError: if a value is not a number.
+        """
+        self._log.metrics(self.control_steps, _numbers(values))
+        if self._pace.is_due():
+            self._clock.share([self._log])
             self._pace.restart(self._log.commit())
 
     def evaluation_due(self) -> bool:
@@ -124,3 +150,32 @@ class RunWriter:
         details = error.divergence.to_summary() if isinstance(error, DivergedError) else {}
         with contextlib.suppress(WorkError):
             self._record.fail(sentence_of_failure(error), details)
+
+
+def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
+    """Returns values as numbers.
+
+    Raises:
+        RequestError: if a value is not a number.
+    """
+    try:
+        return {name: float(value) for name, value in values.items()}
+    except (TypeError, ValueError) as error:
+        raise RequestError(
+            f"{', '.join(values)} must be numbers or tensors of one element ({error})."
+        ) from None
+
+
+def copied_network(actor: Actor, inputs: int) -> Network:
+    """Returns a copy of a policy.
+
+    Raises:
+        UnsupportedPolicyError: if it is not a sequence of supported layers.
+    """
+    if isinstance(actor, nn.Module):
+        return network_of(actor, inputs)
+    if hasattr(actor, "predict") and hasattr(actor, "policy"):
+        from jbench.agents.sb3_policy import network_of_model
+
+        return network_of_model(actor, inputs)
+    raise UnsupportedPolicyError(f"a {type(actor).__name__} is not a torch module")

@@ -33,8 +33,8 @@ class Change(NamedTuple):
         is_new: whether the run is seen for the first time or has started over. Rows of it that
             were yielded before are then void.
         status_changed: whether its status is another one than before, or it is new.
-        rows: new rows of `episodes` and `evaluations`, in the order of their control steps;
-            numbers that are not finite are None.
+        rows: new rows of `episodes`, `evaluations` and `metrics`, in the order of their control
+            steps; numbers that are not finite are None.
     """
 
     run: RunLine
@@ -50,7 +50,7 @@ class _Seen:
 
     created: str
     status: str
-    rows: dict[str, int] = field(default_factory=lambda: dict.fromkeys(schema.EPISODE_TABLES, 0))
+    rows: dict[str, int] = field(default_factory=lambda: dict.fromkeys(schema.LOG_TABLES, 0))
 
 
 class Follower:
@@ -117,17 +117,18 @@ class Follower:
                 # A writer may have joined the files since the manifest was read.
                 if not record.refresh():
                     raise
-        counts = {table: record.rows(table) for table in schema.EPISODE_TABLES}
+        counts = {table: record.rows(table) for table in schema.LOG_TABLES}
         now = _Seen(record.manifest.created, record.status, counts)
         self._seen[run] = now
         return Change(run_line(record), record, is_new, now.status != seen.status, rows)
 
 
 def grouped(rows: Sequence[Row]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Yields the table and the rows of each training episode (one) and of each evaluation."""
+    """Yields the table and the rows of an episode (one), an evaluation, or a step's metrics."""
+    number = {"episodes": "episode", "evaluations": "evaluation", "metrics": "control_steps"}
 
     def key(row: Row) -> tuple[str, int]:
-        return row[0], row[1]["episode" if row[0] == "episodes" else "evaluation"]
+        return row[0], row[1][number[row[0]]]
 
     for (table, _), group in groupby(rows, key):
         yield table, [row for _, row in group]
@@ -159,7 +160,7 @@ def _rows_after(record: Record, counts: Mapping[str, int]) -> list[Row]:
 
 def _table_after(record: Record, table: str, count: int) -> pa.Table:
     """Returns the rows of a table but the first `count`; reads only the files that have them."""
-    columns = schema.EPISODE_TABLES[table]
+    columns = schema.LOG_TABLES[table]
     parts, before = [columns.empty_table()], 0
     for entry in record.parts(table):
         if before + entry.rows > count:

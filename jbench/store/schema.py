@@ -76,10 +76,24 @@ PATHS = pa.schema(
 Numbers of the target are null if they are not random in the task.
 """
 
+METRICS = pa.schema(
+    [
+        _RUN,
+        _CONTROL_STEPS,
+        field("name", pa.string()),
+        field("value", pa.float64()),
+        _WALL_TIME,
+    ]
+)
+"""What a training loop passed to `Recording.log`, a row for each value."""
+
 EPISODE_TABLES = {"episodes": EPISODES, "evaluations": EVALUATIONS}
 """Tables with a row for each episode of a run."""
 
-RUN_TABLES = {**EPISODE_TABLES, "paths": PATHS}
+LOG_TABLES = {**EPISODE_TABLES, "metrics": METRICS}
+"""Tables to which a run in progress adds rows."""
+
+RUN_TABLES = {**LOG_TABLES, "paths": PATHS}
 """All tables of a run's files by name."""
 
 RUNS = pa.schema(

@@ -1,7 +1,7 @@
 """Log of a run: its episodes, evaluations and paths, and when they are committed."""
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ class RunLog:
                 that were committed after it.
         """
         self._record = record
-        self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.EPISODE_TABLES}
+        self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in schema.LOG_TABLES}
         start = position or Position(processor_time=0.0)
         self._episodes, self.evaluations = start.episodes, start.evaluations
         self._last_evaluation = start.last_evaluation
@@ -149,6 +149,12 @@ class RunLog:
         self.evaluations += 1
         self._last_evaluation = control_steps
 
+    def metrics(self, control_steps: int, values: Mapping[str, float]) -> None:
+        """Adds values that a training loop logs, by name."""
+        row = {"run": self._record.id, "control_steps": control_steps}
+        row["wall_time"] = self.wall_time()
+        self._rows["metrics"] += [{**row, "name": name, "value": values[name]} for name in values]
+
     def pending(self) -> tuple[dict[str, pa.Table], Collection[str]]:
         """Returns the pending rows by table, and the tables whose committed rows they replace.
 
@@ -156,7 +162,7 @@ class RunLog:
         """
         tables = {
             name: pa.Table.from_pylist(self._rows[name], columns)
-            for name, columns in schema.EPISODE_TABLES.items()
+            for name, columns in schema.LOG_TABLES.items()
         }
         paths = {"paths": self._paths} if self._paths_changed else {}
         before = self._before
@@ -181,8 +187,8 @@ class RunLog:
         return time.perf_counter() - began
 
     def _committed(self) -> dict[str, pa.Table]:
-        """Returns the committed rows of episodes by table."""
-        return {name: self._record.read(name) for name in schema.EPISODE_TABLES}
+        """Returns the committed rows by table, without paths."""
+        return {name: self._record.read(name) for name in schema.LOG_TABLES}
 
     def _path_rows(self, control_steps: int, path: Path) -> pa.Table:
         """Returns the rows of the path of the evaluation that is being added."""
@@ -229,9 +235,11 @@ def rows_before(record: Record, position: Position) -> dict[str, pa.Table]:
         WorkError: if the rows are damaged.
     """
     evaluated = pc.field("evaluation") < position.evaluations
+    logged = pc.field("control_steps") <= position.control_steps
     return {
         "episodes": record.read("episodes").filter(pc.field("episode") < position.episodes),
         "evaluations": record.read("evaluations").filter(evaluated),
+        "metrics": record.read("metrics").filter(logged),
         "paths": record.read("paths").filter(evaluated),
     }
 

@@ -76,6 +76,8 @@ def loop(recording, actor, episodes=2):
             assert not terminated
             total, step = total + reward, step + 1
             recording.losses(critic_loss=torch.tensor(float(step)), actor_loss=-1.0)
+            if step % 20 == 0:
+                recording.log(gradient_norm=torch.tensor(step / 2), success=step == 40)
             recording.evaluate(actor)
         returns.append(total)
     return returns
@@ -114,6 +116,46 @@ def test_rows_equal_returns_of_environment(finished):
     # The losses of the last step but one: those of the last step follow the end of the episode.
     assert [(row["critic_loss"], row["actor_loss"]) for row in rows] == [(49, -1), (49, -1)]
     assert rows[0]["policy_loss"] is None
+
+
+def test_logged_metrics_are_rows_of_their_own_table(finished, copy, capsys):
+    found = jbench.open(copy).query("SELECT control_steps, name, value FROM metrics")
+    logged = [(steps, name, value) for steps, name, value in found.itertuples(index=False)]
+    # Two episodes of 50 control steps, each logged after 20 and 40.
+    assert logged == [
+        row
+        for steps in (20, 40, 70, 90)
+        for row in (
+            (steps, "gradient_norm", steps % 50 / 2),
+            (steps, "success", float(steps % 50 == 40)),
+        )
+    ]
+    assert main(["tail", "--once", "--results", str(copy)]) == 0
+    assert (
+        f"{finished[1]}: 90 control steps, gradient_norm 20, success 1" in capsys.readouterr().out
+    )
+    assert main(["verify", "--results", str(copy)]) == 0
+
+
+def test_metrics_that_are_no_numbers_are_refused(tmp_path):
+    with (
+        pytest.raises(jbench.RequestError, match="success must be numbers"),
+        recorded(tmp_path) as recording,
+    ):
+        recording.log(success="yes")
+
+
+def test_recording_copies_rows_to_a_tracker(tmp_path):
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    with recorded(tmp_path, log="tensorboard") as recording:
+        returns = loop(recording, Actor())
+    events = accumulator.EventAccumulator(str(tmp_path / "tensorboard" / recording.id))
+    events.Reload()
+    assert [(event.step, event.value) for event in events.Scalars("metrics/gradient_norm")] == [
+        (20, 10.0), (40, 20.0), (70, 10.0), (90, 20.0),
+    ]  # fmt: skip
+    training = [event.value for event in events.Scalars("training/episode_return")]
+    assert training == pytest.approx(returns, rel=1e-6)
 
 
 def test_block_that_ends_early_fails_and_seed_determines_its_first_episode(finished, tmp_path):
@@ -367,7 +409,7 @@ def test_saved_layers_equal_torch():
         ({"evaluate_episodes": 10**15 + 1}, "it should be less than or equal to 1000000000000000"),
         ({"steps": 40}, "No episode would end in 40 control steps"),
         ({"encoder": "ofe12"}, "learned together with jbench's own agents"),
-        ({"hyperparameters": None}, "hyperparameters is None: type a dictionary"),
+        ({"hyperparameters": [1]}, "hyperparameters is [1]: type a dictionary"),
         (
             {"hyperparameters": {1: 2}},
             "hyperparameters is {1: 2}: type a dictionary of values by name",
@@ -381,6 +423,11 @@ def test_invalid_arguments_are_refused(changes, message, tmp_path):
     with pytest.raises(jbench.RequestError, match=re.escape(message)):
         recorded(tmp_path / "results", **changes)
     assert not (tmp_path / "results").exists()
+
+
+def test_run_without_hyperparameters_is_that_of_an_empty_dictionary(tmp_path):
+    without = jbench.record("face_direction", results=tmp_path, **RUN)
+    assert without.id == recorded(tmp_path, hyperparameters={}).id
 
 
 def test_hyperparameters_are_converted_to_json_values():

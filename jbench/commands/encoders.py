@@ -105,8 +105,8 @@ def train_encoder(
     kind: Annotated[
         str,
         typer.Option(
-            help=f"Kind of encoder: {', '.join(names.ENCODER_KINDS)}, or one of another package; "
-            "several: a,b.",
+            help=f"Kind of encoder: {', '.join(names.ENCODER_KINDS)}, one of another package, or "
+            "MODULE:CLASS; several: a,b.",
             autocompletion=complete(*names.ENCODER_KINDS),
         ),
     ] = "dae",

@@ -1,4 +1,4 @@
-"""Registry of the kinds of encoders: built-in ones and those of other packages.
+"""Kinds of encoders by name: built-in ones, those of other packages, and MODULE:CLASS.
 
 A package registers a kind by an entry point of the group `jbench.encoders`, named after the kind,
 and whose value is its class; see `docs/your-own-encoder.md`.
@@ -18,6 +18,8 @@ from jbench.settings.base import settings_with
 
 GROUP = "jbench.encoders"
 
+_WHAT = "kind of encoder"
+
 # A representation is a kind and a number, such as dae12, so a kind must not end in a digit.
 _NAME = re.compile(r"[a-z]([a-z0-9-]*[a-z])?")
 
@@ -34,18 +36,40 @@ def find_kind(name: str) -> type[Kind]:
         RequestError: if the kind does not exist.
         WorkError: if its package can't be imported, or its class is not a kind.
     """
-    known("kind of encoder", name, kind_names())
-    if name in ENCODER_KINDS:
+    if plugins.is_imported(name):
+        kind: Any = plugins.imported(_WHAT, name)
+    elif known(_WHAT, name, (*kind_names(), "MODULE:CLASS")) in ENCODER_KINDS:
         module, _, attribute = ENCODER_KINDS[name].partition(":")
-        kind: Any = getattr(importlib.import_module(module), attribute)
+        kind = getattr(importlib.import_module(module), attribute)
     else:
-        kind = plugins.load("kind of encoder", _offered()[name])
+        kind = plugins.load(_WHAT, _offered()[name])
     if not (isinstance(kind, type) and issubclass(kind, (ClosedForm, Fitted, Learned))):
         raise WorkError(
             f"The kind of encoder {name} is no subclass of Learned, ClosedForm or Fitted of "
             "jbench.encoders.kind; fix it, or uninstall the package that offers it."
         )
     return kind
+
+
+def short_name(kind: str) -> str:
+    """Returns the name of a kind in representations: that of FirstFeatures is first-features.
+
+    Raises:
+        RequestError: if MODULE:CLASS gives the name of another kind, or one that ends in a digit.
+    """
+    if not plugins.is_imported(kind):
+        return kind
+    words = re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+(?![a-z])", kind.partition(":")[2])
+    name = "-".join(words).lower()
+    if _NAME.fullmatch(name) and name not in (*kind_names(), OFE):
+        return name
+    taken = "is that of another kind" if name in kind_names() else "must not end in a digit"
+    raise RequestError(f"{kind}: the name {name!r} {taken}; give the class another name.")
+
+
+def code_of(kind: str) -> dict[str, str | None]:
+    """Returns provenance of the code of a kind; none for those of jbench."""
+    return {} if kind in ENCODER_KINDS else plugins.code_of(_WHAT, kind, _offered())
 
 
 def only_size(kind: str, task: str) -> int | None:
@@ -88,6 +112,8 @@ def wanted_encoder(name: str, task: str) -> Wanted | None:
     kind = name.partition(":")[0] if match is None else match["kind"]
     if kind not in kind_names() and ":" not in name:
         return None
+    if kind not in kind_names() and plugins.is_imported(name):
+        raise RequestError(f"{name} is a class; type --encoder {short_name(name)}12, for example.")
     sizes = find_kind(kind).latent_sizes(task)
     scales = {option: match[option] for option in SCALES if match and match[option]}
     latents = sizes[0] if len(sizes) == 1 and ":" not in name else 0
@@ -110,7 +136,7 @@ def representation(kind: str, latents: int, options: Mapping[str, Any]) -> str:
     For example, dae12 or dae12-observation-whitened; see `jbench.names.REPRESENTATION`.
     """
     words = (options[name] for name in SCALES if name in options)
-    return "-".join([f"{kind}{latents}", *words])
+    return "-".join([f"{short_name(kind)}{latents}", *words])
 
 
 def make_kind(name: str, options: Mapping[str, Any]) -> Kind:

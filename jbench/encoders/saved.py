@@ -203,16 +203,22 @@ def find_encoder(results: Results | Path | str, name: str, task: str) -> str:
     results = results_to_read(results)
     known("task", task, TASKS)
     encoder = wanted_encoder(f"dae{name}" if name.isdecimal() else name, task)
-    if encoder is None:
-        return _find_id(results, name, task)
     matches = [
         record
         for record in results.scan("encoder")[0]
         if record.status == "finished"
-        and _is_wanted(record.settings, encoder, task)
+        and record.settings.get("task") == task
+        # Only its representation names a kind that was given as MODULE:CLASS.
+        and (
+            record.path.parent.name == name
+            if encoder is None
+            else _is_wanted(record.settings, encoder)
+        )
         and _of_plain_robot(results, record)
     ]
-    if not matches:
+    if encoder is None and not matches:
+        return _find_id(results, name, task)
+    if encoder is not None and not matches:
         size = representation(encoder.kind, encoder.latents, encoder.options)
         raise RequestError(
             f"No {size} for {task} in {results.name}; type "
@@ -252,12 +258,11 @@ def find_draws(
     return settings.draws, ids
 
 
-def _is_wanted(settings: Mapping[str, Any], encoder: Wanted, task: str) -> bool:
-    """Returns whether recorded settings are of this kind, task, size and scales."""
+def _is_wanted(settings: Mapping[str, Any], encoder: Wanted) -> bool:
+    """Returns whether recorded settings are of this kind, size and scales."""
     options = settings.get("options", {})
-    return (settings.get("kind"), settings.get("task"), settings.get("latents")) == (
-        *(encoder.kind, task, encoder.latents),
-    ) and all(options.get(name) == encoder.options.get(name) for name in SCALES)
+    same = (settings.get("kind"), settings.get("latents")) == (encoder.kind, encoder.latents)
+    return same and all(options.get(name) == encoder.options.get(name) for name in SCALES)
 
 
 def _find_id(results: Results, name: str, task: str) -> str:

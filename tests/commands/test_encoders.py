@@ -1,5 +1,6 @@
 """Tests of `jbench train-encoder`: all kinds, kinds of other packages, kills and errors."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -288,6 +289,54 @@ def test_kind_of_other_package_is_trained_and_used(short, site, monkeypatch):
     assert without.returncode == 1
     assert "Unknown kind of encoder 'first-features'" in without.stderr
     assert run("query", "FROM encoders").returncode == 0
+
+
+def test_kind_of_a_module_is_trained_and_used(short, site, tmp_path, monkeypatch):
+    run = partial(jbench, results=short, short=True)
+    (source,) = site.rglob("third_party_encoder.py")
+    (tmp_path / "mine.py").write_bytes(source.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    kind = "mine:FirstFeatures"
+    made = run(
+        *("train-encoder", "--kind", kind, "--latent", "7", "--epochs", "2"),
+        *("--set", "batch=500", "--json"),
+    )
+    assert made.returncode == 0, made.stderr
+    assert "--encoder first-features7" in made.stderr
+    (encoder,) = json.loads(made.stdout)["encoders"]
+    assert encoder["id"].startswith("face_direction/first-features7/s00-")
+    assert encoder["settings"]["kind"] == kind
+    record = Results(short).find("encoder", encoder["id"])
+    digest = hashlib.sha256(source.read_bytes()).hexdigest()
+    assert record.manifest.provenance["source_sha256"] == digest
+    used = run(*train("td3", "first-features7", "--seeds", "0", "--steps", str(2 * SHORT)))
+    assert used.returncode == 0, used.stderr
+    typed = run("train", "--encoder", kind)
+    assert "mine:FirstFeatures is a class; type --encoder first-features12, for" in typed.stderr
+    # Where there is no such module, only its encoder is refused.
+    monkeypatch.chdir(tmp_path.parent)
+    without = run("train", "--encoder", encoder["id"])
+    assert "mine:FirstFeatures can't be imported: there is no module mine" in without.stderr
+    assert run("query", "FROM encoders").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Dae", "mine:Dae: the name 'dae' is that of another kind"),
+        ("Net2", "mine:Net2: the name 'net2' must not end in a digit"),
+        ("Text", "The kind of encoder mine:Text is no subclass"),
+        ("Texts", "did you mean mine:Text?"),
+    ],
+)
+def test_class_that_can_be_no_kind_is_refused(short, tmp_path, monkeypatch, name, message):
+    classes = "class Dae(Learned): pass\nclass Net2(Learned): pass\nclass Text: pass\n"
+    (tmp_path / "mine.py").write_text(f"from jbench.encoders.kind import Learned\n{classes}")
+    monkeypatch.chdir(tmp_path)
+    refused = jbench("train-encoder", "--kind", f"mine:{name}", results=short, short=True)
+    assert refused.returncode != 0
+    assert message in refused.stderr
+    assert not (short / "encoders").exists()
 
 
 @pytest.mark.parametrize(
